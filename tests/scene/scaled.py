@@ -23,12 +23,25 @@ class Units:
     time: float = 1.0
 
     def of(self, values: Mapping[str, float], dimensions: Mapping[str, tuple[int, int, int]]) -> dict[str, float]:
-        """Return values in the units; `dimensions` has the powers of length, mass and time, and none for numbers."""
+        """Return values in the units; `dimensions` has the powers of length, mass and time, none for numbers and rates."""
         return {
             name: value * self.length**p * self.mass**q * self.time**s
             for name, value in values.items()
-            for p, q, s in [dimensions.get(name, (0, 0, 0))]
+            for p, q, s in [_dimension(name, dimensions)]
         }
+
+    def without(self, values: Mapping[str, float], dimensions: Mapping[str, tuple[int, int, int]]) -> dict[str, float]:
+        """Return values that are in the units, in ordinary ones."""
+        ones = self.of(dict.fromkeys(values, 1.0), dimensions)
+        return {name: value / ones[name] for name, value in values.items()}
+
+
+def _dimension(name: str, dimensions: Mapping[str, tuple[int, int, int]]) -> tuple[int, int, int]:
+    """Return the powers of length, mass and time of a value; a rate without its own has those of its coordinate."""
+    if name in dimensions or not name.endswith("_dot"):
+        return dimensions.get(name, (0, 0, 0))
+    length, mass, time = _dimension(name.removesuffix("_dot"), dimensions)
+    return length, mass, time - 1
 
 
 def pendulum() -> da.Scene:

@@ -25,8 +25,6 @@ def angles_of(model: SceneModel, rows: Sequence[ConstraintRow], matrix: Matrix) 
     These turn a frame by themselves, without a parameter, or are added to the argument of a sine, a cosine or a
     tangent.
     """
-    if not rows:
-        return ()
     graph, coordinates = model.graph, model.symbols.coordinates
     turned = [x for frame in model.frames for row in frame.rotation or () for x in row]
     placed = [x for point in model.points for piece in point.position for x in piece.components]

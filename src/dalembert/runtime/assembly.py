@@ -3,7 +3,8 @@
 Positions are found by the method of Levenberg and Marquardt (J. J. More, Lecture Notes in Mathematics 630, 1978,
 with the damping of H. B. Nielsen), which ends at a least residual even where loops cannot close, and then drawn to
 the guess along the constraints; rates solve the velocity constraints by least squares. Ranks are decided by singular
-values, so that redundant constraints do no harm.
+values, so that redundant constraints do no harm. All of it is done with coordinates and rates as shares of their sizes,
+and with constraints as shares of theirs, so that no result depends on units.
 """
 
 from __future__ import annotations
@@ -18,46 +19,80 @@ from ..arrays import FloatArray
 from ..errors import InitialStateError, list_names
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
+from .constraint_rank import row_lengths
+from .state_sizes import distance_sizes, least_speed
 
 __all__ = ["assembled", "nearest"]
 
 _ITERATIONS = 300
 _DRAWS = 60
 _RANK = 1e-9
-_CLOSED = 1e-10
-"""Residual that counts as closed, relative to one and to the size of the constraint's terms."""
+_CLOSED, _LEAST = 1e-10, 1e-4
+"""Residual that counts as closed beside the terms of its constraint, and their least size beside the constraint's."""
 
 
 @final
 @dataclass(frozen=True)
 class _Constraints:
-    """The constraints of a program at given constants and time."""
+    """The constraints of a program at given constants and time, in shares of sizes.
+
+    Attributes
+    ----------
+    sizes : ndarray (n_q,)
+        Of coordinates, and of rates in a unit of time.
+    lengths : ndarray (n_constraints,)
+        Of constraints: what they change by where a coordinate changes by its size.
+    """
 
     program: Program
     c: FloatArray
     t: float
     states: FloatArray
+    sizes: FloatArray
+    lengths: FloatArray
+
+    @classmethod
+    def near(cls, program: Program, c: FloatArray, t: float, x: FloatArray) -> _Constraints:
+        """Return the constraints with sizes from coordinates, rates and first-order states x (n,)."""
+        count = len(program.layout.constraints)
+        lengths = np.ones(count)
+        if count:
+            lengths = row_lengths(program, np.array([t]), x[np.newaxis], c, range(count))[0]
+        states = x[2 * len(program.layout.coordinates) :]
+        return cls(program, c, t, states, distance_sizes(program, t, x, c), lengths)
 
     def _run(self, kernel: str, q: FloatArray, qdot: FloatArray | None = None) -> FloatArray:
         if kernel not in self.program:
             return np.zeros(0)
-        x = np.concatenate([q, np.zeros_like(q) if qdot is None else qdot, self.states])[np.newaxis]
+        rates = np.zeros_like(q) if qdot is None else qdot
+        x = np.concatenate([self.sizes * q, self.sizes * rates, self.states])[np.newaxis]
         with np.errstate(all="ignore"):
             return interpret_rows(self.program.kernel(kernel), np.array([self.t]), x, self.c)[0]
 
     def positions(self, q: FloatArray) -> FloatArray:
         """Return the residuals of the holonomic constraints."""
-        return self._run("position_residual", q)
+        found = self._run("position_residual", q)
+        return found / self.lengths[: len(found)]
 
     def rates(self, q: FloatArray, qdot: FloatArray) -> FloatArray:
         """Return the residuals of all velocity constraints."""
-        return self._run("velocity_residual", q, qdot)
+        found = self._run("velocity_residual", q, qdot)
+        return found / self.lengths[: len(found)]
 
     def jacobian(self, q: FloatArray, *, holonomic: bool) -> FloatArray:
         """Return the Jacobian of the velocity constraints, or of the holonomic ones."""
         layout = self.program.layout
         matrix = self._run("constraint_jacobian", q).reshape(len(layout.constraints), len(q))
+        matrix = matrix * self.sizes / self.lengths[:, np.newaxis]
         return matrix[: layout.holonomic] if holonomic else matrix
+
+    def left(self, residual: FloatArray, limits: FloatArray) -> str:
+        """Return which constraints have residuals above the limits, a line each, or nothing."""
+        rows = zip(self.program.layout.constraints, residual, limits, self.lengths, strict=False)
+        open_ = [
+            f"{label}: {value * length:.3g} is left" for label, value, limit, length in rows if not abs(value) <= limit
+        ]
+        return "\n  ".join(open_)
 
 
 def assembled(
@@ -91,14 +126,16 @@ def assembled(
         raise InitialStateError(
             f"a guess is missing for the coordinates {list_names(missing)}; any rough value will do"
         )
-    constraints = _Constraints(program, c, t, _states(program, guess))
     start = np.array([guess[name] for name in layout.coordinates])
-    movable = np.array([name not in fixed for name in layout.coordinates])
-    q = _closed(constraints, start, movable)
-    found = dict(zip(layout.coordinates, q.tolist(), strict=True))
+    rates = np.array([guess.get(name, 0.0) for name in layout.rates])
+    constraints = _Constraints.near(program, c, t, np.concatenate([start, rates, _states(program, guess)]))
+    movable, sizes = np.array([name not in fixed for name in layout.coordinates]), constraints.sizes
+    q = _closed(constraints, start / sizes, movable)
+    found = dict(zip(layout.coordinates, np.where(movable, sizes * q, start).tolist(), strict=True))
     if any(name in guess for name in layout.rates):
-        qdot = _moving(constraints, q, guess, fixed)
-        found |= dict(zip(layout.rates, qdot.tolist(), strict=True))
+        kept = np.array([name in guess and name in fixed for name in layout.rates])
+        qdot = _moving(constraints, q, rates / sizes, guess, fixed)
+        found |= dict(zip(layout.rates, np.where(kept, rates, sizes * qdot).tolist(), strict=True))
     return found | {name: guess[name] for name in layout.states if name in guess}
 
 
@@ -213,37 +250,37 @@ def _drawn(constraints: _Constraints, q: FloatArray, start: FloatArray, movable:
     return best
 
 
-def _limits(matrix: FloatArray, x: FloatArray, least: float) -> FloatArray:
+def _limits(matrix: FloatArray, x: FloatArray, least: float | FloatArray = _LEAST) -> FloatArray:
     limits: FloatArray = _CLOSED * (least + np.abs(matrix) @ np.abs(x))
     return limits
 
 
 def _within(constraints: _Constraints, q: FloatArray) -> bool:
-    limits = _limits(constraints.jacobian(q, holonomic=True), q, 1e-4)
+    limits = _limits(constraints.jacobian(q, holonomic=True), q)
     return bool(np.all(np.abs(constraints.positions(q)) <= limits))
 
 
 def _open(constraints: _Constraints, q: FloatArray, start: FloatArray, movable: np.ndarray[Any, Any]) -> str:
     """Return why loops do not close: the residual of each constraint at the best position found."""
     layout = constraints.program.layout
-    residual = constraints.positions(q)
-    limits = _limits(constraints.jacobian(q, holonomic=True), q, 1e-4)
-    rows = zip(layout.constraints, residual, limits, strict=False)
-    left = [f"{label}: {value:.3g} is left" for label, value, limit in rows if not abs(value) <= limit]
+    left = constraints.left(constraints.positions(q), _limits(constraints.jacobian(q, holonomic=True), q))
     held = [name for name, free in zip(layout.coordinates, movable, strict=True) if not free]
-    at = ", ".join(f"{name} = {value:.4g}" for name, value in zip(layout.coordinates, q, strict=True))
+    at = ", ".join(
+        f"{name} = {value:.4g}" for name, value in zip(layout.coordinates, constraints.sizes * q, strict=True)
+    )
     kept = f", with {list_names(held)} fixed" if held else ""
     return (
         f"scene {constraints.program.name!r} cannot be assembled from this guess{kept}. The least residual found is at"
-        f" {at}, where\n  " + "\n  ".join(left) + "\nCheck lengths and fixed values: the loops may be unable to close."
+        f" {at}, where\n  {left}\nCheck lengths and fixed values: the loops may be unable to close."
         " If they can, start from a guess nearer to a closed position"
     )
 
 
-def _moving(constraints: _Constraints, q: FloatArray, guess: Mapping[str, float], fixed: Collection[str]) -> FloatArray:
+def _moving(
+    constraints: _Constraints, q: FloatArray, given: FloatArray, guess: Mapping[str, float], fixed: Collection[str]
+) -> FloatArray:
     """Return rates that satisfy the velocity constraints, near the given ones; missing ones follow from them."""
-    names = constraints.program.layout.rates
-    qdot = np.array([guess.get(name, 0.0) for name in names])
+    names, qdot = constraints.program.layout.rates, given.copy()
     missing = np.array([name not in guess for name in names])
     free = np.array([name in guess and name not in fixed for name in names])
     jacobian = constraints.jacobian(q, holonomic=False)
@@ -262,11 +299,11 @@ def _moving(constraints: _Constraints, q: FloatArray, guess: Mapping[str, float]
         qdot[missing] -= inverse @ constraints.rates(q, qdot)
         qdot[free] -= back @ constraints.rates(q, qdot)
         qdot[missing] -= inverse @ constraints.rates(q, qdot)
-    residual = constraints.rates(q, qdot)
-    rows = zip(constraints.program.layout.constraints, residual, _limits(jacobian, qdot, 1e-4), strict=True)
-    left = [f"{label}: {value:.3g} is left" for label, value, limit in rows if not abs(value) <= limit]
+    drift = np.abs(constraints.rates(q, np.zeros_like(qdot)))
+    least = least_speed(constraints.sizes * qdot, constraints.sizes)
+    left = constraints.left(constraints.rates(q, qdot), _limits(jacobian, qdot, drift + least))
     if left:
         raise InitialStateError(
-            "no rates near the guess satisfy the velocity constraints:\n  " + "\n  ".join(left) + "\nFix fewer of them"
+            f"no rates near the guess satisfy the velocity constraints:\n  {left}\nFix fewer of them"
         )
     return qdot

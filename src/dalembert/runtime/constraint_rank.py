@@ -1,9 +1,10 @@
 """Rank of the constraints at a state: redundant ones, and singular configurations.
 
 Measured by the smallest singular value of the constraint Jacobian, its `share` below, with rows of length one: 1 for
-constraints that are orthogonal to each other, 0 where one follows from others. A row that vanishes somewhere is to
-count as dependent there, so that rows are measured by how long they are elsewhere. Where some coordinates are angles
-and others are lengths, lengths are measured by the radius of gyration, so that units do not matter.
+constraints that are orthogonal to each other, 0 where one follows from others. A row that vanishes somewhere, or is
+what rounding leaves of zero, is to count as dependent there, so that rows are measured by how long they are elsewhere
+and by what changes when everything is rounded differently. Rows may have different units, and are not compared. Where
+some coordinates are angles and others are lengths, lengths are measured by the radius of gyration.
 """
 
 from __future__ import annotations
@@ -18,16 +19,17 @@ from ..errors import list_names
 from ..integrators.segments import Constants, constants_at
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
+from .state_sizes import coordinate_sizes, distance_sizes, gyration_sizes
 
 __all__ = [
     "indeterminate",
     "jacobians_at",
+    "lengths_along",
     "nearly_redundant",
     "redundant",
     "row_lengths",
     "shares",
     "singular_start",
-    "sizes_at",
     "unlike",
     "where_dependent",
 ]
@@ -38,27 +40,18 @@ _LOST = 1e-7
 _ROUNDED = 1e-11
 """Share below which a constraint follows from the others up to rounding; larger differences are meant."""
 
+_SHORT = 0.1
+"""Share of the length that a row has elsewhere which it counts as having, and of the longest row, below which its own
+length alone does not tell its scale."""
+
+_NOISE, _ROUNDINGS, _UNIT = 1e8, 6, 4e-16
+"""Inverse of the share of a row that may be rounding, and the number and the size of the roundings tried."""
+
+_VANISHED = 1e-13
+"""Share of the longest column of power coefficients, whatever their units, below which another may be rounding."""
+
 _NEARBY = 1e-3
 """Distance, in sizes of coordinates, of the configurations around a start at which the rank is measured too."""
-
-
-def sizes_at(program: Program, t: FloatArray, x: FloatArray, c: FloatArray) -> FloatArray:
-    """Return the sizes of coordinates (n_q,) beside an angle of one, at the first of some x (k, 2 n_q).
-
-    That of lengths is the radius of gyration. It is one where there are only lengths, or only angles: what is
-    compared then has one unit.
-    """
-    layout = program.layout
-    n, angles = len(layout.coordinates), np.array([name in layout.angles for name in layout.coordinates])
-    sizes = np.ones(n)
-    if not len(t) or np.all(angles) or not np.any(angles):
-        return sizes
-    masses = interpret_rows(program.kernel("mass_matrix"), t[:1], x[:1], c if c.ndim == 1 else c[:1])[0, :: n + 1]
-    inertia, mass = float(np.sum(masses[angles])), float(np.sum(masses[~angles]))
-    if inertia > 0.0 and mass > 0.0:
-        radius = np.sqrt(inertia / mass)
-        sizes[~angles] = radius if 0.0 < radius < np.inf else 1.0
-    return sizes
 
 
 def _jacobians(program: Program, t: FloatArray, x: FloatArray, c: FloatArray, enforced: Sequence[int]) -> FloatArray:
@@ -66,7 +59,7 @@ def _jacobians(program: Program, t: FloatArray, x: FloatArray, c: FloatArray, en
     layout = program.layout
     rows = interpret_rows(program.kernel("constraint_jacobian"), t, x, c)
     rows = rows.reshape(len(t), len(layout.constraints), len(layout.coordinates))[:, list(enforced)]
-    found: FloatArray = rows * sizes_at(program, t, x, c)
+    found: FloatArray = rows * gyration_sizes(program, t, x, c)
     return found
 
 
@@ -76,11 +69,59 @@ def jacobians_at(program: Program, t: FloatArray, y: FloatArray, c: Constants, e
     return _jacobians(program, t, interpret_rows(program.kernel("expand"), t, y, c), c, enforced)
 
 
-def row_lengths(j: FloatArray) -> FloatArray:
-    """Return the scales of rows (n_enforced,): their largest length, at least a tenth of the largest of all."""
-    longest = np.nanmax(np.linalg.norm(j, axis=2), axis=0)
-    found: FloatArray = np.maximum(longest, 0.1 * longest.max())
+def row_lengths(program: Program, t: FloatArray, x: FloatArray, c: FloatArray, enforced: Sequence[int]) -> FloatArray:
+    """Return the scales (k, n_enforced) of constraints at coordinates and rates x (k, 2 n_q).
+
+    The lengths of their rows there, at least a tenth of those where coordinates differ by their sizes, and so long that
+    rounding is not new.
+    """
+    return _scaled(program, t, x, c, enforced, _lengths(_jacobians(program, t, x, c, enforced)))
+
+
+def lengths_along(
+    program: Program, t: FloatArray, y: FloatArray, c: Constants, j: FloatArray, enforced: Sequence[int]
+) -> FloatArray:
+    """Return the scales (n_enforced,) of constraints along states y (k, n_y), from their Jacobians j."""
+    t, y = t[:1], y[:1]
+    c = constants_at(c, t)
+    x = interpret_rows(program.kernel("expand"), t, y, c)
+    longest = np.fmax.reduce(_lengths(j), axis=0, keepdims=True)
+    return _scaled(program, t, x, c, enforced, longest)[0]
+
+
+def _lengths(j: FloatArray) -> FloatArray:
+    lengths: FloatArray = np.linalg.norm(j, axis=2)
+    return lengths
+
+
+def _scaled(
+    program: Program, t: FloatArray, x: FloatArray, c: FloatArray, enforced: Sequence[int], lengths: FloatArray
+) -> FloatArray:
+    """Return lengths of rows (k, n_enforced), raised where some are much shorter than others beside them."""
+    found = np.nan_to_num(lengths, nan=0.0, posinf=0.0)
+    uneven = np.flatnonzero(np.any(found < _SHORT * np.max(found, axis=1, keepdims=True), axis=1))
+    if len(uneven):
+        own = c if c.ndim == 1 else c[uneven]
+        found[uneven] = np.fmax(found[uneven], _least_lengths(program, t[uneven], x[uneven], own, enforced))
     return np.where(found > 0.0, found, 1.0)
+
+
+def _least_lengths(
+    program: Program, t: FloatArray, x: FloatArray, c: FloatArray, enforced: Sequence[int]
+) -> FloatArray:
+    """Return the least scales (k, n_enforced) of constraints, from other and from otherwise rounded coordinates."""
+    n, sizes = len(program.layout.coordinates), coordinate_sizes(program, t, x, c)
+    pattern = 0.5 + np.modf(0.6180339887498949 * np.arange(1.0, n + 1.0))[0] / 2
+    found = np.zeros((len(t), len(enforced)))
+    for sign in (1.0, -1.0):
+        moved = x.copy()
+        moved[:, :n] += sizes * np.where(np.arange(n) % 2 == 0, 1.0, sign) * pattern
+        found = np.fmax(found, _SHORT * _lengths(_jacobians(program, t, moved, c, enforced)))
+    rng, other = np.random.default_rng(0), []
+    for _ in range(_ROUNDINGS):
+        near, given = (v * (1.0 + _UNIT * rng.uniform(-1.0, 1.0, v.shape[-1])) for v in (x, c))
+        other.append(_jacobians(program, t, near, given, enforced))
+    return np.fmax(found, _NOISE * _lengths(np.ptp(np.array(other), axis=0)))
 
 
 def shares(j: FloatArray, lengths: FloatArray) -> FloatArray:
@@ -127,7 +168,7 @@ def redundant(
     j = jacobians_at(program, times, y[np.newaxis], c, enforced)
     if not np.all(np.isfinite(j)):
         return ()
-    lengths = row_lengths(j)[:, np.newaxis]
+    lengths = lengths_along(program, times, y[np.newaxis], c, j, enforced)[:, np.newaxis]
     lost = _dependent(j[0] / lengths)
     if not lost:
         return ()
@@ -145,10 +186,11 @@ def nearly_redundant(program: Program, t: float, y: FloatArray, c: FloatArray, e
     """
     times, rows = np.array([t]), list(enforced)
     x = interpret_rows(program.kernel("expand"), times, y[np.newaxis], c)[0]
-    j = _jacobians(program, times, _closed(program, t, x, c)[np.newaxis], c, rows)
+    closed = _closed(program, t, x, c)[np.newaxis]
+    j = _jacobians(program, times, closed, c, rows)
     if not np.all(np.isfinite(j)):
         return ""
-    j = j[0] / row_lengths(j)[:, np.newaxis]
+    j = j[0] / row_lengths(program, times, closed, c, rows)[0][:, np.newaxis]
     if len(_dependent(j, _ROUNDED)) == len(_dependent(j)):
         return ""
     return (
@@ -173,10 +215,10 @@ def unlike(
     fine = np.flatnonzero(np.all(np.isfinite(np.column_stack([t, y, c])), axis=1))
     if not len(fine):
         return found
-    j = jacobians_at(program, t[fine], y[fine], c[fine], rows)
-    lengths = np.linalg.norm(j, axis=2, keepdims=True)
-    lengths = np.maximum(lengths, 0.1 * np.max(lengths, axis=1, keepdims=True))
-    least = shares(j / np.where(lengths > 0.0, lengths, 1.0), np.ones(len(rows)))
+    t, c = t[fine], c[fine]
+    x = interpret_rows(program.kernel("expand"), t, y[fine], c)
+    lengths = row_lengths(program, t, x, c, rows)[:, :, np.newaxis]
+    least = shares(_jacobians(program, t, x, c, rows) / lengths, np.ones(len(rows)))
     found[fine] = np.isfinite(least) & ((least < _LOST) != lost)
     return found
 
@@ -187,9 +229,7 @@ def _around(program: Program, t: float, y: FloatArray, c: FloatArray, j: FloatAr
     x0 = interpret_rows(program.kernel("expand"), times, y[np.newaxis], c)[0]
     _, values, directions = np.linalg.svd(j)
     free = directions[int(np.sum(values > _LOST)) :]
-    found, sizes = [], sizes_at(program, times, x0[np.newaxis], c)
-    if not program.layout.angles:
-        sizes *= np.max(np.abs(x0[:n]), initial=0.0) or 1.0
+    found, sizes = [], distance_sizes(program, t, x0, c)
     for direction in [*free, np.sum(free, axis=0)]:
         x = x0.copy()
         x[:n] += _NEARBY * sizes * direction
@@ -203,7 +243,7 @@ def _closed(program: Program, t: float, x: FloatArray, c: FloatArray) -> FloatAr
     if "position_residual" not in program:
         return x
     x = x.copy()
-    sizes = sizes_at(program, times, x[np.newaxis], c)
+    sizes = gyration_sizes(program, times, x[np.newaxis], c)
     for _ in range(8):
         left = interpret_rows(program.kernel("position_residual"), times, x[np.newaxis], c)[0]
         whole = interpret_rows(program.kernel("constraint_jacobian"), times, x[np.newaxis], c)[0]
@@ -211,7 +251,7 @@ def _closed(program: Program, t: float, x: FloatArray, c: FloatArray) -> FloatAr
         if not (np.all(np.isfinite(left)) and np.all(np.isfinite(rows))):
             break
         rows = rows * sizes
-        lengths = row_lengths(rows[np.newaxis])
+        lengths = row_lengths(program, times, x[np.newaxis], c, range(len(left)))[0]
         x[:n] -= sizes * (np.linalg.pinv(rows / lengths[:, np.newaxis], rcond=1e-5) @ (left / lengths))
     return x
 
@@ -222,7 +262,7 @@ def where_dependent(program: Program, t: float, y: FloatArray, c: Constants, enf
     times, rows = np.array([t]), y[np.newaxis]
     c = constants_at(c, times)
     j = jacobians_at(program, times, rows, c, enforced)
-    left, values, _ = np.linalg.svd(j[0] / row_lengths(j)[:, np.newaxis])
+    left, values, _ = np.linalg.svd(j[0] / lengths_along(program, times, rows, c, j, enforced)[:, np.newaxis])
     weights = np.abs(left[:, -1])
     labels = [layout.constraints[enforced[i]] for i in range(len(weights)) if weights[i] > 0.2 * weights.max()]
     x = interpret_rows(program.kernel("expand"), times, rows, c)[0]
@@ -250,8 +290,10 @@ def indeterminate(program: Program, t: float, y: FloatArray, c: FloatArray) -> s
     matrix = rows.reshape(len(layout.coordinates), len(layout.unknowns))
     if not np.all(np.isfinite(matrix)):
         return ""
-    matrix = matrix * sizes_at(program, np.array([t]), x, c)[:, np.newaxis]
-    _, values, directions = np.linalg.svd(matrix)
+    matrix = matrix * gyration_sizes(program, np.array([t]), x, c)[:, np.newaxis]
+    lengths = np.linalg.norm(matrix, axis=0)
+    lengths = np.maximum(lengths, _VANISHED * np.max(lengths, initial=0.0))
+    _, values, directions = np.linalg.svd(matrix / np.where(lengths > 0.0, lengths, 1.0))
     loose = directions[int(np.sum(values > _LOST * values.max(initial=0.0))) :]
     weights = np.max(np.abs(loose), axis=0, initial=0.0)
     names = [n for n, weight in zip(layout.unknowns, weights, strict=True) if weight > _LOST and n in layout.outputs]

@@ -26,6 +26,7 @@ from .initial_states import initial_state
 from .input_expansion import expanded_at, input_places
 from .linear_equations import LinearEquations, Point, own_equations, scene_equations
 from .segment_constants import at_time
+from .state_sizes import distance_sizes
 
 if TYPE_CHECKING:
     from .model import CompiledModel
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["IndependentStates", "independent_states", "linearize", "output_names", "regular_point"]
 
 _DEPENDENT = 1e-9
+"""Share of a constraint, and of the size of a component of the state, below which nothing new is left."""
 
 
 def linearize(
@@ -164,10 +166,12 @@ def independent_states(point: Point, chosen: Sequence[str] | None) -> Independen
             "the rates have no finite derivatives at this state: the coordinates or a load are singular there."
             " Linearise about another state"
         )
-    free = _free(equations, g_x, chosen)
+    scales = _Scales.of(equations)
+    free = _free(equations, scales, chosen)
     pick = np.eye(len(equations.state))[free]
-    whole = np.linalg.pinv(np.vstack([g_x, pick]))
-    return IndependentStates(equations, free, whole[:, len(g_x) :], -whole[:, : len(g_x)] @ g_p)
+    whole = scales.columns[:, np.newaxis] * np.linalg.pinv(np.vstack([scales.matrix, pick]))
+    tangent, across = whole[:, len(g_x) :] / scales.columns[free], whole[:, : len(g_x)] / scales.rows
+    return IndependentStates(equations, free, tangent, -across @ g_p)
 
 
 def _linearized(point: Point, chosen: Sequence[str] | None, outputs: Sequence[str] | None) -> Linearization:
@@ -207,9 +211,45 @@ def _by_input(layout: Layout, by_p: FloatArray) -> InputDerivatives:
     return InputDerivatives(by_p[:, places], by_p[:, places + 1], 0.5 * by_p[:, places + 2])
 
 
-def _free(equations: LinearEquations, g_x: FloatArray, chosen: Sequence[str] | None) -> list[int]:
+@final
+@dataclass(frozen=True, eq=False)
+class _Scales:
+    """Derivatives of constraints by a state, both as shares of their sizes, so that they have no unit.
+
+    Attributes
+    ----------
+    matrix : ndarray (m, n)
+    rows : ndarray (m,)
+        Sizes of constraints.
+    columns : ndarray (n,)
+        Sizes of components of the state.
+    """
+
+    matrix: FloatArray
+    rows: FloatArray
+    columns: FloatArray
+
+    @classmethod
+    def of(cls, equations: LinearEquations) -> _Scales:
+        """Return the scaled derivatives; a unit of time follows from how rates of constraints change with positions."""
+        g_x, h, n = equations.constraints.by_state, equations.holonomic, equations.coordinates
+        columns, point = np.ones(len(equations.state)), equations.point
+        if not n:
+            return cls(g_x, np.ones(len(g_x)), columns)
+        sizes = distance_sizes(point.program, point.t, equations.state, point.c)
+        lengths = np.linalg.norm(np.vstack([g_x[:h, :n], g_x[h:, n : 2 * n]]) * sizes, axis=1)
+        rows = np.where(lengths > 0.0, lengths, 1.0)
+        time = float(np.max(np.linalg.norm(g_x[h:, :n] * sizes, axis=1) / rows[h:], initial=0.0)) or 1.0
+        rows[h:] *= time
+        columns[: 2 * n] = np.concatenate([sizes, sizes * time])
+        others = np.max(np.abs(g_x[:, 2 * n :]) / rows[:, np.newaxis], axis=0, initial=0.0)
+        columns[2 * n :] = 1.0 / np.where(others > 0.0, others, 1.0)
+        return cls(g_x * columns / rows[:, np.newaxis], rows, columns)
+
+
+def _free(equations: LinearEquations, scales: _Scales, chosen: Sequence[str] | None) -> list[int]:
     """Return the numbers of independent components: those chosen, or those that the constraints fix least."""
-    state, holonomic, n = equations.names, equations.holonomic, equations.coordinates
+    state, holonomic, n, g_x = equations.names, equations.holonomic, equations.coordinates, scales.matrix
     if chosen is None:
         positions, rates = _picked(g_x[:holonomic, :n]), _picked(g_x[holonomic:, n : 2 * n])
         free = [*positions, *(n + i for i in rates), *range(2 * n, len(state))] if n else _picked(g_x)

@@ -17,7 +17,8 @@ from ..integrators.segments import Constants, constants_at
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..methods.status import Status
-from .constraint_rank import jacobians_at, row_lengths, shares, sizes_at, where_dependent
+from .constraint_rank import jacobians_at, lengths_along, shares, where_dependent
+from .state_sizes import coordinate_sizes
 
 __all__ = ["check_cases", "checked_run", "cut", "searched", "still_redundant"]
 
@@ -55,7 +56,7 @@ def checked_run(
             return cut(solution, t, span), where_dependent(program, t, y, c, enforced)
     if not solution.success and solution.status is not Status.MAX_STEPS:
         j = jacobians_at(program, steps.t, steps.y, c, enforced)
-        if shares(j[-1:], row_lengths(j))[0] < _NEAR:
+        if shares(j[-1:], lengths_along(program, steps.t, steps.y, c, j, enforced))[0] < _NEAR:
             where = where_dependent(program, float(steps.t[-1]), steps.y[-1], c, enforced)
             return replace(solution, status=Status.SINGULAR_CONFIGURATION), where
     return solution, ""
@@ -80,7 +81,7 @@ def _crossing(
         t = np.append((knots[:-1, np.newaxis] + np.diff(knots)[:, np.newaxis] * parts).ravel(), knots[-1])
         y = dense(t)
     j = jacobians_at(program, t, y, c, enforced)
-    lengths = row_lengths(j)
+    lengths = lengths_along(program, t, y, c, j, enforced)
     profile = shares(j, lengths)
     beside = np.concatenate([profile[:1], profile, profile[-1:]])
     with np.errstate(invalid="ignore"):
@@ -185,7 +186,8 @@ def still_redundant(
     left = np.abs(interpret_rows(program.kernel("position_residual"), solution.t, x, c)[:, places])
     n = len(program.layout.coordinates)
     rows = interpret_rows(program.kernel("constraint_jacobian"), solution.t, x, c).reshape(len(x), -1, n)[:, places]
-    size = np.maximum(np.max(np.abs(x[:, :n]), axis=0), sizes_at(program, solution.t, x, c))
+    first = coordinate_sizes(program, solution.t[:1], x[:1], c if c.ndim == 1 else c[:1])[0]
+    size = np.maximum(np.max(np.abs(x[:, :n]), axis=0), first)
     wrong = np.any(left > tolerance * np.max(np.abs(rows) @ size, axis=0), axis=1)
     if not np.any(wrong):
         return solution, ""
