@@ -23,7 +23,7 @@ class Units:
     time: float = 1.0
 
     def of(self, values: Mapping[str, float], dimensions: Mapping[str, tuple[int, int, int]]) -> dict[str, float]:
-        """Return values in the units; `dimensions` has the powers of length, mass and time, none for numbers and rates."""
+        """Return values in the units; `dimensions` has powers of length, mass and time, none for numbers and rates."""
         return {
             name: value * self.length**p * self.mass**q * self.time**s
             for name, value in values.items()

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 
-__all__ = ["Root", "floored", "newton"]
+__all__ = ["Root", "Units", "newton"]
 
 _RANK = 1e-12
 """Share of the largest singular value below which another counts as zero."""
@@ -51,10 +51,12 @@ class Root:
     residual : ndarray (m,)
     jacobian : ndarray (m, n)
     scale : ndarray (m,)
-        Size of a residual: what it changes by when each unknown changes by its own size, or by one.
+        Size of a residual: what it changes by when each unknown changes by its own size.
     iterations : int
     free : ndarray (n, k)
         Directions, of length one, along which no equation changes.
+    size : ndarray (n,)
+        Sizes of the unknowns.
     """
 
     unknowns: FloatArray
@@ -63,6 +65,34 @@ class Root:
     scale: FloatArray
     iterations: int
     free: FloatArray
+    size: FloatArray
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Units:
+    """What unknowns and equations are measured by.
+
+    Attributes
+    ----------
+    unknowns : ndarray (n,)
+        Least sizes of unknowns.
+    equations : ndarray (m,)
+        Sizes of equations, by which those of one group are compared.
+    groups : ndarray (m,) of int
+        Equations of one kind have the same number.
+    """
+
+    unknowns: FloatArray
+    equations: FloatArray
+    groups: NDArray[np.intp]
+
+    def floored(self, sizes: FloatArray) -> FloatArray:
+        """Return sizes (m,) of equations, none far below the largest of its group."""
+        shares = sizes / self.equations
+        largest = np.array([np.max(shares[self.groups == group]) for group in self.groups])
+        found: FloatArray = np.maximum(shares, _FLOOR * largest) * self.equations
+        return found
 
 
 @final
@@ -77,11 +107,11 @@ class _Point:
     scale: FloatArray
 
     @classmethod
-    def at(cls, equations: Equations, z: FloatArray, groups: NDArray[np.intp]) -> _Point:
+    def at(cls, equations: Equations, z: FloatArray, units: Units) -> _Point:
         r, jacobian = equations(z)
-        size = np.maximum(1.0, np.abs(z))
-        scale = floored(np.abs(jacobian) @ size, groups)
-        return cls(z, r, jacobian, size, np.where(scale > 0.0, scale, 1.0))
+        size = np.maximum(units.unknowns, np.abs(z))
+        scale = units.floored(np.abs(jacobian) @ size)
+        return cls(z, r, jacobian, size, np.where(scale > 0.0, scale, units.equations))
 
     @property
     def finite(self) -> bool:
@@ -99,33 +129,23 @@ class _Point:
         return u[:, :rank], s[:rank], vt
 
 
-def floored(sizes: FloatArray, groups: NDArray[np.intp]) -> FloatArray:
-    """Return sizes (m,) of equations, none far below the largest of its group (m,)."""
-    largest = np.array([np.max(sizes[groups == group]) for group in groups])
-    found: FloatArray = np.maximum(sizes, _FLOOR * largest)
-    return found
-
-
-def newton(
-    equations: Equations, start: FloatArray, groups: NDArray[np.intp], most: int, first: Sequence[int] = ()
-) -> Root:
+def newton(equations: Equations, start: FloatArray, units: Units, most: int, first: Sequence[int] = ()) -> Root:
     """Return the root of equations near a start, up to rounding, or the point of least residuals that was reached.
 
     Parameters
     ----------
     equations : callable
     start : ndarray (n,)
-    groups : ndarray (m,) of int
-        Equations with the same number have the same unit.
+    units : Units
     most : int
         Most iterations.
     first : sequence of int
         Groups of equations that are solved after every step, which then must reduce the residuals of the others.
     """
-    restore = partial(_restored, equations, np.isin(groups, first)) if len(first) else None
-    here, iterations = _Point.at(equations, start if restore is None else restore(start), groups), 0
+    restore = partial(_restored, equations, units, np.isin(units.groups, first)) if len(first) else None
+    here, iterations = _Point.at(equations, start if restore is None else restore(start), units), 0
     while here.finite and iterations < most:
-        there = _stepped(equations, here, groups, restore)
+        there = _stepped(equations, here, units, restore)
         if there is None:
             break
         iterations += 1
@@ -135,24 +155,25 @@ def newton(
             break
     free = here.singular_values()[2] if here.finite else np.eye(len(start))
     rank = len(here.singular_values()[1]) if here.finite else len(start)
-    return Root(here.z, here.r, here.jacobian, here.scale, iterations, free[rank:].T)
+    return Root(here.z, here.r, here.jacobian, here.scale, iterations, free[rank:].T, here.size)
 
 
-def _restored(equations: Equations, rows: NDArray[np.bool_], z: FloatArray) -> FloatArray:
+def _restored(equations: Equations, units: Units, rows: NDArray[np.bool_], z: FloatArray) -> FloatArray:
     """Return the unknowns (n,) next to z with which some equations (m,) hold."""
     for _ in range(_RESTORING):
-        r, jacobian = equations(z)
-        if not (np.all(np.isfinite(r)) and np.all(np.isfinite(jacobian))):
+        here = _Point.at(equations, z, units)
+        if not here.finite:
             return z
-        change = np.linalg.pinv(jacobian[rows], rcond=_RANK) @ r[rows]
+        matrix = here.jacobian[rows] * units.unknowns / here.scale[rows, np.newaxis]
+        change = units.unknowns * (np.linalg.pinv(matrix, rcond=_RANK) @ (here.r[rows] / here.scale[rows]))
         z = z - change
-        if np.all(np.abs(change) <= _NEAR * np.maximum(1.0, np.abs(z))):
+        if np.all(np.abs(change) <= _NEAR * np.maximum(units.unknowns, np.abs(z))):
             break
     return z
 
 
 def _stepped(
-    equations: Equations, here: _Point, groups: NDArray[np.intp], restore: Callable[[FloatArray], FloatArray] | None
+    equations: Equations, here: _Point, units: Units, restore: Callable[[FloatArray], FloatArray] | None
 ) -> _Point | None:
     """Return the next point, or None where no step reduces the residuals."""
     u, s, vt = here.singular_values()
@@ -171,7 +192,7 @@ def _stepped(
     if length < _SMALLEST:
         return None
     while share >= _LEAST_SHARE:
-        there = _Point.at(equations, here.z + share * here.size * whole, groups)
+        there = _Point.at(equations, here.z + share * here.size * whole, units)
         if there.finite and np.linalg.norm(correction(there.r / here.scale)) <= (1.0 - 0.25 * share) * length:
             return there
         share *= 0.5
@@ -181,7 +202,7 @@ def _stepped(
         if np.linalg.norm(change) < _SMALLEST:
             return None
         moved = here.z + here.size * change
-        there = _Point.at(equations, moved if restore is None else restore(moved), groups)
+        there = _Point.at(equations, moved if restore is None else restore(moved), units)
         left = there.r / here.scale
         if there.finite and float(left @ left) < before:
             return there

@@ -14,9 +14,9 @@ from ..arrays import FloatArray
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 
-__all__ = ["coordinate_sizes", "distance_sizes", "gyration_sizes", "least_speed"]
+__all__ = ["AT_REST", "coordinate_sizes", "distance_sizes", "gyration_sizes", "least_speed"]
 
-_ROUNDED, _AT_REST, _SLOW = 1e-12, 1e-8, 1e-4
+_ROUNDED, AT_REST, _SLOW = 1e-12, 1e-8, 1e-4
 """Those of `dalembert.reduction.start_limits`."""
 
 
@@ -79,4 +79,4 @@ def least_speed(rates: FloatArray, sizes: FloatArray) -> float:
     It is a share of the speed of the whole motion, and of one at rest.
     """
     speed = float(np.sum(np.abs(rates) / sizes))
-    return _SLOW * (speed if speed > _AT_REST else 1.0)
+    return _SLOW * (speed if speed > AT_REST else 1.0)

@@ -13,8 +13,10 @@ from ..arrays import FloatArray
 from ..ir.program import Program
 from .inputs import prepare_rows
 from .linear_equations import LinearEquations, Point, scene_equations
+from .newton import Units
 from .partials import Partials
 from .segment_constants import at_time
+from .state_sizes import AT_REST, coordinate_sizes
 
 __all__ = ["SteadyConditions"]
 
@@ -88,6 +90,37 @@ class SteadyConditions:
         kinds = [0] * layout.holonomic + [1] * len(layout.constraints)
         return np.array([*kinds, *(2 + min(i // n, 2) for i in self.steady)], dtype=np.intp)
 
+    def sizes(self) -> FloatArray:
+        """Return the sizes of coordinates (n_q,) at the start."""
+        c = self.constants(self.p)
+        return coordinate_sizes(self.program, np.array([self.t]), self.x[np.newaxis], c)[0]
+
+    def units(self) -> Units:
+        """Return the sizes of free values and conditions at the start.
+
+        Those of a value without a unit of its own, such as a parameter that is zero, are by how much it changes the
+        conditions, beside their terms.
+        """
+        layout, sizes = self.program.layout, self.sizes()
+        n = len(sizes)
+        speed = float(np.sum(np.abs(self.x[n : 2 * n]) / sizes))
+        known = np.concatenate([sizes, sizes * (speed if speed > AT_REST else 0.0), np.abs(self.x[2 * n :])])
+        j = self.jacobian(self.x, self.constants(self.p))
+        lengths = np.abs(j) @ sizes
+        of_steady = np.concatenate([sizes, sizes, np.abs(self.x[2 * n :])])[list(self.steady)]
+        equations = np.concatenate([lengths[: layout.holonomic], lengths, of_steady])
+        least = np.concatenate([known[list(self.free_x)], np.abs(self.p[list(self.free_p)])])
+        unknowns = np.where(least > 0.0, least, self._effects())
+        return Units(unknowns, np.where(np.isfinite(equations) & (equations > 0.0), equations, 1.0), self.groups)
+
+    def _effects(self) -> FloatArray:
+        """Return by how much free values (n,) must change before a condition changes by its terms, one without any."""
+        _, jacobian = self.equations(self.start)
+        with np.errstate(all="ignore"):
+            shares = np.abs(jacobian) / self.terms(self.start)[:, np.newaxis]
+        effects = np.max(np.where(np.isfinite(shares), shares, 0.0), axis=0, initial=0.0)
+        return np.where(effects > 0.0, 1.0 / np.where(effects > 0.0, effects, 1.0), 1.0)
+
     def _linear(self, z: FloatArray, parameters: bool) -> tuple[LinearEquations, FloatArray]:
         """Return rates and constraints at free values z (n,), and the parameters (n_p,)."""
         x, p = self.values(z)
@@ -146,7 +179,7 @@ class SteadyConditions:
     def accelerations_left(self, x: FloatArray, c: FloatArray, steady: Sequence[int]) -> tuple[int, int]:
         """Return how many independent accelerations there are, and how many of them `steady` determines."""
         n = len(self.program.layout.coordinates)
-        j = self.jacobian(x, c)
+        j = self.jacobian(x, c) * self.sizes()
         lengths = np.linalg.norm(j, axis=1, keepdims=True)
         _, s, vt = np.linalg.svd(j / np.where(lengths > 0.0, lengths, 1.0))
         directions = vt[np.count_nonzero(s > _RANK) :]

@@ -15,9 +15,10 @@ from ..results.operating_point import OperatingPoint
 from . import inputs as run_input
 from .assembly import assembled
 from .capabilities import WITHOUT, refuse_sampling
-from .constraint_rank import redundant
+from .constraint_rank import redundant, row_lengths
 from .input_expansion import held_at
-from .newton import Root, floored, newton
+from .newton import Root, Units, newton
+from .state_sizes import distance_sizes
 from .steady_conditions import SteadyConditions
 from .trim_report import TrimChoice, TrimReport, given_places
 
@@ -61,21 +62,22 @@ def _solved(conditions: SteadyConditions, options: TrimOptions) -> tuple[Root, F
     Where Newton's method does not arrive, steps along the constraints that all reduce the rest are tried from the same
     start.
     """
-    what = conditions.equations, conditions.start, conditions.groups, options.max_iterations
+    units = conditions.units()
+    what = conditions.equations, conditions.start, units, options.max_iterations
     root = newton(*what)
-    share = _shares(conditions, root, options.tolerance)
+    share = _shares(conditions, units, root, options.tolerance)
     if np.all(share <= 1.0):
         return root, share
     other = newton(*what, first=(0, 1))
-    others = _shares(conditions, other, options.tolerance)
+    others = _shares(conditions, units, other, options.tolerance)
     return (other, others) if np.max(others) < np.max(share) else (root, share)
 
 
-def _shares(conditions: SteadyConditions, root: Root, tolerance: float) -> FloatArray:
+def _shares(conditions: SteadyConditions, units: Units, root: Root, tolerance: float) -> FloatArray:
     """Return residuals (m,) as shares of those allowed by the tolerance and by rounding of free values."""
     if not np.all(np.isfinite(root.residual)):
         return np.full(len(root.residual), np.inf)
-    terms = floored(conditions.terms(root.unknowns), conditions.groups)
+    terms = units.floored(conditions.terms(root.unknowns))
     limits = tolerance * terms + _ROUNDING * root.scale + _SPREAD * conditions.rounding(root.unknowns)
     return np.abs(root.residual) / limits
 
@@ -138,9 +140,12 @@ def _refuse_undetermined(model: CompiledModel, t: float, x: FloatArray, c: Float
     """Refuse rates that were left out and that the constraints do not fix."""
     layout = model.layout
     columns = [layout.rates.index(name) for name in missing]
-    rows = model.derived.partials.value("constraint_jacobian", t, x, c).reshape(-1, len(layout.rates))
-    size = max(float(np.linalg.norm(rows)), 1e-300)
-    if rows.size == 0 or np.linalg.matrix_rank(rows[:, columns], tol=_RANK * size) < len(missing):
+    program, count = model.stages.program, len(layout.constraints)
+    rows = model.derived.partials.value("constraint_jacobian", t, x, c).reshape(count, len(layout.rates))
+    if count:
+        lengths = row_lengths(program, np.array([t]), x[np.newaxis], c, range(count))[0]
+        rows = rows * distance_sizes(program, t, x, c) / lengths[:, np.newaxis]
+    if not count or np.linalg.matrix_rank(rows[:, columns], tol=_RANK) < len(missing):
         raise InitialStateError(
             f"values are missing for the rates {list_names(missing)}: the constraints do not fix all of them, and"
             " nothing defaults to zero. Give them in the guess, 0 for an equilibrium"

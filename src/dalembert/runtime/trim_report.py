@@ -134,8 +134,9 @@ class TrimReport:
 
     def _accelerating(self, x: FloatArray, c: FloatArray) -> list[str]:
         second = self.conditions.partials.value("accelerations", self.conditions.t, x, c)
-        limit = 1e-9 * max(1.0, float(np.max(np.abs(second))))
-        return [name for name, a in zip(self.model.layout.rates, second, strict=True) if abs(a) > limit]
+        shares = np.abs(second) / self.conditions.sizes()
+        limit = _RANK * float(np.max(shares, initial=0.0))
+        return [name for name, share in zip(self.model.layout.rates, shares, strict=True) if share > limit]
 
     def _left(self, x: FloatArray, c: FloatArray) -> str:
         """Return which conditions could not be met, and what to do.
@@ -167,11 +168,11 @@ class TrimReport:
         """Return the number of conditions that say something and do not follow from others."""
         root, groups = self.root, self.conditions.groups
         unmet = ~(self.share <= 1.0)
-        rows = np.abs(root.jacobian) @ np.maximum(1.0, np.abs(root.unknowns)) / root.scale
+        rows = np.abs(root.jacobian) @ root.size / root.scale
         tells = (rows > _RANK) | unmet
         count = int(np.count_nonzero(tells & ((groups == 2) | (groups == 4))))
         for group in (0, 1):
-            own = root.jacobian[groups == group] / root.scale[groups == group, np.newaxis]
+            own = (root.jacobian * root.size)[groups == group] / root.scale[groups == group, np.newaxis]
             rank = int(np.linalg.matrix_rank(own, tol=_RANK)) if own.size else 0
             count += max(rank, int(np.any(unmet[groups == group])))
         steady = self.conditions.steady

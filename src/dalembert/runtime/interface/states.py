@@ -132,9 +132,9 @@ def assemble(
     dict of str to float
         Coordinates, rates where the guess has any, and the states as they are given. Nearest is meant by the sum
         of the squares of the changes, those of lengths beside angles over the radius of gyration (the square root of
-        the sum of the diagonal entries of the mass matrix for angles over that for lengths, at the guess). Contacts that the guess
-        penetrates are closed, and others may stay open: ask the model of one mode, as ``mode(floor="slip").assemble``,
-        for what is to touch.
+        the sum of the diagonal entries of the mass matrix for angles over that for lengths, at the guess). Contacts
+        that the guess penetrates are closed, and others may stay open: ask the model of one mode, as
+        ``mode(floor="slip").assemble``, for what is to touch.
 
     Raises
     ------
