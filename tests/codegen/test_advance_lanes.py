@@ -63,10 +63,10 @@ def test_lanes_that_move_are_those_that_step_control_accepts(t, direction):
     end = direction * 5.0
     rest = abs(end - t)
     least = control.smallest_step(t, rest)
-    for size, verdict in ((least, control.ACCEPTED), (math.nextafter(least, 0.0), Status.STEP_TOO_SMALL)):
-        assert control.attempt_verdict(size, False, 0.0, False, t, rest) == verdict
+    for size, outcome in ((least, control.ACCEPTED), (math.nextafter(least, 0.0), Status.STEP_TOO_SMALL)):
+        assert control.attempt_test(size, False, 0.0, False, t, rest) == outcome
         mask, clock, tally, settings = run(1, [(t, end, end, size, 0.0, BUDGET - 2.0, direction, True)])
-        assert (mask == 0) == (verdict == control.ACCEPTED)
+        assert (mask == 0) == (outcome == control.ACCEPTED)
         if mask == 0:
             assert clock[0, 0] == control.end_of_step(t, end, direction, size, rest)
             assert settings[0, 0] == control.largest_step(clock[0, 0], end, LARGEST)

@@ -205,7 +205,7 @@ def test_legs_leave_no_trace(method, monkeypatch):
     times = np.linspace(0.0, 6.0, 101)
     options = {"rtol": 1e-11, "atol": 1e-11}
     runs = [solve("oscillator", method, dense=True, **options), solve("oscillator", method, t_eval=times, **options)]
-    monkeypatch.setattr(solvers, "LEG", 5)
+    monkeypatch.setattr(solvers, "BLOCK_STEPS", 5)
     backend = backend_named("jax")
     engine = backend.load(backend.render(PROGRAMS["oscillator"]), cache=False)
     for whole, given in zip(runs, ({"dense": True}, {"t_eval": times}), strict=True):
@@ -270,9 +270,9 @@ def test_max_steps_counts_attempts(method):
 
 @methods
 def test_max_steps_over_several_legs(method):
-    run = solve("oscillator", method, t1=1e9, max_steps=2 * solvers.LEG + 3, max_step=1e-2)
+    run = solve("oscillator", method, t1=1e9, max_steps=2 * solvers.BLOCK_STEPS + 3, max_step=1e-2)
     assert run.status is Status.MAX_STEPS
-    assert run.steps + run.rejected == 2 * solvers.LEG + 3
+    assert run.steps + run.rejected == 2 * solvers.BLOCK_STEPS + 3
     assert len(run.t) == run.steps + 1 and (np.diff(run.t) > 0.0).all()
 
 

@@ -8,7 +8,7 @@ import pytest
 from dalembert.integrators.case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes, runs_on
 from dalembert.integrators.input_steps import no_inputs
 from dalembert.integrators.lane_steps import accept_steps, project_lanes, swap_states
-from dalembert.integrators.projection import FAILED, NONE, WANTED
+from dalembert.integrators.projection import FAILED, NONE, PENDING
 from dalembert.integrators.sweep_arguments import CaseShape, Columns, SweepArguments, SweepKernels, no_rows
 from dalembert.integrators.workspace import (
     ATTEMPTS,
@@ -77,13 +77,13 @@ def step(arguments, lane, size, check=0.0, proposed=0.0, y=7.0, polynomial=(0.0,
 @pytest.mark.parametrize(
     ("memory", "made", "attempts", "status", "time", "mark"),
     [
-        (0, {"size": 0.5}, 3.0, RUNNING, 1.5, WANTED),
-        (0, {"size": 4.0}, 3.0, Status.SUCCESS, 5.0, WANTED),
-        (0, {"size": 0.5}, 9.0, Status.MAX_STEPS, 1.5, WANTED),
-        (0, {"size": 4.0}, 9.0, Status.SUCCESS, 5.0, WANTED),
+        (0, {"size": 0.5}, 3.0, RUNNING, 1.5, PENDING),
+        (0, {"size": 4.0}, 3.0, Status.SUCCESS, 5.0, PENDING),
+        (0, {"size": 0.5}, 9.0, Status.MAX_STEPS, 1.5, PENDING),
+        (0, {"size": 4.0}, 9.0, Status.SUCCESS, 5.0, PENDING),
         (0, {"size": 0.5, "check": math.nan}, 3.0, Status.NON_FINITE, 1.0, NONE),
         (0, {"size": 1e-17}, 3.0, Status.STEP_TOO_SMALL, 1.0, NONE),
-        (MEMORY, {"size": 0.5}, 3.0, RUNNING, 1.5, WANTED),
+        (MEMORY, {"size": 0.5}, 3.0, RUNNING, 1.5, PENDING),
         (MEMORY, {"size": 0.0, "proposed": 0.1}, 3.0, RUNNING, 1.0, NONE),
         (MEMORY, {"size": 0.0, "proposed": 0.1}, 9.0, Status.MAX_STEPS, 1.0, NONE),
         (MEMORY, {"size": 0.0, "proposed": 1e-17}, 3.0, Status.STEP_TOO_SMALL, 1.0, NONE),

@@ -9,10 +9,10 @@ from dalembert.integrators import projection
 from dalembert.integrators.projection import (
     FAILED,
     NONE,
-    WANTED,
+    PENDING,
     add_correction,
     correct,
-    correction_verdict,
+    correction_test,
     project_row,
 )
 from dalembert.methods.step_constants import (
@@ -27,7 +27,7 @@ from dalembert.methods.step_constants import (
 pytestmark = pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
 
 ABOVE = 1.0 + 1e-12
-SETTLED = projection._SETTLED
+CONVERGED = projection._CONVERGED
 LAST = MOST_CORRECTIONS - 1
 
 
@@ -42,29 +42,29 @@ def test_a_correction_is_measured_by_the_state_where_it_is_corrected():
 
 
 @pytest.mark.parametrize(
-    ("attempt", "change", "finite", "verdict"),
+    ("attempt", "change", "finite", "outcome"),
     [
-        (0, QUADRATIC_CHANGE, True, SETTLED),
-        (0, QUADRATIC_CHANGE * ABOVE, True, WANTED),
-        (0, 1e3, True, WANTED),  # positions may be far away
-        (LAST, LINEAR_CHANGE, True, WANTED),  # good enough
+        (0, QUADRATIC_CHANGE, True, CONVERGED),
+        (0, QUADRATIC_CHANGE * ABOVE, True, PENDING),
+        (0, 1e3, True, PENDING),  # positions may be far away
+        (LAST, LINEAR_CHANGE, True, PENDING),  # good enough
         (LAST, LINEAR_CHANGE * ABOVE, True, FAILED),
-        (LAST - 1, LINEAR_CHANGE * ABOVE, True, WANTED),
-        (LAST, QUADRATIC_CHANGE, True, SETTLED),
+        (LAST - 1, LINEAR_CHANGE * ABOVE, True, PENDING),
+        (LAST, QUADRATIC_CHANGE, True, CONVERGED),
         (0, 0.0, False, FAILED),
     ],
 )
-def test_verdicts_on_corrections_of_positions(attempt, change, finite, verdict):
-    assert correction_verdict(attempt, MOST_CORRECTIONS, change, change, 1.0, finite) == verdict
+def test_outcomes_of_corrections_of_positions(attempt, change, finite, outcome):
+    assert correction_test(attempt, MOST_CORRECTIONS, change, change, 1.0, finite) == outcome
 
 
 @pytest.mark.parametrize("magnitude", [0.0, 2.0])
 def test_the_first_correction_of_velocities_must_stay_on_its_branch(magnitude):
     largest = BRANCH * (SLOW + magnitude)
-    assert correction_verdict(0, LINEAR_CORRECTIONS, 0.2, largest, magnitude, True) == WANTED
-    assert correction_verdict(0, LINEAR_CORRECTIONS, 0.2, largest * ABOVE, magnitude, True) == FAILED
-    assert correction_verdict(1, LINEAR_CORRECTIONS, LINEAR_CHANGE, largest * 2.0, magnitude, True) == WANTED
-    assert correction_verdict(0, MOST_CORRECTIONS, 0.2, largest * 2.0, magnitude, True) == WANTED
+    assert correction_test(0, LINEAR_CORRECTIONS, 0.2, largest, magnitude, True) == PENDING
+    assert correction_test(0, LINEAR_CORRECTIONS, 0.2, largest * ABOVE, magnitude, True) == FAILED
+    assert correction_test(1, LINEAR_CORRECTIONS, LINEAR_CHANGE, largest * 2.0, magnitude, True) == PENDING
+    assert correction_test(0, MOST_CORRECTIONS, 0.2, largest * 2.0, magnitude, True) == PENDING
 
 
 def kernel(monkeypatch, delta, corrections):
@@ -80,17 +80,17 @@ def kernel(monkeypatch, delta, corrections):
 
 
 def test_lanes_are_projected_until_each_has_settled(monkeypatch):
-    states, delta, mark = np.full((1, 4), 10.0), np.zeros((1, 4)), np.array([WANTED, WANTED, NONE, WANTED])
+    states, delta, mark = np.full((1, 4), 10.0), np.zeros((1, 4)), np.array([PENDING, PENDING, NONE, PENDING])
     positions = [[[1.0, 1e-9, 5.0, 1.0]], [[1e-3, 5.0, 5.0, math.nan]], [[0.0, 5.0, 5.0, 5.0]]]
     calls = kernel(monkeypatch, delta, {1: positions, 2: [[[0.0, 5.0, 5.0, 5.0]]]})
     correct(1, 2, np.zeros((1, 4)), states, 0, np.ones((1, 4)), delta, mark)
     assert calls == [1, 1, 1, 2]
-    assert list(mark) == [WANTED, FAILED, NONE, FAILED]  # the second was thrown off its branch by the velocities
+    assert list(mark) == [PENDING, FAILED, NONE, FAILED]  # the second was thrown off its branch by the velocities
     np.testing.assert_allclose(states[0, [0, 2]], [11.001, 10.0], rtol=1e-15)
 
 
 def test_positions_that_do_not_settle_fail_after_the_most_corrections(monkeypatch):
-    states, delta, mark = np.ones((1, 1)), np.zeros((1, 1)), np.array([WANTED])
+    states, delta, mark = np.ones((1, 1)), np.zeros((1, 1)), np.array([PENDING])
     calls = kernel(monkeypatch, delta, {1: [[[1.0]], [[-1.0]]] * MOST_CORRECTIONS})
     correct(1, 0, np.zeros((1, 1)), states, 0, np.ones((1, 1)), delta, mark)
     assert (len(calls), mark[0]) == (MOST_CORRECTIONS, FAILED)

@@ -61,7 +61,7 @@ def test_error_scale():
 
 
 @pytest.mark.parametrize(
-    ("error", "verdict"),
+    ("error", "outcome"),
     [
         (0.0, ACCEPTED),
         (1.0, ACCEPTED),
@@ -70,11 +70,11 @@ def test_error_scale():
         (math.nan, Status.NON_FINITE),
     ],
 )
-def test_error_verdict(error, verdict):
-    assert control.error_verdict(error) == verdict
+def test_error_test(error, outcome):
+    assert control.error_test(error) == outcome
 
 
-# size, broken, proposed, time, rest; verdict on an attempt that may be rejected, and on a Taylor step
+# size, broken, proposed, time, rest; outcome of an attempt that may be rejected, and of a Taylor step
 LEAST = control.smallest_step(1.0, 2.0)
 ATTEMPTS = {
     "made": (0.5, False, 0.7, ACCEPTED, ACCEPTED),
@@ -94,14 +94,14 @@ ATTEMPTS = {
 @pytest.mark.parametrize("name", ATTEMPTS)
 def test_attempt_verdict(name):
     size, broken, proposed, attempt, series = ATTEMPTS[name]
-    assert control.attempt_verdict(size, broken, proposed, True, 1.0, 2.0) == attempt
-    assert control.attempt_verdict(size, broken, 0.0, False, 1.0, 2.0) == series
+    assert control.attempt_test(size, broken, proposed, True, 1.0, 2.0) == attempt
+    assert control.attempt_test(size, broken, 0.0, False, 1.0, 2.0) == series
 
 
 def test_a_step_that_is_all_that_is_left_may_be_of_any_size():
     rest = below(control.smallest_step(1.0, 0.0))
-    assert control.attempt_verdict(rest, False, 0.0, False, 1.0, rest) == ACCEPTED
-    assert control.attempt_verdict(0.5 * rest, False, 0.0, False, 1.0, rest) == Status.STEP_TOO_SMALL
+    assert control.attempt_test(rest, False, 0.0, False, 1.0, rest) == ACCEPTED
+    assert control.attempt_test(0.5 * rest, False, 0.0, False, 1.0, rest) == Status.STEP_TOO_SMALL
 
 
 def test_blind_retry():

@@ -52,18 +52,18 @@ def test_attempts_decide_as_step_control_does(tableau, previous, retried):
     seen, exponent = set(), 1.0 / (tableau.error_order + 1)
     for h in np.geomspace(0.02, 2.0, 25):
         error = error_of(tableau, h)
-        verdict = control.error_verdict(error)
+        outcome = control.error_test(error)
         found = attempt(tableau, h, previous=previous, growth=control.growth_limit(retried))
-        seen.add(verdict)
-        factor = control.reduction(verdict, error, exponent)
-        if verdict == control.ACCEPTED:
+        seen.add(outcome)
+        factor = control.reduction(outcome, error, exponent)
+        if outcome == control.ACCEPTED:
             factor = control.growth(error, previous, retried, exponent)
-        assert found[N] == (h if verdict == control.ACCEPTED else 0.0)
+        assert found[N] == (h if outcome == control.ACCEPTED else 0.0)
         assert found[N + 1] == 0.0
         assert found[N + PROPOSAL_AT] == pytest.approx(factor * h, rel=2e-3)
-        assert found[N + GROWTH_AT] == control.growth_limit(verdict != control.ACCEPTED)
-        assert np.array_equal(found[:N], Y) == (verdict != control.ACCEPTED)
-        kept = max(error, SMALLEST_PREVIOUS) if verdict == control.ACCEPTED else previous
+        assert found[N + GROWTH_AT] == control.growth_limit(outcome != control.ACCEPTED)
+        assert np.array_equal(found[:N], Y) == (outcome != control.ACCEPTED)
+        kept = max(error, SMALLEST_PREVIOUS) if outcome == control.ACCEPTED else previous
         assert 2.0 ** found[N + PROPOSAL_AT + 1] == pytest.approx(kept, rel=2e-3)
     assert seen == {control.ACCEPTED, Status.STEP_TOO_SMALL}
 
@@ -91,7 +91,7 @@ def test_an_attempt_that_is_not_finite_is_repeated_blindly(tableau):
     found = attempt(tableau, 0.25, c=[math.nan, 2.0, 4.0])
     assert (found[N], found[N + PROPOSAL_AT]) == (0.0, REDUCTION_BLIND * 0.25)
     assert found[N + 1] != 0.0
-    assert control.attempt_verdict(0.0, True, found[N + PROPOSAL_AT], True, 0.5, 1.0) == control.REJECTED
+    assert control.attempt_test(0.0, True, found[N + PROPOSAL_AT], True, 0.5, 1.0) == control.REJECTED
 
 
 @named

@@ -220,11 +220,11 @@ class CompiledEngine(Engine):
         if method == "radau" or not n:
             return None
         watched = None if cases.watch is None or not cases.watch.along else cases.watch
-        wanted, lanes = len(cases.t_eval), self.steps.lanes
-        dense = wanted > 0 or watched is not None or cases.recorded > 0
+        n_times, lanes = len(cases.t_eval), self.steps.lanes
+        dense = n_times > 0 or watched is not None or cases.recorded > 0
         position, velocity = (self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity"))
         if cases.inputs is not None and (
-            (watched is not None and watched.reads_inputs) or (wanted and (position or velocity))
+            (watched is not None and watched.reads_inputs) or (n_times and (position or velocity))
         ):
             return None  # events of inputs, and projected samples, need the inputs within the step
         from .llvm.advance_lanes import advance_lanes
@@ -243,7 +243,7 @@ class CompiledEngine(Engine):
             bounded=cases.bounded,
             watched=watched if with_series else None,
         )
-        nothing_each_step = watched is None or (with_series > 0 and not wanted and not watched.kinds)
+        nothing_each_step = watched is None or (with_series > 0 and not n_times and not watched.kinds)
         nothing_each_step = nothing_each_step and not cases.recorded
         advance = advance_lanes(lanes) if nothing_each_step and not (position or velocity) else 0
         prepare, start = self.steps.prepare(lanes), self.steps.start(cases.start, lanes)

@@ -116,9 +116,9 @@ def next_case_is_loaded(arguments: SweepArguments) -> bool:
 
 
 @compiled_subset
-def _fill(columns: Columns, column: int, rows: FloatArray, wanted: int, first: int, count: int) -> None:
-    """Write the values of cases in `wanted` columns to the first rows."""
-    for m in range(wanted):
+def _fill(columns: Columns, column: int, rows: FloatArray, n_columns: int, first: int, count: int) -> None:
+    """Write the values of cases in `n_columns` columns to the first rows."""
+    for m in range(n_columns):
         address, stride = columns.address[column + m], columns.stride[column + m]
         for lane in range(rows.shape[1]):
             rows[m, lane] = element(address, stride * (first + min(lane, count - 1)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .compiled_subset import compiled_subset
-from .projection import WANTED
+from .projection import PENDING
 from .sweep_arguments import SweepArguments
 from .workspace import BEFORE, END, NOW
 
@@ -18,7 +18,7 @@ def record_cases(arguments: SweepArguments) -> None:
     begun, record = states.shape[0] // 2 - old, arguments.rows.record
     room = record.shape[0] // shape.cases
     for lane in range(state.clock.shape[1]):
-        if numbers.mark[lane] != WANTED:
+        if numbers.mark[lane] != PENDING:
             continue
         i, written, before = numbers.case[lane], numbers.sampled[lane], state.tally[BEFORE, lane]
         if record.shape[1] == n + 2:

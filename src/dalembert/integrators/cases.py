@@ -116,9 +116,9 @@ class BlockResult:
     totals: FloatArray
 
     @classmethod
-    def empty(cls, count: int, size: int, wanted: int, events: int = 0, kinds: Sequence[str] = ()) -> BlockResult:
+    def empty(cls, count: int, size: int, n_times: int, events: int = 0, kinds: Sequence[str] = ()) -> BlockResult:
         """Return results of cases that did not run, for a size of states, times to record, events and reductions."""
-        y, ends, samples = np.zeros((count, size)), np.zeros((count, 3)), np.full((count, wanted, size), np.nan)
+        y, ends, samples = np.zeros((count, size)), np.zeros((count, 3)), np.full((count, n_times, size), np.nan)
         return cls(y, ends, samples, *cls.nothing_yet(count, events, kinds))
 
     @staticmethod

@@ -25,14 +25,14 @@ def parts_of(problem: IntegrationProblem, segments: Segments | KnotSegments) -> 
     Where segments go from knot to knot, inputs have no knots in them.
     """
     inputs = None if isinstance(segments, KnotSegments) else problem.inputs
-    edges, wanted = segments.edges, problem.t_eval
+    edges, requested = segments.edges, problem.t_eval
     forward = 1.0 if problem.t1 >= problem.t0 else -1.0
-    places = None if wanted is None else np.searchsorted(forward * wanted, forward * edges[1:-1], side="left")
-    bounds = None if places is None or wanted is None else [0, *places.tolist(), len(wanted)]
+    places = None if requested is None else np.searchsorted(forward * requested, forward * edges[1:-1], side="left")
+    bounds = None if places is None or requested is None else [0, *places.tolist(), len(requested)]
     for k in range(len(segments)):
         times = None
-        if wanted is not None and bounds is not None and bounds[k] < bounds[k + 1]:
-            times = np.append(wanted[bounds[k] : bounds[k + 1]], edges[k + 1])
+        if requested is not None and bounds is not None and bounds[k] < bounds[k + 1]:
+            times = np.append(requested[bounds[k] : bounds[k + 1]], edges[k + 1])
         yield replace(
             problem,
             t0=float(edges[k]),

@@ -45,7 +45,7 @@ from .recorded_runs import (
     settings_of,
     solution,
 )
-from .step_control import ACCEPTED, error_verdict, growth, reduction
+from .step_control import ACCEPTED, error_test, growth, reduction
 
 __all__ = ["LOOP", "Addresses", "ExplicitArguments", "ExplicitCode", "StiffnessStop", "integrate"]
 
@@ -162,9 +162,9 @@ def _begin(codes: Addresses, tableau: PackedTableau, settings: Settings, run: Ru
 @compiled_subset
 def _test_step(codes: Addresses, tableau: PackedTableau, run: Run, error: float, t_new: float, y_new: int) -> int:
     """Test the error of a step, project its end and evaluate the stage there; return the result of the test."""
-    verdict = error_verdict(error)
-    if verdict != ACCEPTED:
-        return verdict
+    outcome = error_test(error)
+    if outcome != ACCEPTED:
+        return outcome
     if not project(codes.position, codes.velocity, t_new, run, y_new):
         return Status.PROJECTION_FAILED
     last = tableau.first + tableau.end
@@ -184,9 +184,9 @@ def _attempt(codes: Addresses, tableau: PackedTableau, settings: Settings, run: 
     evaluate_stages(codes.rhs, tableau, 1, tableau.end + 1, t, h, run, y, y_new)
     error = error_norm(tableau, h, work, y, y_new, settings.rtol, settings.atol, n)
     progress.evaluations += tableau.end if tableau.fsal else tableau.end - 1
-    verdict = _test_step(codes, tableau, run, error, t_new, y_new)
-    if verdict != ACCEPTED:
-        return retry(settings, run, abs(h) * reduction(verdict, error, tableau.exponent), verdict)
+    outcome = _test_step(codes, tableau, run, error, t_new, y_new)
+    if outcome != ACCEPTED:
+        return retry(settings, run, abs(h) * reduction(outcome, error, tableau.exponent), outcome)
     if settings.stop_if_stiff and progress.steps >= STIFFNESS_FROM:  # before the point of the last stage is overwritten
         progress.at_boundary = progress.at_boundary + 1 if at_boundary(tableau, h, work, y_new, n) else 0
     piece = progress.steps - progress.begun if settings.dense else 0

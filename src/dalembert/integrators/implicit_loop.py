@@ -55,7 +55,7 @@ from .recorded_runs import (
     solution,
     status_of,
 )
-from .step_control import ACCEPTED, error_verdict, growth_limit
+from .step_control import ACCEPTED, error_test, growth_limit
 
 __all__ = ["DEGREE", "LOOP", "Addresses", "ImplicitArguments", "ImplicitCode", "integrate"]
 
@@ -243,18 +243,18 @@ def _error(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: Ru
 @compiled_subset
 def _test_step(codes: Addresses, run: Run, error: float, t_new: float, y_new: int) -> int:
     """Test the error of a step, project its end and evaluate the slope there; return the result of the test."""
-    verdict = error_verdict(error)
-    if verdict != ACCEPTED:
-        return verdict
-    verdict = Status.PROJECTION_FAILED
+    outcome = error_test(error)
+    if outcome != ACCEPTED:
+        return outcome
+    outcome = Status.PROJECTION_FAILED
     if project(codes.position, codes.velocity, t_new, run, y_new):
         evaluate(codes.rhs, t_new, run, y_new, SLOPE)
-        verdict = ACCEPTED if all_finite(run.work, y_new, SLOPE) else Status.NON_FINITE
+        outcome = ACCEPTED if all_finite(run.work, y_new, SLOPE) else Status.NON_FINITE
         run.progress.evaluations += 1
-    if verdict != ACCEPTED:
+    if outcome != ACCEPTED:
         evaluate(codes.rhs, run.progress.t, run, run.progress.row, SLOPE)
         run.progress.evaluations += 1
-    return verdict
+    return outcome
 
 
 @compiled_subset
@@ -270,13 +270,13 @@ def _attempt(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: 
     for m in range(work.shape[1]):
         work[y_new, m] = work[y, m] + work[Z + 2, m]
     error = _error(codes, settings, space, run, h, y_new)
-    verdict = _test_step(codes, run, error, t_new, y_new)
+    outcome = _test_step(codes, run, error, t_new, y_new)
     quotient = _shrinkage(error if error < np.inf else 1e4, iterations)
-    if verdict != ACCEPTED:
+    if outcome != ACCEPTED:
         if error <= 1.0:
             quotient = 1.0 / LARGEST_REDUCTION
         progress.ratio = 0.0
-        return retry(settings, run, abs(h) / max(quotient, 1.0 / SAFETY), verdict)
+        return retry(settings, run, abs(h) / max(quotient, 1.0 / SAFETY), outcome)
     keep_polynomial(work)
     piece = progress.steps - progress.begun if settings.dense else 0
     if settings.dense or pending(run, t_new):

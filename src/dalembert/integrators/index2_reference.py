@@ -66,8 +66,8 @@ class _Run:
         dense = self._dense()
         t, y = np.array(self.knots), np.array(self.states)
         if self.problem.t_eval is not None:
-            wanted = np.asarray(self.problem.t_eval, dtype=float)
-            t = wanted[(wanted - self.t) * self.direction <= 0.0]
+            requested = np.asarray(self.problem.t_eval, dtype=float)
+            t = requested[(requested - self.t) * self.direction <= 0.0]
             y = dense(t) if len(t) else np.empty((0, self.kept))
         return Solution(
             status=status,

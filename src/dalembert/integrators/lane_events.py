@@ -11,7 +11,7 @@ from .event_resolution import begin_signs, go_on, resolve, starts, zeros_at_end
 from .event_rules import recorded_after
 from .event_search import BROKEN, NOTHING, scan, state_at
 from .event_series import at_most_one_zero, keeps_signs, load_event_series, no_sign_change
-from .projection import FAILED, NONE, WANTED, correct
+from .projection import FAILED, NONE, PENDING, correct
 from .step_control import largest_step, status_after
 from .step_reductions import accumulate, advance
 from .sweep_arguments import SweepArguments
@@ -72,7 +72,7 @@ def test_steps(arguments: SweepArguments) -> None:
 def handle_events(arguments: SweepArguments) -> None:
     """Find and resolve the events in the steps that were accepted, and continue the reductions."""
     for lane in range(arguments.state.clock.shape[1]):
-        if arguments.state.numbers.mark[lane] != WANTED:
+        if arguments.state.numbers.mark[lane] != PENDING:
             continue
         searched, found, theta = _search(arguments, lane)
         arguments.state.numbers.fresh[lane] = 0
@@ -224,7 +224,7 @@ def _project_alone(arguments: SweepArguments, lane: int) -> bool:
     kernels, state = arguments.kernels, arguments.state
     lone, numbers = state.numbers.lone, state.numbers
     for other in range(state.clock.shape[1]):
-        lone[other] = WANTED if other == lane else NONE
+        lone[other] = PENDING if other == lane else NONE
     states, old = state.states, state.progress.old
     correct(kernels.position, kernels.velocity, state.clock, states, old, state.constants, state.delta, lone)
     if lone[lane] == FAILED:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from ..methods.status import RUNNING, Status
 from ..transforms.runge_kutta_parts import GROWTH_AT, PROPOSAL_AT
 from .compiled_subset import call_code, call_test, compiled_subset, fma, lowest, row
-from .projection import FAILED, NONE, WANTED, correct
-from .step_control import ACCEPTED, REJECTED, attempt_verdict, blind_retry, end_of_step, status_after
+from .projection import FAILED, NONE, PENDING, correct
+from .step_control import ACCEPTED, REJECTED, attempt_test, blind_retry, end_of_step, status_after
 from .sweep_arguments import SweepArguments
 from .workspace import ATTEMPTS, BEFORE, END, NOW, REJECTIONS
 
@@ -67,19 +67,19 @@ def _accept(arguments: SweepArguments, lane: int) -> None:
     if shape.memory > 0:
         proposed = states[size_at + PROPOSAL_AT, lane]
     broken = states[size_at + 1, lane] != 0.0
-    verdict = attempt_verdict(size, broken, proposed, shape.memory > 0, now, rest)
+    outcome = attempt_test(size, broken, proposed, shape.memory > 0, now, rest)
     state.tally[ATTEMPTS, lane] += 1.0
-    if verdict == ACCEPTED:
+    if outcome == ACCEPTED:
         t = end_of_step(now, state.clock[END, lane], state.settings[1, lane], size, rest)
         _sample(arguments, lane, t)
-        state.tally[BEFORE, lane], state.clock[NOW, lane], numbers.mark[lane] = now, t, WANTED
+        state.tally[BEFORE, lane], state.clock[NOW, lane], numbers.mark[lane] = now, t, PENDING
         numbers.status[lane] = status_after(size == rest, state.tally[ATTEMPTS, lane], arguments.limits[0, 1])
         return
     state.tally[REJECTIONS, lane] += 1.0
-    if verdict == REJECTED:
+    if outcome == REJECTED:
         numbers.status[lane] = status_after(False, state.tally[ATTEMPTS, lane], arguments.limits[0, 1])
         return
-    numbers.status[lane] = verdict
+    numbers.status[lane] = outcome
     for m in range(n):
         states[new + m, lane] = states[old + m, lane]
 

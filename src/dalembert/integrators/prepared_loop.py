@@ -14,7 +14,7 @@ from .arguments import Address, IntVector, Matrix, Record
 from .compiled_subset import call_code, compiled_subset, row
 from .input_steps import InputTable, begin_inputs, pass_knots
 from .projection import project_row
-from .step_control import ACCEPTED, REJECTED, attempt_verdict, blind_retry, end_of_step, largest_step, status_after
+from .step_control import ACCEPTED, REJECTED, attempt_test, blind_retry, end_of_step, largest_step, status_after
 
 __all__ = ["LOOP", "PreparedArguments", "PreparedKernels", "PreparedLimits", "PreparedProgress", "attempt"]
 
@@ -140,10 +140,10 @@ def attempt(arguments: PreparedArguments) -> int:
     size, proposed = states[new, n], 0.0
     if retries:
         proposed = states[new, n + PROPOSAL_AT]
-    verdict = attempt_verdict(size, states[new, n + 1] != 0.0, proposed, retries, t, rest)
-    if verdict != ACCEPTED and verdict != REJECTED:
-        return verdict
-    if verdict == ACCEPTED:
+    outcome = attempt_test(size, states[new, n + 1] != 0.0, proposed, retries, t, rest)
+    if outcome != ACCEPTED and outcome != REJECTED:
+        return outcome
+    if outcome == ACCEPTED:
         end = end_of_step(t, progress.end, settings[0, 1], size, rest)
         position, velocity = arguments.kernels.position, arguments.kernels.velocity
         if not project_row(position, velocity, end, clock, states, new, constants, arguments.delta, arguments.mark):
@@ -155,7 +155,7 @@ def attempt(arguments: PreparedArguments) -> int:
         progress.t = end
         progress.steps += 1
     progress.row = new
-    ended = verdict == ACCEPTED and size == rest
+    ended = outcome == ACCEPTED and size == rest
     if ended and progress.t != limits.t1:
         _enter_piece(arguments, old, new)
         ended = False

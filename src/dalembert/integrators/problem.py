@@ -56,12 +56,12 @@ class Kernels:
 class SamplingClock:
     """The start of a run, from which instants of controllers count, and the last one at which they acted.
 
-    `wanted` are the times to record of the whole run.
+    `requested` are the times to record of the whole run.
     """
 
     origin: float
     last: float = -np.inf
-    wanted: FloatArray | None = None
+    requested: FloatArray | None = None
 
 
 @final

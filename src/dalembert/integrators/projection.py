@@ -16,10 +16,10 @@ from ..methods.step_constants import (
 )
 from .compiled_subset import call_code, compiled_subset, flat, row
 
-__all__ = ["FAILED", "NONE", "WANTED", "add_correction", "correct", "correction_verdict", "project_row"]
+__all__ = ["FAILED", "NONE", "PENDING", "add_correction", "correct", "correction_test", "project_row"]
 
-NONE, WANTED, FAILED = 0, 1, 3
-_SETTLED = 2
+NONE, PENDING, FAILED = 0, 1, 3
+_CONVERGED = 2
 
 
 @compiled_subset
@@ -40,17 +40,18 @@ def add_correction(states: FloatArray, first: int, delta: FloatArray, lane: int)
 
 
 @compiled_subset
-def correction_verdict(attempt: int, tries: int, change: float, size: float, magnitude: float, finite: bool) -> int:
-    """Return whether a state needs another correction (`WANTED`), none, or cannot be projected (`FAILED`).
+def correction_test(attempt: int, tries: int, change: float, size: float, magnitude: float, finite: bool) -> int:
+    """Return whether a state needs another correction (`PENDING`), none, or cannot be projected (`FAILED`).
 
-    After the last of so many ``tries`` one that is still wanted is accepted. The first of velocities must not take them
-    to another branch of their constraints; for the rest see `add_correction`.
+    ``attempt`` is the number of the correction, ``tries`` the most corrections. After the last one, a small change is
+    accepted. The first correction of velocities must not take them to another branch of their constraints. For the
+    other parameters see `add_correction`.
     """
     if not finite or (attempt == 0 and tries == LINEAR_CORRECTIONS and size > BRANCH * (SLOW + magnitude)):
         return FAILED
     if not change > QUADRATIC_CHANGE:
-        return _SETTLED
-    return FAILED if attempt == tries - 1 and not change <= LINEAR_CHANGE else WANTED
+        return _CONVERGED
+    return FAILED if attempt == tries - 1 and not change <= LINEAR_CHANGE else PENDING
 
 
 @compiled_subset
@@ -64,7 +65,7 @@ def correct(
     delta: FloatArray,
     mark: NDArray[np.int64],
 ) -> None:
-    """Project the states of the lanes that are marked as wanted in ``mark`` (lanes,); where that fails is marked so.
+    """Project the states of the lanes that are `PENDING` in ``mark`` (lanes,), which becomes `FAILED` where that fails.
 
     ``states`` holds the states from row `first` on; ``delta`` (n, lanes) is overwritten.
     """
@@ -72,7 +73,7 @@ def correct(
     for kernel, tries in ((position, MOST_CORRECTIONS), (velocity, LINEAR_CORRECTIONS)):
         left = 0
         for lane in range(lanes):
-            left += 1 if mark[lane] == WANTED else 0
+            left += 1 if mark[lane] == PENDING else 0
         if kernel == 0:
             left = 0
         for attempt in range(tries):
@@ -80,13 +81,13 @@ def correct(
                 break
             call_code(kernel, row(clock, 0), row(states, first), row(constants, 0), 0, row(delta, 0))
             for lane in range(lanes):
-                if mark[lane] == WANTED:
+                if mark[lane] == PENDING:
                     change, size, magnitude, finite = add_correction(states, first, delta, lane)
-                    mark[lane] = correction_verdict(attempt, tries, change, size, magnitude, finite)
-                    left -= 1 if mark[lane] != WANTED else 0
+                    mark[lane] = correction_test(attempt, tries, change, size, magnitude, finite)
+                    left -= 1 if mark[lane] != PENDING else 0
         for lane in range(lanes):
-            if mark[lane] == _SETTLED:
-                mark[lane] = WANTED
+            if mark[lane] == _CONVERGED:
+                mark[lane] = PENDING
 
 
 @compiled_subset
@@ -107,6 +108,6 @@ def project_row(
     """
     if position == 0 and velocity == 0:
         return True
-    clock[0, 0], mark[0] = t, WANTED
+    clock[0, 0], mark[0] = t, PENDING
     correct(position, velocity, clock, flat(states), number * states.shape[1], constants, delta, mark)
-    return mark[0] == WANTED
+    return mark[0] == PENDING

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from .arguments import Address, FlagMatrix, IntVector, Matrix, Vector
 from .compiled_subset import compiled_subset
-from .projection import NONE, WANTED, correct
+from .projection import NONE, PENDING, correct
 
 __all__ = ["LOOP", "SampleArguments"]
 
@@ -51,16 +51,16 @@ def LOOP(arguments: SampleArguments) -> None:
     given, t_eval, inside, samples = arguments.case_constants, arguments.t_eval, arguments.inside, arguments.samples
     clock, states, constants, delta = arguments.clock, arguments.states, arguments.constants, arguments.delta
     position, velocity, number, mark = arguments.position, arguments.velocity, arguments.number, arguments.mark
-    lanes, wanted, n = clock.shape[1], t_eval.size, delta.shape[0]
+    lanes, n_times, n = clock.shape[1], t_eval.size, delta.shape[0]
     filled, total = 0, inside.size
     for place in range(total + 1):
-        i, j = place // wanted, place % wanted
+        i, j = place // n_times, place % n_times
         if place < total and inside[i, j]:
             for m in range(n):
                 states[m, filled] = samples[i, j * n + m]
             for m in range(given.shape[1]):
                 constants[m, filled] = given[i, m]
-            clock[0, filled], number[filled], mark[filled] = t_eval[j], place, WANTED
+            clock[0, filled], number[filled], mark[filled] = t_eval[j], place, PENDING
             filled += 1
         if filled < lanes and (place < total or filled == 0):
             continue
@@ -68,7 +68,7 @@ def LOOP(arguments: SampleArguments) -> None:
             mark[lane] = NONE
         correct(position, velocity, clock, states, 0, constants, delta, mark)
         for lane in range(filled):
-            if mark[lane] == WANTED:
+            if mark[lane] == PENDING:
                 for m in range(n):
-                    samples[number[lane] // wanted, number[lane] % wanted * n + m] = states[m, lane]
+                    samples[number[lane] // n_times, number[lane] % n_times * n + m] = states[m, lane]
         filled = 0

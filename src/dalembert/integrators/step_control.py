@@ -25,11 +25,11 @@ from .compiled_subset import compiled_subset, exp, log
 __all__ = [
     "ACCEPTED",
     "REJECTED",
-    "attempt_verdict",
+    "attempt_test",
     "blind_retry",
     "end_of_step",
     "error_scale",
-    "error_verdict",
+    "error_test",
     "growth",
     "growth_limit",
     "largest_step",
@@ -40,7 +40,7 @@ __all__ = [
 ]
 
 ACCEPTED, REJECTED = int(Status.SUCCESS), -2
-"""Verdicts on a step; any other is the status of a run that cannot continue."""
+"""Outcomes of a step; any other is the status of a run that cannot continue."""
 
 
 @compiled_subset
@@ -80,16 +80,16 @@ def error_scale(rtol: float, atol: float, size: float) -> float:
 
 
 @compiled_subset
-def error_verdict(error: float) -> int:
-    """Return the verdict on a step from its error norm over the tolerances: accepted, or why it must be repeated."""
+def error_test(error: float) -> int:
+    """Return the outcome of a step from its error norm over the tolerances: accepted, or why it must be repeated."""
     if not math.isfinite(error):
         return Status.NON_FINITE
     return ACCEPTED if error <= 1.0 else Status.STEP_TOO_SMALL
 
 
 @compiled_subset
-def attempt_verdict(size: float, broken: bool, proposed: float, retries: bool, t: float, rest: float) -> int:
-    """Return the verdict on a step of a generated kernel: accepted, rejected, or the status of a failed run.
+def attempt_test(size: float, broken: bool, proposed: float, retries: bool, t: float, rest: float) -> int:
+    """Return the outcome of a step of a generated kernel: accepted, rejected, or the status of a failed run.
 
     Parameters
     ----------

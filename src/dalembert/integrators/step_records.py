@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .compiled_subset import compiled_subset
-from .projection import WANTED
+from .projection import PENDING
 from .sweep_arguments import SweepArguments
 from .workspace import ATTEMPTS, BEFORE, NOW
 
@@ -42,7 +42,7 @@ def record_steps(arguments: SweepArguments) -> None:
     old, n, terms = state.progress.old, shape.n, shape.degree + 1
     first = old + n + shape.events_with_series + 2 + shape.memory
     for lane in range(state.clock.shape[1]):
-        if state.numbers.mark[lane] == WANTED:
+        if state.numbers.mark[lane] == PENDING:
             place = state.progress.recorded
             steps[place, START_AT], steps[place, END_AT] = state.tally[BEFORE, lane], state.clock[NOW, lane]
             steps[place, ATTEMPTS_AT] = state.tally[ATTEMPTS, lane]
@@ -59,7 +59,7 @@ def record_ends(arguments: SweepArguments) -> None:
     if steps.shape[0] == 0:
         return
     for lane in range(state.clock.shape[1]):
-        if state.numbers.mark[lane] == WANTED:
+        if state.numbers.mark[lane] == PENDING:
             place = state.progress.recorded
             steps[place, ENDED_AT] = state.clock[NOW, lane]
             for m in range(n):

@@ -18,7 +18,7 @@ from .arguments import Address, IntVector, Matrix, Record, Vector
 from .compiled_subset import call_code, compiled_subset, row
 from .input_steps import InputTable, begin_inputs, pass_knots
 from .projection import project_row
-from .step_control import ACCEPTED, attempt_verdict
+from .step_control import ACCEPTED, attempt_test
 
 __all__ = ["LOOP", "TaylorArguments", "TaylorProgress"]
 
@@ -118,9 +118,9 @@ def _take_steps(arguments: TaylorArguments) -> tuple[int, int]:
         clock[0, 0] = t
         call_code(step, row(clock, 0), state, row(constants, 0), row(settings, 0), row(rows, here))
         size = rows[here, n]
-        verdict = attempt_verdict(size, rows[here, n + 1] != 0.0, 0.0, False, t, rest)
-        if verdict != ACCEPTED:
-            return verdict, k
+        outcome = attempt_test(size, rows[here, n + 1] != 0.0, 0.0, False, t, rest)
+        if outcome != ACCEPTED:
+            return outcome, k
         if k == 0:
             _advance(y, 0, rows, here, settings[0, 1] * size, low)
         else:

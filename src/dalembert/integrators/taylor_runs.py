@@ -227,8 +227,8 @@ class _Record:
         self.steps += len(times)
         problem = self.problem
         if problem.t_eval is not None:
-            wanted, low, high = problem.t_eval, min(start, self.end), max(start, self.end)
-            inside = wanted[(wanted >= low) & (wanted <= high) & (wanted != start)]
+            requested, low, high = problem.t_eval, min(start, self.end), max(start, self.end)
+            inside = requested[(requested >= low) & (requested <= high) & (requested != start)]
             series = _Series(self.order, self._direction, [(times, rows, None)], len(problem.y0))
             self.samples.append((inside, PiecewisePolynomial(np.append(start, times), series)(inside), turns))
         if problem.dense:

@@ -94,8 +94,8 @@ class HostRuns:
         `records` hold the knots (k, n) and values (k, n) of the inputs that have knots; the others are among the
         parameters. Cases of the same times and knots are one sweep.
         """
-        count, wanted = t.shape
-        out = self._nothing(count, wanted)
+        count, n_times = t.shape
+        out = self._nothing(count, n_times)
         steps = np.diff(t, axis=1)
         with np.errstate(invalid="ignore"):
             ordered = np.all(np.isfinite(t), axis=1) & (np.all(steps >= 0.0, axis=1) | np.all(steps <= 0.0, axis=1))
@@ -108,13 +108,13 @@ class HostRuns:
             self._sweep(t[cases[0]], cases, initial, p, records, out)
         return out
 
-    def _nothing(self, count: int, wanted: int) -> HostRun:
+    def _nothing(self, count: int, n_times: int) -> HostRun:
         """Return the results of cases that were not run."""
         width = len(self.columns)
         happened = np.full((count, len(self.events), 3), np.nan)
         happened[:, :, 0] = 0.0
         return HostRun(
-            np.full((count, wanted, width), np.nan),
+            np.full((count, n_times, width), np.nan),
             np.full((count, width), np.nan),
             np.concatenate([np.full((count, 1), np.nan), np.zeros((count, 2))], axis=1),
             happened,

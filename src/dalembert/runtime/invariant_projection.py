@@ -45,7 +45,7 @@ _SMALL = 1e-5
 
 def keeping_from(
     model: CompiledModel,
-    wanted: Any,
+    requested: Any,
     span: tuple[float, float],
     initial: Mapping[Any, Any],
     parameters: Mapping[Any, Any],
@@ -56,22 +56,22 @@ def keeping_from(
     c = starting_constants(program, c, *span)
     values = model.initial_values(initial)
     y = initial_state(model.derived.start(values), t0, values, c, program)
-    keeper, names = keeping_model(model, wanted, c, t0, y)
+    keeper, names = keeping_model(model, requested, c, t0, y)
     found = kept_values(names, program, model.derived.invariants, c[np.newaxis], np.array([t0]), y[np.newaxis])
     return keeper, {name: float(column[0]) for name, column in found.items()}
 
 
 def keeping_model(
-    model: CompiledModel, wanted: Any, c: FloatArray, t0: float, y: FloatArray
+    model: CompiledModel, requested: Any, c: FloatArray, t0: float, y: FloatArray
 ) -> tuple[CompiledModel, tuple[str, ...]]:
-    """Return the model that keeps first integrals, and their names; `wanted` and errors as for `kept_names`."""
+    """Return the model that keeps first integrals, and their names; `requested` and errors as for `kept_names`."""
     stages = model.stages
-    names = kept_names(wanted, stages.equations, stages.program, model.derived.invariants, c, t0, y)
+    names = kept_names(requested, stages.equations, stages.program, model.derived.invariants, c, t0, y)
     return model.variants.keeping_invariants(names), names
 
 
 def kept_names(
-    wanted: Any,
+    requested: Any,
     equations: EquationsOfMotion,
     program: Program,
     found: Candidates,
@@ -83,7 +83,7 @@ def kept_names(
 
     Parameters
     ----------
-    wanted : True, a name, or an iterable of names
+    requested : True, a name, or an iterable of names
     equations, program, found
         Of the model.
     c, t, y
@@ -96,17 +96,17 @@ def kept_names(
     OptionError
         For what is not conserved, with the reason, and where nothing is; and where no name is given.
     """
-    refuse_unknown(wanted, found)
+    refuse_unknown(requested, found)
     x = interpret_rows(program.kernel("expand"), np.array([t]), y[np.newaxis], c)
     able = tuple(conserved(program, found, c, np.array([t]), x))
-    if wanted is True:
+    if requested is True:
         if not able:
             raise OptionError(
                 f"project_invariants: nothing is known to be conserved in {program.name!r}. The energy is not:"
                 f" {why_not(equations, 'energy')}"
             )
         return able
-    names = _listed(wanted)
+    names = _listed(requested)
     if not names:
         raise OptionError(
             "project_invariants: no first integral is named. Give names, True for all that are conserved, or False."
@@ -121,12 +121,12 @@ def kept_names(
     return tuple(name for name in found.names if name in names)
 
 
-def _listed(wanted: Any) -> list[str]:
-    given = listed("project_invariants", wanted, "names") if isinstance(wanted, Iterable) else [wanted]
+def _listed(requested: Any) -> list[str]:
+    given = listed("project_invariants", requested, "names") if isinstance(requested, Iterable) else [requested]
     return [str(name) for name in given if name is not None]
 
 
-def refuse_unknown(wanted: Any, found: Candidates) -> None:
+def refuse_unknown(requested: Any, found: Candidates) -> None:
     """Refuse names of first integrals that a scene cannot have.
 
     Raises
@@ -134,7 +134,7 @@ def refuse_unknown(wanted: Any, found: Candidates) -> None:
     UnknownNameError
         Naming them.
     """
-    names = [] if wanted is True else _listed(wanted)
+    names = [] if requested is True else _listed(requested)
     unknown = [unknown_name("first integral", name, found.names) for name in names if name not in found.names]
     if unknown:
         raise UnknownNameError("\n".join(unknown))

@@ -50,9 +50,9 @@ def linearize(
     `parameters` have those of the inputs.
     """
     time = option("t", t)
-    wanted = None if outputs is None else output_names(model.layout, outputs)
+    requested = None if outputs is None else output_names(model.layout, outputs)
     _, point = regular_point(model, time, initial, parameters)
-    return _linearized(point, states, wanted)
+    return _linearized(point, states, requested)
 
 
 def regular_point(
@@ -113,8 +113,8 @@ def _equations(point: Point, chosen: Sequence[str] | None) -> LinearEquations:
     layout = point.program.layout
     scene = set(layout.variables)
     speeds = [name for name in layout.state if name not in scene]
-    wanted = layout.entries if chosen is None else chosen
-    return own_equations(point) if any(name in wanted for name in speeds) else scene_equations(point)
+    requested = layout.entries if chosen is None else chosen
+    return own_equations(point) if any(name in requested for name in speeds) else scene_equations(point)
 
 
 @final

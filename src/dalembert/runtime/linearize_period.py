@@ -73,7 +73,7 @@ def linearize_period(
     outputs: Iterable[Any] | None,
 ) -> DiscreteLinearization:
     """Return the linearised map over the period of the controllers from t on; see `Model.linearize`."""
-    wanted = None if outputs is None else output_names(model.layout, outputs)
+    requested = None if outputs is None else output_names(model.layout, outputs)
     other = in_elapsed_time(model, t, t + 1.0)[0] if begins_elsewhere(t, t + 1.0) else None
     begin, given = t, parameters
     if other is not None:
@@ -83,7 +83,7 @@ def linearize_period(
     period = _period(able, point, begin)
     if inputs is not None:
         inputs.refuse_span(begin, begin + period.length)
-    found = _Map(able, point, period, inputs, states).derivatives(wanted)
+    found = _Map(able, point, period, inputs, states).derivatives(requested)
     return replace(found, t=t)
 
 
@@ -164,8 +164,8 @@ class _Map:
         places = np.array(input_places(layout), dtype=np.intp)
         return np.hstack([own.by_state @ states.tangent[:, columns], by_inputs[:, places]])
 
-    def derivatives(self, wanted: Sequence[str] | None) -> DiscreteLinearization:
-        """Return the map; `wanted` are the names of the outputs, None those of the states.
+    def derivatives(self, requested: Sequence[str] | None) -> DiscreteLinearization:
+        """Return the map; `requested` are the names of the outputs, None those of the states.
 
         Raises
         ------
@@ -174,7 +174,7 @@ class _Map:
         """
         model, point, names = self.model, self.point, self.names
         layout, n, t = point.program.layout, len(names), point.t
-        outputs = names if wanted is None else tuple(wanted)
+        outputs = names if requested is None else tuple(requested)
         of = tuple(dict.fromkeys((*names, *outputs)))
         wrt = (*names, *layout.inputs)
         variation = model.derived.variation(layout.variables, of, wrt)
@@ -191,7 +191,7 @@ class _Map:
             atol=atol,
             t_eval=np.array([t, end]),
             inputs=None if self.inputs is None else self.inputs.records(layout),
-            sampled=replace(self.period.clock, wanted=np.array([t, end])),
+            sampled=replace(self.period.clock, requested=np.array([t, end])),
         )
         method = variation.engine.automatic(model.methods, rtol, atol)
         run = variation.run(problem, self._first(), p, method, self._weighed())

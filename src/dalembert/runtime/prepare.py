@@ -81,14 +81,14 @@ def prepare_in_own_time(
 def _prepared_keeping(model: CompiledModel, t_span: tuple[float, float], options: PrepareOptions) -> Prepared:
     """Return a prepared run that keeps first integrals, made when it is first called."""
     t, found, program = np.array([t_span[0]]), model.derived.invariants, model.stages.program
-    wanted, plain = options.project_invariants, replace(options, project_invariants=False)
+    requested, plain = options.project_invariants, replace(options, project_invariants=False)
     made: dict[str, tuple[PreparedRun, tuple[str, ...]]] = {}
 
     def run(state: FloatArray, p: FloatArray) -> tuple[FloatArray, Status]:
         c = starting_constants(program, inputs.constants(program, p), *t_span)
 
         def make() -> tuple[PreparedRun, tuple[str, ...]]:
-            keeper, names = keeping_model(model, wanted, c, t_span[0], state)
+            keeper, names = keeping_model(model, requested, c, t_span[0], state)
             return prepare(keeper, t_span, plain), names
 
         kept, names = derived_once(made, "run", make)

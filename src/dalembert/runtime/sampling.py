@@ -71,13 +71,13 @@ class Sampling:
         t0: float,
         t1: float,
         clock: SamplingClock | None = None,
-        wanted: FloatArray | None = None,
+        requested: FloatArray | None = None,
     ) -> tuple[FloatArray, NDArray[np.int64]]:
         """Return the instants (m,) from t0 on, before t1, and which controllers act at each (m,).
 
         `schedule` is a row of `schedules`. With a clock instants count from its origin, and those at which controllers
-        have acted are left out. An instant that differs from one of the times `wanted` (k,), in order, by rounding is
-        that.
+        have acted are left out. An instant that differs by rounding from one of the times `requested` (k,), which are
+        in order, is moved to it.
 
         Raises
         ------
@@ -113,10 +113,10 @@ class Sampling:
             times.append(own[own > last + near])
             acts.append(np.full(len(times[-1]), 1 << i, np.int64))
         found, done = _merged(np.concatenate(times), np.concatenate(acts), near)
-        if wanted is not None and len(wanted):
+        if requested is not None and len(requested):
             for side in (-1, 0):
-                place = np.clip(np.searchsorted(wanted, found) + side, 0, len(wanted) - 1)
-                found = np.where(np.abs(wanted[place] - found) <= near, wanted[place], found)
+                place = np.clip(np.searchsorted(requested, found) + side, 0, len(requested) - 1)
+                found = np.where(np.abs(requested[place] - found) <= near, requested[place], found)
         return found, done
 
     def act(self, number: int, t: float, y: FloatArray, c: FloatArray) -> FloatArray:

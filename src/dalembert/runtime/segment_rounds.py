@@ -147,11 +147,11 @@ class SegmentRounds:
         inputs = None if block.inputs is None else block.inputs.part(some, len(block.y))
         if inputs is not None:
             inputs.write(p, t0, np.arange(len(some)), t1 >= t0)
-        wanted = block.t_eval
+        requested = block.t_eval
         forward = 1.0 if block.spans[0, 1] >= block.spans[0, 0] else -1.0
         lowest, highest = np.min(forward * t0), np.max(forward * t1)
-        chosen = np.flatnonzero((forward * wanted >= lowest) & (forward * wanted <= highest))
-        times = wanted[chosen]
+        chosen = np.flatnonzero((forward * requested >= lowest) & (forward * requested <= highest))
+        times = requested[chosen]
         done = BlockResult.empty(len(some), y.shape[1], len(times))
         done = replace(done, happened=self.result.happened[some], totals=self.result.totals[some])
         continued = None if self.continued is None else self.continued[some]

@@ -77,15 +77,15 @@ class SegmentedEngine(Engine):
         found = self._unsampled(problem)
         if self.sampling is None:
             return found
-        wanted = problem.t_eval if problem.sampled is None else problem.sampled.wanted
+        requested = problem.t_eval if problem.sampled is None else problem.sampled.requested
         schedule = self.sampling.schedules(problem.constants[np.newaxis])[0]
-        return found.cut(*self.sampling.instants(schedule, problem.t0, problem.t1, problem.sampled, wanted))
+        return found.cut(*self.sampling.instants(schedule, problem.t0, problem.t1, problem.sampled, requested))
 
     def begun(self, problem: IntegrationProblem) -> IntegrationProblem:
         """See `Engine.begun`."""
         if self.sampling is None:
             return problem
-        clock = problem.sampled or SamplingClock(problem.t0, wanted=problem.t_eval)
+        clock = problem.sampled or SamplingClock(problem.t0, requested=problem.t_eval)
         own = replace(problem, sampled=clock)
         return self._begun(own, self.segments(own), clock)[0]
 

@@ -80,12 +80,12 @@ def _one_run(
         return _in_own_time(model, (t0, t1), initial, parameters, options)
     times = options.t_eval
     given = with_offsets(model, other, t0, parameters)
-    wanted = [options.wrt] if isinstance(options.wrt, str) else list(options.wrt)
-    offsets = _offsets(model, other, wanted)
+    requested = [options.wrt] if isinstance(options.wrt, str) else list(options.wrt)
+    offsets = _offsets(model, other, requested)
     if options.inputs is not None:
         options = replace(options, inputs=options.inputs.counted_from(t0))
         given = options.inputs.parameters(given, 0.0, after=t1 >= t0)
-    more = replace(options, t_eval=elapsed_times(t0, t1, times), wrt=[*wanted, *(offset.name for offset in offsets)])
+    more = replace(options, t_eval=elapsed_times(t0, t1, times), wrt=[*requested, *(offset.name for offset in offsets)])
     try:
         found = _in_own_time(other, (0.0, t1 - t0), initial, given, more)
     except OptionError as refusal:
@@ -105,9 +105,9 @@ def _variables(model: CompiledModel, options: SensitivityOptions) -> Any:
     return value_names(options.inputs, model.stages.equations.symbols, [str(name) for name in names])
 
 
-def _offsets(model: CompiledModel, other: CompiledModel, wanted: list[Any]) -> list[Offset]:
+def _offsets(model: CompiledModel, other: CompiledModel, requested: list[Any]) -> list[Offset]:
     """Return the offsets of time that depend on the variables of differentiation."""
-    names = {model.layout.aliases.get(str(w), str(w)) for w in wanted}
+    names = {model.layout.aliases.get(str(w), str(w)) for w in requested}
     every = other.stages.equations.symbols.offsets
     return [offset for offset in every if any(symbol.name in names for symbol in offset.symbols)]
 

@@ -122,8 +122,8 @@ def check_cases(
     for i in np.flatnonzero(started & (marked | np.isin(done.ends[:, 1], looked))):
         problem = block.problem(int(i), dense=True)
         solution, forward = _alone(engine, method, block, problem), 1.0 if problem.t1 >= problem.t0 else -1.0
-        wanted = block.t_eval[(block.t_eval - solution.t[-1]) * forward <= 0.0]
-        times = forward * np.union1d(forward * solution.t, forward * wanted)
+        requested = block.t_eval[(block.t_eval - solution.t[-1]) * forward <= 0.0]
+        times = forward * np.union1d(forward * solution.t, forward * requested)
         states = solution.y if solution.dense is None else solution.dense(times)
         course = engine.course(problem)
         found, _ = checked_run(

@@ -111,7 +111,7 @@ def sweep_in_own_time(
 
 def _keeping_cases(
     model: CompiledModel,
-    wanted: Any,
+    requested: Any,
     t_span: tuple[Any, Any],
     initial: Given,
     parameters: Given,
@@ -127,7 +127,7 @@ def _keeping_cases(
     if not len(able):
         raise ValueInputError("project_invariants: no case of the sweep can start, so that nothing is to be kept")
     first = able[0]
-    keeper, names = keeping_model(model, wanted, c[first], float(t[first]), y[first])
+    keeper, names = keeping_model(model, requested, c[first], float(t[first]), y[first])
     return keeper, kept_values(names, program, model.derived.invariants, c, t, y)
 
 

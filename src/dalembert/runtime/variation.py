@@ -69,11 +69,11 @@ class Variation:
             return prescribed(problem)
         size = len(problem.y0) // (1 + len(self.wrt))
         moved = moved_breaks(self.program, self.wrt, problem.constants, problem.t0, problem.t1)
-        jumping, wanted = decisions(self.program), problem.t_eval
-        if wanted is not None and len(moved):
+        jumping, requested = decisions(self.program), problem.t_eval
+        if requested is not None and len(moved):
             forward = 1.0 if problem.t1 >= problem.t0 else -1.0
-            wanted = forward * np.sort(forward * np.concatenate([wanted, moved[~np.isin(moved, wanted)]]))
-        problem = replace(problem, t_eval=wanted, dense=problem.dense or jumping is not None)
+            requested = forward * np.sort(forward * np.concatenate([requested, moved[~np.isin(moved, requested)]]))
+        problem = replace(problem, t_eval=requested, dense=problem.dense or jumping is not None)
         self.engine.prepare(problem, method)
         solution = self.engine.integrate(problem, method)
         refuse_jumps_at(self.program, moved, solution, course, size, self.wrt)

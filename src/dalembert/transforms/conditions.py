@@ -10,17 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, final
+from typing import final
 
 from ..ir.conditions import NARROW, WHOLE, ZERO
 from ..ir.graph import Graph, Node
 from .derivatives import tangents
 
-if TYPE_CHECKING:
-    pass
-
-__all__ = ["Condition", "condition_on", "decide"]
-__all__ += ["narrow_conditions"]
+__all__ = ["Condition", "condition_on", "decide", "narrow_conditions"]
 
 
 @final

@@ -31,7 +31,7 @@ class HostedDense:
     solve : HostedSolve
         The runs.
     span : tuple
-        Start, last wanted time, and where the run ended.
+        Start, last requested time, and where the run ended.
     given : tuple
         Initial values, parameters, and inputs that are functions of time.
     """
@@ -51,9 +51,9 @@ class HostedDense:
         start, last, end = self.span
         forward = jnp.where(last >= start, 1.0, -1.0)
         inside = (forward * (t - start) >= 0.0) & (forward * (end - t) >= 0.0)
-        wanted = jnp.where(inside, t, start)
-        order = jnp.argsort(forward * jax.lax.stop_gradient(wanted), stable=True)
-        every = jnp.concatenate([start[None], wanted[order], last[None]])
+        requested = jnp.where(inside, t, start)
+        order = jnp.argsort(forward * jax.lax.stop_gradient(requested), stable=True)
+        every = jnp.concatenate([start[None], requested[order], last[None]])
         found = self.solve.solved(every, *self.given)
         back = jnp.argsort(order)
         # In single precision, the time of the end is rounded, and the run may end before.

@@ -98,8 +98,8 @@ class HostedChanges(FirstOrder):
         whole = (held.numbers[1] == float(Status.SUCCESS)) | (held.numbers[1] == float(Status.EVENT))
         end = jnp.where(whole, end, held.numbers[0])
         reached = forward * (jax.lax.stop_gradient(t) - held.numbers[0]) <= 0.0
-        wanted = jnp.append(jnp.where(reached, t, end), end)
-        rows = jnp.concatenate(_at(native, forward, wanted, jnp.zeros(0), initial, p, given), axis=1)
+        requested = jnp.append(jnp.where(reached, t, end), end)
+        rows = jnp.concatenate(_at(native, forward, requested, jnp.zeros(0), initial, p, given), axis=1)
         known = jnp.isfinite(held.rows)
         return held._replace(
             rows=jnp.where(known, rows[:-1], jnp.nan),

@@ -64,7 +64,7 @@ def library_code(name: str, text: Callable[[], str], shape: Shape = "straight") 
 
 @final
 class Loop:
-    """The function ``LOOP`` of ``dalembert.integrators.NAME``."""
+    """The function ``LOOP`` of the module `name` of `dalembert.integrators`."""
 
     def __init__(self, name: str) -> None:
         self._name = name

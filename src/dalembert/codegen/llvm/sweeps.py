@@ -133,11 +133,11 @@ class _Run:
     ) -> None:
         self.kernels, self.shape, self.settings, self.cases = kernels, shape, settings, cases
         self.result, self.constants, self.events, self.watched = result, constants, events, watched
-        k, wanted = cases.count, len(cases.t_eval)
+        k, n_times = cases.count, len(cases.t_eval)
         self.projected = bool(kernels.position or kernels.velocity)
         self.columns, self.held = _columns(cases)
-        self.samples = result.samples.reshape(k, wanted * shape.n) if wanted else np.empty((1, 1))
-        self.inside = np.zeros((k, wanted) if wanted and self.projected else (0, 0), np.bool_)
+        self.samples = result.samples.reshape(k, n_times * shape.n) if n_times else np.empty((1, 1))
+        self.inside = np.zeros((k, n_times) if n_times and self.projected else (0, 0), np.bool_)
         self.t_eval = np.ascontiguousarray(cases.t_eval)
 
     @property

@@ -41,7 +41,7 @@ class Pull(Protocol):
 @final
 @dataclass(frozen=True)
 class _Rows:
-    """Steps to go back over: the attempts of a run, and behind them those to wanted times, where there are any."""
+    """Steps to go back over: the attempts of a run, and behind them those to requested times, where there are any."""
 
     record: Record
     given: tuple[Any, ...]
@@ -115,7 +115,7 @@ class InTurn:
     pulling
         What makes its cotangents, when a gradient is first asked for.
     whole
-        Whether whole runs go back so; else steps to wanted times alone.
+        Whether whole runs go back so; else steps to requested times alone.
     """
 
     tableau: Tableau
@@ -153,7 +153,7 @@ class InTurn:
         end
             Cotangent of the last state (n_y,).
         over
-            Nothing, or steps to wanted times (see `Over`) and the cotangents (n_t, n_y) of their ends.
+            Nothing, or steps to requested times (see `Over`) and the cotangents (n_t, n_y) of their ends.
         """
         rows = _Rows(record, given, end, *(*over, _firsts(over[0])) if over else ())
         ahead, memory, _ = self._through(rows, end, c)

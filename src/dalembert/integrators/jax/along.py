@@ -1,8 +1,8 @@
 """Changes along a recorded run as linear maps, pushed forward and pulled back, to any order.
 
-A change of the first state and of the constants goes from step to step, and from some steps to states at wanted times;
-cotangents go back. What these maps are made of changes with the states along the run and the constants, too: such
-changes of second order are changes along the same run that enter at every step.
+A change of the first state and of the constants is propagated from step to step, and from some steps to states at
+requested times; cotangents are propagated back. The Jacobians of the steps depend on the states along the run and on
+the constants, too: such changes of second order are changes along the same run that enter at every step.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Course(NamedTuple):
     count, taken, end : Array (), (room, 2 + n_y), (n_y,)
         As in `Record`.
     at, begins, sizes : Array (n_t,)
-        The attempts that pass over wanted times, by number; when these began, and how far they go to the times.
+        The attempts that pass over requested times, by number; when these began, and how far they go to the times.
     c : Array (n_c,)
         Constants.
     """
@@ -102,14 +102,14 @@ class PulledStep:
 
 
 def _steps(course: Course, rows: Any, shared: Any) -> Given:
-    """Return all steps but those over wanted times, with `rows` beside their states."""
+    """Return all steps but those over requested times, with `rows` beside their states."""
     go = jnp.broadcast_to(course.count, course.taken.shape[:1])
     sizes = course.taken[:, 0], course.taken[:, 1], go
     return Given(-(-course.count // CHUNK), sizes, (course.taken[:, 2:], rows), shared)
 
 
 def _times(course: Course) -> Any:
-    """Return the steps over wanted times and their states."""
+    """Return the steps over requested times and their states."""
     go = jnp.broadcast_to(course.count, course.begins.shape)
     return (course.begins, course.sizes, go), course.taken[course.at.astype(int), 2:]
 
@@ -119,9 +119,9 @@ def _times(course: Course) -> Any:
 class Along:
     """Changes along a run: from `Course` and (change of the first state, of the constants) to changes at the ends.
 
-    The value is the change of the last state (n_y,) and of the states at wanted times (n_t, n_y); where they are
+    The value is the change of the last state (n_y,) and of the states at requested times (n_t, n_y); where they are
     `kept`, also of those at the starts of attempts (room, n_y). With `sources`, changes that enter at the ends of all
-    steps (room, n_y) and at wanted times (n_t, n_y) follow those of the constants.
+    steps (room, n_y) and at requested times (n_t, n_y) follow those of the constants.
     """
 
     linear: Differentiable

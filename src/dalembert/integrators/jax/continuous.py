@@ -1,8 +1,8 @@
 """Continuous adjoints: variational equations forward, and adjoint equations backward beside the motion itself.
 
-Nothing is kept of the run but its states at marks: wanted times, and breaks at which constants change, such as knots of
-inputs. From one mark to the next the motion is integrated once more, with its changes or, backward, with the cotangents
-of its states and constants: to the tolerances of the run.
+Nothing is kept of the run but its states at marks: requested times, and breaks at which constants change, such as
+knots of inputs. From one mark to the next the motion is integrated once more to the tolerances of the run: with its
+changes or, backward, with the cotangents of its states and constants.
 """
 
 from __future__ import annotations
@@ -65,10 +65,10 @@ class Passed(NamedTuple):
         Times of the marks in the order of the run, and the states there; what lies behind `count` is no mark.
     count : Array ()
     at : Array (n_t,)
-        Numbers of the marks that are the wanted times; the last one where a time was not reached.
+        Numbers of the marks that are the requested times; the last one where a time was not reached.
     c : Array (n_c,)
-    wanted : Array (n_t,)
-        The wanted times, for derivatives of second order by them to be noticed.
+    requested : Array (n_t,)
+        The requested times, for derivatives of second order by them to be noticed.
     """
 
     t: Any
@@ -76,7 +76,7 @@ class Passed(NamedTuple):
     count: Any
     at: Any
     c: Any
-    wanted: Any
+    requested: Any
 
 
 @final

@@ -79,7 +79,7 @@ class Steps(NamedTuple):
 
 @final
 class Over(NamedTuple):
-    """Shorter steps from the starts of attempts to wanted times, each on its own.
+    """Shorter steps from the starts of attempts to requested times, each on its own.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class Turns(Protocol):
 
     @property
     def whole(self) -> bool:
-        """Whether whole runs go back so; else steps to wanted times alone."""
+        """Whether whole runs go back so; else steps to requested times alone."""
 
     def ends(self, over: Over, states: Any, c: Any) -> Any:
         """Return the ends (n_t, n_y) of steps from states (n_t, n_y), by constants (n_c,)."""
@@ -108,7 +108,10 @@ class Turns(Protocol):
     def __call__(
         self, record: Record, c: Any, given: tuple[Any, ...], end: Any, over: tuple[Any, ...] = ()
     ) -> tuple[Any, Any]:
-        """Return what `pulled` does, of a run with steps to wanted times, `over` = (`Over`, cotangents (n_t, n_y))."""
+        """Return the result of `pulled` for a run with steps to requested times.
+
+        `over` is empty, or (`Over`, cotangents (n_t, n_y)).
+        """
 
 
 class Linear(Protocol):

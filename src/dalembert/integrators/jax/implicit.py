@@ -67,7 +67,7 @@ def implicit_motion(kernels: Kernels, t: Any, y0: Any, c: Any, options: SolveOpt
     order = solver.error_order(term)
     start = controller.init(term, fixed.t0, fixed.t1, still(y0), 0.0, fixed, solver.func, order)[1]
     ends = len(t) <= 2  # then nothing is interpolated, which costs as much as a step does
-    wanted = {"t1": True} if ends else {"ts": direction * t}
+    saved = {"t1": True} if ends else {"ts": direction * t}
     adjoint = diffrax.ForwardMode() if mode == "forward" else diffrax.RecursiveCheckpointAdjoint(_CHECKPOINTS)
     solution = diffrax.diffeqsolve(
         term,
@@ -77,7 +77,7 @@ def implicit_motion(kernels: Kernels, t: Any, y0: Any, c: Any, options: SolveOpt
         start.size,
         y0,
         settings,
-        saveat=diffrax.SaveAt(**wanted, controller_state=True),
+        saveat=diffrax.SaveAt(**saved, controller_state=True),
         stepsize_controller=controller,
         adjoint=adjoint,
         max_steps=options.max_steps,

@@ -115,11 +115,11 @@ def _jumps(decided: OnRows, rates: OnRows, t: Any, y: Any, c: Rows, begins: Any)
             changed = differ(made(middle), first)
             return number + 1, jnp.where(changed, low, middle), jnp.where(changed, middle, high)
 
-        def wanted(carry: Any) -> Any:
+        def unfinished(carry: Any) -> Any:
             return (carry[0] < _HALVINGS) & jnp.any(open_)
 
         open_ = differ(made(jnp.ones_like(low)), first)
-        _, low, high = lax.while_loop(wanted, halve, varying_like((0, low, jnp.ones_like(low)), (t, y, c)))
+        _, low, high = lax.while_loop(unfinished, halve, varying_like((0, low, jnp.ones_like(low)), (t, y, c)))
         return open_, low, high
 
     low = jnp.zeros(len(t) - 1)

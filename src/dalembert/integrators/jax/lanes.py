@@ -3,7 +3,7 @@
 Steps are straight-line code on arrays that hold one number a case, so that XLA makes one pass over the cases of them.
 The state is carried as one array a component: were it one array in all, XLA would compute a whole step once for each
 of its rows, with branches, and not vectorise it (measured on CPU: ten times slower). A case that has ended takes
-steps of size zero; where samples are wanted, steps end at their times.
+steps of size zero; where samples are requested, steps end at their times.
 """
 
 from __future__ import annotations
@@ -257,7 +257,7 @@ def _on_branch(y: Rows, corrections: Rows, like: Any) -> Any:
 
 
 def _run(attempts: Attempts, projections: Projections, batch: Batch) -> Outcome:
-    n, wanted = len(batch.y), len(batch.t_eval)
+    n, n_times = len(batch.y), len(batch.t_eval)
     times = jnp.append(batch.t_eval, jnp.inf)
     places = jnp.arange(len(batch.t0))
 
@@ -267,23 +267,23 @@ def _run(attempts: Attempts, projections: Projections, batch: Batch) -> Outcome:
     def sample(carry: _Carry) -> _Carry:
         """Record the cases that are at the time of their next sample, repeated times included."""
         due = due_now(carry)
-        row = jnp.where(due, carry.sampled, wanted)
+        row = jnp.where(due, carry.sampled, n_times)
         samples = carry.samples.at[row, :, places].set(jnp.stack(carry.state.y, axis=1), mode="drop")
         return carry._replace(samples=samples, sampled=carry.sampled + due)
 
     def sample_all(carry: _Carry) -> _Carry:
-        if not wanted:
+        if not n_times:
             return carry
         return lax.while_loop(lambda now: jnp.any(due_now(now)), sample, carry)
 
     def body(carry: _Carry) -> _Carry:
         goal = batch.t1
-        if wanted:
+        if n_times:
             ahead = times[carry.sampled]
             goal = jnp.where(jnp.isfinite(ahead), ahead, batch.t1)
         return sample_all(carry._replace(state=advanced(attempts, projections, batch, goal, carry.state)[0]))
 
-    samples = jnp.full((wanted, n, len(batch.t0)), jnp.nan)
+    samples = jnp.full((n_times, n, len(batch.t0)), jnp.nan)
     start = _Carry(begun(attempts, batch), jnp.zeros(len(batch.t0), dtype=int), samples)
     end = lax.while_loop(lambda carry: jnp.any(carry.state.status == RUNNING), body, sample_all(start))
     return Outcome(end.state.y, end.state.t, end.state.status, end.state.steps, end.samples)

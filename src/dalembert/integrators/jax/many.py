@@ -35,8 +35,8 @@ def _one(kernels: Kernels, solver: Any, settings: Settings, y0: Any, t_eval: Any
     term, controller = equation(kernels, settings, solver)
     order = solver.error_order(term)
     _, control = controller.init(term, settings.t0, settings.t1, y0, settings.first_step, settings, solver.func, order)
-    wanted = len(t_eval)
-    samples = {"samples": diffrax.SubSaveAt(ts=settings.direction * t_eval)} if wanted else {}
+    n_times = len(t_eval)
+    samples = {"samples": diffrax.SubSaveAt(ts=settings.direction * t_eval)} if n_times else {}
     solution = diffrax.diffeqsolve(
         term,
         solver,
@@ -64,7 +64,7 @@ def _one(kernels: Kernels, solver: Any, settings: Settings, y0: Any, t_eval: Any
     end = solution.ys["end"][-1]
     ends = jnp.stack([settings.direction * solution.ts["end"][-1], status.astype(float), steps])
     values = jnp.zeros((0, len(y0)))
-    if wanted:
+    if n_times:
         values = jax.vmap(partial(_on_constraints, kernels, settings))(t_eval, solution.ys["samples"])
         values = jnp.where(jnp.isfinite(values), values, jnp.nan)
     return end, values, ends

@@ -1,7 +1,7 @@
 """A traced run whose derivatives are taken over its steps at once: forward and reverse, alone and in batches.
 
 The run itself is a plain loop, which takes down where each attempt began and how far it went. Derivatives are those of
-the accepted steps at these sizes (see `dalembert.integrators.jax.derivatives`). States at wanted times are ends of
+the accepted steps at these sizes (see `dalembert.integrators.jax.derivatives`). States at requested times are ends of
 shorter steps of the same method, from the beginning of the step that passes over them.
 """
 
@@ -61,7 +61,7 @@ class Motion:
     limits : Limits
         How the steps are chosen.
     adjoint : str
-        A name in `dalembert.options.ADJOINTS`.
+        A name in `dalembert.options.runs.ADJOINTS`.
     """
 
     def __init__(self, pieces: Pieces, limits: Limits, adjoint: str = "recorded") -> None:

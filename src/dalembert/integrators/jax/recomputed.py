@@ -26,7 +26,7 @@ __all__ = ["Blocks", "Kept", "Recomputed", "attempts_of_a_block", "with_blocks"]
 
 @final
 class Kept(NamedTuple):
-    """The blocks of a run and its steps to wanted times, in floating point numbers.
+    """The blocks of a run and its steps to requested times, in floating point numbers.
 
     Attributes
     ----------
@@ -37,11 +37,11 @@ class Kept(NamedTuple):
     end : Array (n_y,)
         The last state.
     at, begins, sizes, states_there : Array (n_t,), (n_t, n_y)
-        The attempts that pass over wanted times, by number; when these began, how far they go, and the states there.
+        The attempts that pass over requested times, by number; when these began, how far they go, and the states there.
     t0, t1, c, breaks : Array
         Start, end, constants (n_c,), and breaks (n,).
-    wanted : Array (n_t,)
-        The wanted times, for derivatives of second order by them to be noticed.
+    requested : Array (n_t,)
+        The requested times, for derivatives of second order by them to be noticed.
     """
 
     states: Any
@@ -55,7 +55,7 @@ class Kept(NamedTuple):
     t1: Any
     c: Any
     breaks: Any
-    wanted: Any
+    requested: Any
 
 
 def attempts_of_a_block(max_steps: int) -> int:
@@ -127,7 +127,7 @@ def with_blocks(blocks: Blocks, t: Any, y: Any, c: Any, breaks: Any) -> tuple[St
 
     That is at all of the times t (n_t,), in any order between the first and the last, if there are more than two.
     """
-    batch, wanted = blocks.batch(t[0], t[-1], y, c, breaks), t if len(t) > 2 else t[:0]
+    batch, requested = blocks.batch(t[0], t[-1], y, c, breaks), t if len(t) > 2 else t[:0]
     direction, length = jnp.where(t[-1] >= t[0], 1.0, -1.0), blocks.length
     start = begun(blocks.attempts, batch)
     room = -(-blocks.settings[-1] // length)
@@ -139,20 +139,20 @@ def with_blocks(blocks: Blocks, t: Any, y: Any, c: Any, breaks: Any) -> tuple[St
             lambda kept, value: lax.dynamic_update_index_in_dim(kept, value, number, 0), states, _packed(state)
         )
         count, taken, after = blocks.block(batch, state)
-        if len(wanted):
+        if len(requested):
             starts = jnp.where(jnp.arange(length) < count, direction * taken[:, 0], jnp.inf)
-            found = jnp.searchsorted(starts, direction * wanted, side="right") - 1
+            found = jnp.searchsorted(starts, direction * requested, side="right") - 1
             inside = found >= 0
             at = jnp.where(inside, number * length + found, at)
             rows = jnp.where(inside[:, None], taken[jnp.maximum(found, 0)], rows)
         return number + 1, after, states, at, rows
 
     first = jnp.concatenate([jnp.stack([t[0], 0.0]), y])
-    carry = 0, start, states, jnp.zeros(len(wanted), dtype=int), jnp.tile(first, (len(wanted), 1))
+    carry = 0, start, states, jnp.zeros(len(requested), dtype=int), jnp.tile(first, (len(requested), 1))
     carry = varying_like(carry, batch)
     number, end, states, at, rows = lax.while_loop(lambda carry: carry[1].status == RUNNING, body, carry)
-    reached = direction * (wanted - end.t) <= 0.0
-    sizes = jnp.where(reached, wanted - rows[:, 0], 0.0)
+    reached = direction * (requested - end.t) <= 0.0
+    sizes = jnp.where(reached, requested - rows[:, 0], 0.0)
     count = jnp.asarray(number).astype(float)
     kept = Kept(states, count, end.y[0], at.astype(float), rows[:, 0], sizes, rows[:, 2:], t[0], t[-1], c, breaks, t)
     return end, kept
@@ -161,7 +161,7 @@ def with_blocks(blocks: Blocks, t: Any, y: Any, c: Any, breaks: Any) -> tuple[St
 @final
 @dataclass(frozen=True, eq=False)
 class Recomputed(FirstOrder):
-    """Changes of the last state (n_y,) and of those at wanted times (n_t, n_y), from `Kept`.
+    """Changes of the last state (n_y,) and of those at requested times (n_t, n_y), from `Kept`.
 
     They follow from changes of the first state and of the constants, as of `Along`.
     """
@@ -177,7 +177,7 @@ class Recomputed(FirstOrder):
         return Record(count, taken, end.y[0], end.t, jnp.nan), number * self.blocks.length
 
     def over(self, held: Kept) -> Any:
-        """Return the steps over wanted times."""
+        """Return the steps over requested times."""
         return held.begins, held.sizes, jnp.broadcast_to(held.count, held.begins.shape)
 
     def __call__(self, held: Kept, moving: Any) -> Any:

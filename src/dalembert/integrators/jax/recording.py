@@ -1,4 +1,4 @@
-"""Loops of traced runs: with a record of all attempts, or of those that pass over wanted times alone."""
+"""Loops of traced runs: with a record of all attempts, or of those that pass over requested times alone."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .mesh_axes import varying_like
 __all__ = ["course_of"]
 
 _BLOCK = 32
-"""Attempts that a run without derivatives takes down before it looks which of them pass over wanted times."""
+"""Attempts that a run without derivatives takes down before it looks which of them pass over requested times."""
 
 
 def _rows(part: Any, shape: tuple[int, ...]) -> Any:

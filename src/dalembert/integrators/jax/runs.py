@@ -118,7 +118,7 @@ class Runs:
         return stack(self._pieces.steps.rates(steps), axis=1)
 
     def _ends(self, over: Over, states: Any, c: Any, go: Any) -> Any:
-        """Return the ends (n_t, n_y) of steps to wanted times, one stage after the other where that is faster."""
+        """Return the ends (n_t, n_y) of steps to requested times, one stage after the other where that is faster."""
         moves = self._pieces.steps
 
         def in_rows(over: Over, states: Any, c: Any, go: Any) -> Any:

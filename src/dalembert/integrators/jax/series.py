@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 __all__ = ["TaylorIntegrator"]
 
-LEG = 64
+BLOCK_STEPS = 64
+"""Steps in a block: the most that one call of the compiled function takes and returns."""
 
 
 @final
@@ -44,7 +45,8 @@ class _Span(NamedTuple):
 class _Block(NamedTuple):
     """The state of a block of steps: time and state reached, size of the last step, number of steps.
 
-    Their ends are t (LEG,), the states there y (LEG, n_y), the terms of the series increments (LEG, order, n_y).
+    Their ends are t (k,), the states there y (k, n_y), the terms of the series increments (k, order, n_y), where k is
+    `BLOCK_STEPS`.
     """
 
     count: Any
@@ -99,7 +101,14 @@ def _advance(
         )
 
     start = _Block(
-        jnp.array(0), t, before, y, jnp.array(RUNNING), jnp.zeros(LEG), jnp.zeros((LEG, n)), jnp.zeros((LEG, order, n))
+        jnp.array(0),
+        t,
+        before,
+        y,
+        jnp.array(RUNNING),
+        jnp.zeros(BLOCK_STEPS),
+        jnp.zeros((BLOCK_STEPS, n)),
+        jnp.zeros((BLOCK_STEPS, order, n)),
     )
     return lax.while_loop(lambda block: (block.status == RUNNING) & (block.count < limit), body, start)
 
@@ -147,7 +156,7 @@ class TaylorIntegrator:
             status = int(Status.SUCCESS)
         with double_precision():
             while status == RUNNING:
-                limit = min(LEG, problem.max_steps - record.steps)
+                limit = min(BLOCK_STEPS, problem.max_steps - record.steps)
                 if limit == 0:
                     status = int(Status.MAX_STEPS)
                     break

@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 
 __all__ = ["METHODS", "Integrator", "Method", "Settings", "equation", "solver_for"]
 
-LEG = 256
+BLOCK_STEPS = 256
+"""Attempts in a block: the most that one call of the compiled function takes and returns."""
 _FIRST = 3
 """Evaluations before the first block; each block evaluates its first slope anew."""
 
@@ -99,8 +100,8 @@ class Point(NamedTuple):
 class Block(NamedTuple):
     """Result of one block of steps.
 
-    The first ``steps`` of ``t`` (LEG,), ``y`` (LEG, n_y) and ``stages`` (LEG, n_stages, n_y) are the ends of its steps
-    and the slopes of their stages times the step size.
+    The first ``steps`` rows of ``t`` (k,), ``y`` (k, n_y) and ``stages`` (k, n_stages, n_y) are the ends of its steps,
+    the states there and the slopes of the stages times the step size; k is `BLOCK_STEPS`.
     """
 
     end: Point
@@ -160,7 +161,7 @@ def _begin(kernels: Kernels, solver: Any, settings: Settings, y: Any, max_steps:
 
 
 def _advance(kernels: Kernels, solver: Any, settings: Settings, start: Point) -> Block:
-    """Take at most LEG attempts from `start` towards the end of the span."""
+    """Take at most BLOCK_STEPS attempts from `start` towards the end of the span."""
     term, controller = equation(kernels, settings, solver)
     solution = diffrax.diffeqsolve(
         term,
@@ -173,7 +174,7 @@ def _advance(kernels: Kernels, solver: Any, settings: Settings, start: Point) ->
         saveat=diffrax.SaveAt(dense=True, controller_state=True),
         stepsize_controller=controller,
         adjoint=diffrax.ForwardMode(),
-        max_steps=LEG,
+        max_steps=BLOCK_STEPS,
         throw=False,
         controller_state=start.control,
     )

@@ -89,21 +89,21 @@ class Unrecorded:
         given = still(t), still(y0), still(c), still(breaks), still(moved)
         if self.continuous:
             run, held = vectorised(self._at_marks, True, *given)
-            held = held._replace(y=jnp.concatenate([y0[None], held.y[1:]]), c=c, wanted=t)
+            held = held._replace(y=jnp.concatenate([y0[None], held.y[1:]]), c=c, requested=t)
             limits, make = self.limits, self.pieces.field
             assert make is not None
             settings = limits.rtol, limits.atol, limits.max_step, limits.max_steps
             return run, apply(Continuous(make(), settings), held, moving)
         kept, run = vectorised(self._in_blocks, True, *given)
         states = jnp.concatenate([y0[None], kept.states.y[0][1:]])
-        kept = kept._replace(states=kept.states._replace(y=(states,)), c=c, wanted=t)
+        kept = kept._replace(states=kept.states._replace(y=(states,)), c=c, requested=t)
         last, changes = apply(Recomputed(self.pieces.steps, self._blocks), kept, moving)
         return run, changes if len(t) > 2 else stack([moving[0], last])[: len(t)]
 
     def _at_marks(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> tuple[Marked, Passed]:
-        """Return how a run went, and its marks: the wanted times that it reached, and the breaks."""
+        """Return how a run went, and its marks: the requested times that it reached, and the breaks."""
         run, count = self.marked(t, y0, c, breaks, moved), len(t)
-        wanted, (t, _) = t, in_order(t)
+        requested, (t, _) = t, in_order(t)
         forward = jnp.where(t[-1] >= t[0], 1.0, -1.0)
         last = jnp.max(jnp.where(run.known, jnp.arange(count), 0))
         number = jnp.minimum(jnp.arange(count), last)  # of the time itself, or of the last one that was reached
@@ -116,7 +116,7 @@ class Unrecorded:
             times = forward * jnp.where(jnp.isfinite(keys), keys, 0.0)[order]
             states, at = jnp.concatenate([states, run.at_breaks])[order], jnp.argsort(order)[:count]
             marks = count + jnp.sum(passed)
-        return run, Passed(times, states, marks.astype(float), at.astype(float), c, wanted)
+        return run, Passed(times, states, marks.astype(float), at.astype(float), c, requested)
 
     @property
     def _blocks(self) -> Blocks:

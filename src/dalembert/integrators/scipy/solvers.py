@@ -13,7 +13,7 @@ import numpy as np
 
 from dalembert.errors import OptionError
 from dalembert.integrators.problem import IntegrationProblem, Kernel, Kernels, Solution
-from dalembert.integrators.projection import FAILED, WANTED, add_correction, correction_verdict
+from dalembert.integrators.projection import FAILED, PENDING, add_correction, correction_test
 from dalembert.integrators.scipy.dense import StepInterpolants
 from dalembert.interrupts import check
 from dalembert.methods.status import Status
@@ -269,12 +269,12 @@ class _Run:
                 continue
             for attempt in range(tries):
                 delta = self._call(kernel, t, projected)
-                verdict = correction_verdict(
+                outcome = correction_test(
                     attempt, tries, *add_correction(projected.reshape(-1, 1), 0, delta.reshape(-1, 1), 0)
                 )
-                if verdict == FAILED:
+                if outcome == FAILED:
                     return None
-                if verdict != WANTED:
+                if outcome != PENDING:
                     break
         return projected
 
