@@ -41,10 +41,8 @@ from .recorded_runs import (
     proposed_after,
     record,
     retry,
-    run_in_blocks,
-    settings_of,
-    solution,
 )
+from .run_blocks import run_in_blocks, settings_of, solution
 from .step_control import ACCEPTED, error_test, growth, reduction
 
 __all__ = ["LOOP", "Addresses", "ExplicitArguments", "ExplicitCode", "StiffnessStop", "integrate"]

@@ -50,11 +50,9 @@ from .recorded_runs import (
     proposed_after,
     record,
     retry,
-    run_in_blocks,
-    settings_of,
-    solution,
     status_of,
 )
+from .run_blocks import run_in_blocks, settings_of, solution
 from .step_control import ACCEPTED, error_test, growth_limit
 
 __all__ = ["DEGREE", "LOOP", "Addresses", "ImplicitArguments", "ImplicitCode", "integrate"]
