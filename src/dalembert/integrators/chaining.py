@@ -128,11 +128,11 @@ def chained(
 def _requested(solution: Solution, times: FloatArray | None, *, whole: bool = False) -> Solution:
     """Return a solution with the requested times only, without its end."""
     last = 0 if times is None else len(solution.t) - (not whole)
-    near = None if solution.near is None else solution.near[:last]
+    wrapped = None if solution.wrapped is None else solution.wrapped[:last]
     end = solution.end
     if end is None and len(solution.t):
         end = float(solution.t[-1])
-    return replace(solution, t=solution.t[:last], y=solution.y[:last], near=near, end=end)
+    return replace(solution, t=solution.t[:last], y=solution.y[:last], wrapped=wrapped, end=end)
 
 
 def joined(done: Sequence[Solution], *, recorded: bool, right: bool) -> Solution:
@@ -143,10 +143,10 @@ def joined(done: Sequence[Solution], *, recorded: bool, right: bool) -> Solution
     if right and not recorded:
         done = [*(_requested(part, part.t) for part in done[:-1]), done[-1]]
     first = [0 if recorded or right or k == 0 else 1 for k in range(len(done))]
-    near = None
-    if any(part.near is not None for part in done):
-        near = np.concatenate(
-            [(part.y if part.near is None else part.near)[i:] for i, part in zip(first, done, strict=True)]
+    wrapped = None
+    if any(part.wrapped is not None for part in done):
+        wrapped = np.concatenate(
+            [(part.y if part.wrapped is None else part.wrapped)[i:] for i, part in zip(first, done, strict=True)]
         )
     return Solution(
         status=done[-1].status,
@@ -156,7 +156,7 @@ def joined(done: Sequence[Solution], *, recorded: bool, right: bool) -> Solution
         rejected=sum(part.rejected for part in done),
         evaluations=sum(part.evaluations for part in done),
         dense=_dense([part.dense for part in done]),
-        near=near,
+        wrapped=wrapped,
         end=done[-1].end,
     )
 

@@ -134,7 +134,7 @@ class Solution:
         Accepted steps, rejected attempts, and calls of the right-hand side.
     dense
         Continuous output over the accepted steps, where the problem has `dense`.
-    near
+    wrapped
         The states (n_t, n_y) with angles less some turns, which have more digits, where they were kept so.
     end
         Time that the run reached; None where it is the last of the recorded times, or of the continuous output.
@@ -149,7 +149,7 @@ class Solution:
     rejected: int
     evaluations: int
     dense: "DenseOutput | None" = None
-    near: FloatArray | None = None
+    wrapped: FloatArray | None = None
     end: float | None = None
     last: FloatArray | None = None
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -57,10 +56,9 @@ def run_in_blocks(
         The status; the run, whose rows are all that were recorded; blocks of ends of steps and polynomials.
     """
     n, bounded = settings.kept, settings.dense or not settings.sampled or is_observed()
-    arrays, samples, begin = _arrays(problem, settings, work)
-    inputs = no_inputs() if problem.inputs is None else problem.inputs.table(1)
-    progress: Progress = arrays[-2]
-    blocks, pieces = [begin.reshape(1, -1)], []
+    run = _begun(problem, settings, work)
+    progress, samples = run.progress, run.rows
+    blocks, pieces = [np.concatenate([[settings.t0], work[0, :n]]).reshape(1, -1)], []
     status, size = RUNNING, FIRST_BLOCK
     while status == RUNNING:
         check(progress.t)
@@ -68,7 +66,7 @@ def run_in_blocks(
         rows = samples if settings.sampled else np.empty((limit, 1 + n))
         piece = np.empty((limit if settings.dense else 1, 1 + (settings.degree + 1) * n))
         progress.begun, progress.limit = progress.steps, progress.steps + limit
-        status = loop(Run(*arrays, rows, piece, inputs))
+        status = loop(run._replace(rows=rows, pieces=piece))
         count = progress.steps - progress.begun
         if not settings.sampled:
             blocks.append(rows[:count])
@@ -76,24 +74,31 @@ def run_in_blocks(
             pieces.append(piece[:count])
         size = min(2 * size, LARGEST_BLOCK)
     recorded = samples[: progress.recorded] if settings.sampled else np.concatenate(blocks)
-    return status, Run(*arrays, recorded, samples, inputs), pieces
+    return status, run._replace(rows=recorded), pieces
 
 
-def _arrays(
-    problem: IntegrationProblem, settings: Settings, work: FloatArray
-) -> tuple[tuple[Any, ...], FloatArray, FloatArray]:
-    """Return the first fields of a `Run`, rows for the requested times, and the first row: time and state."""
+def _begun(problem: IntegrationProblem, settings: Settings, work: FloatArray) -> Run:
+    """Return a run before its first step, whose rows are for the requested times; those at the start are filled."""
     n = settings.kept
     t_eval = np.array(() if problem.t_eval is None else problem.t_eval, dtype=np.float64)
-    begin = np.concatenate([[settings.t0], work[0, :n]])
     first = int(np.searchsorted(t_eval != settings.t0, True)) if len(t_eval) else 0
     samples = np.empty((max(len(t_eval), 1), 1 + n))
-    samples[:first] = begin
+    samples[:first, 0], samples[:first, 1:] = settings.t0, work[0, :n]
     progress = Progress()
     progress.t, progress.size, progress.recorded = settings.t0, settings.first_step, first
-    constants = np.array(problem.constants, dtype=np.float64).reshape(-1, 1)
-    delta, mark, knot = np.zeros((n, 1)), np.zeros(1, np.int64), np.zeros((1, 2))
-    return (np.zeros((1, 1)), constants, t_eval, work, delta, mark, progress, knot), samples, begin
+    return Run(
+        clock=np.zeros((1, 1)),
+        constants=np.array(problem.constants, dtype=np.float64).reshape(-1, 1),
+        t_eval=t_eval,
+        work=work,
+        delta=np.zeros((n, 1)),
+        mark=np.zeros(1, np.int64),
+        progress=progress,
+        knot=np.zeros((1, 2)),
+        rows=samples,
+        pieces=samples,
+        inputs=no_inputs() if problem.inputs is None else problem.inputs.table(1),
+    )
 
 
 def solution(problem: IntegrationProblem, status: int, run: Run, pieces: list[FloatArray]) -> Solution:

@@ -195,10 +195,10 @@ def _unwound(y: FloatArray, low: FloatArray, angles: list[int]) -> FloatArray:
     """Subtract whole turns from large angles of a state y (n,), and return how many; `low` gets the rounding errors."""
     whole = np.trunc(y[angles] / _TURN)
     turns = np.where(np.abs(whole) > _MOST_TURNS, whole - np.sign(whole) * _FEWEST_TURNS, 0.0)
-    near = y[angles] - turns * _TURN_HIGH
+    wrapped = y[angles] - turns * _TURN_HIGH
     rest = turns * _TURN_LOW
-    y[angles] = near - rest
-    low[angles] += (near - y[angles]) - rest
+    y[angles] = wrapped - rest
+    low[angles] += (wrapped - y[angles]) - rest
     return turns
 
 
@@ -244,17 +244,17 @@ class _Record:
         """Return the solution of a run that ended with `status`."""
         problem, n = self.problem, len(self.problem.y0)
         count = 1 + sum(len(times) for times, _, _ in self.blocks)
-        knots, near = np.empty(count), np.empty((count, n))
-        knots[0], near[0], place = problem.t0, problem.y0, 1
+        knots, wrapped = np.empty(count), np.empty((count, n))
+        knots[0], wrapped[0], place = problem.t0, problem.y0, 1
         for times, rows, _ in self.blocks:
-            knots[place : place + len(times)], near[place : place + len(times)] = times, rows[:, :n]
+            knots[place : place + len(times)], wrapped[place : place + len(times)] = times, rows[:, :n]
             place += len(times)
         parts = self.blocks
         t = knots.copy() if problem.dense else knots
         if problem.t_eval is not None:
             parts = self.samples
-            t, near = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
-        y = self._turned(near, parts) if self.wound else near
+            t, wrapped = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+        y = self._turned(wrapped, parts) if self.wound else wrapped
         dense = None
         if problem.dense and self.blocks:
             dense = PiecewisePolynomial(knots, _Series(self.order, self._direction, self.blocks, n))
@@ -269,15 +269,15 @@ class _Record:
             rejected=0,
             evaluations=self.steps,
             dense=dense,
-            near=near if self.wound else None,
+            wrapped=wrapped if self.wound else None,
             end=self.end,
         )
 
     @staticmethod
-    def _turned(near: FloatArray, parts: list[_Block]) -> FloatArray:
+    def _turned(wrapped: FloatArray, parts: list[_Block]) -> FloatArray:
         """Return states with the turns that angles had made before the parts of the record, the last of the states."""
-        y = near.copy()
-        place = len(near) - sum(len(times) for times, _, _ in parts)
+        y = wrapped.copy()
+        place = len(wrapped) - sum(len(times) for times, _, _ in parts)
         for times, _, turns in parts:
             if turns is not None:
                 y[place : place + len(times)] += turns * _TURN

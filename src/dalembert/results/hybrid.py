@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,7 @@ from ..methods.status import Status
 from ..values import times_of
 from .estimate import NamedArrays
 from .events import EventRecord, EventRecords
-from .labels import attributes, with_units
-from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, xarray_package
+from .motion import ENERGIES, Motion, RunStatistics, reaction_hint
 from .trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -107,7 +106,7 @@ class HybridTrajectory(Motion):
         joined = np.concatenate([value(part) for part in self._parts])
         return joined if self._order is None else joined[self._order]
 
-    def counted_from(self, start: float, t: FloatArray | None = None, note: str | None = None) -> HybridTrajectory:
+    def counted_from(self, start: float, t: FloatArray | None = None, note: str | None = None) -> Self:
         """See `Motion.counted_from`."""
         self.phases = tuple(replace(phase, t0=start + phase.t0, t1=start + phase.t1) for phase in self._own_phases)
         return super().counted_from(start, t, note)
@@ -261,11 +260,7 @@ class HybridTrajectory(Motion):
         motion = self._parts[0].motion
         values = dict(zip(motion._layout.parameters, motion._first.tolist(), strict=False))
         given = {name: values[name] for name in self._layout.given if name in values}
-        formulation = ", ".join(self._formulations)
-        attrs = {"status": self.status.name, **attributes(self._name, formulation, self.stats, given)}
-        times = {"time": ("time", self.t, {"units": "s"})}
-        dataset: xarray.Dataset = xarray_package().Dataset(data, coords=times, attrs=attrs)
-        return with_units(dataset, units, self._layout.aliases, given)
+        return self._dataset(self._name, data, given, units)
 
 
 def _at(part: Part, t: FloatArray) -> Trajectory:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self, final
 
@@ -18,9 +18,11 @@ from ..ir.program import Layout, Program
 from ..methods.status import Status
 from ..values import flag, option
 from .estimate import ErrorEstimate, NamedArrays
+from .labels import attributes, with_units
 from .notebook import ranges, summary
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.figure import Figure
 
     from ..integrators.segments import Constants
@@ -116,14 +118,15 @@ class Motion(ABC):
         """The scene, and constants that begin with its parameters; None where the motion does not have them."""
 
     def counted_from(self, start: float, t: FloatArray | None = None, note: str | None = None) -> Self:
-        """Return this motion, whose times are those since its start, with times counted as that is [s].
+        """Return this motion with its times, which are counted from its start, counted as `start` is.
 
         Parameters
         ----------
         start : float
-            Time of the start.
+            Time of the start [s].
         t : ndarray (k,), optional
-            The recorded times, and perhaps more behind them, as they were asked for.
+            The requested times [s], of which the run reached the first ``len(elapsed)``; they are recorded without
+            rounding.
         note : str, optional
             Note of the statistics, in place of the present one.
         """
@@ -158,6 +161,16 @@ class Motion(ABC):
     def _compared(self, twin: Self) -> NamedArrays:
         """Return the values of a twin by name that are compared with those of this motion."""
         return twin
+
+    def _dataset(
+        self, scene: str, data: Mapping[str, Any], parameters: Mapping[str, float], units: Mapping[Any, str] | None
+    ) -> xarray.Dataset:
+        """Return arrays by name over ``time``, with the attributes of the run and units."""
+        formulation = ", ".join(self._formulations)
+        attrs = {"status": self.status.name, **attributes(scene, formulation, self.stats, parameters)}
+        times = {"time": ("time", self.t, {"units": "s"})}
+        dataset: xarray.Dataset = xarray_package().Dataset(data, coords=times, attrs=attrs)
+        return with_units(dataset, units, self._layout.aliases, parameters)
 
     @property
     @abstractmethod

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
@@ -18,14 +18,12 @@ from ..integrators.events import Occurrence
 from ..integrators.problem import Solution
 from ..integrators.projected_states import projected
 from ..integrators.segments import Constants, Segments, constants_at
-from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..methods.status import Status
-from ..transforms.periodic import angles_in
 from ..values import times_of
 from .events import EventRecords, event_records
-from .labels import attributes, with_units
-from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, warn_of_energy, xarray_package
+from .kernel_values import KernelValues
+from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, warn_of_energy
 
 if TYPE_CHECKING:
     import xarray
@@ -77,38 +75,30 @@ class Trajectory(Motion):
         self._layout = program.layout
         self.events = EventRecords()
         self._monitors: Monitors | None = None
-        self._near: FloatArray | None = None
+        self._wrapped: FloatArray | None = None
         self._scene: Scene | None = None
         self._end: float | None = None
         self.status, self.stats = status, stats
         self.t, self.elapsed, self.y = t, t, y
 
     @cached_property
-    def _expanded(self) -> tuple[FloatArray, FloatArray]:
-        """Coordinates and rates, computed on first use."""
-        size, kernel = len(self._layout.coordinates), self._program.kernel("expand")
-        c = constants_at(self._c, self.elapsed)
-        x = interpret_rows(kernel, self.elapsed, self.y, c)
-        rates = slice(size, 2 * size)
-        if self._near is None:
-            return x[:, :size], x[:, rates]
-        near = interpret_rows(kernel, self.elapsed, self._nearer(angles_in(kernel, size)), c)
-        return x[:, :size], near[:, rates]
+    def _values(self) -> KernelValues:
+        return KernelValues(self._program, self._c, self.elapsed, self.y, self._wrapped)
 
     @property
     def variables(self) -> FloatArray:
         """Coordinates, rates and first-order states (n_t, 2 n_q + n_z)."""
-        return np.hstack([self.q, self.qdot, self.y[:, self.y.shape[1] - len(self._layout.states) :]])
+        return self._values.variables
 
     @property
     def q(self) -> FloatArray:  # type: ignore[override]
         """Coordinates (n_t, n_q)."""
-        return self._expanded[0]
+        return self._values.expanded[0]
 
     @property
     def qdot(self) -> FloatArray:  # type: ignore[override]
         """Rates of the coordinates (n_t, n_q)."""
-        return self._expanded[1]
+        return self._values.expanded[1]
 
     def ended_at(self, t: float | None) -> Trajectory:
         """Return this motion with the time that its run reached, where that is not the last of the recorded ones."""
@@ -146,18 +136,10 @@ class Trajectory(Motion):
     def _pictured(self) -> tuple[Scene, Constants] | None:
         return None if self._scene is None else (self._scene, self._c)
 
-    def with_near(self, near: FloatArray | None) -> Trajectory:
+    def with_wrapped(self, wrapped: FloatArray | None) -> Trajectory:
         """Return this motion with its states (n_t, n_y) less turns of angles, from which more digits follow."""
-        self._near = near
+        self._wrapped = wrapped
         return self
-
-    def _nearer(self, angles: Iterable[int]) -> FloatArray:
-        """Return the states with some angles less their turns."""
-        y = self.y
-        if self._near is not None:
-            y, places = y.copy(), sorted(angles)
-            y[:, places] = self._near[:, places]
-        return y
 
     @cached_property
     def invariants(self) -> dict[str, FloatArray]:
@@ -168,7 +150,7 @@ class Trajectory(Motion):
         """
         if self._monitors is None:
             raise OptionError("this motion has no scene; use one that simulate returned")
-        return self._monitors(constants_at(self._c, self.elapsed), self.elapsed, self.variables)
+        return self._monitors(self._values.constants, self.elapsed, self.variables)
 
     @property
     def can_evaluate(self) -> bool:
@@ -187,21 +169,17 @@ class Trajectory(Motion):
     def __getitem__(self, key: Any) -> FloatArray:
         layout = self._program.layout
         name = layout.aliases.get(str(key), str(key))
-        for names, values in (
-            (layout.coordinates, self.q),
-            (layout.rates, self.qdot),
-            (layout.state, self.y),
-        ):
-            if name in names:
-                return values[:, names.index(name)].copy()
+        found = self._values.named(name)
+        if found is not None:
+            return found
         for output in (name, str(key)):
             if output in layout.outputs:
-                return self._outputs[:, layout.outputs.index(output)].copy()
+                return self._values.outputs[:, layout.outputs.index(output)].copy()
         if name in layout.state_rates:
-            return self._state_rates[:, layout.state_rates.index(name)].copy()
+            return self._values.state_rates[:, layout.state_rates.index(name)].copy()
         if name in ENERGIES:
             warn_of_energy(self._program, name)
-            kinetic, potential = self._energies.T
+            kinetic, potential = self._values.energies.T
             energies: dict[str, FloatArray] = {
                 "energy": kinetic + potential,
                 "kinetic_energy": kinetic,
@@ -211,43 +189,15 @@ class Trajectory(Motion):
         known = unknown_name("output", str(key), dict.fromkeys(self.names))
         raise UnknownNameError(known + reaction_hint(layout, name))
 
-    def _on_scene(self, kernel: str) -> FloatArray:
-        if kernel not in self._program:
-            return np.empty((len(self.t), 0))
-        x, layout = self.variables, self._program.layout
-        if self._near is not None:
-            for i in angles_in(self._program.kernel(kernel)):
-                if i < len(layout.coordinates) and layout.coordinates[i] in layout.state:
-                    x[:, i] = self._near[:, layout.state.index(layout.coordinates[i])]
-        return interpret_rows(self._program.kernel(kernel), self.elapsed, x, constants_at(self._c, self.elapsed))
-
-    @cached_property
-    def _outputs(self) -> FloatArray:
-        kernel = self._program.kernel("outputs")
-        return interpret_rows(
-            kernel, self.elapsed, self._nearer(angles_in(kernel)), constants_at(self._c, self.elapsed)
-        )
-
-    @cached_property
-    def _state_rates(self) -> FloatArray:
-        kernel, course = self._program.kernel("rhs"), constants_at(self._c, self.elapsed)
-        rates = interpret_rows(kernel, self.elapsed, self._nearer(angles_in(kernel)), course)
-        return rates[:, rates.shape[1] - len(self._layout.states) :]
-
-    @cached_property
-    def _energies(self) -> FloatArray:
-        return self._on_scene("energy")
-
-    @cached_property
+    @property
     def constraint_violation(self) -> FloatArray:
         """Constraint residuals (n_t, n_constraints): positions of holonomic, velocities of nonholonomic ones."""
-        holonomic = self._program.layout.holonomic
-        return np.hstack([self._on_scene("position_residual"), self.velocity_violation[:, holonomic:]])
+        return self._values.residuals
 
-    @cached_property
+    @property
     def velocity_violation(self) -> FloatArray:
         """Velocity residual of each constraint, (n_t, n_constraints)."""
-        return self._on_scene("velocity_residual")
+        return self._values.velocity_residuals
 
     @nesting_named
     def __call__(self, t: Any) -> Trajectory:
@@ -326,15 +276,7 @@ class Trajectory(Motion):
         layout = self._program.layout
         names = dict.fromkeys((*layout.variables, *layout.outputs, "energy"))
         given = dict(zip(layout.given, self._first.tolist(), strict=False))
-        dataset: xarray.Dataset = xarray_package().Dataset(
-            {name: ("time", self[name]) for name in names},
-            coords={"time": ("time", self.t, {"units": "s"})},
-            attrs={
-                "status": self.status.name,
-                **attributes(self._program.name, self._program.formulation, self.stats, given),
-            },
-        )
-        return with_units(dataset, units, layout.aliases, given)
+        return self._dataset(self._program.name, {name: ("time", self[name]) for name in names}, given, units)
 
 
 def joined_runs(runs: Sequence[Trajectory], labels: Sequence[str], *, right: bool) -> Trajectory:
@@ -360,7 +302,7 @@ def joined_runs(runs: Sequence[Trajectory], labels: Sequence[str], *, right: boo
             rejected=run.stats.rejected,
             evaluations=run.stats.evaluations,
             dense=run._dense,
-            near=run._near,
+            wrapped=run._wrapped,
         )
         for run in runs
     ]
@@ -369,7 +311,7 @@ def joined_runs(runs: Sequence[Trajectory], labels: Sequence[str], *, right: boo
     c = Segments(edges, np.array([constants_at(run._c, run.elapsed[:1]).reshape(-1) for run in runs]))
     stats = replace(last.stats, steps=whole.steps, rejected=whole.rejected, evaluations=whole.evaluations)
     found = Trajectory(first._program, c, last.status, whole.t, whole.y, stats, whole.dense)
-    found._monitors, found._scene, found._near, found._end = first._monitors, first._scene, whole.near, last._end
+    found._monitors, found._scene, found._wrapped, found._end = first._monitors, first._scene, whole.wrapped, last._end
     occurrences = [
         Occurrence(e, float(t), before, after, int(sign))
         for run in runs

@@ -76,7 +76,7 @@ def integrate(
     run.ended_at(solution.end)
     if model.derived.signed:
         warn_of_motion(model.layout.assumptions, model.derived.signed, run.t, run.__getitem__)
-    run.with_monitors(model.monitors).with_near(solution.near).of_scene(model.stages.scene)
+    run.with_monitors(model.monitors).with_wrapped(solution.wrapped).of_scene(model.stages.scene)
     return run if watch is None else run.with_events(watch.labels, occurrences)
 
 

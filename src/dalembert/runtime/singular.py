@@ -161,9 +161,9 @@ def cut(
     forward = span[1] >= span[0]
     kept = (solution.t < t if forward else solution.t > t) | (solution.t == span[0])
     dense = None if solution.dense is None else JoinedOutput(np.array([span[0], t]), [solution.dense])
-    near = None if solution.near is None else solution.near[kept]
+    wrapped = None if solution.wrapped is None else solution.wrapped[kept]
     times = solution.t[kept]
-    return replace(solution, status=status, t=times, y=solution.y[kept], dense=dense, near=near, end=t)
+    return replace(solution, status=status, t=times, y=solution.y[kept], dense=dense, wrapped=wrapped, end=t)
 
 
 def still_redundant(

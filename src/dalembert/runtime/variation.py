@@ -110,7 +110,7 @@ class Variation:
         solution = self._solved(varied, method, course)
         if problem.t_eval is not None:
             asked = np.isin(solution.t, problem.t_eval)
-            solution = replace(solution, t=solution.t[asked], y=solution.y[asked], near=None)
+            solution = replace(solution, t=solution.t[asked], y=solution.y[asked], wrapped=None)
         out = interpret_rows(self.program.kernel("outputs"), solution.t, solution.y, constants_at(course, solution.t))
         count = len(self.of)
         table = out[:, count:].reshape(len(out), len(self.wrt), count)
