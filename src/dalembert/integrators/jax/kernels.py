@@ -80,6 +80,12 @@ class Kernels:
         """Whether accepted steps are projected onto constraints."""
         return "project_position" in self or "project_velocity" in self
 
+    @property
+    def correction_operations(self) -> int:
+        """Operations of all corrections that follow a step."""
+        kernels = ((self.program.kernel(name), n) for name, n in CORRECTIONS.items() if name in self.program)
+        return sum(len(kernel.body) * count for kernel, count in kernels)
+
     def project(self, t: Any, y: Any, c: Any, atol: Any) -> Any:
         """Return y (n_y,) projected onto the constraints, or NaN where that does not converge.
 
