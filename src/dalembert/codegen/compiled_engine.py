@@ -14,27 +14,24 @@ from ..integrators.method_choice import runge_kutta_pays
 from ..integrators.problem import IntegrationProblem, Solution
 from ..integrators.segments import constants_at
 from ..integrators.sweep_arguments import SweepKernels
-from ..integrators.workspace import EventKernels, aligned, no_events
+from ..integrators.workspace import aligned
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
-from ..methods.step_constants import SMALLEST_SCALE
 from ..once import computed_once, once_property
 from ..options import DEFAULT_TOLERANCES
-from ..transforms.runge_kutta_parts import memory_size
-from ..transforms.taylor import clipped_tolerance, order_for, scale_floor
+from ..transforms.taylor import clipped_tolerance, order_for
 from .base import Engine
 from .library import LARGEST_UNROLLED, KernelLibrary
 from .llvm.loops import loop_named
 from .runs import CaseRun, Prepared, StartCode
+from .steppers import Steppers, pair_named
 
 if TYPE_CHECKING:
-    from ..integrators.event_code import EventCode
     from ..integrators.explicit_loop import ExplicitCode
     from ..integrators.implicit_loop import ImplicitCode
     from ..integrators.stiffness import Rates
     from ..integrators.taylor_runs import StepCode
-    from ..methods.tableau import Tableau
     from ..reduction.starting import Start
     from .llvm.foreign import ForeignCode
     from .llvm.foreign_batch import Interface
@@ -48,8 +45,6 @@ METHODS: Mapping[str, str] = {
     "radau": "implicit Runge-Kutta of order 5, for stiff scenes (Radau IIA; Hairer and Wanner)",
 }
 """The methods of these backends by name, with descriptions."""
-
-_MOST_EVENT_KERNELS = 64
 
 
 @final
@@ -71,7 +66,7 @@ class CompiledEngine(Engine):
         self.steps = steps
         self._extra_kernels: dict[int, tuple[Kernel, int]] = {}
         self._taylor_codes: dict[int, StepCode] = {}
-        self._event_kernels: dict[tuple[EventCode, str, tuple[int, int], int, int], EventKernels] = {}
+        self._steppers = Steppers(steps, self._sizes.get("rhs", 0))
 
     @property
     def follows_inputs(self) -> bool:
@@ -149,7 +144,7 @@ class CompiledEngine(Engine):
             return implicit.integrate(self._implicit, problem, self._multipliers(problem))
         from ..integrators import explicit_loop as explicit
 
-        run = explicit.integrate(self._explicit, _pair(method), problem)
+        run = explicit.integrate(self._explicit, pair_named(method), problem)
         assert isinstance(run, Solution)
         return run
 
@@ -175,7 +170,7 @@ class CompiledEngine(Engine):
             return super().integrate_automatic(problem, method)
         from ..integrators import explicit_loop as explicit
 
-        tried = explicit.integrate(self._explicit, _pair(method), problem, stop_if_stiff=True)
+        tried = explicit.integrate(self._explicit, pair_named(method), problem, stop_if_stiff=True)
         if isinstance(tried, Solution):
             return tried, method, ""
         if watch(tried.t, tried.y, tried.step):
@@ -222,40 +217,35 @@ class CompiledEngine(Engine):
         watched = None if cases.watch is None or not cases.watch.along else cases.watch
         n_times, lanes = len(cases.t_eval), self.steps.lanes
         dense = n_times > 0 or watched is not None or cases.recorded > 0
-        position, velocity = (self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity"))
-        if cases.inputs is not None and (
-            (watched is not None and watched.reads_inputs) or (n_times and (position or velocity))
-        ):
+        projections = self._steppers.projections(lanes)
+        projected = any(projections)
+        if cases.inputs is not None and ((watched is not None and watched.reads_inputs) or (n_times and projected)):
             return None  # events of inputs, and projected samples, need the inputs within the step
         from .llvm.advance_lanes import advance_lanes
         from .llvm.check_inputs import check_inputs
         from .llvm.sweeps import SweepShape, case_run
 
         with_series = 0
-        if watched is not None and watched.smooth and method == "taylor" and not (position or velocity):
+        if watched is not None and watched.smooth and method == "taylor" and not projected:
             with_series = len(watched.events)
-        codes, memory, degree, settings = self._stepping(
-            method,
-            cases.rtol,
-            cases.atol,
-            lanes,
-            dense=dense,
-            bounded=cases.bounded,
-            watched=watched if with_series else None,
+        tolerances, series_of = (cases.rtol, cases.atol), watched if with_series else None
+        stepper = self._steppers.stepper(
+            method, tolerances, lanes, dense=dense, bounded=cases.bounded, watched=series_of
         )
         nothing_each_step = watched is None or (with_series > 0 and not n_times and not watched.kinds)
         nothing_each_step = nothing_each_step and not cases.recorded
-        advance = advance_lanes(lanes) if nothing_each_step and not (position or velocity) else 0
+        advance = advance_lanes(lanes) if nothing_each_step and not projected else 0
         prepare, start = self.steps.prepare(lanes), self.steps.start(cases.start, lanes)
-        shape = SweepShape(lanes, n, self._sizes["prepare"], degree, memory, share, dense, with_series)
+        sizes = lanes, n, self._sizes["prepare"], stepper.degree, stepper.memory
+        shape = SweepShape(*sizes, share, dense, with_series)
         return case_run(
-            (*codes, position, velocity, prepare, start, advance, check_inputs(lanes)),
+            (*stepper.codes, *projections, prepare, start, advance, check_inputs(lanes)),
             shape,
-            settings,
+            stepper.settings,
             cases,
             result,
             constants,
-            self._events_compiled(watched, method, (degree, memory), lanes, with_series),
+            self._steppers.events(watched, method, stepper, lanes, with_series),
             watched is not None or cases.recorded > 0,
         )
 
@@ -268,8 +258,9 @@ class CompiledEngine(Engine):
         from .llvm.prepared import prepared_run
 
         sizes = (self._sizes["rhs"], self._parameters, self._sizes["prepare"])
-        codes, memory, settings = self._codes_of_one(method, problem.rtol, problem.atol)
-        return prepared_run((self.steps.prepare(), *codes), sizes, memory, settings, problem, self.steps)
+        stepper = self._steppers.stepper(method, (problem.rtol, problem.atol), 1, dense=False)
+        codes = self.steps.prepare(), *stepper.codes, *self._steppers.projections(1)
+        return prepared_run(codes, sizes, stepper.memory, stepper.settings, problem, self.steps)
 
     def foreign(
         self, method: str, tolerances: tuple[float, float], limits: tuple[float, int], version: tuple[int, int]
@@ -277,10 +268,11 @@ class CompiledEngine(Engine):
         """Return the handler of runs that XLA calls, by an explicit method; see `dalembert.codegen.llvm.foreign`."""
         from .llvm.foreign import foreign_code
 
-        codes, memory, settings = self._codes_of_one(method, *tolerances)
+        stepper = self._steppers.stepper(method, tolerances, 1, dense=False)
         layout = self._program.layout
-        sizes = (self._sizes["rhs"], layout.constants or len(layout.parameters), memory)
-        return foreign_code((0, *codes), sizes, settings, limits, version, self.steps)
+        sizes = (self._sizes["rhs"], layout.constants or len(layout.parameters), stepper.memory)
+        codes = 0, *stepper.codes, *self._steppers.projections(1)
+        return foreign_code(codes, sizes, stepper.settings, limits, version, self.steps)
 
     def foreign_batch(
         self, method: str, tolerances: tuple[float, float], interface: Interface, *, recorded: bool
@@ -294,21 +286,13 @@ class CompiledEngine(Engine):
         from .llvm.foreign_batch import BatchSizes, foreign_batch
 
         lanes, layout = self.steps.lanes, self._program.layout
-        codes, memory, _, settings = self._stepping(method, *tolerances, lanes, dense=False)
-        position, velocity = (self.steps.kernel(name, lanes) for name in ("project_position", "project_velocity"))
-        advance = 0 if recorded or position or velocity else advance_lanes(lanes)
-        kernels = SweepKernels(*codes, position, velocity, 0, 0, advance, check_inputs(lanes))
+        stepper = self._steppers.stepper(method, tolerances, lanes, dense=False)
+        projections = self._steppers.projections(lanes)
+        advance = 0 if recorded or any(projections) else advance_lanes(lanes)
+        kernels = SweepKernels(*stepper.codes, *projections, 0, 0, advance, check_inputs(lanes))
         constants = layout.constants or len(layout.parameters)
-        sizes = BatchSizes(lanes, self._sizes["rhs"], constants, memory, 2 + len(settings))
+        sizes = BatchSizes(lanes, self._sizes["rhs"], constants, stepper.memory, 2 + len(stepper.settings))
         return foreign_batch(kernels, sizes, recorded, interface, self.steps)
-
-    def _codes_of_one(
-        self, method: str, rtol: float, atol: float
-    ) -> tuple[tuple[int, int, int, int], int, list[float]]:
-        """Return addresses of steps of one case, of their start and projections, how much they remember and read."""
-        codes, memory, _, settings = self._stepping(method, rtol, atol, 1, dense=False)
-        position, velocity = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
-        return (*codes, position, velocity), memory, settings
 
     def start_code(self, start: Start) -> StartCode | None:
         """See `Engine.start_code`."""
@@ -320,55 +304,8 @@ class CompiledEngine(Engine):
         sizes = (self._parameters, self._sizes["prepare"], len(start.given), len(start.kernel.outputs))
         return start_code(steps.prepare(), steps.start(start, 1), sizes, steps)
 
-    def _stepping(
-        self,
-        method: str,
-        rtol: float,
-        atol: float,
-        lanes: int,
-        *,
-        dense: bool,
-        bounded: bool = False,
-        watched: EventCode | None = None,
-    ) -> tuple[tuple[int, int], int, int, list[float]]:
-        """Return the addresses of a step and of what precedes the first, how much it remembers, degree and settings.
-
-        With `watched` a Taylor step writes the series of these events too. If `bounded`, the error of polynomials of
-        Runge-Kutta steps counts, too.
-        """
-        if method == "taylor":
-            order, floor = order_for(clipped_tolerance(rtol, atol)), scale_floor(rtol, atol)
-            if watched is not None:
-                step = self.steps.with_event_series(watched.watch.joint, len(watched.events), order, lanes)
-                return (step, 0), 0, order, [floor]
-            return (self.steps.taylor(order, lanes, dense=dense), 0), 0, order, [floor]
-        tableau = _pair(method, bounded=bounded)
-        memory = memory_size(self._sizes["rhs"], self.steps.carried)
-        codes = self.steps.attempt(tableau, lanes, dense=dense)
-        return codes, memory, tableau.degree, [rtol, max(atol, SMALLEST_SCALE)]
-
-    def _events_compiled(
-        self, code: EventCode | None, method: str, shape: tuple[int, int], lanes: int, with_series: int
-    ) -> EventKernels:
-        """Return compiled events, for steps of a method with polynomials and a memory of that shape.
-
-        So many of them have series that the steps write: all or none.
-        """
-        if code is None:
-            return no_events()
-        if len(self._event_kernels) >= _MOST_EVENT_KERNELS:
-            self._event_kernels.clear()
-
-        def make() -> EventKernels:
-            from .event_kernels import event_kernels
-
-            tableau = None if method == "taylor" else _pair(method)
-            return event_kernels(self.steps, code, tableau, (self._sizes["rhs"], *shape), lanes, with_series)
-
-        return computed_once(self._event_kernels, (code, method, shape, lanes, with_series), make)
-
     def _kernels(self) -> list[int]:
-        return [self.steps.kernel(name) for name in ("rhs", "project_position", "project_velocity", "knots")]
+        return [self.steps.kernel("rhs"), *self._steppers.projections(1), self.steps.kernel("knots")]
 
     @once_property
     def _explicit(self) -> ExplicitCode:
@@ -404,19 +341,10 @@ class CompiledEngine(Engine):
             return found
 
         def make() -> StepCode:
-            position, velocity = (self.steps.kernel(name) for name in ("project_position", "project_velocity"))
             step = self.steps.taylor(order, 1, dense=True)
-            return StepCode(loop_named("taylor_loop"), order, step, position, velocity, self.steps.angles)
+            return StepCode(loop_named("taylor_loop"), order, step, *self._steppers.projections(1), self.steps.angles)
 
         return computed_once(self._taylor_codes, order, make)
-
-
-def _pair(name: str, *, bounded: bool = False) -> Tableau:
-    """Return a Runge-Kutta pair by its name; imported here, because checking all pairs takes time."""
-    from ..methods import tableaus
-
-    pair = next(tableau for tableau in tableaus.TABLEAUS if tableau.name == name)
-    return tableaus.bounded(pair) if bounded else pair
 
 
 def default_source(program: Program, steps: KernelLibrary, methods: Iterable[str]) -> str:

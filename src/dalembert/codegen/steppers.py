@@ -1,0 +1,117 @@
+"""Compiled steps of explicit methods, and events along them, for the loops that call them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple, final
+
+from ..integrators.workspace import EventKernels, no_events
+from ..methods.step_constants import SMALLEST_SCALE
+from ..once import computed_once
+from ..transforms.runge_kutta_parts import memory_size
+from ..transforms.taylor import clipped_tolerance, order_for, scale_floor
+from .library import KernelLibrary
+
+if TYPE_CHECKING:
+    from ..integrators.event_code import EventCode
+    from ..methods.tableau import Tableau
+
+__all__ = ["Stepper", "Steppers", "pair_named"]
+
+_MOST_EVENT_KERNELS = 64
+
+
+class Stepper(NamedTuple):
+    """A compiled step.
+
+    Attributes
+    ----------
+    codes : tuple of int
+        Addresses of the step, and of the kernel that precedes the first one (0 for none).
+    memory : int
+        Numbers that a step of a case keeps for the next one.
+    degree : int
+        Degree of the polynomial of a step.
+    settings : list of float
+        Tolerances that the step reads.
+    """
+
+    codes: tuple[int, int]
+    memory: int
+    degree: int
+    settings: list[float]
+
+
+@final
+class Steppers:
+    """Compiled steps of one program.
+
+    Parameters
+    ----------
+    steps : KernelLibrary
+    n : int
+        Size of the state.
+    """
+
+    def __init__(self, steps: KernelLibrary, n: int) -> None:
+        self._steps, self._n = steps, n
+        self._events: dict[tuple[EventCode, str, tuple[int, int], int, int], EventKernels] = {}
+
+    def projections(self, lanes: int) -> tuple[int, int]:
+        """Return the addresses of the corrections of positions and of velocities, 0 where there are none."""
+        return self._steps.kernel("project_position", lanes), self._steps.kernel("project_velocity", lanes)
+
+    def stepper(
+        self,
+        method: str,
+        tolerances: tuple[float, float],
+        lanes: int,
+        *,
+        dense: bool,
+        bounded: bool = False,
+        watched: EventCode | None = None,
+    ) -> Stepper:
+        """Return the step of a method at tolerances `rtol` and `atol`.
+
+        With `watched` a Taylor step writes the series of these events too. If `bounded`, the error of polynomials of
+        Runge-Kutta steps counts, too.
+        """
+        rtol, atol = tolerances
+        if method == "taylor":
+            order, floor = order_for(clipped_tolerance(rtol, atol)), scale_floor(rtol, atol)
+            if watched is None:
+                step = self._steps.taylor(order, lanes, dense=dense)
+            else:
+                step = self._steps.with_event_series(watched.watch.joint, len(watched.events), order, lanes)
+            return Stepper((step, 0), 0, order, [floor])
+        tableau = pair_named(method, bounded=bounded)
+        codes, memory = self._steps.attempt(tableau, lanes, dense=dense), memory_size(self._n, self._steps.carried)
+        return Stepper(codes, memory, tableau.degree, [rtol, max(atol, SMALLEST_SCALE)])
+
+    def events(
+        self, code: EventCode | None, method: str, stepper: Stepper, lanes: int, with_series: int
+    ) -> EventKernels:
+        """Return compiled events along the steps of a method.
+
+        So many of them have series that the steps write: all or none.
+        """
+        if code is None:
+            return no_events()
+        if len(self._events) >= _MOST_EVENT_KERNELS:
+            self._events.clear()
+        shape = stepper.degree, stepper.memory
+
+        def make() -> EventKernels:
+            from .event_kernels import event_kernels
+
+            tableau = None if method == "taylor" else pair_named(method)
+            return event_kernels(self._steps, code, tableau, (self._n, *shape), lanes, with_series)
+
+        return computed_once(self._events, (code, method, shape, lanes, with_series), make)
+
+
+def pair_named(name: str, *, bounded: bool = False) -> Tableau:
+    """Return a Runge-Kutta pair by its name; imported here, because checking all pairs takes time."""
+    from ..methods import tableaus
+
+    pair = next(tableau for tableau in tableaus.TABLEAUS if tableau.name == name)
+    return tableaus.bounded(pair) if bounded else pair
