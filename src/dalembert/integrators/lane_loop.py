@@ -39,13 +39,8 @@ def _pauses(arguments: SweepArguments) -> bool:
     return progress.returns != 0 or arguments.turn[0] >= STOPPED
 
 
-def sweeping(
-    watched: bool, projected: bool, knots: bool = False, recorded: bool = False
-) -> Callable[[SweepArguments], int]:
-    """Return the loop, with or without events and reductions, projections, knots of inputs, and records of all cases.
-
-    It returns 1 where it has paused.
-    """
+def _loading(watched: bool, knots: bool) -> Callable[[SweepArguments], bool]:
+    """Return a function that fills lanes whose cases have ended, with or without events and knots of inputs."""
 
     @compiled_subset
     def load(arguments: SweepArguments) -> bool:
@@ -70,6 +65,39 @@ def sweeping(
                     watch_inputs(arguments, 1 << lane)
         return arguments.state.progress.active != 0
 
+    return load
+
+
+def _following(watched: bool, projected: bool, knots: bool, recorded: bool) -> Callable[[SweepArguments], None]:
+    """Return a function for accepted steps: their projection, records and events, and knots of inputs."""
+
+    @compiled_subset
+    def follow(arguments: SweepArguments) -> None:
+        """Project and record the steps of lanes that were looked at, and find events in them."""
+        if projected:
+            project_lanes(arguments)
+        if recorded:
+            record_cases(arguments)
+        if watched and knots:
+            run_on_at_knots(arguments)
+        if watched:
+            test_steps(arguments)
+            record_steps(arguments)
+            handle_events(arguments)
+            record_ends(arguments)
+
+    return follow
+
+
+def sweeping(
+    watched: bool, projected: bool, knots: bool = False, recorded: bool = False
+) -> Callable[[SweepArguments], int]:
+    """Return the loop, with or without events and reductions, projections, knots of inputs, and records of all cases.
+
+    It returns 1 where it has paused.
+    """
+    load, follow = _loading(watched, knots), _following(watched, projected, knots, recorded)
+
     def loop(arguments: SweepArguments) -> int:
         progress, every = arguments.state.progress, (1 << arguments.state.clock.shape[1]) - 1
         if progress.paused == 0:
@@ -91,17 +119,7 @@ def sweeping(
                 accept_steps(arguments)
             swap_states(arguments)
             if progress.look != 0:
-                if projected:
-                    project_lanes(arguments)
-                if recorded:
-                    record_cases(arguments)
-                if watched and knots:
-                    run_on_at_knots(arguments)
-                if watched:
-                    test_steps(arguments)
-                    record_steps(arguments)
-                    handle_events(arguments)
-                    record_ends(arguments)
+                follow(arguments)
         return progress.paused
 
     return compiled_subset(loop)

@@ -4,6 +4,8 @@ Stepping, instead of one call of ``solve_ivp``, gives statuses instead of except
 every accepted step.
 """
 
+from __future__ import annotations
+
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -11,25 +13,22 @@ from typing import Any, final
 
 import numpy as np
 
-from dalembert.errors import OptionError
-from dalembert.integrators.problem import IntegrationProblem, Kernel, Kernels, Solution
-from dalembert.integrators.projection import FAILED, PENDING, add_correction, correction_test
-from dalembert.integrators.scipy.dense import StepInterpolants
-from dalembert.interrupts import check
-from dalembert.methods.status import Status
-from dalembert.methods.step_constants import LINEAR_CORRECTIONS, MOST_CORRECTIONS, SMALLEST_SCALE
-
 from ...arrays import FloatArray
+from ...errors import OptionError
+from ...interrupts import check
+from ...methods.status import Status
+from ...methods.step_constants import SMALLEST_SCALE
+from ..problem import IntegrationProblem, Kernels, Solution
+from .dense import StepInterpolants
+from .kernel_calls import KernelCalls, NonFiniteError
+
+__all__ = ["IMPLICIT", "METHODS", "PROJECTABLE", "integrate", "step_blocks"]
 
 METHODS = ("dop853", "rk45", "radau", "lsoda", "bdf")
 IMPLICIT = ("radau", "lsoda", "bdf")
 PROJECTABLE = ("dop853", "rk45", "radau")
 
 _ATTEMPT_EVALUATIONS = {"dop853": 12, "rk45": 6}
-
-
-class _NonFiniteError(Exception):
-    """The right-hand side gave NaN or infinity to a solver that cannot take it."""
 
 
 def integrate(kernels: Kernels, method: str, problem: IntegrationProblem) -> Solution:
@@ -106,11 +105,12 @@ class _Run:
     steps: int = 0
     rejected: int = 0
     evaluations: int = 0
-    calls: int = 0
-    last_non_finite_call: int = -100
     counted: tuple[int, int, int] = (0, 0, 0)
     end: float = 0.0
     last: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        self._calls = KernelCalls(self.kernels, self.problem.constants)
 
     def solution(self) -> Solution:
         """Run to the end and collect what was recorded."""
@@ -151,7 +151,7 @@ class _Run:
     def statuses(self, y0: FloatArray) -> Iterator[Status]:
         """Yield a status after every step, and the status of the whole last."""
         try:
-            slope = self._call(self.kernels.rhs, self.problem.t0, y0)
+            slope = self._calls.call(self.kernels.rhs, self.problem.t0, y0)
         except ArithmeticError:
             yield Status.NON_FINITE
             return
@@ -163,7 +163,7 @@ class _Run:
         else:
             try:
                 yield from self._step_to_the_end(self._solver(y0))
-            except _NonFiniteError:
+            except NonFiniteError:
                 yield Status.NON_FINITE
 
     def _step_to_the_end(self, solver: Any) -> Iterator[Status]:
@@ -181,7 +181,7 @@ class _Run:
                     solver.sol = None  # no polynomial of so short a step foretells a longer one
             self.evaluations += solver.nfev - before
             if solver.status == "failed":
-                in_last_attempt = self.calls - self.last_non_finite_call < max(per_attempt, 1)
+                in_last_attempt = self._calls.since_non_finite < max(per_attempt, 1)
                 yield Status.NON_FINITE if in_last_attempt else Status.STEP_TOO_SMALL
                 return
             if per_attempt:
@@ -208,12 +208,12 @@ class _Run:
         self.evaluations += solver.nfev - before
         correction = np.zeros_like(solver.y)
         if self.kernels.projected:
-            projected = self._project(solver.t, solver.y)
+            projected = self._calls.project(solver.t, solver.y)
             if projected is None:
                 return Status.PROJECTION_FAILED
             correction = projected - solver.y
             solver.y = projected
-            solver.f = self._guarded_rhs(solver.t, projected)
+            solver.f = self._calls.rhs(solver.t, projected)
             self.evaluations += 1
         self.steps += 1
         self.knots.append(solver.t)
@@ -225,7 +225,7 @@ class _Run:
             for t in self._times_before(solver.t):
                 state: FloatArray | None = ramped(np.array([t]))[0]
                 if self.kernels.projected and state is not None:
-                    state = self._project(t, state)
+                    state = self._calls.project(t, state)
                 if state is None:
                     return Status.PROJECTION_FAILED
                 self.t.append(t)
@@ -258,58 +258,6 @@ class _Run:
             return StepInterpolants(np.full(2, self.knots[0]), still, np.zeros((1, len(y0))))
         return StepInterpolants(np.array(self.knots), self.interpolants, np.array(self.corrections))
 
-    def _project(self, t: float, y: FloatArray) -> FloatArray | None:
-        """Project a state as the compiled integrators do; None if that did not converge."""
-        projected, kernels = y.copy(), self.kernels
-        for kernel, tries in (
-            (kernels.project_position, MOST_CORRECTIONS),
-            (kernels.project_velocity, LINEAR_CORRECTIONS),
-        ):
-            if kernel is None:
-                continue
-            for attempt in range(tries):
-                delta = self._call(kernel, t, projected)
-                outcome = correction_test(
-                    attempt, tries, *add_correction(projected.reshape(-1, 1), 0, delta.reshape(-1, 1), 0)
-                )
-                if outcome == FAILED:
-                    return None
-                if outcome != PENDING:
-                    break
-        return projected
-
-    def _call(self, kernel: Kernel, t: float, y: FloatArray) -> FloatArray:
-        out = np.zeros(len(y))
-        kernel(t, y, self.problem.constants, out)
-        return out
-
-    def _guarded_rhs(self, t: float, y: FloatArray) -> FloatArray:
-        self.calls += 1
-        try:
-            slope = self._call(self.kernels.rhs, t, y)
-        except (ArithmeticError, ValueError):
-            slope = np.full(len(y), np.nan)
-        if not np.all(np.isfinite(slope)):
-            self.last_non_finite_call = self.calls
-        return slope
-
-    def _checked_rhs(self, t: float, y: FloatArray) -> FloatArray:
-        slope = self._guarded_rhs(t, y)
-        if self.last_non_finite_call == self.calls:
-            raise _NonFiniteError
-        return slope
-
-    def _jacobian(self, t: float, y: FloatArray) -> FloatArray:
-        out = np.zeros(len(y) ** 2)
-        assert self.kernels.jacobian is not None
-        try:
-            self.kernels.jacobian(t, y, self.problem.constants, out)
-        except (ArithmeticError, ValueError):
-            raise _NonFiniteError from None
-        if not np.all(np.isfinite(out)):
-            raise _NonFiniteError
-        return out.reshape(len(y), len(y))
-
     def _solver(self, y0: FloatArray) -> Any:
         from scipy import integrate as scipy_integrate  # SciPy takes long to import
 
@@ -325,9 +273,9 @@ class _Run:
         problem = self.problem
         span = abs(problem.t1 - problem.t0)
         explicit = self.method in _ATTEMPT_EVALUATIONS
-        known = {} if explicit or self.kernels.jacobian is None else {"jac": self._jacobian}
+        known = {} if explicit or self.kernels.jacobian is None else {"jac": self._calls.jacobian}
         solver = classes[self.method](
-            self._guarded_rhs if explicit or self.kernels.tables else self._checked_rhs,
+            self._calls.rhs if explicit or self.kernels.tables else self._calls.finite_rhs,
             problem.t0,
             y0,
             problem.t1,

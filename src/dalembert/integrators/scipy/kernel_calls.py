@@ -1,0 +1,94 @@
+"""Calls of kernels by SciPy's solvers: values that are not finite, and projection onto constraints."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+
+from ...arrays import FloatArray
+from ...methods.step_constants import LINEAR_CORRECTIONS, MOST_CORRECTIONS
+from ..problem import Kernel, Kernels
+from ..projection import FAILED, PENDING, add_correction, correction_test
+
+__all__ = ["KernelCalls", "NonFiniteError"]
+
+
+class NonFiniteError(Exception):
+    """The right-hand side gave NaN or infinity to a solver that cannot take it."""
+
+
+@final
+class KernelCalls:
+    """The kernels of one run at its constants.
+
+    Parameters
+    ----------
+    kernels : Kernels
+    constants : ndarray (n_c,)
+    """
+
+    def __init__(self, kernels: Kernels, constants: FloatArray) -> None:
+        self._kernels, self._constants = kernels, constants
+        self._count, self._last_non_finite = 0, -100
+
+    @property
+    def since_non_finite(self) -> int:
+        """Number of calls of the right-hand side since the last one that was not finite."""
+        return self._count - self._last_non_finite
+
+    def project(self, t: float, y: FloatArray) -> FloatArray | None:
+        """Project a state as the compiled integrators do; None if that did not converge."""
+        projected, kernels = y.copy(), self._kernels
+        for kernel, tries in (
+            (kernels.project_position, MOST_CORRECTIONS),
+            (kernels.project_velocity, LINEAR_CORRECTIONS),
+        ):
+            if kernel is None:
+                continue
+            for attempt in range(tries):
+                delta = self.call(kernel, t, projected)
+                outcome = correction_test(
+                    attempt, tries, *add_correction(projected.reshape(-1, 1), 0, delta.reshape(-1, 1), 0)
+                )
+                if outcome == FAILED:
+                    return None
+                if outcome != PENDING:
+                    break
+        return projected
+
+    def call(self, kernel: Kernel, t: float, y: FloatArray) -> FloatArray:
+        """Return the outputs (n,) of a kernel."""
+        out = np.zeros(len(y))
+        kernel(t, y, self._constants, out)
+        return out
+
+    def rhs(self, t: float, y: FloatArray) -> FloatArray:
+        """Return the right-hand side, NaN where Python raises an arithmetic error."""
+        self._count += 1
+        try:
+            slope = self.call(self._kernels.rhs, t, y)
+        except (ArithmeticError, ValueError):
+            slope = np.full(len(y), np.nan)
+        if not np.all(np.isfinite(slope)):
+            self._last_non_finite = self._count
+        return slope
+
+    def finite_rhs(self, t: float, y: FloatArray) -> FloatArray:
+        """Return the right-hand side; `NonFiniteError` where it is not finite."""
+        slope = self.rhs(t, y)
+        if self._last_non_finite == self._count:
+            raise NonFiniteError
+        return slope
+
+    def jacobian(self, t: float, y: FloatArray) -> FloatArray:
+        """Return the Jacobian (n, n) of the right-hand side; `NonFiniteError` where it is not finite."""
+        out = np.zeros(len(y) ** 2)
+        assert self._kernels.jacobian is not None
+        try:
+            self._kernels.jacobian(t, y, self._constants, out)
+        except (ArithmeticError, ValueError):
+            raise NonFiniteError from None
+        if not np.all(np.isfinite(out)):
+            raise NonFiniteError
+        return out.reshape(len(y), len(y))
