@@ -1,4 +1,7 @@
-"""Random scenes with contacts: ``python -m fuzz.contacts 0:200`` from the folder ``tests``, or ``make fuzz``."""
+"""Random scenes with contacts: ``python -m fuzz.contacts 0:200`` from the folder ``tests``, or ``make fuzz``.
+
+Families are the ten of scenes (`fuzz.contacts.families`), and those of driven scenes (`fuzz.driven.families`).
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,9 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from fuzz.contacts.families import FAMILIES, VERSION, drawn
+from fuzz.contacts.families import FAMILIES, VERSION
+from fuzz.contacts.worker import drawn_case
+from fuzz.driven.families import FAMILIES as DRIVEN
 from fuzz.workers import examine_all
 
 __all__ = ["main", "table"]
@@ -25,7 +30,8 @@ def main() -> int:
     """Run the cases that have no result yet; return 1 if anything is a defect."""
     options = _options()
     first, last = (int(part) for part in options.seeds.split(":"))
-    families = list(FAMILIES) if options.families == "all" else options.families.split(",")
+    families = {"all": [*FAMILIES, *DRIVEN], "scenes": [*FAMILIES], "driven": [*DRIVEN]}.get(options.families)
+    families = families or options.families.split(",")
     folder = Path(options.out)
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / "contacts.jsonl"
@@ -45,7 +51,11 @@ def main() -> int:
 def _options() -> Any:
     parser = argparse.ArgumentParser(prog="fuzz.contacts", description=__doc__)
     parser.add_argument("seeds", nargs="?", default="0:200", help="first and last seed of each family, as 0:200")
-    parser.add_argument("--families", default="all", help=f"names with commas between, of: {', '.join(FAMILIES)}")
+    parser.add_argument(
+        "--families",
+        default="all",
+        help=f"scenes, driven, or names with commas between, of: {', '.join([*FAMILIES, *DRIVEN])}",
+    )
     parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1))
     parser.add_argument("--limit", type=float, default=LIMIT, help="seconds a case")
     parser.add_argument("--out", default="build/fuzz", help="folder of the results")
@@ -81,8 +91,7 @@ def _run(tasks: list[str], file: Path, jobs: int, limit: float) -> None:
             out.write(json.dumps({"task": task, "version": VERSION} | answer) + "\n")
         count += 1
         if _defect(answer):
-            family, seed = task.split(":")
-            print(f"{task}: {answer['outcome']} {answer['verdict'][:400]}\n    {drawn(family, int(seed))}", flush=True)
+            print(f"{task}: {answer['outcome']} {answer['verdict'][:400]}\n    {drawn_case(task)}", flush=True)
         if count % 100 == 0:
             print(f"{count} of {len(tasks)} cases in {time.perf_counter() - begin:.0f} s", flush=True)
 

@@ -1,20 +1,21 @@
-"""One random case: the package against the Moreau-Jean reference and against itself, by `compared`."""
+"""One random case: the package against the Moreau-Jean reference and against itself, by `examine`."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, final
 
 import numpy as np
 
 from dalembert.methods.status import Status
-from fuzz.contacts.families import Case, drawn
+from fuzz.contacts.families import Case
 from fuzz.contacts.invariants import TOLERANCE, merged, violations
 from fuzz.contacts.moreau_jean import Array, integrated
 from fuzz.contacts.scenes import compiled, setting
 from fuzz.contacts.uniqueness import motions
 
-__all__ = ["Report", "compared", "examine"]
+__all__ = ["RTOL", "SAMPLES", "STEPS", "Report", "compare_phases", "compare_states", "examine"]
 
 SAMPLES = 8
 STEPS = 2500
@@ -23,6 +24,8 @@ UNSURE = 2e-3
 """Difference of the two references, over the sizes of the motion, from which on nothing is compared."""
 FLOOR = 1e-4
 RTOL = (1e-6, 1e-8, 1e-10)
+Reference = Callable[[int], tuple[Array, Array]]
+"""From a number of steps between two samples to positions and velocities (SAMPLES + 1, n)."""
 PARADOXES = (Status.CONTACT_IMPOSSIBLE, Status.CONTACT_AMBIGUOUS)
 BRIEF = 1e-3
 """A phase shorter than this [s] may be missing at another tolerance: slip that grazes zero does so up to its root."""
@@ -49,11 +52,6 @@ class Report:
         self.found.append(text)
 
 
-def compared(family: str, seed: int) -> Report:
-    """Return the report of a seed."""
-    return examine(drawn(family, seed))
-
-
 def examine(case: Case, steps: int = STEPS) -> Report:
     """Return the report of a case; the coarse reference takes `steps` between two samples."""
     which, model, report = setting(case.scene), compiled(case.scene), Report()
@@ -73,8 +71,10 @@ def examine(case: Case, steps: int = STEPS) -> Report:
         for text in violations(which, p, each, max(TOLERANCE, 100.0 * rtol)):
             report.wrong(f"{text}, rtol {rtol:g}")
     if run.success:
-        _states(report, run, (which.system, p, q, v, case.span), steps)
-        _agreement(report, model, case, parameters, runs)
+        problem = which.system, p, q, v, case.span
+        compare_states(report, run, case.span, lambda count: integrated(*problem, SAMPLES, count)[:2], steps)
+        compare_phases(report, runs)
+        _compare_sweep(report, model, case, parameters, run)
     return report
 
 
@@ -93,16 +93,16 @@ def _run(model: Any, case: Case, parameters: dict[str, float], rtol: float) -> A
     return model.simulate((0.0, case.span), case.initial, parameters, rtol=rtol, atol=rtol * 1e-2)
 
 
-def _states(report: Report, run: Any, problem: tuple[Any, ...], steps: int) -> None:
+def compare_states(report: Report, run: Any, span: float, reference: Reference, steps: int) -> None:
     """Compare the run with references at two step sizes; where it differs, at smaller ones, too, before it is wrong."""
     each = steps
-    coarse, fine = (integrated(*problem, SAMPLES, count) for count in (each, 4 * each))
+    coarse, fine = (reference(count) for count in (each, 4 * each))
     while True:
-        text, sure = _difference(report, run, problem[-1], coarse, fine)
+        text, sure = _difference(report, run, span, coarse, fine)
         if text is None or report.error > 1000.0 * report.doubt + FLOOR or each >= 64 * steps:
             break
         each *= 4
-        coarse, fine = fine, integrated(*problem, SAMPLES, 4 * each)
+        coarse, fine = fine, reference(4 * each)
     if text is not None:
         report.wrong(text)
     elif sure < SAMPLES and report.outcome == "agree":
@@ -110,9 +110,11 @@ def _states(report: Report, run: Any, problem: tuple[Any, ...], steps: int) -> N
         report.found.append(f"the references differ after {sure} of {SAMPLES} samples")
 
 
-def _difference(report: Report, run: Any, span: float, coarse: Any, fine: Any) -> tuple[str | None, int]:
+def _difference(
+    report: Report, run: Any, span: float, coarse: tuple[Array, Array], fine: tuple[Array, Array]
+) -> tuple[str | None, int]:
     """Return how the run differs from the references, and the number of samples at which these agree."""
-    (q_1, v_1, _), (q, v, _) = coarse, fine
+    (q_1, v_1), (q, v) = coarse, fine
     times = np.linspace(0.0, span, SAMPLES + 1)
     ours = run(times)
     size_q, size_v = max(0.1, float(np.max(np.abs(q)))), max(0.1, float(np.max(np.abs(v))))
@@ -135,8 +137,8 @@ def _distance(a: Array, b: Array) -> float:
     return float(np.max(np.abs(a - b)))
 
 
-def _agreement(report: Report, model: Any, case: Case, parameters: dict[str, float], runs: list[Any]) -> None:
-    """Compare phases at three tolerances, and a sweep with the single run."""
+def compare_phases(report: Report, runs: list[Any]) -> None:
+    """Compare phases at three tolerances."""
     modes = [merged(run) for run in runs]
     lasting = [merged(run, BRIEF) for run in runs]
     same = lasting[0] == lasting[1] == lasting[2]
@@ -145,7 +147,10 @@ def _agreement(report: Report, model: Any, case: Case, parameters: dict[str, flo
         text = "; ".join(f"{len(m)} at {rtol:g}" for m, rtol in zip(modes, RTOL, strict=True))
         first = next((i for i, m in enumerate(zip(*modes, strict=False)) if len(set(m)) > 1), min(map(len, modes)))
         report.wrong(f"phases: {text}, first in phase {first}")
-    run = runs[1]
+
+
+def _compare_sweep(report: Report, model: Any, case: Case, parameters: dict[str, float], run: Any) -> None:
+    """Compare a sweep with the single run."""
     name = next(iter(case.initial))
     values = case.initial | {name: np.full(3, case.initial[name])}
     sweep = model.sweep((0.0, case.span), values, parameters, rtol=RTOL[1], atol=RTOL[1] * 1e-2, threads=1)

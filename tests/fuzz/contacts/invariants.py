@@ -5,7 +5,7 @@ Gaps, slip velocities, masses and forces are those of `systems`; the motion and 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import Any, final
@@ -25,6 +25,8 @@ PIECE = 0.05
 """Longest piece [s] over which accelerations are integrated by Gauss' rule."""
 HALVES = 100
 """How often pieces of a phase are halved, at most."""
+NEAR = 1e-9
+"""Distance [s] from a time at which forces jump, within which velocities may not change."""
 TOLERANCE = 1e-5
 """Of states, velocities and forces, over their sizes in the run."""
 SLIP_ERROR = 0.05
@@ -70,9 +72,33 @@ def merged(run: Any, brief: float = 0.0) -> list[tuple[str, ...]]:
     return found
 
 
-def violations(setting: Setting, p: Array, run: Any, tolerance: float = TOLERANCE) -> list[str]:
-    """Return what a run violates, each with a time and a size; none if it is right."""
-    return list(_Checks(setting, p, run, tolerance).everything())
+def violations(
+    setting: Setting,
+    p: Array,
+    run: Any,
+    tolerance: float = TOLERANCE,
+    breaks: Sequence[float] = (),
+    kicks: Sequence[float] = (),
+) -> list[str]:
+    """Return what a run violates, each with a time and a size; none if it is right.
+
+    Parameters
+    ----------
+    setting : Setting
+        The scene.
+    p : ndarray
+        Numbers of its system.
+    run : Trajectory
+    tolerance : float
+        Of states, velocities and forces, over their sizes.
+    breaks : sequence of float
+        Times within phases at which forces jump [s].
+    kicks : sequence of float
+        Times at which maps of users change the state [s].
+    """
+    checks = _Checks(setting, p, run, tolerance)
+    checks.breaks, checks.kicks = np.array(breaks), np.array(kicks)
+    return list(checks.everything())
 
 
 @final
@@ -84,6 +110,7 @@ class _Checks:
         self.size_q, self.size_v = max(0.1, np.max(np.abs(run.q))), max(0.1, np.max(np.abs(run.qdot)))
         nodes, _ = np.polynomial.legendre.leggauss(NODES)
         self.nodes, self.halves = nodes, HALVES
+        self.breaks, self.kicks = np.empty(0), np.empty(0)
         basis = np.polynomial.legendre.legvander(nodes, NODES - 1)
         whole = [np.polynomial.legendre.legint(np.eye(NODES)[j]) for j in range(NODES)]
         integrals = np.column_stack([np.polynomial.legendre.legval(nodes, c) for c in whole]) @ np.linalg.inv(basis)
@@ -103,7 +130,12 @@ class _Checks:
 
     def phase(self, phase: Any) -> Iterator[str]:
         count = 1 + int((phase.t1 - phase.t0) / PIECE)
-        edges = np.linspace(phase.t0, phase.t1, count + 1)
+        inner = self.breaks[(self.breaks > phase.t0) & (self.breaks < phase.t1)]
+        edges = np.union1d(np.linspace(phase.t0, phase.t1, count + 1), inner)
+        for t in inner:
+            before, after = self.run(np.array([t - NEAR, t + NEAR])).qdot
+            if np.max(np.abs(after - before)) > self.tolerance * self.size_v:
+                yield f"jump of velocities where forces jump = {after - before} at {t:.6g}"
         self.halves = HALVES
         for low, high in pairwise(edges):
             texts: list[str] = []
@@ -249,7 +281,7 @@ class _Checks:
 
     def impacts(self) -> Iterator[str]:
         t = self.run.t
-        jumps = np.flatnonzero(t[1:] == t[:-1])
+        jumps = np.flatnonzero((t[1:] == t[:-1]) & ~np.isin(t[1:], self.kicks))
         for i in jumps:
             q, before, after = self.run.q[i], self.run.qdot[i], self.run.qdot[i + 1]
             if np.max(np.abs(self.run.q[i + 1] - q)) > self.tolerance * self.size_q:

@@ -5,7 +5,7 @@ Each has symbols in the order of the numbers that its function in `systems` unpa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, final
@@ -15,7 +15,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, 
 
 import dalembert as da
 
-__all__ = ["SCENES", "Contact", "Setting", "compiled", "setting"]
+__all__ = ["SCENES", "Contact", "Numbers", "Setting", "compiled", "setting"]
 
 TIME = dynamicsymbols._t
 
@@ -55,18 +55,36 @@ def _frame() -> tuple[Any, Any]:
     return ReferenceFrame("N"), Point("O")
 
 
-def _real(names: str) -> Any:
-    return symbols(names, real=True)
+@final
+class Numbers:
+    """Symbols for the numbers of a scene, by their names; some may be replaced by given expressions.
+
+    Attributes
+    ----------
+    names : list of str
+        Names of all that were asked for, in that order.
+    """
+
+    def __init__(self, given: Mapping[str, Any] | None = None) -> None:
+        self.names: list[str] = []
+        self._given = {} if given is None else dict(given)
+
+    def __call__(self, names: str) -> Any:
+        """Return the symbols of some names, as `sympy.symbols` does."""
+        made = symbols(names, real=True)
+        if not isinstance(made, tuple):
+            return self._one(made)
+        return tuple(self._one(symbol) for symbol in made)
+
+    def _one(self, symbol: Any) -> Any:
+        self.names.append(symbol.name)
+        return self._given.get(symbol.name, symbol)
 
 
-def _names(values: Sequence[Any]) -> tuple[str, ...]:
-    return tuple(str(value) for value in values)
-
-
-def particle(static: bool) -> Setting:
+def particle(real: Numbers, static: bool) -> Setting:
     """Return a particle on or above a moving floor, at a spring, lifted and pushed."""
     x, y = dynamicsymbols("x y")
-    p = m, g_x, g_y, k, c, x_0, A, omega, phi, B, C, nu, belt, mu, mu_s, e = _real(
+    m, g_x, g_y, k, c, x_0, A, omega, phi, B, C, nu, belt, mu, mu_s, e = real(
         "m g_x g_y k c x_0 A omega phi B C nu belt mu mu_s e"
     )
     N, O = _frame()
@@ -80,13 +98,12 @@ def particle(static: bool) -> Setting:
     scene.add_contacts(da.UnilateralContact(R, gap=y, restitution=e, name="floor"))
     law = {"mu_static": mu_s} if static else {}
     scene.add_friction(da.CoulombFriction(R, F, slip=x.diff(TIME) - belt, mu=mu, name="floor", **law))
-    return Setting("particle", scene, _names(p), (Contact("floor", "R", ("F",)),))
+    return Setting("particle", scene, tuple(real.names), (Contact("floor", "R", ("F",)),))
 
 
-def stack(count: int) -> Setting:
+def stack(real: Numbers, count: int) -> Setting:
     """Return blocks that lie on each other on a moving floor, each pushed; the uppermost may be lifted."""
-    g, belt, lift, nu = _real("g belt lift nu")
-    p = [g, belt, lift, nu]
+    g, belt, lift, nu = real("g belt lift nu")
     N, O = _frame()
     places = [dynamicsymbols(f"x{i + 1} y{i + 1}") for i in range(count)]
     scene = da.Scene("stack", frame=N, origin=O, coordinates=[q for place in places for q in place])
@@ -94,8 +111,7 @@ def stack(count: int) -> Setting:
     below: Any = (0, 0)
     points = [O.locatenew(f"P{i + 1}", x * N.x + y * N.y) for i, (x, y) in enumerate(places)]
     for i, (x, y) in enumerate(places):
-        m, A, omega, mu = _real(f"m{i + 1} A{i + 1} omega{i + 1} mu{i + 1}")
-        p += [m, A, omega, mu]
+        m, A, omega, mu = real(f"m{i + 1} A{i + 1} omega{i + 1} mu{i + 1}")
         P, name = points[i], f"c{i + 1}"
         R, F = da.unknowns(f"R{i + 1} F{i + 1}")
         scene.add_bodies(Particle(f"block{i + 1}", P, m))
@@ -109,13 +125,13 @@ def stack(count: int) -> Setting:
         scene.add_friction(da.CoulombFriction(R, F, slip=slip, mu=mu, name=name))
         contacts.append(Contact(name, f"R{i + 1}", (f"F{i + 1}",)))
         below = (x, y)
-    return Setting(f"stack of {count}", scene, _names(p), tuple(contacts))
+    return Setting(f"stack of {count}", scene, tuple(real.names), tuple(contacts))
 
 
-def _rod(name: str, more: str) -> tuple[Any, ...]:
-    """Return a rod with its centre at (x, y) and ends at its distance l: scene, parameters, coordinates, ends."""
+def _rod(real: Numbers, name: str, more: str) -> tuple[Any, ...]:
+    """Return a rod with its centre at (x, y) and ends at its distance l: scene, further numbers, coordinates, ends."""
     x, y, theta = dynamicsymbols("x y theta")
-    m, l, g, A, omega, *further = p = _real(f"m l g A omega {more}")
+    m, l, g, A, omega, *further = real(f"m l g A omega {more}")
     N, O = _frame()
     S = N.orientnew("S", "Axis", (theta, N.z))
     G = O.locatenew("G", x * N.x + y * N.y)
@@ -123,7 +139,7 @@ def _rod(name: str, more: str) -> tuple[Any, ...]:
     scene = da.Scene(name, frame=N, origin=O, coordinates=[x, y, theta])
     scene.add_bodies(RigidBody("rod", G, S, m, (inertia(S, 0, 0, Rational(1, 3) * m * l**2), G)))
     scene.add_loads((G, A * sin(omega * TIME) * N.x - m * g * N.y))
-    return scene, p, further, (x, y, theta, l), ends
+    return scene, further, (x, y, theta, l), ends
 
 
 def _touch(scene: Any, name: str, at: Any, gap: Any, mu: Any, wall: bool, e: Any = 0, *, body: str = "rod") -> Contact:
@@ -137,30 +153,30 @@ def _touch(scene: Any, name: str, at: Any, gap: Any, mu: Any, wall: bool, e: Any
     return Contact(name, f"R_{name}", (f"F_{name}",))
 
 
-def rod_floor() -> Setting:
+def rod_floor(real: Numbers) -> Setting:
     """Return a rod, both ends of which may touch the floor."""
-    scene, p, (mu, e), (_, y, theta, l), (A, B) = _rod("rod_floor", "mu e")
+    scene, (mu, e), (_, y, theta, l), (A, B) = _rod(real, "rod_floor", "mu e")
     contacts = (
         _touch(scene, "a", A, y + l * sin(theta), mu, False, e),
         _touch(scene, "b", B, y - l * sin(theta), mu, False, e),
     )
-    return Setting("rod on floor", scene, _names(p), contacts)
+    return Setting("rod on floor", scene, tuple(real.names), contacts)
 
 
-def rod_corner() -> Setting:
+def rod_corner(real: Numbers) -> Setting:
     """Return a rod that leans in a corner, and may lie down on the floor."""
-    scene, p, (mu, mu_wall), (x, y, theta, l), (A, B) = _rod("rod_corner", "mu mu_wall")
+    scene, (mu, mu_wall), (x, y, theta, l), (A, B) = _rod(real, "rod_corner", "mu mu_wall")
     contacts = (
         _touch(scene, "a", A, y + l * sin(theta), mu, False),
         _touch(scene, "wall", B, x - l * cos(theta), mu_wall, True),
         _touch(scene, "b", B, y - l * sin(theta), mu, False),
     )
-    return Setting("rod in corner", scene, _names(p), contacts)
+    return Setting("rod in corner", scene, tuple(real.names), contacts)
 
 
-def trammel() -> Setting:
+def trammel(real: Numbers) -> Setting:
     """Return a rod, the ends of which slide in two slots with friction."""
-    scene, p, (mu, mu_wall), (x, y, theta, l), (A, B) = _rod("trammel", "mu mu_wall")
+    scene, (mu, mu_wall), (x, y, theta, l), (A, B) = _rod(real, "trammel", "mu mu_wall")
     N = scene.frame
     R_a, F_a, R_b, F_b = da.unknowns("R_a F_a R_b F_b")
     scene.add_joints(
@@ -171,13 +187,13 @@ def trammel() -> Setting:
     scene.add_friction(
         da.CoulombFriction(R_a, F_a, mu=mu, name="a"), da.CoulombFriction(R_b, F_b, mu=mu_wall, name="b")
     )
-    return Setting("trammel", scene, _names(p), (Contact("a", "R_a", ("F_a",)), Contact("b", "R_b", ("F_b",))))
+    return Setting("trammel", scene, tuple(real.names), (Contact("a", "R_a", ("F_a",)), Contact("b", "R_b", ("F_b",))))
 
 
-def plate() -> Setting:
+def plate(real: Numbers) -> Setting:
     """Return a plate on two feet, pushed at its mass centre."""
     x, y, theta = dynamicsymbols("x y theta")
-    p = m, I, b, h, g, mu, A, omega, phi = _real("m I b h g mu A omega phi")
+    m, I, b, h, g, mu, A, omega, phi = real("m I b h g mu A omega phi")
     N, O = _frame()
     S = N.orientnew("S", "Axis", (theta, N.z))
     G = O.locatenew("G", x * N.x + y * N.y)
@@ -189,13 +205,13 @@ def plate() -> Setting:
         foot = G.locatenew(f"foot_{name}", side * b * S.x - h * S.y)
         gap = y + side * b * sin(theta) - h * cos(theta)
         contacts.append(_touch(scene, name, foot, gap, mu, False, body="plate"))
-    return Setting("plate", scene, _names(p), tuple(contacts))
+    return Setting("plate", scene, tuple(real.names), tuple(contacts))
 
 
-def wheel() -> Setting:
+def wheel(real: Numbers) -> Setting:
     """Return a wheel on a moving floor, driven, before a wall."""
     x, y, theta = dynamicsymbols("x y theta")
-    p = m, I, r, g_x, g_y, belt, T, omega, A, mu, mu_wall, x_wall, e = _real(
+    m, I, r, g_x, g_y, belt, T, omega, A, mu, mu_wall, x_wall, e = real(
         "m I r g_x g_y belt T omega A mu mu_wall x_wall e"
     )
     N, O = _frame()
@@ -218,13 +234,13 @@ def wheel() -> Setting:
         da.CoulombFriction(R, F, slip=x.diff(TIME) + r * theta.diff(TIME) - belt, mu=mu, name="floor"),
         da.CoulombFriction(R_w, F_w, mu=mu_wall, name="wall"),
     )
-    return Setting("wheel", scene, _names(p), (Contact("floor", "R", ("F",)), Contact("wall", "R_w", ("F_w",))))
+    return Setting("wheel", scene, tuple(real.names), (Contact("floor", "R", ("F",)), Contact("wall", "R_w", ("F_w",))))
 
 
-def slot() -> Setting:
+def slot(real: Numbers) -> Setting:
     """Return a block in a straight slot, pressed to either side."""
     x, y = dynamicsymbols("x y")
-    p = m, k, A, omega, B, nu, load, belt, mu = _real("m k A omega B nu load belt mu")
+    m, k, A, omega, B, nu, load, belt, mu = real("m k A omega B nu load belt mu")
     N, O = _frame()
     P = O.locatenew("P", x * N.x + y * N.y)
     scene = da.Scene("slot", frame=N, origin=O, coordinates=[x, y])
@@ -234,13 +250,13 @@ def slot() -> Setting:
     scene.add_joints(da.Joint("slot", body="block", at=P, force=F * N.x + R * N.y))
     scene.add_holonomic_constraints(y)
     scene.add_friction(da.CoulombFriction(R, F, slip=x.diff(TIME) - belt, mu=mu, name="slot"))
-    return Setting("slot", scene, _names(p), (Contact("slot", "R", ("F",)),))
+    return Setting("slot", scene, tuple(real.names), (Contact("slot", "R", ("F",)),))
 
 
-def ring() -> Setting:
+def ring(real: Numbers) -> Setting:
     """Return a bead on a vertical ring."""
     x, y = dynamicsymbols("x y")
-    p = m, R, g, A, omega, mu = _real("m R g A omega mu")
+    m, R, g, A, omega, mu = real("m R g A omega mu")
     N, O = _frame()
     P = O.locatenew("P", x * N.x + y * N.y)
     scene = da.Scene("ring", frame=N, origin=O, coordinates=[x, y])
@@ -251,14 +267,14 @@ def ring() -> Setting:
     scene.add_joints(da.Joint("ring", body="bead", at=P, force=F * along + normal * outward))
     scene.add_holonomic_constraints((x**2 + y**2 - R**2) / (2 * R))
     scene.add_friction(da.CoulombFriction(normal, F, mu=mu, name="ring"))
-    return Setting("ring", scene, _names(p), (Contact("ring", "H", ("F",)),))
+    return Setting("ring", scene, tuple(real.names), (Contact("ring", "H", ("F",)),))
 
 
-def chain() -> Setting:
+def chain(real: Numbers) -> Setting:
     """Return three masses on a line before a wall, each at a spring; the last is pushed."""
     q = dynamicsymbols("x1:4")
-    m, k, a = _real("m1:4"), _real("k1:4"), _real("a1:4")
-    c, A, omega, e_wall, e = _real("c A omega e_wall e")
+    m, k, a = real("m1:4"), real("k1:4"), real("a1:4")
+    c, A, omega, e_wall, e = real("c A omega e_wall e")
     N, O = _frame()
     scene = da.Scene("chain", frame=N, origin=O, coordinates=list(q))
     points = [O.locatenew(f"P{i + 1}", q[i] * N.x) for i in range(3)]
@@ -274,13 +290,13 @@ def chain() -> Setting:
         gap = q[i] - q[i - 1] if i > 0 else q[0]
         scene.add_contacts(da.UnilateralContact(R, gap=gap, restitution=e if i > 0 else e_wall, name=f"c{i + 1}"))
         contacts.append(Contact(f"c{i + 1}", f"R{i + 1}"))
-    return Setting("chain", scene, _names([*m, *k, *a, c, A, omega, e_wall, e]), tuple(contacts))
+    return Setting("chain", scene, tuple(real.names), tuple(contacts))
 
 
-def disc() -> Setting:
+def disc(real: Numbers) -> Setting:
     """Return a particle on or above a plane that moves, with friction in the plane."""
     x, y, z = dynamicsymbols("x y z")
-    p = m, g_x, g_y, g_z, k_x, k_y, c, u_x, u_y, A, omega, C, nu, mu, e = _real(
+    m, g_x, g_y, g_z, k_x, k_y, c, u_x, u_y, A, omega, C, nu, mu, e = real(
         "m g_x g_y g_z k_x k_y c u_x u_y A omega C nu mu e"
     )
     N, O = _frame()
@@ -295,13 +311,13 @@ def disc() -> Setting:
     scene.add_contacts(da.UnilateralContact(R, gap=z, restitution=e, name="plane"))
     slip = (x.diff(TIME) - u_x, y.diff(TIME) - u_y)
     scene.add_friction(da.CoulombFriction(R, (F_x, F_y), slip=slip, mu=mu, name="plane"))
-    return Setting("disc", scene, _names(p), (Contact("plane", "R", ("F_x", "F_y")),))
+    return Setting("disc", scene, tuple(real.names), (Contact("plane", "R", ("F_x", "F_y")),))
 
 
-def pendulum() -> Setting:
+def pendulum(real: Numbers) -> Setting:
     """Return a double pendulum, both masses of which may touch a rough wall."""
     a, b = dynamicsymbols("a b")
-    p = m_1, m_2, l_1, l_2, g, d, A, omega, c, mu, e, mu_elbow = _real("m_1 m_2 l_1 l_2 g d A omega c mu e mu_elbow")
+    m_1, m_2, l_1, l_2, g, d, A, omega, c, mu, e, mu_elbow = real("m_1 m_2 l_1 l_2 g d A omega c mu e mu_elbow")
     N, O = _frame()
     P = O.locatenew("P", l_1 * (sin(a) * N.x - cos(a) * N.y))
     Q = P.locatenew("Q", l_2 * (sin(b) * N.x - cos(b) * N.y))
@@ -317,14 +333,14 @@ def pendulum() -> Setting:
         scene.add_contacts(da.UnilateralContact(R, gap=d - out, restitution=e, name=name))
         scene.add_friction(da.CoulombFriction(R, F, mu=rough, name=name))
         contacts.append(Contact(name, f"R_{name}", (f"F_{name}",)))
-    return Setting("pendulum", scene, _names(p), tuple(contacts))
+    return Setting("pendulum", scene, tuple(real.names), tuple(contacts))
 
 
-SCENES: dict[str, Callable[[], Setting]] = {
-    "particle": lambda: particle(False),
-    "particle static": lambda: particle(True),
-    "stack of 2": lambda: stack(2),
-    "stack of 3": lambda: stack(3),
+SCENES: dict[str, Callable[[Numbers], Setting]] = {
+    "particle": lambda real: particle(real, False),
+    "particle static": lambda real: particle(real, True),
+    "stack of 2": lambda real: stack(real, 2),
+    "stack of 3": lambda real: stack(real, 3),
     "rod on floor": rod_floor,
     "rod in corner": rod_corner,
     "plate": plate,
@@ -341,7 +357,7 @@ SCENES: dict[str, Callable[[], Setting]] = {
 @cache
 def setting(name: str) -> Setting:
     """Return a scene by name, built once."""
-    return SCENES[name]()
+    return SCENES[name](Numbers())
 
 
 @cache

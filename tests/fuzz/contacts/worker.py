@@ -8,17 +8,27 @@ import time
 import traceback
 from typing import Any
 
-__all__ = ["examined", "main"]
+__all__ = ["drawn_case", "examined", "main"]
+
+
+def drawn_case(task: str) -> Any:
+    """Return the case of a family and a seed, "family:seed"."""
+    from fuzz.contacts import families as scenes
+    from fuzz.driven import families as driven
+
+    family, seed = task.split(":")
+    return (driven if family in driven.FAMILIES else scenes).drawn(family, int(seed))
 
 
 def examined(task: str) -> dict[str, Any]:
     """Return what became of a case."""
-    from fuzz.contacts.compare import compared
+    from fuzz.contacts import compare as scenes
+    from fuzz.driven import compare as driven
 
     begin, cpu = time.perf_counter(), time.process_time()
-    family, seed = task.split(":")
     try:
-        report = compared(family, int(seed))
+        case = drawn_case(task)
+        report = driven.examine(case) if isinstance(case, driven.Driven) else scenes.examine(case)
         row: dict[str, Any] = {
             "outcome": report.outcome,
             "verdict": "; ".join(report.found),
