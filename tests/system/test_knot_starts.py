@@ -131,3 +131,107 @@ def test_with_contacts():
         run = made.simulate((0, 1), start, {m: 1.0}, method=method, max_steps=500, **TIGHT)
         cases = made.sweep((0, 1), start | {y: np.array([0.2, 0.3])}, {m: 1.0}, method=method, max_steps=500, **TIGHT)
         assert run["x"][-1] == pytest.approx(0.5, abs=1e-12) and cases["x"] == pytest.approx([0.5, 0.5], abs=1e-12)
+
+
+# -- backwards in time --------------------------------------------------------------------------
+
+TIME = dynamicsymbols._t
+BACKWARD = [(backend, method) for backend, method in METHODS if (backend, method) != ("numba", "dop853")]
+
+
+def ends(made, span, start, method, count=3):
+    """Return the final positions of a single run, of sweeps and of a prepared run."""
+    options = {"method": method, "max_steps": 3000, **TIGHT}
+    run = made.simulate(span, start, {m: 1.0}, **options)
+    cases = made.sweep(span, {name: np.full(count, value) for name, value in start.items()}, {m: 1.0}, **options)
+    go = made.prepare(span, **options)
+    final = go(made.state(start, {m: 1.0}), made.parameter_vector({m: 1.0}))
+    assert run.success and np.all(cases.success) and go.status is Status.SUCCESS
+    return [run["x"][-1], *cases["x"], final[0]]
+
+
+@pytest.mark.parametrize("end", [1.0, -1.0])
+@pytest.mark.parametrize(("backend", "method"), BACKWARD)
+def test_a_force_that_grows_from_zero(backend, method, end):
+    """The force is t times a table, so that the third derivative decides: forwards up, backwards down."""
+    for below, above in ((1.0, 3.0), (-2.0, -1.0)):
+        made = pushed(TIME * jump(x, below, above), backend)
+        force = above if end * above > 0 else below
+        found = ends(made, (0, end), {x: 1.5, x.diff(): 0.0}, method)
+        assert found == pytest.approx([1.5 + force * end**3 / 6] * 5, abs=1e-11)
+
+
+@pytest.mark.parametrize("end", [1.0, -1.0])
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "radau"])
+def test_a_speed_on_a_knot(method, end):
+    """The speed falls from the knot, backwards in time it rises: the first derivative decides."""
+    made = pushed(jump(x.diff(), -1.0, -3.0, knot=0.5))
+    force = -1.0 if end > 0 else -3.0
+    expected = 1.5 + 0.5 * end + 0.5 * force
+    assert ends(made, (0, end), {x: 1.5, x.diff(): 0.5}, method) == pytest.approx([expected] * 5, abs=1e-11)
+
+
+@pytest.mark.parametrize("end", [1.0, -1.0])
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "radau"])
+def test_linear_tables(method, end):
+    """f = t g(x) with a kink of g at the start, against the stiff side alone: x'' = t (2 + s (x - 1.5))."""
+    table = da.table(x, [-2.5, 1.5, 5.5], [-1.0, 2.0, 9.0], "linear", "linear")
+    made, slope = pushed(TIME * table), 7.0 / 4 if end > 0 else 3.0 / 4
+    series = [0.0, 0.0, 0.0, 2.0 / 6]  # of x - 1.5 by t
+    for k in range(4, 40):
+        series.append(slope * series[k - 3] / (k * (k - 1)))
+    expected = 1.5 + sum(value * end**k for k, value in enumerate(series))
+    assert ends(made, (0, end), {x: 1.5, x.diff(): 0.0}, method) == pytest.approx([expected] * 5, abs=1e-10)
+
+
+def test_cases_of_both_directions_in_one_sweep():
+    made, spans = pushed(TIME * jump(x, 1.0, 3.0)), np.array([1.0, -1.0, 0.5, -2.0])
+    for method in ("taylor", "dop853"):
+        cases = made.sweep((0, spans), {x: 1.5, x.diff(): 0.0}, {m: 1.0}, method=method, max_steps=3000, **TIGHT)
+        force = np.where(spans > 0, 3.0, 1.0)
+        assert cases["x"] == pytest.approx(1.5 + force * spans**3 / 6, abs=1e-11)
+
+
+def test_sliding_backwards():
+    """A speed whose force pushes it back to the knot slides forwards, not backwards; and the other way round."""
+    start = {x: 0.0, x.diff(): 0.5}
+    stable, unstable = (pushed(jump(x.diff(), low, -low, knot=0.5)) for low in (1.0, -1.0))
+    with pytest.raises(InitialStateError, match="at a knot where the table jumps"):
+        stable.simulate((0, 1), start, {m: 1.0})
+    assert stable.simulate((0, -1), start, {m: 1.0}).success and unstable.simulate((0, 1), start, {m: 1.0}).success
+    with pytest.raises(InitialStateError, match="at a knot where the table jumps"):
+        unstable.simulate((0, -1), start, {m: 1.0})
+    cases = unstable.sweep((0, [-1.0, 1.0]), start, {m: 1.0})
+    assert list(cases.status) == [Status.INITIAL_STATE, Status.SUCCESS]
+    go = unstable.prepare((0, -1))
+    assert np.all(np.isnan(go(unstable.state(start, {m: 1.0}), unstable.parameter_vector({m: 1.0}))))
+    assert go.status is Status.INITIAL_STATE
+
+
+def test_backwards_on_jax():
+    jax = pytest.importorskip("jax")
+    made = pushed(TIME * jump(x, 1.0, 3.0), "jax")
+    with jax.enable_x64(True):
+        solve = made.solve_fn(["x", "x_dot"], method="tsit5", max_steps=500, **TIGHT)
+        for end, force in ((1.0, 3.0), (-1.0, 1.0)):
+            found = solve([0.0, end], {"x": 1.5, "x_dot": 0.0}, {"m": 1.0}).y[-1, 0]
+            assert float(found) == pytest.approx(1.5 + force * end / 6, abs=1e-11)
+
+
+@pytest.mark.parametrize(("below", "above"), [(1.0, 3.0), (-2.0, -1.0)])
+def test_backwards_with_contacts(below, above):
+    y, (X, Y) = dynamicsymbols("y"), da.unknowns("X Y")
+    P = O.locatenew("P", x * N.x + y * N.y)
+    scene = da.Scene("hopper", frame=N, origin=O, coordinates=[x, y])
+    scene.add_bodies(Particle("mass", P, m))
+    scene.add_loads((P, TIME * jump(x, below, above) * N.x - 9.81 * m * N.y))
+    scene.add_joints(da.Joint("floor", body="mass", at=P, force=X * N.x + Y * N.y))
+    scene.add_contacts(da.UnilateralContact(normal=Y, gap=y, restitution=0.3))
+    made = da.compile_model(scene)
+    start = {x: 1.5, x.diff(): 0.0, y: 30.0, y.diff(): 0.0}
+    for method in ("taylor", "dop853"):
+        for end in (1.0, -1.0):
+            force = above if end * above > 0 else below
+            run = made.simulate((0, end), start, {m: 1.0}, method=method, max_steps=500, **TIGHT)
+            cases = made.sweep((0, end), start | {y: [30.0, 40.0]}, {m: 1.0}, method=method, max_steps=500, **TIGHT)
+            assert [run["x"][-1], *cases["x"]] == pytest.approx([1.5 + force * end / 6] * 3, abs=1e-11)

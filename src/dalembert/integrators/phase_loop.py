@@ -48,6 +48,7 @@ def _gather(table: CaseTable, space: ThreadWorkspace, size: int) -> None:
         i = space.chosen[place]
         following = table.numbers.next[i]
         gathered[0, place], gathered[1, place] = cases.t[i], table.t1[i]
+        gathered[gathered.shape[0] - 1, place] = 1.0 if table.t1[i] >= cases.t[i] else -1.0
         if following < table.t_eval.size:
             gathered[1, place] = table.t_eval[following]
         begin_stops(table, i)

@@ -18,10 +18,14 @@ from .table_text import read_table, table_text
 from .tables import Table, table_of
 
 __all__ = [
+    "DIRECTION",
     "Layout",
     "Program",
     "representative",
 ]
+
+DIRECTION = "direction of time"
+"""Name of the value 1 or -1 from which a start knows which way the motion runs; without it, forwards."""
 
 
 @final

@@ -12,13 +12,16 @@ from collections.abc import Sequence
 from typing import final
 
 from ..ir.graph import Graph, Node
+from ..ir.kernel import Kernel
 from ..ir.tables import LOWER, Table
 from ..methods.step_constants import EPSILON
 from ..transforms.derivatives import GUARDED, cotangents, tangents
 from ..transforms.knot_limits import table_nodes
+from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
+from .input_weights import with_weights
 
-__all__ = ["KnotStarts", "jumping_arguments"]
+__all__ = ["KnotStarts", "backward_kernel", "jumping_arguments"]
 
 _MARGIN = 8.0 * EPSILON
 """Share of the largest knot within which an argument counts as at a knot; steps at knots have the same."""
@@ -52,6 +55,9 @@ class KnotStarts:
         Its rates, on a graph of their own.
     state : sequence of Node
         The start, in terms of what is given.
+    direction : Node, optional
+        1 or -1, the direction of time; forwards without it. The state may then be one that was moved before, for a run
+        forwards.
 
     Attributes
     ----------
@@ -61,8 +67,11 @@ class KnotStarts:
         Name of a table, and a node that is 1 where neither side lets the motion go, else 0.
     """
 
-    def __init__(self, graph: Graph, system: ReducedSystem, state: Sequence[Node]) -> None:
+    def __init__(
+        self, graph: Graph, system: ReducedSystem, state: Sequence[Node], direction: Node | None = None
+    ) -> None:
         self.graph, self.state = graph, list(state)
+        self.direction, self.reach = (graph.one, _MARGIN) if direction is None else (direction, 2.0 * _MARGIN)
         self.sliding: list[tuple[str, Node]] = []
         arguments = jumping_arguments(system)
         if not arguments:
@@ -82,9 +91,9 @@ class KnotStarts:
         size = max(abs(table.first), abs(table.last), table.spacing)
         margin = g.const(_MARGIN * size)
         key = g.const(table.key)
-        here = self._at([x], self.state)[0]
-        edge = g.call("entry", g.call("piece", here + margin, key), key, g.const(LOWER))
-        near = g.call("less_equal", here - margin, edge)
+        here, within = self._at([x], self.state)[0], g.const(self.reach * size)
+        edge = g.call("entry", g.call("piece", here + within, key), key, g.const(LOWER))
+        near = g.call("less_equal", here - within, edge)
         to_edge = g.call("select", near, edge - here, g.zero)
         to_side = g.call("select", near, edge - here - margin, g.zero)
         slopes = self._at(cotangents(g, [x], [g.one], self.inputs), self.state)
@@ -102,12 +111,16 @@ class KnotStarts:
         self.state = [y + way * far for y, way in zip(self.state, ways, strict=True)]
 
     def _derivatives(self, x: Node) -> list[Node]:
-        """Return the first three derivatives of an argument along the motion; the third is 0 where it is dear."""
+        """Return the first three derivatives of an argument along the motion; the third is 0 where it is dear.
+
+        They are those by the time that the motion takes, whichever way it runs.
+        """
         found = [x]
         for _ in range(3):
             dear = found[-1].cost > _DEAREST and len(found) > 2
             found += [self.graph.zero] if dear else tangents(self.graph, found[-1:], self.flow, GUARDED)
-        return found[1:]
+        slope, bend, third = found[1:]
+        return [self.direction * slope, bend, self.direction * third]
 
     def _leading(self, derivatives: Sequence[Node], margin: Node) -> Node:
         """Return the derivative that takes an argument out of a margin first: its sign is that of the motion."""
@@ -118,3 +131,21 @@ class KnotStarts:
         fast = fast * g.call("less", margin * margin * thirds, 6 * slopes * slopes * slopes)
         bent = g.call("less", 2 * margin * thirds * thirds, 9 * bends * bends * bends)
         return g.call("select", fast, slope, g.call("select", bent, bend, third))
+
+
+def backward_kernel(system: ReducedSystem) -> Kernel | None:
+    """Return the kernel from a state, on either side of a knot, to that of a run backwards in time; None if the same.
+
+    Its outputs are the state (n_y), and for each table 1 where neither side lets the motion go.
+    """
+    if not jumping_arguments(system):
+        return None
+    graph, symbols = Graph(), system.equations.symbols
+    places = list(system.places.items())
+    state = graph.adopt([node for node, _ in places])
+    started = KnotStarts(graph, system, graph.adopt(list(system.inputs)), -graph.one)
+    inputs: dict[Node, tuple[str, int | None]] = {graph.input(symbols.time): ("t", None)}
+    inputs |= {graph.input(name): ("c", i) for i, name in enumerate(with_weights((), symbols))}
+    inputs |= {node: ("y", place) for node, (_, place) in zip(state, places, strict=True)}
+    outputs = [*started.state, *(slides for _, slides in started.sliding)]
+    return lower_kernel(graph, "backward", outputs, inputs, arguments=("t", "y", "c"))

@@ -17,6 +17,7 @@ from typing import final
 from ..errors import InitialStateError, list_names
 from ..ir.graph import Graph, Node
 from ..ir.kernel import Kernel
+from ..ir.program import DIRECTION
 from ..ir.zero_tests import TOLERANCE as ROUNDING
 from ..ir.zero_tests import terms_of
 from ..once import deriving
@@ -27,7 +28,7 @@ from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matve
 from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
 from .input_weights import seeds_of, with_weights
-from .knot_starts import KnotStarts
+from .knot_starts import KnotStarts, jumping_arguments
 from .reactions import independent_columns
 from .start_limits import LEAST_SHARE, StartLimits
 
@@ -48,7 +49,7 @@ class Start:
         Arguments (t, y, c), y holding the given values in the order of `given` and c beginning with the parameters.
         Outputs: the state (n_y), then for each of `labels` what the constraint leaves and what it may leave.
     given : tuple of str
-        Names of coordinates and rates.
+        Names of coordinates and rates, and `DIRECTION` where a start was asked for that depends on it.
     labels : tuple of (str, str)
         "positions" or "rates", and the label of the constraint; or "coordinates left out" or "rates left out", and
         the name of what the constraints must fix, which they do where the first number is at most the second; or
@@ -93,6 +94,7 @@ class _Starting:
         self.graph = Graph()  # a graph of its own, so that the kernel depends on the system alone
         known = list(self.symbols.variables)
         known += [name for entry in self.symbols.entries for name in entry.names]
+        known += [DIRECTION] if jumping_arguments(system) else []
         self.given = tuple(name for name in known if name in given)
         self.rows = equations.constraints
         self.q = self.graph.adopt(equations.q)
@@ -144,7 +146,8 @@ class _Starting:
         self._solve_velocities(velocity, jacobian)
         left += self._at(velocity)
         labels += [("rates", row.label) for row in self.rows]
-        started = KnotStarts(self.graph, self.system, self._state())
+        direction = self.graph.input(DIRECTION) if DIRECTION in self.given else None
+        started = KnotStarts(self.graph, self.system, self._state(), direction)
         state = started.state
         may = StartLimits(self.graph, self.system.equations, self._at(self.q), self._at(self.qdot))
         jacobian = [self._at(row) for row in jacobian]

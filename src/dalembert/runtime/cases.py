@@ -17,7 +17,7 @@ from ..integrators.event_code import EventCode
 from ..integrators.input_records import InputRecords
 from ..integrators.problem import IntegrationProblem
 from ..ir.interpret import interpret, interpret_rows
-from ..ir.program import Layout, Program
+from ..ir.program import DIRECTION, Layout, Program
 from ..methods.status import Status
 from ..processors import available_threads
 from ..reduction.starting import Start
@@ -81,7 +81,10 @@ class Cases:
         self.count = self._count()
         self.refused = self._refused()
         self._begin = first if self.refused is None else np.where(self.refused, np.nan, first)  # NaN is not run
-        self.start = start(self.initial)
+        self._values = {**self.initial}
+        if np.any(last < first):
+            self._values[DIRECTION] = np.where(last < first, -1.0, 1.0)
+        self.start = start(self._values)
 
     def _count(self) -> int:
         known = {*self.program.layout.given, *self.initial, *self.span}  # others are parameters of inputs
@@ -165,7 +168,7 @@ class Cases:
             len(range(*block.indices(self.count))),
             (_part(self._begin, block), _part(self.span["end"], block)),
             tuple(_part(self.parameters[name], block) for name in self.program.layout.parameters),
-            tuple(_part(self.initial[name], block) for name in self.start.given),
+            tuple(_part(self._values[name], block) for name in self.start.given),
             self.start,
             t_eval,
             settings.rtol,
@@ -219,7 +222,7 @@ class Cases:
         """Return the given initial values (count, n) of a block of cases, in the order of the start."""
         given = np.empty((count, len(self.start.given)))
         for i, name in enumerate(self.start.given):
-            given[:, i] = _part(self.initial[name], block)
+            given[:, i] = _part(self._values[name], block)
         return given
 
     def lost_pivots(self, block: slice) -> NDArray[np.bool_]:

@@ -9,9 +9,12 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, final
 
 from ..codegen.base import Engine
+from ..ir.kernel import Kernel
+from ..ir.program import DIRECTION
 from ..once import DERIVING, derived_once, derived_property
 from ..pipeline import Stages
 from ..reduction.invariants import Candidates, candidates
+from ..reduction.knot_starts import backward_kernel
 from ..reduction.starting import Start, starting
 from .partials import Partials
 from .symbol_assumptions import signed_names
@@ -59,8 +62,13 @@ class Derived:
         self._variations: dict[tuple[tuple[str, ...], ...], Variation] = {}
 
     def start(self, given: Iterable[str]) -> Start:
-        """Return the kernel from given initial values to the state, made once for each set of names."""
+        """Return the kernel from given initial values to the state, made once for each set of names.
+
+        Among them may be `DIRECTION`, which is left out where nothing depends on it.
+        """
         key = frozenset(given)
+        if DIRECTION in key and self.backward is None:
+            key -= {DIRECTION}
         return derived_once(self._starts, key, lambda: starting(self._stages.reduced, sorted(key)))
 
     def quick_start(self, given: Iterable[str]) -> QuickStart:
@@ -124,6 +132,11 @@ class Derived:
         from ..reduction.gimbal import gimbals
 
         return gimbals(self._stages.reduced)
+
+    @derived_property
+    def backward(self) -> Kernel | None:
+        """See `backward_kernel`."""
+        return backward_kernel(self._stages.reduced)
 
     @derived_property
     def tables(self) -> TableRange | None:

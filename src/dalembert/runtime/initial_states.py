@@ -9,12 +9,17 @@ import numpy as np
 from ..arrays import FloatArray
 from ..errors import InitialStateError, SingularMassMatrixError, list_names
 from ..ir.interpret import interpret
-from ..ir.program import Program
+from ..ir.program import DIRECTION, Program
 from ..reduction.starting import Start
 from .assembly import nearest
 from .inputs import parameter_text
 
-__all__ = ["initial_state", "pivots_vanish", "vanishing_pivots"]
+__all__ = ["directed", "initial_state", "pivots_vanish", "vanishing_pivots"]
+
+
+def directed(values: Mapping[str, float], t0: float, t1: float) -> Mapping[str, float]:
+    """Return initial values by name with the direction of time, where a run from t0 to t1 goes backwards."""
+    return values if t1 >= t0 else {**values, DIRECTION: -1.0}
 
 
 def vanishing_pivots(start: Start, t: float, values: Mapping[str, float], p: FloatArray) -> list[str]:
@@ -66,7 +71,8 @@ def initial_state(start: Start, t: float, values: Mapping[str, float], c: FloatA
         )
     faults = _contradictions(start, checks)
     if faults:
-        raise InitialStateError(faults + nearest(program, c, t, values))
+        own = {name: value for name, value in values.items() if name != DIRECTION}
+        raise InitialStateError(faults + nearest(program, c, t, own))
     if not np.all(np.isfinite(out)):
         raise _not_finite(program, start, y, checks)
     _refuse_changes(start, checks, values)

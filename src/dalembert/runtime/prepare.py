@@ -11,6 +11,8 @@ import numpy as np
 from ..arrays import FloatArray
 from ..codegen.runs import Final, Prepared, PreparedStates
 from ..integrators.problem import IntegrationProblem
+from ..ir.interpret import interpret
+from ..ir.kernel import Kernel
 from ..methods.status import Status
 from ..once import derived_once
 from ..options import PrepareOptions
@@ -75,7 +77,25 @@ def prepare_in_own_time(
         max_steps=options.max_steps,
         inputs=None if options.inputs is None else options.inputs.records(model.layout),
     )
-    return method, model.engine.prepared(problem, method, lambda p: inputs.constants(model.stages.program, p))
+    run = model.engine.prepared(problem, method, lambda p: inputs.constants(model.stages.program, p))
+    if t_span[1] < t_span[0] and model.derived.backward is not None:
+        run = _from_knots(model, model.derived.backward, run, t_span)
+    return method, run
+
+
+def _from_knots(model: CompiledModel, backward: Kernel, run: Prepared, t_span: tuple[float, float]) -> Prepared:
+    """Return a prepared run backwards in time that begins on the side of a knot to which it goes."""
+    program, size = model.stages.program, len(model.layout.state)
+
+    def start(state: FloatArray, p: FloatArray) -> tuple[FloatArray, Status]:
+        c = starting_constants(program, inputs.constants(program, p), *t_span)
+        out = interpret(backward, {"t": t_span[0], "y": state.tolist(), "c": c.tolist()})
+        if any(out[size:]):
+            return np.full(size, np.nan), Status.INITIAL_STATE
+        final = run(np.array(out[:size]), p)
+        return final, run.status()
+
+    return PreparedStates(start)
 
 
 def _prepared_keeping(model: CompiledModel, t_span: tuple[float, float], options: PrepareOptions) -> Prepared:

@@ -18,7 +18,7 @@ from ..values import listed
 from . import inputs
 from .constraint_choice import divisible_model, independent_model
 from .elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_from, with_offsets
-from .initial_states import initial_state
+from .initial_states import directed, initial_state
 from .input_derivatives import value_names, with_weights_of
 from .inputs import span_of
 from .segment_constants import starting_constants
@@ -123,14 +123,14 @@ def _in_own_time(
     able = divisible_model(model, t0, initial, parameters)
     if able is not model:
         return _in_own_time(able, t_span, initial, parameters, options)
-    start = model.derived.start(values)
+    start, begun = model.derived.start(values), directed(values, t0, t1)
     symbols = model.stages.equations.symbols
     of, wrt = chosen_names(program, start.given, options.of, options.wrt, symbols)
     c = starting_constants(program, inputs.constants(program, p), t0, t1)
     problem = IntegrationProblem(
         t0=t0,
         t1=t1,
-        y0=initial_state(start, t0, values, c, program),
+        y0=initial_state(model.derived.start(begun), t0, begun, c, program),
         constants=c,
         rtol=options.rtol,
         atol=options.atol,

@@ -20,7 +20,7 @@ from .constraint_choice import divisible_model, independent_model
 from .elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_from, with_offsets
 from .event_parameters import with_event_parameters
 from .gains import with_gains
-from .initial_states import initial_state
+from .initial_states import directed, initial_state
 from .inputs import span_of
 from .segment_constants import starting_constants
 from .single_run import integrate
@@ -131,7 +131,7 @@ def _problem(
     """
     program, (t0, t1) = model.stages.program, t_span
     p = model.parameter_vector(parameters)
-    values = model.initial_values(initial)
+    values = directed(model.initial_values(initial), t0, t1)
     inputs.warn_below_floor(options.rtol, options.atol, program, method)
     start = model.derived.quick_start(values)
     found = start(t0, values, p) if program.conditions is None else None

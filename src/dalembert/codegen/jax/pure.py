@@ -20,7 +20,7 @@ from ...integrators.jax.run_constants import RunConstants
 from ...integrators.jax.run_data import Limits, Path, Pieces, Reached, middles
 from ...integrators.jax.solvers import METHODS
 from ...integrators.jax.starts import started
-from ...ir.program import Program, representative
+from ...ir.program import DIRECTION, Program, representative
 from ...methods.status import Status
 from ...once import once
 from ...options import SolveOptions
@@ -128,6 +128,8 @@ class Solve:
         register_samples()
         register_feedback()
         self.given = program.layout.state if start is None else start.given
+        self._undirected = DIRECTION not in self.given
+        self.given = tuple(name for name in self.given if name != DIRECTION)
         self._kernels = kernels_of(program)
         self._elapsed = _elapsed(program)
         self._begin = None if start is None else stacked(compile_kernel(start.kernel, JAX))
@@ -179,7 +181,8 @@ class Solve:
         course = self._course_with(t, p, given) if given else self._course(t, p)
         y0 = initial
         if self._begin is not None:
-            y0 = self._begin(t[0], initial, course.first)[: len(self._program.layout.state)]
+            values = initial if self._undirected else jnp.append(initial, jnp.where(t[-1] < t[0], -1.0, 1.0))
+            y0 = self._begin(t[0], values, course.first)[: len(self._program.layout.state)]
         reached, path = self._integrate(t, y0, course)
         q, qdot, outputs = self._expanded(t, reached.y, course.rows, course)
         status = reached.status

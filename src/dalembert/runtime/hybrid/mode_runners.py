@@ -18,7 +18,7 @@ from ...integrators.cases import BlockResult, CaseColumns
 from ...integrators.event_code import Event
 from ...integrators.phase_tables import CaseTable, PhaseProgress, ThreadWorkspace
 from ...integrators.workspace import aligned
-from ...ir.program import Layout
+from ...ir.program import DIRECTION, Layout
 from ...mechanics.equations import ContactRow
 from ...options import StepOptions
 from ..reductions import Reduction
@@ -38,7 +38,7 @@ _FEWEST_ROWS, _MOST_ROWS, _ROOM = 16, 256, 2048
 @final
 @dataclass(frozen=True)
 class GatheredRows:
-    """In which row of ``ThreadWorkspace.gathered`` each value of a case is."""
+    """In which row of ``ThreadWorkspace.gathered`` each value of a case is; the last has the direction of time."""
 
     parameters: Mapping[str, int]
     states: Mapping[str, int]
@@ -54,7 +54,7 @@ class GatheredRows:
         first = 2 + len(names)
         parameters = {name: row for row, name in enumerate(names, 2) if name}
         states = {name: row for row, name in enumerate(layout.variables, first)}
-        return cls(parameters, states, first + len(states))
+        return cls(parameters, states, first + len(states) + 1)
 
 
 @final
@@ -92,13 +92,14 @@ class ModeRunner:
         stops, cases go on where their last run has stopped.
         """
         stops = len(table.stops.first) > 0
-        model, names, gathered, k = self.model, tuple(rows.states), memory.gathered, memory.gathered.shape[1]
-        start = model.derived.start(names)
+        model, gathered, k = self.model, memory.gathered, memory.gathered.shape[1]
+        given = {**rows.states, DIRECTION: rows.count - 1}
+        start = model.derived.start(given)
         columns = CaseColumns(
             count=k,
             spans=(gathered[0], gathered[1]),
             parameters=tuple(gathered[rows.parameters[name]] for name in model.layout.parameters),
-            given=tuple(gathered[rows.states[name]] for name in start.given),
+            given=tuple(gathered[given[name]] for name in start.given),
             start=start,
             t_eval=np.empty(0),
             watch=model.derived.events(self.events, self.along or None),

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...codegen.base import Capability
 from ...errors import CapabilityError, OptionError, unknown_name
+from ...ir.program import DIRECTION
 from ...options import SolveOptions
 from .. import inputs as run_input
 from ..capabilities import refuse_sampling, require
@@ -96,8 +97,9 @@ def solve_fn(
     start = None
     if given is not None:
         names = [self.layout.aliases.get(str(name), str(name)) for name in given]
-        start = self.derived.start(run_input.given_values(self.layout, dict.fromkeys(names, 0.0)))
-        given = start.given
+        given = run_input.given_values(self.layout, dict.fromkeys(names, 0.0))
+        start = self.derived.start([*given, DIRECTION])
+        given = tuple(name for name in start.given if name != DIRECTION)
     options = SolveOptions(
         method=method,
         mode=mode,
