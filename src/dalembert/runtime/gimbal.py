@@ -22,14 +22,18 @@ from ..methods.status import Status
 from ..reduction.gimbal import Gimbals
 from ..scene.orientation import with_quaternions
 from ..scene.scene import Scene
+from .constraint_rank import row_lengths
 from .singular import cut
+from .state_sizes import distance_sizes
 
 __all__ = ["locked", "locked_cases", "remedy"]
 
 _NEAR = 0.05
 """Determinant below which a run that failed is taken to have failed for it."""
 
-_NOTHING = 1e-12
+_NOTHING, _DEPENDENT = 1e-12, 1e-9
+"""Determinant that counts as zero, and share of a constraint below which it follows from others."""
+
 _FAILED = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED, Status.MAX_STEPS)
 
 
@@ -134,8 +138,10 @@ def _singular(
         rows = interpret_rows(program.kernel("constraint_jacobian"), times, x, c).reshape(-1, n)
         if not np.all(np.isfinite(rows)):
             return True
-        _, sizes, directions = np.linalg.svd(rows)
-        free = directions[int(np.sum(sizes > 1e-9 * sizes.max(initial=1.0))) :]
+        sizes = distance_sizes(program, where[0], x[0], c if c.ndim == 1 else c[0])
+        lengths = row_lengths(program, times, x, c, range(len(rows)))[0]
+        _, shares, directions = np.linalg.svd(rows * sizes / lengths[:, np.newaxis])
+        free = directions[int(np.sum(shares > _DEPENDENT)) :] * sizes
     if not np.all(np.isfinite(mass)) or not len(free):
         return len(free) > 0
     scale = np.sqrt(np.maximum(np.diag(mass), 1e-300))

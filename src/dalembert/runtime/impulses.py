@@ -21,11 +21,12 @@ from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..mechanics.equations import EquationsOfMotion
 from ..reduction.starting import Start
+from .state_sizes import coordinate_sizes
 
 __all__ = ["Impulses", "impulses_of", "landing_of"]
 
 _JUMP = 1e-10
-"""Share of rates, or of positions, from which on a change at a break is no rounding."""
+"""Share of the terms of a constraint, or of a momentum, from which on a change at a break is no rounding."""
 
 
 @final
@@ -59,18 +60,14 @@ class Impulses:
         ConstraintError
             Where a position constraint itself jumps.
         """
-        program, size = self.program, len(self.program.layout.coordinates)
-        scale = 1.0 + float(np.max(np.abs(x[size : 2 * size]), initial=0.0))
         self._refuse_jump(t, x, before, after)
-        change = self._momenta(t, x, after) - self._momenta(t, x, before) if self.moved else np.zeros(size)
-        constrained = "velocity_residual" in program
-        left = [self._value("velocity_residual", t, x, c) for c in (before, after)] if constrained else []
-        mass = self._value("mass_matrix", t, x, after).reshape(size, size)
-        jerked = constrained and bool(np.any(np.abs(left[1] - left[0]) > _JUMP * scale))
-        size_of_momentum = float(np.max(np.abs(mass), initial=0.0)) * scale
-        if not jerked and not np.any(np.abs(change) > _JUMP * size_of_momentum):
-            return None
-        return self._struck(t, x, change, after, range(len(left[1]) if constrained else 0))
+        change, jerked = self._momentum_change(t, x, before, after)
+        count = 0
+        if "velocity_residual" in self.program:
+            was, now = (self._value("velocity_residual", t, x, c) for c in (before, after))
+            terms, count = self._rate_terms(t, x, after) + np.abs(was) + np.abs(now), len(now)
+            jerked = jerked or bool(np.any(np.abs(now - was) > _JUMP * terms))
+        return self._struck(t, x, change, after, range(count)) if jerked else None
 
     def broken(self, t: float, x: FloatArray, before: FloatArray, after: FloatArray, rows: Sequence[int]) -> list[int]:
         """Return those of some rows of velocity constraints that fail if the others alone let the rates jump.
@@ -78,13 +75,14 @@ class Impulses:
         Parameters are those of `rates`, and the numbers of the rows.
         """
         size = len(self.program.layout.coordinates)
-        change = self._momenta(t, x, after) - self._momenta(t, x, before) if self.moved else np.zeros(size)
+        change, _ = self._momentum_change(t, x, before, after)
         others = [i for i in range(len(self._value("velocity_residual", t, x, after))) if i not in rows]
         free = x.copy()
         free[size : 2 * size] = self._struck(t, x, change, after, others)
-        scale = 1.0 + float(np.max(np.abs(free[size : 2 * size]), initial=0.0))
-        left = self._value("velocity_residual", t, free, after)
-        return [i for i in rows if abs(left[i]) > _JUMP * scale]
+        left = np.abs(self._value("velocity_residual", t, free, after))
+        was = np.abs(self._value("velocity_residual", t, x, after))
+        terms = np.maximum(self._rate_terms(t, free, after), self._rate_terms(t, x, after)) + left + was
+        return [i for i in rows if left[i] > _JUMP * terms[i]]
 
     def _struck(
         self, t: float, x: FloatArray, change: FloatArray, after: FloatArray, held: Sequence[int]
@@ -96,30 +94,53 @@ class Impulses:
         if number:
             rows = self._value("constraint_jacobian", t, x, after).reshape(-1, size)[list(held)]
             residual = self._value("velocity_residual", t, x, after)[list(held)]
-        saddle = np.block([[mass, rows.T], [rows, np.zeros((number, number))]])
-        return np.asarray(
-            x[size : 2 * size] - np.linalg.lstsq(saddle, np.concatenate([change, residual]), rcond=None)[0][:size]
-        )
+        return np.asarray(x[size : 2 * size] - _impulsive(mass, rows, change, residual))
+
+    def _rate_terms(self, t: float, x: FloatArray, c: FloatArray) -> FloatArray:
+        """Return the sizes of the terms of velocity constraints (n_constraints,)."""
+        size = len(self.program.layout.coordinates)
+        rows = np.abs(self._value("constraint_jacobian", t, x, c).reshape(-1, size))
+        return np.asarray(rows @ np.abs(x[size : 2 * size]))
+
+    def _momentum_change(
+        self, t: float, x: FloatArray, before: FloatArray, after: FloatArray
+    ) -> tuple[FloatArray, bool]:
+        """Return by how much the momenta (n_q,) of x jump, and whether that is more than rounding."""
+        size = len(self.program.layout.coordinates)
+        if not self.moved:
+            return np.zeros(size), False
+        mass = np.diag(self._value("mass_matrix", t, x, after).reshape(size, size))
+        energy = max(0.0, *(float(self._value("energy", t, x, c)[0]) for c in (before, after)))
+        sizes = np.sqrt(2.0 * energy * np.maximum(mass, 0.0))
+        change = self._momenta(t, x, after, sizes) - self._momenta(t, x, before, sizes)
+        return change, bool(np.any(np.abs(change) > _JUMP * sizes))
 
     def _value(self, kernel: str, t: float, x: FloatArray, c: FloatArray) -> FloatArray:
         return interpret_rows(self.program.kernel(kernel), np.array([t]), x[np.newaxis], c)[0]
 
-    def _momenta(self, t: float, x: FloatArray, c: FloatArray) -> FloatArray:
-        """Return dT/dqdot (n_q,): central differences, which are exact for a quadratic function of the rates."""
+    def _momenta(self, t: float, x: FloatArray, c: FloatArray, sizes: FloatArray) -> FloatArray:
+        """Return dT/dqdot (n_q,): central differences, which are exact for a quadratic function of the rates.
+
+        Rates are moved by what gives momenta of these sizes (n_q,).
+        """
         size = len(self.program.layout.coordinates)
-        rates = slice(size, 2 * size)
-        step = 1.0 + float(np.max(np.abs(x[rates]), initial=0.0))
+        rates, mass = slice(size, 2 * size), np.diag(self._value("mass_matrix", t, x, c).reshape(size, size))
+        steps = np.where((sizes > 0.0) & (mass > 0.0), sizes / np.where(mass > 0.0, mass, 1.0), 1.0)
         rows = np.tile(x, (2 * size, 1))
-        rows[:size, rates] += step * np.eye(size)
-        rows[size:, rates] -= step * np.eye(size)
+        rows[:size, rates] += np.diag(steps)
+        rows[size:, rates] -= np.diag(steps)
         kinetic = interpret_rows(self.program.kernel("energy"), np.full(2 * size, t), rows, c)[:, 0]
-        return np.asarray((kinetic[:size] - kinetic[size:]) / (2.0 * step), dtype=float)
+        return np.asarray((kinetic[:size] - kinetic[size:]) / (2.0 * steps), dtype=float)
 
     def _refuse_jump(self, t: float, x: FloatArray, before: FloatArray, after: FloatArray) -> None:
         if "position_residual" not in self.program:
             return
         left = [self._value("position_residual", t, x, c) for c in (before, after)]
-        jumps = np.abs(left[1] - left[0]) > _JUMP * (1.0 + np.abs(left[0]) + np.abs(x).max(initial=0.0))
+        sizes = coordinate_sizes(self.program, np.array([t]), x[np.newaxis], after)[0]
+        size, count = len(sizes), len(left[0])
+        rows = self._value("constraint_jacobian", t, x, after).reshape(-1, size)[:count]
+        terms = np.abs(rows) @ np.maximum(np.abs(x[:size]), sizes)
+        jumps = np.abs(left[1] - left[0]) > _JUMP * (terms + np.abs(left[0]))
         if np.any(jumps):
             layout = self.program.layout
             label = [name for name in layout.constraints if name.startswith("holonomic")][int(np.argmax(jumps))]
@@ -127,6 +148,23 @@ class Impulses:
                 f"{label} jumps at t = {t:g}: no finite impulse moves a body from one place to another at once."
                 " Write a position that is continuous in time, such as a ramp; its velocity may jump"
             )
+
+
+def _impulsive(mass: FloatArray, rows: FloatArray, change: FloatArray, residual: FloatArray) -> FloatArray:
+    """Return changes of rates (n_q,) that take back those of momenta (n_q,) and residuals (m,) of constraints.
+
+    Of least squares, in coordinates of unit inertia and with constraints of unit length.
+    """
+    diagonal, count = np.diag(mass), len(rows)
+    sizes = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    rows = rows * sizes
+    lengths = np.linalg.norm(rows, axis=1)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    rows = rows / lengths[:, np.newaxis]
+    saddle = np.block([[sizes[:, np.newaxis] * mass * sizes, rows.T], [rows, np.zeros((count, count))]])
+    found = np.linalg.lstsq(saddle, np.concatenate([sizes * change, residual / lengths]), rcond=None)[0]
+    moved: FloatArray = sizes * found[: len(mass)]
+    return moved
 
 
 def impulses_of(equations: EquationsOfMotion, program: Program) -> Impulses | None:

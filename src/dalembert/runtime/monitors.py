@@ -11,6 +11,7 @@ from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..reduction.invariants import Candidates
 from .assembly import assembled
+from .state_sizes import coordinate_sizes
 
 __all__ = ["conserved"]
 
@@ -44,12 +45,14 @@ def _still(
     count, size = len(found.names), len(layout.coordinates)
     still, trials = np.ones(count, bool), 0
     for place in np.linspace(0, len(t) - 1, _TRIALS).astype(int):
-        speed = max(1.0, float(np.max(np.abs(x[place, size : 2 * size]), initial=0.0)))
+        own = (c if c.ndim == 1 else c[place]).copy()
+        sizes = coordinate_sizes(program, t[place : place + 1], x[place : place + 1], own)[0]
+        speed = _speed(program, t[place : place + 1], x[place : place + 1], own, sizes)
         start = np.concatenate([x[place, :size], np.zeros(size), x[place, 2 * size :]])
-        start[: 2 * size] += np.repeat([_SPREAD, speed], size) * random.standard_normal(2 * size)
+        spread = np.concatenate([_SPREAD * sizes, speed * sizes])
+        start[: 2 * size] += spread * random.standard_normal(2 * size)
         start[2 * size :] += random.standard_normal(len(layout.states))
         guess = dict(zip(layout.variables, start.tolist(), strict=True))
-        own = (c if c.ndim == 1 else c[place]).copy()
         for first in coefficient_places(layout.parameters, layout.inputs):  # conserved whatever the inputs are
             own[first + 1 : first + WIDTH] += random.standard_normal(WIDTH - 1)
         try:
@@ -65,3 +68,16 @@ def _still(
             still &= np.abs(out[:count]) <= _STILL * out[count:]
             trials += 1
     return still & (trials > 0)
+
+
+def _speed(program: Program, t: FloatArray, x: FloatArray, c: FloatArray, sizes: FloatArray) -> float:
+    """Return a speed of the motion at a state x (1, 2 n_q + n_z), in sizes of coordinates in a unit of time.
+
+    The largest of its rates, and of what accelerations make of rest over the sizes; one where nothing moves.
+    """
+    n = len(sizes)
+    with np.errstate(all="ignore"):
+        second = np.abs(interpret_rows(program.kernel("accelerations"), t, x, c)[0]) / sizes
+    fastest = np.max(np.abs(x[0, n : 2 * n]) / sizes, initial=0.0)
+    speed = float(np.fmax(fastest, np.sqrt(np.max(second[np.isfinite(second)], initial=0.0))))
+    return speed if speed > 0.0 else 1.0

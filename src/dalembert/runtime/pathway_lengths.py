@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["lost_directions"]
 
 _NOTHING = 1e-12
-"""Length [m] of a part of a pathway that counts as zero."""
+"""Share of its largest length in a run at which a part of a pathway counts as zero."""
 
 
 def lost_directions(model: CompiledModel, solution: Solution, c: Constants) -> str:
@@ -30,11 +30,10 @@ def lost_directions(model: CompiledModel, solution: Solution, c: Constants) -> s
     parts = straight_parts(scene)
     lengths = [length for _, _, length in parts]
     kernel = event_functions(scene, model.stages.reduced, lengths, "pathway", moving=False).values
-    times = np.array([solution.t[-1]])
-    found = interpret_rows(kernel, times, solution.y[-1:], constants_at(c, times))[0]
+    found = np.abs(interpret_rows(kernel, solution.t, solution.y, constants_at(c, solution.t)))
     lost = [
         f"{name} has no direction, because {ends} are at the same place"
-        for (name, ends, _), length in zip(parts, found, strict=True)
-        if abs(length) < _NOTHING
+        for (name, ends, _), length, largest in zip(parts, found[-1], np.max(found, axis=0), strict=True)
+        if length <= _NOTHING * largest
     ]
-    return f"at t = {times[0]:.6g} {'; '.join(lost)}" if lost else ""
+    return f"at t = {solution.t[-1]:.6g} {'; '.join(lost)}" if lost else ""
