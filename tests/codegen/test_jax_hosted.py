@@ -256,3 +256,17 @@ def test_faults(model, bouncing):
         solve(T, [1.0, 0.0], {"m": 1.0, "g": 9.81})
     with pytest.raises(CapabilityError, match='backend="jax"'):
         da.compile_model(da.scenes.bouncing_ball()).solve_fn()
+
+
+@pytest.mark.parametrize("events", [(), (da.Event(h, direction=-1, name="floor"),)], ids=["traced", "hosted"])
+def test_values_by_symbols(model, events):
+    """Symbols are keys as in `simulate`; a name beside its symbol is an error, and no value of the two is taken."""
+    solve = model.solve_fn([h, speed], events=events, **OPTIONS)
+    falls = solve([0.0, 0.25], {h: 1.0, speed: 0.5}, {m: 1.0, g: 9.81})
+    assert falls.q[-1, 0] == solve([0.0, 0.25], {"h": 1.0, "h_dot": 0.5}, {"m": 1.0, "g": 9.81}).q[-1, 0]
+    for initial, p in (
+        ({h: 1.0, "h": 2.0, speed: 0.5}, {m: 1.0, g: 9.81}),
+        ({h: 1.0, speed: 0}, {m: 1.0, "m": 2, g: 1}),
+    ):
+        with pytest.raises(UnknownNameError, match=r"'(h|m)' is given twice"):
+            solve([0.0, 0.25], initial, p)

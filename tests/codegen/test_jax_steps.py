@@ -48,6 +48,8 @@ def test_steps_follow_the_motion_with_their_order(cart_pole):
         after = step(y, {"u": 1.5}, 0.2, PARAMETERS, method=method, substeps=substeps)
         return np.abs(np.asarray(after) - run.y[-1]).max()
 
+    by_symbol = step(y, {dynamicsymbols("u"): 1.5}, 0.2, PARAMETERS, method="euler", substeps=4)
+    assert np.abs(np.asarray(by_symbol) - run.y[-1]).max() == error("euler", 4)
     assert 1.7 < error("euler", 4) / error("euler", 8) < 2.4
     assert 12.0 < error("rk4", 4) / error("rk4", 8) < 22.0
     assert error("tsit5", 8) < 2e-9 and error("dopri8", 8) < 1e-11

@@ -209,9 +209,10 @@ def test_python_functions_do_the_same_in_single_runs():
     ):
         with pytest.raises(CapabilityError, match=r"calls no Python functions, .*own.* write them as expressions"):
             refused()
-    wrong = da.compile_model(cart(da.Controller("own", period=0.1, inputs=[u], function=lambda *a: ([1, 2], None))))
-    with pytest.raises(ValueInputError, match=r"returned inputs .1, 2.; it must give finite numbers for u"):
-        wrong.simulate((0, 1), {x: 0, x.diff(): 0}, {m: 1, c: 1})
+    for given in ([1, 2], [1j], {u: 1j}, ["1"]):
+        law = da.Controller("own", period=0.1, inputs=[u], function=lambda *a, given=given: (given, None))
+        with pytest.raises(ValueInputError, match=r"returned inputs .*; it must give finite numbers for u"):
+            da.compile_model(cart(law)).simulate((0, 1), {x: 0, x.diff(): 0}, {m: 1, c: 1})
 
 
 FAULTS = {

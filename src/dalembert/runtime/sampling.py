@@ -18,6 +18,7 @@ from ..ir.program import Layout, Program
 from ..methods.step_constants import SMALLEST_OF_TIME
 from ..reduction.sampling_kernels import Action, SamplingKernels
 from ..scene.elapsed import START
+from ..values import array_of, number
 
 __all__ = ["NoInstants", "Sampling"]
 
@@ -180,9 +181,9 @@ def _numbers(controller: str, what: str, names: Sequence[str], given: Any) -> li
     try:
         if isinstance(given, Mapping):
             table = {str(getattr(key, "func", key)): value for key, value in given.items()}
-            found = [float(table[name]) for name in names] if set(table) == set(names) else None
+            found = [number(table[name]) for name in names] if set(table) == set(names) else None
         else:
-            found = [float(value) for value in ([] if given is None else np.atleast_1d(given))]
+            found = [] if given is None else [number(value) for value in np.atleast_1d(array_of(given))]
     except (TypeError, ValueError):
         found = None
     if found is None or len(found) != len(names) or not np.all(np.isfinite(found)):

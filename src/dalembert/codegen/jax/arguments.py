@@ -17,7 +17,7 @@ from ...ir.input_parameters import WIDTH, hidden_parameters
 from ...ir.program import Layout
 from ...values import times_of
 
-__all__ = ["parameters_of", "times", "vector"]
+__all__ = ["by_name", "parameters_of", "times", "vector"]
 
 
 def parameters_of(layout: Layout, p: Any, numbers: Mapping[str, Any], given: Container[str] = ()) -> Any:
@@ -26,7 +26,8 @@ def parameters_of(layout: Layout, p: Any, numbers: Mapping[str, Any], given: Con
     Inputs have the `numbers` by name, or are `given` as functions of time, or have numbers among the parameters.
     """
     shown = (*layout.given, *layout.inputs)
-    p = vector("parameter", _with_inputs(layout, p, numbers, given), layout.parameters, layout.defaults, shown)
+    named = _with_inputs(layout, p, numbers, given)
+    p = vector("parameter", named, layout.parameters, layout.aliases, layout.defaults, shown)
     for name in layout.inputs:
         if name in numbers or name in given:
             row = jnp.zeros(WIDTH).at[1].set(_number(name, numbers.get(name, 0.0)))
@@ -74,7 +75,7 @@ def _with_inputs(layout: Layout, values: Any, numbers: Mapping[str, Any], given:
     """
     if not isinstance(values, Mapping) or not layout.inputs:
         return values
-    table: dict[str, Any] = {str(key): value for key, value in values.items()}
+    table = by_name("parameter", values, layout.aliases)
     elsewhere = [name for name in layout.inputs if name in numbers or name in given]
     twice = [name for name in elsewhere if name in table]
     missing = [name for name in layout.inputs if name not in table and name not in elsewhere]
@@ -98,23 +99,41 @@ def _with_inputs(layout: Layout, values: Any, numbers: Mapping[str, Any], given:
     return table
 
 
+def by_name(kind: str, values: Mapping[Any, Any], aliases: Mapping[str, str]) -> dict[str, Any]:
+    """Return values by name from a mapping of names or symbols.
+
+    Raises
+    ------
+    UnknownNameError
+        For a name that is given twice.
+    """
+    table: dict[str, Any] = {}
+    for key, value in values.items():
+        name = aliases.get(str(key), str(key))
+        if name in table:
+            raise UnknownNameError(f"{kind} {name!r} is given twice")
+        table[name] = value
+    return table
+
+
 def vector(
     kind: str,
     values: Any,
     names: tuple[str, ...],
+    aliases: Mapping[str, str],
     defaults: Mapping[str, float] | None = None,
     shown: tuple[str, ...] | None = None,
 ) -> Any:
-    """Return an array of values by name, or of an array in their order; some may have defaults.
+    """Return an array of values by name or symbol, or of an array in their order; some may have defaults.
 
-    Messages list the names `shown`.
+    The texts of symbols have `aliases`, their names. Messages list the names `shown`.
     """
     if not isinstance(values, Mapping):
         array = jnp.asarray(values, dtype=float)
         if array.shape != (len(names),):
             raise OptionError(f"{kind}s must have shape ({len(names)},), for {list_names(names)}, not {array.shape}")
         return array
-    table = {**(defaults or {}), **{str(key): value for key, value in values.items()}}
+    table = {**(defaults or {}), **by_name(kind, values, aliases)}
     wrong = [unknown_name(kind, name, shown or names) for name in table if name not in names]
     missing = [name for name in names if name not in table]
     if missing:

@@ -68,7 +68,8 @@ class HostedSolve:
         numbers, given = inputs_of(layout, self._hosted.inputs, inputs, t)
         _refuse_functions(given)
         p = parameters_of(layout, p, numbers, given)
-        solved = _solved(self, t, vector("initial value", initial, self.given), p, given)
+        start = vector("initial value", initial, self.given, layout.aliases)
+        solved = _solved(self, t, start, p, given)
         return raise_failure(solved, "", self._options.method) if self._options.throw else solved
 
     def __eq__(self, other: object) -> bool:

@@ -236,9 +236,7 @@ class StateFunctions(_OfProgram):
         t, q = jnp.asarray(t, dtype=float), _rows("q", q, len(layout.coordinates))
         qdot = jnp.zeros_like(q) if qdot is None else _rows("qdot", qdot, len(layout.coordinates))
         if isinstance(states, Mapping):
-            states = vector(
-                "state", {layout.aliases.get(str(key), str(key)): states[key] for key in states}, layout.states
-            )
+            states = vector("state", states, layout.states, layout.aliases)
         z = jnp.zeros(len(layout.states)) if states is None else _rows("states", states, len(layout.states))
         numbers, given = inputs_of(layout, symbols, inputs, t)
         functions = [name for name, value in given.items() if isinstance(value, Feedback)]

@@ -144,7 +144,8 @@ class Solve:
         self.check_precision(given)
         refuse_given(given, self._options)
         p = parameters_of(layout, p, numbers, given)
-        solved = _solved(self, t, vector("initial value", initial, self.given), p, given)
+        start = vector("initial value", initial, self.given, layout.aliases)
+        solved = _solved(self, t, start, p, given)
         return raise_failure(solved, self._program.formulation, self._options.method) if self._options.throw else solved
 
     def __eq__(self, other: object) -> bool:

@@ -16,6 +16,7 @@ from ...integrators.jax.mesh_axes import stack, varying_like
 from ...integrators.jax.pairs import slopes_of
 from ...ir.program import Layout, Program
 from ..printers import JAX
+from .arguments import by_name
 from .kernels import compile_kernel
 from .pieces import PAIRS
 
@@ -129,7 +130,7 @@ def control_by_name(layout: Layout, control: Any) -> dict[str, Any]:
                 f"control must have shape ({len(names)},), for the inputs {list_names(names)}, not {array.shape}"
             )
         return dict(zip(names, array, strict=True))
-    table = {str(key): value for key, value in control.items()}
+    table = by_name("input", control, layout.aliases)
     wrong = [unknown_name("input", name, names) for name in table if name not in names]
     missing = [name for name in names if name not in table]
     if missing:
