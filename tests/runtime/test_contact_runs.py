@@ -373,6 +373,13 @@ def test_records_longer_than_their_arrays(monkeypatch):
     np.testing.assert_allclose(short.y[-1], plain.y[-1], atol=1e-12)
 
 
+def test_every_run_takes_the_first_step_that_it_is_given():
+    """The memory of a run, which the next one takes, has modes that are run without it."""
+    runs = [plate().simulate((0, 2), TILTED, PLATE, method="dop853", first_step=step) for step in (1e-3, 1e-3, 2e-3)]
+    assert [run.t[1] for run in runs] == [1e-3, 1e-3, 2e-3]
+    assert np.array_equal(runs[0].y, runs[1].y)
+
+
 def test_what_is_kept_of_a_run_is_what_was_asked_for():
     p = {**BALL, "e": 0.5}
     bare = ball().simulate((0, 1), DROPPED, p, dense=False, events=[da.Event(y - sp.Rational(1, 2), name="half")])

@@ -16,7 +16,7 @@ from ..methods.event_constants import RESOLUTION
 from ..methods.status import Status
 from ..values import times_of
 from .estimate import NamedArrays
-from .events import EventRecord, EventRecords
+from .events import EventRecords
 from .motion import ENERGIES, Motion, RunStatistics, reaction_hint
 from .trajectory import Trajectory
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..integrators.segments import Constants
     from ..scene import Scene
 
-__all__ = ["HybridTrajectory", "Part", "Phase", "joined_records"]
+__all__ = ["HybridTrajectory", "Part", "Phase"]
 
 
 @final
@@ -111,8 +111,10 @@ class HybridTrajectory(Motion):
         self.phases = tuple(replace(phase, t0=start + phase.t0, t1=start + phase.t1) for phase in self._own_phases)
         return super().counted_from(start, t, note)
 
-    def _counted(self, motion: HybridTrajectory, t: FloatArray) -> HybridTrajectory:
-        """Return a part of this motion, at times t (k,), counted as this is."""
+    def _regrouped(self, parts: Sequence[Part], order: NDArray[np.intp], t: FloatArray) -> HybridTrajectory:
+        """Return some rows of this motion, in an order, at times t (k,) counted as this is."""
+        about = self.status, self.stats, self._name, self._layout
+        motion = HybridTrajectory(parts, self._own_phases, order, self._whole, *about)
         if self._begin is not None:
             return motion.counted_from(self._begin, t)
         motion.t = t.copy()
@@ -190,8 +192,7 @@ class HybridTrajectory(Motion):
             order.append(mine)
             parts.append(replace(part, motion=part.motion.rows(rows[mine] - first)))
         back = np.argsort(np.concatenate(order), kind="stable")
-        about = (self.status, self.stats, self._name, self._layout)
-        return self._counted(HybridTrajectory(parts, self._own_phases, back, self._whole, *about), self.t[some])
+        return self._regrouped(parts, back, self.t[some])
 
     @property
     def _lasting(self) -> Sequence[Part]:
@@ -242,8 +243,7 @@ class HybridTrajectory(Motion):
             part = lasting[0]
             parts = [Part(part.phase, part.motion.at(part.motion.t[:0], part.motion.y[:0]), part.violation)]
         order = np.argsort(np.concatenate(rows), kind="stable")
-        about = (self.status, self.stats, self._name, self._layout)
-        return self._counted(HybridTrajectory(parts, self._own_phases, order, self._whole, *about), given)
+        return self._regrouped(parts, order, given)
 
     def __repr__(self) -> str:
         span = f"t = {self.t[0]:g} .. {self.t[-1]:g}, " if len(self.t) else ""
@@ -298,20 +298,3 @@ class _SamePhases:
 
         joined: FloatArray = self.run._joined(values)
         return joined
-
-
-def joined_records(
-    names: Sequence[str],
-    records: Sequence[Mapping[str, tuple[Part, Part, NDArray[np.int8]]]],
-    make: Callable[[Sequence[Part]], HybridTrajectory],
-) -> list[EventRecord]:
-    """Return one record an event from those of all phases; `make` joins motions.
-
-    Those of a phase are, by name, the motion before and after each occurrence, and the signs.
-    """
-    joined = []
-    for name in names:
-        mine = [record[name] for record in records]
-        before, after = make([part for part, _, _ in mine]), make([part for _, part, _ in mine])
-        joined.append(EventRecord(name, np.concatenate([signs for _, _, signs in mine]), before, after))
-    return joined

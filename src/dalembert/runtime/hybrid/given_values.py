@@ -14,7 +14,7 @@ from ...hybrid import CLOSED, OPEN, SLIP, SMOOTH, Mode
 from ...integrators.event_code import Event, event_list
 from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
-from ...methods.status import Status
+from ...methods.status import RUNNING, Status
 from ...options import SimulateOptions, SweepOptions
 from ...progress import run_meter
 from ...reduction.baumgarte import GAINS, Baumgarte
@@ -28,7 +28,7 @@ from ..simulate import NO_ESTIMATE
 from .event_jumps import EventJumps
 from .mode_models import ModeModels
 from .reductions import PhaseReductions
-from .request import MotionRequest, SweepRequest
+from .request import MotionRequest
 from .simulate import simulate
 from .sweep import sweep
 
@@ -114,15 +114,15 @@ def run_motion(
     if times is not None and not (np.all(np.isfinite(times)) and np.all((times - t0) * (times - t1) <= 0.0)):
         raise ValueInputError(f"t_eval must lie within t_span = ({t0:g}, {t1:g})")
     request = MotionRequest(
-        t0=t0,
-        t1=t1,
-        x=start_state(modes, layout, t0, values, given),
-        parameters=given,
-        c=p,
+        t0=np.array([t0]),
+        t1=np.array([t1]),
+        x=start_state(modes, layout, t0, values, given)[np.newaxis],
+        p=p[np.newaxis],
+        status=np.array([RUNNING]),
         options=options,
-        events=events,
-        layout=layout,
+        reductions=PhaseReductions({}, events),
         jumps=_jumps(modes, layout, events),
+        layout=layout,
     )
     with run_meter(t0, t1, options.progress) as show:
         run = simulate(modes, request)
@@ -168,26 +168,23 @@ def run_cases(
     block, status = cases.block(slice(0, cases.count), settings)
     columns = {n: cases.parameters[n] for n in layout.parameters}
     p = np.column_stack([np.broadcast_to(columns[n], cases.count) for n in columns]) if columns else None
-    request = SweepRequest(
-        t=block.spans[:, 0],
+    request = MotionRequest(
+        t0=block.spans[:, 0],
         t1=block.spans[:, 1],
         x=interpret_rows(program.kernel("expand"), block.spans[:, 0], block.y, block.c),
         p=np.zeros((cases.count, 0)) if p is None else p,
         status=status.astype(np.int64),
-        t_eval=settings.t_eval,
+        options=replace(options, t_eval=settings.t_eval, threads=settings.threads),
         reductions=PhaseReductions(table, events),
         jumps=_jumps(modes, layout, events),
-        options=options,
-        threads=settings.threads,
         layout=layout,
-        varied=(cases.initial, columns),
-        axes={} if options.grid is None else options.grid.axes,
     )
-    run = sweep(modes, request)
+    varied = cases.initial, columns
+    run = sweep(modes, request, varied)
     if not options.error_estimate:
         return run
     stop = bool(np.any(run.status == Status.INTERRUPTED))
-    return run.with_twin(sweep(modes, replace(request, options=_tighter(options)), stop))
+    return run.with_twin(sweep(modes, replace(request, options=_tighter(request.options)), varied, stop))
 
 
 def _jumps(modes: ModeModels, layout: Layout, events: Sequence[Event]) -> EventJumps:

@@ -1,11 +1,10 @@
-"""Records of one motion with contacts by the loop over phases, and the trajectories of its phases."""
+"""Records of one motion with contacts by the loop over phases."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import TYPE_CHECKING, final
 
 import numpy as np
@@ -13,34 +12,23 @@ import numpy as np
 from ...arrays import FloatArray
 from ...hybrid import Mode
 from ...hybrid.modes import STATES
-from ...integrators.dense_output import PiecewisePolynomial
-from ...integrators.event_code import Event
-from ...integrators.events import Occurrence
-from ...integrators.projected_states import projected
-from ...integrators.segments import Constants, Segments, constants_at
-from ...integrators.step_records import ATTEMPTS_AT, END_AT, ENDED_AT, FIRST_AT, START_AT
-from ...integrators.workspace import ROUNDING
+from ...integrators.step_records import ENDED_AT, START_AT
 from ...interrupts import check
-from ...ir.conditions import CONDITION_TIME
 from ...ir.program import Layout
-from ...methods.status import Status
 from ...options import SimulateOptions
-from ...results.motion import RunStatistics
-from ...results.trajectory import Trajectory, joined_runs
-from .. import inputs
-from ..symbol_assumptions import warn_of_motion
-from .event_jumps import EventJumps
+from ...results.trajectory import Trajectory
+from .case_runs import CaseRuns
 from .host_runners import HostRunner
-from .lone_case import LoneCase
 from .mode_models import ModeModels
 from .mode_runners import ModeRunner
 from .reductions import PhaseReductions
+from .request import MotionRequest
 from .stops import Stops
 
 if TYPE_CHECKING:
-    from ..model import CompiledModel
+    pass
 
-__all__ = ["MotionRecorder", "RecordedPhase", "trajectories"]
+__all__ = ["MotionRecorder", "RecordedPhase", "recorder_of"]
 
 _MOST_KEPT = 16
 """Sets of options and events whose recorders are kept."""
@@ -101,13 +89,12 @@ class RecordedPhase:
 
 
 @contextmanager
-def recorder_of(
-    modes: ModeModels, layout: Layout, options: SimulateOptions, events: Sequence[Event], stops: Stops | None
-) -> Iterator[MotionRecorder]:
-    """Context with a recorder for these options and events, which is kept for the next run that is given the same."""
+def recorder_of(modes: ModeModels, request: MotionRequest[SimulateOptions]) -> Iterator[MotionRecorder]:
+    """Context with a recorder for a request, which is kept for the next one with the same options and events."""
+    options, events = request.options, request.reductions
     dense = options.dense or options.t_eval is not None
-    steps = options.method, options.rtol, options.atol, options.max_step, options.max_steps, options.first_step, dense
-    key = repr((*steps, tuple(events), stops is not None))
+    steps = options.method, options.rtol, options.atol, options.max_step, options.max_steps, dense
+    key = repr((*steps, events.requested))
     if len(modes.recorders) >= _MOST_KEPT and key not in modes.recorders:
         modes.recorders.clear()
     kept = modes.recorders.setdefault(key, [])
@@ -115,8 +102,7 @@ def recorder_of(
         recorder = kept.pop()
     except IndexError:
         own = replace(options, dense=dense, t_eval=None, events=(), inputs=None, progress=False, error_estimate=False)
-        recorder = MotionRecorder(modes, layout, own, PhaseReductions({}, tuple(events)))
-    recorder.case.stop_at(stops)
+        recorder = MotionRecorder(modes, request.layout, own, events)
     yield recorder
     kept.append(recorder)
 
@@ -131,32 +117,41 @@ class MotionRecorder:
     layout : Layout
         Of the scene.
     options : SimulateOptions
-        Method, tolerances, first and largest step, number of steps, and whether the motion is to be evaluated later.
-    watched : PhaseReductions
+        Method, tolerances, largest step, number of steps, and whether the motion is to be evaluated later.
+    reductions : PhaseReductions
         The events that users watch.
+
+    Attributes
+    ----------
+    case : CaseRuns
+        The motion.
+    note : str
+        What Python noted of its end.
     """
 
-    def __init__(self, modes: ModeModels, layout: Layout, options: SimulateOptions, watched: PhaseReductions) -> None:
-        known = modes, layout, options, watched
-        self.case = LoneCase(*known, lines=_LINES, fits=True, first_step=options.first_step)
-        self._modes, self.note = modes, ""
+    def __init__(
+        self, modes: ModeModels, layout: Layout, options: SimulateOptions, reductions: PhaseReductions
+    ) -> None:
+        self.case = CaseRuns(modes, layout, options, reductions, lines=_LINES, fits=True)
+        self._contacts, self.note = len(modes.equations.contacts), ""
         self._phases: list[RecordedPhase] = []
         self._rows: list[tuple[ModeRunner, FloatArray]] = []
         self._runs: list[tuple[HostRunner, Trajectory]] = []
         self._occurrences: list[FloatArray] = []
 
-    def run(self, jumps: EventJumps) -> list[RecordedPhase]:
-        """Run the motion that `case` has begun; return its phases. What Python notes of its end is in `note`."""
+    def run(self, request: MotionRequest[SimulateOptions], stops: Stops | None) -> list[RecordedPhase]:
+        """Run the requested motion; return its phases."""
         self._phases, self._rows, self._runs, self._occurrences = [], [], [], []
-        self.case.run(jumps, self._take, self._jumped)
-        self._take()
+        span = float(request.t0[0]), float(request.t1[0])
+        self.case.begin(*span, request.x, request.p, stops, request.options.first_step)
+        self.case.run(request.jumps, paused=self._take, jumped=self._jumped)
         self._sort()
         self.note = self._runs[-1][1].stats.note if self._runs else ""
         return self._phases
 
     def _take(self) -> None:
         """Take what the loop has recorded so far."""
-        numbers, executor = self.case.table.numbers, self.case.executor
+        numbers, executor = self.case.numbers, self.case.executor
         if numbers.logged[0]:
             self._take_lines(self.case.log[: int(numbers.logged[0])].copy())
             numbers.logged[0] = 0
@@ -176,7 +171,7 @@ class MotionRecorder:
 
     def _take_lines(self, lines: FloatArray) -> None:
         """Take lines of the log (n, ...): beginnings of phases."""
-        k, first = len(self._modes.equations.contacts), 2
+        k, first = self._contacts, 2
         modes = [tuple(STATES[number] for number in row) for row in lines[:, first : first + k].astype(int).tolist()]
         directions = lines[:, first + k : first + 3 * k].reshape(len(lines), k, 2)
         sides, rest = lines[:, first + 3 * k : first + 4 * k], lines[:, first + 4 * k : first + 5 * k]
@@ -213,124 +208,3 @@ class MotionRecorder:
             places = np.maximum(np.searchsorted(begins, forward * found[:, 1], side="left") - 1, 0)
             for place in np.unique(places):
                 self._phases[place].occurrences = found[places == place]
-
-
-def trajectories(
-    modes: ModeModels,
-    phases: Sequence[RecordedPhase],
-    given: Mapping[str, float],
-    status: Status,
-    labels: Sequence[str],
-    stops: Stops | None,
-    *,
-    dense: bool,
-) -> list[Trajectory]:
-    """Return the motions of recorded phases, with their events.
-
-    Parameters
-    ----------
-    modes : ModeModels
-    phases : sequence of RecordedPhase
-    given : mapping of str to float
-        Parameters of the scene.
-    status : Status
-        How the last of them ended.
-    labels : sequence of str
-        Names of the events that users watch.
-    stops : Stops or None
-        Where constants change, and controllers act, within phases.
-    dense : bool
-        Whether they can be evaluated between their steps.
-    """
-    acts = stops is not None and stops.acts
-    found = [joined_runs(phase.runs, labels, right=acts) if phase.runs else None for phase in phases]
-    for mode in dict.fromkeys(phase.mode for phase in phases if not phase.runs):
-        some = [i for i, phase in enumerate(phases) if phase.mode == mode and not phase.runs]
-        model = modes.model(mode)
-        p = np.array([phases[i].parameters(modes, given) for i in some]).reshape(len(some), -1)
-        c: Iterable[Constants] = inputs.prepare_rows(model.stages.program, p) if stops is None else ()
-        if stops is not None:
-            c = [_course(model, phases[i], own, stops) for i, own in zip(some, p, strict=True)]
-        for row, i in zip(c, some, strict=True):
-            ended = status if i == len(phases) - 1 else Status.SUCCESS
-            found[i] = _trajectory(modes, model, phases[i], row, ended, labels, dense, acts)
-    return [motion for motion in found if motion is not None]
-
-
-def _course(model: CompiledModel, phase: RecordedPhase, p: FloatArray, stops: Stops) -> Segments:
-    """Return the constants along a phase, for the parameters (n_p,) of the model of its mode."""
-    program, breaks = model.stages.program, stops.breaks
-    edges = np.array([phase.t0, phase.t1])
-    if breaks is not None:
-        inside = (breaks.times - phase.t0) * (phase.t1 - breaks.times) > 0.0
-        edges = np.concatenate([edges[:1], breaks.times[inside], edges[1:]])
-    rows = np.tile(p, (len(edges) - 1, 1))
-    if breaks is not None and breaks.place is not None:
-        place = program.layout.parameters.index(CONDITION_TIME)
-        rows[:, place] = breaks.middles(np.zeros(len(rows), np.intp), edges[:-1])
-    records = None if stops.inputs is None else stops.inputs.records(program.layout)
-    return Segments(edges, inputs.prepare_rows(program, rows), records)
-
-
-def _trajectory(
-    modes: ModeModels,
-    model: CompiledModel,
-    phase: RecordedPhase,
-    c: Constants,
-    status: Status,
-    labels: Sequence[str],
-    dense: bool,
-    acts: bool,
-) -> Trajectory:
-    """Return the motion of one phase with its constants; where controllers act, behind each instant what follows it."""
-    n, program = len(model.layout.state), model.stages.program
-    rows = phase.steps if phase.rows else np.empty((0, FIRST_AT + 6 * n))
-    polynomials = rows[:, FIRST_AT + 2 * n :].reshape(len(rows), n, -1) if len(rows) else np.empty((0, n, 4))
-    if len(rows):
-        first = polynomials[0, :, 0]
-    else:
-        begin = np.array([phase.t0])
-        first = modes.states(phase.mode, begin, phase.x[np.newaxis], constants_at(c, begin).reshape(1, -1))[0]
-    t = np.concatenate([[phase.t0], rows[:, ENDED_AT]])
-    y = np.concatenate([first[np.newaxis], rows[:, FIRST_AT + n : FIRST_AT + 2 * n]])
-    if acts and len(rows) > 1:
-        y[1:-1] = polynomials[1:, :, 0]
-    method = "" if phase.runner is None else phase.runner.method
-    if len(rows):
-        output = PiecewisePolynomial(t, partial(_coefficients, rows, polynomials, in_time=method == "taylor"))
-    else:
-        output = PiecewisePolynomial(np.array([phase.t0, phase.t0]), first.reshape(1, 1, n))
-    counted = rows[:, ATTEMPTS_AT]  # anew behind every stop
-    attempts = int(counted[np.append(counted[1:] <= counted[:-1], True)].sum()) if len(rows) else 0
-    stats = RunStatistics(method, len(rows), attempts - len(rows), attempts, model.stages.compile_seconds, 0.0, "")
-    run = Trajectory(program, c, status, t, y, stats, output if dense else None)
-    run.ended_at(phase.t1)
-    if model.derived.signed:
-        warn_of_motion(model.layout.assumptions, model.derived.signed, run.t, run.__getitem__)
-    run.with_monitors(model.monitors).of_scene(model.stages.scene)
-    if not labels:
-        return run
-    found = [(int(e), t, int(sign)) for e, t, sign in phase.occurrences.tolist() if e < len(labels)]
-    low, high = sorted((phase.t0, phase.t1))
-    times = np.clip(np.array([t for _, t, _ in found]), low, high)
-    states = projected(program, c, times, output(times)) if found else np.empty((0, n))
-    states[times == phase.t1] = y[-1]
-    listed = zip(found, times.tolist(), states, strict=True)
-    return run.with_events(labels, [Occurrence(e, at, own, own, sign) for (e, _, sign), at, own in listed])
-
-
-def _coefficients(rows: FloatArray, polynomials: FloatArray, *, in_time: bool) -> FloatArray:
-    """Return coefficients (k, degree + 1, n_y) in the fraction of each step, up to where events cut it.
-
-    As where events are searched, polynomials end in the states in which the steps ended.
-    """
-    n, terms = polynomials.shape[1:]
-    whole, powers = (rows[:, END_AT] - rows[:, START_AT])[:, np.newaxis], np.arange(terms)
-    found = polynomials * (whole**powers)[:, np.newaxis] if in_time else polynomials.copy()
-    gap = rows[:, FIRST_AT : FIRST_AT + n] - found.sum(axis=2)
-    gap[np.abs(gap) <= ROUNDING * np.abs(found).sum(axis=2)] = 0.0
-    found[:, :, 2] += 3.0 * gap
-    found[:, :, 3] -= 2.0 * gap
-    share = (rows[:, ENDED_AT] - rows[:, START_AT])[:, np.newaxis] / whole
-    found *= (share**powers)[:, np.newaxis]
-    return np.ascontiguousarray(found.transpose(0, 2, 1))

@@ -10,42 +10,47 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...hybrid import SLIP, Mode
-from ...integrators.breakpoints import CaseBreaks
 from ...ir.conditions import CONDITION_TIME
 from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
-from ...methods.status import Status
 from ...results.hybrid_sweep import States
 from ...results.motion import ENERGIES
 from .. import inputs
-from ..input_values import GivenInputs
 from .mode_models import ModeModels
+from .stops import Stops
 
 if TYPE_CHECKING:
     from ..model import CompiledModel
 
-__all__ = ["BROKEN", "JAMMED", "OutputValues"]
+__all__ = ["JAMMED", "OutputValues"]
 
 JAMMED = 0.05
 """Determinant of the reactions below which a failing run counts as one into Painleve's paradox."""
-
-BROKEN = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.MAX_STEPS)
-"""Statuses of runs that end in Painleve's paradox."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class OutputValues:
-    """Gives values by name, of the scene with this layout and parameters (k, n_p).
+    """Values by name at states of cases.
 
-    Where inputs have knots, `inputs` are their values, the ends of the cases (k,), and whether their time runs forward.
+    Attributes
+    ----------
+    modes : ModeModels
+    layout : Layout
+        Of the scene.
+    p : ndarray (k, n_p)
+        Parameters of the cases.
+    stops : Stops or None
+        Changes of the parameters along the motions.
+    ends : (ndarray, ndarray) or None
+        Final times of the cases (k,) [s], and whether they run forward in time.
     """
 
     modes: ModeModels
     layout: Layout
     p: FloatArray
-    breaks: CaseBreaks | None = None
-    inputs: tuple[GivenInputs, FloatArray, NDArray[np.bool_]] | None = None
+    stops: Stops | None = None
+    ends: tuple[FloatArray, NDArray[np.bool_]] | None = None
 
     def __call__(self, key: str, states: States) -> FloatArray:
         """Return something by name at states (k,)."""
@@ -93,10 +98,11 @@ class OutputValues:
         """Return the parameters (k, n_p) of a mode's model at some states."""
         layout = self.modes.model(mode).layout
         own = {name: self.p[states.case, i] for i, name in enumerate(self.layout.parameters)}
-        if self.breaks is not None and self.breaks.place is not None:
-            own[CONDITION_TIME] = self.breaks.middles(states.case, states.t)
-        if self.inputs is not None:
-            given, ends, forward = self.inputs
+        breaks, given = (None, None) if self.stops is None else (self.stops.breaks, self.stops.inputs)
+        if breaks is not None and breaks.place is not None:
+            own[CONDITION_TIME] = breaks.middles(states.case, states.t)
+        if given is not None and self.ends is not None:
+            ends, forward = self.ends
             last = states.t == ends[states.case]
             own |= given.columns(states.t, states.case, forward[states.case] != last)
         columns = {**own, **self.modes.added(mode, states.directions, states.sides, states.rest)}

@@ -20,7 +20,7 @@ from ...errors import ValueInputError
 from ...hybrid import Mode
 from ...integrators.arguments import address_of, pack
 from ...integrators.phase_loop import PhaseArguments
-from ...integrators.phase_stops import StopTable
+from ...integrators.phase_stops import StopTable, no_stops
 from ...integrators.phase_tables import NOBODY, CaseTable, PhasePlan, RunnerTable, ThreadWorkspace
 from ...interrupts import STOPPED, check, stopped_by
 from ...ir.program import Layout
@@ -79,7 +79,7 @@ class PhaseExecutor:
     state : HybridState
         The cases.
     table : CaseTable
-        The same arrays, and what is recorded, with nothing in ``order``.
+        The same arrays, and what is recorded, with nothing in ``order``, and no stops.
     fits : bool
         Whether "auto" looks at the motions to find a method that fits.
     chosen : callable, optional
@@ -136,13 +136,19 @@ class PhaseExecutor:
         found = {runner.mode: runner.taken or runner.method for runner in self.runners}
         return found | {mode: self.runners[i].taken or self.runners[i].method for mode, i in self._serving.items()}
 
-    def forget_methods(self) -> None:
-        """Find out anew which methods fit, because other motions follow."""
+    def begin(self, stops: StopTable | None, first_step: float | None) -> None:
+        """Prepare for cases that begin: they have stops, or none, and find anew which methods fit.
+
+        `first_step` is the size of the first step of a case that is recorded, None where it is to be chosen.
+        """
+        if stops is not None or len(self.table.stops.first):
+            self._stop_at(no_stops() if stops is None else stops)
         for runner in self.runners:
             runner.forget()
-        if self._fits:
+        if self._fits or first_step is not None:
             self._serving.clear()
             self._activate()
+        self.compile_seconds, self.first_step = 0.0, first_step
 
     def _take_first_step(self) -> float | None:
         """Return the size of the first step; what comes after its phase is run as if it had not been given."""
@@ -224,27 +230,20 @@ class PhaseExecutor:
 
     # -- running ---------------------------------------------------------------------------
 
-    def run(self, some: NDArray[np.intp]) -> None:
-        """Run cases as far as they go: to their ends, to a jump, or to a mode that has no runner yet.
-
-        Raises KeyboardInterrupt where Ctrl-C stopped it.
-        """
-        self._place(some[self.table.numbers.runner[some] == NOBODY])
-        self._run(np.ascontiguousarray(some, np.int64))
-
-    def run_alone(self, paused: Callable[[], None] | None = None) -> None:
-        """Run the only case as far as it goes; `paused` is called whenever the loop returns before that."""
-        if self.table.numbers.runner[0] == NOBODY:
-            self._place(self._alone)
-        self._run(self._alone, paused)
-
     @property
     def calls(self) -> Sequence[LoopCall]:
         """The calls of the runners of the only case, as its last run made them."""
         return () if self._made is None else self._made[1].calls
 
-    def _run(self, order: NDArray[np.int64], paused: Callable[[], None] | None = None) -> None:
-        """Run cases that have runners, or are to begin."""
+    def run(self, some: NDArray[np.intp], paused: Callable[[], None] | None = None) -> None:
+        """Run cases as far as they go: to their ends, to a jump, or to a mode that has no runner yet.
+
+        `paused` is called whenever the loop returns before that. Raises KeyboardInterrupt where Ctrl-C stopped it.
+        """
+        unplaced = some[self.table.numbers.runner[some] == NOBODY]
+        if len(unplaced):
+            self._place(unplaced)
+        order = np.ascontiguousarray(some, np.int64) if self.threads else self._alone
         threads = self._thread_memory(len(order))
         threads.turn[0] = 0
         try:
@@ -311,9 +310,9 @@ class PhaseExecutor:
         self._activate()
         return self._made[1]
 
-    def stop_at(self, stops: StopTable) -> None:
-        """Let cases stop at the stops of a table; there must have been one before, or no run."""
-        if not len(stops.first) == len(self.table.stops.first):
+    def _stop_at(self, stops: StopTable) -> None:
+        """Take a table of stops."""
+        if len(stops.first) != len(self.table.stops.first):
             self._made = None
         self.table, self._packed = self.table._replace(stops=stops), []
         self._carry_signs()

@@ -11,7 +11,7 @@ from ...codegen.runs import Final, Prepared, PreparedStates
 from ...ir.program import Layout
 from ...methods.status import Status
 from ...options import PrepareOptions
-from .lone_case import LoneCase
+from .case_runs import CaseRuns
 from .mode_models import ModeModels
 from .reductions import PhaseReductions
 from .stops import stops_of
@@ -22,22 +22,20 @@ __all__ = ["prepared"]
 def prepared(modes: ModeModels, layout: Layout, t_span: tuple[float, float], options: PrepareOptions) -> Prepared:
     """Return a function from variables (2 n_q + n_z,) and parameters of the scene (n_p,) to the final variables.
 
-    The loop over phases runs each motion, with memory that every thread keeps.
+    Every thread keeps its memory.
     """
-    given = None if options.inputs is None or not options.inputs.sampled else options.inputs
     spans = np.array([t_span[0]]), np.array([t_span[1]])
-    stopping = given is not None or modes.changes
-    own: dict[int, LoneCase] = {}
+    stopping = modes.changes or (options.inputs is not None and options.inputs.sampled)
+    own: dict[int, CaseRuns] = {}
 
     def run(x: FloatArray, p: FloatArray) -> Final:
         if not (np.isfinite(x.sum()) and np.isfinite(p.sum())):
             return np.full_like(x, np.nan), Status.NON_FINITE
         case = own.get(get_ident())
         if case is None:
-            case = own[get_ident()] = LoneCase(modes, layout, options, PhaseReductions({}, ()))
-        if stopping:
-            case.stop_at(stops_of(modes, layout, given, p[np.newaxis], spans))
-        case.begin(*t_span, x, p)
+            case = own[get_ident()] = CaseRuns(modes, layout, options, PhaseReductions({}, ()))
+        stops = stops_of(modes, layout, options.inputs, p[np.newaxis], spans) if stopping else None
+        case.begin(*t_span, x, p, stops)
         case.run()
         return case.state.x[0].copy(), case.status
 

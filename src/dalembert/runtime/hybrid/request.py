@@ -1,98 +1,66 @@
-"""Requests of a motion with contacts, and of a sweep of such motions."""
+"""Requests of motions with contacts."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import final
+from functools import cached_property
+from typing import Generic, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ...integrators.event_code import Event
 from ...ir.program import Layout
 from ...options import SimulateOptions, SweepOptions
 from .event_jumps import EventJumps
 from .reductions import PhaseReductions
 
-__all__ = ["MotionRequest", "SweepRequest"]
+__all__ = ["MotionRequest"]
+
+OptionsT = TypeVar("OptionsT", SimulateOptions, SweepOptions)
 
 
 @final
 @dataclass(frozen=True, eq=False)
-class MotionRequest:
-    """Request of one motion.
+class MotionRequest(Generic[OptionsT]):
+    """Request of one motion, or of the cases of a sweep.
 
     Attributes
     ----------
-    t0, t1 : float
-        Span [s].
-    x : ndarray (2 n_q,)
-        Consistent coordinates and rates to start from.
-    parameters : dict of str to float
-        Of the scene.
-    c : ndarray (n_p,)
-        The same in the order of the scene.
-    options : SimulateOptions
-        As `simulate` was given them.
-    events : tuple of Event
+    t0, t1 : ndarray (k,)
+        Spans [s].
+    x : ndarray (k, 2 n_q + n_z)
+        Consistent coordinates, rates and first-order states to start from.
+    p : ndarray (k, n_p)
+        Parameters in the order of the scene.
+    status : ndarray (k,) of int
+        Of cases that cannot start; RUNNING for the others.
+    options : SimulateOptions or SweepOptions
+        As `simulate` or `sweep` was given them, with checked `t_eval` and `threads`.
+    reductions : PhaseReductions
+        With the events that users watch.
     jumps : EventJumps
         Of the events that map the state.
     layout : Layout
         Of the scene, with the requested outputs.
     """
 
-    t0: float
-    t1: float
-    x: FloatArray
-    parameters: dict[str, float]
-    c: FloatArray
-    options: SimulateOptions
-    events: tuple[Event, ...]
-    jumps: EventJumps
-    layout: Layout
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class SweepRequest:
-    """Request of a sweep.
-
-    Attributes
-    ----------
-    t, t1 : ndarray (k,)
-        Spans [s].
-    x : ndarray (k, 2 n_q)
-        Consistent coordinates and rates to start from.
-    p : ndarray (k, n_p)
-        Parameters in the order of the scene.
-    status : ndarray (k,) of int
-        Of cases that cannot start; -1 for the others.
-    t_eval : ndarray or None
-    reductions : PhaseReductions
-        With the events that users watch.
-    jumps : EventJumps or None
-        Of the events that map the state; None where there are none.
-    options : SweepOptions
-        Method, tolerances, limits and progress.
-    threads : int
-    layout : Layout
-        Of the scene.
-    varied, axes
-        What was varied, for the results.
-    """
-
-    t: FloatArray
+    t0: FloatArray
     t1: FloatArray
     x: FloatArray
     p: FloatArray
     status: NDArray[np.int64]
-    t_eval: FloatArray | None
+    options: OptionsT
     reductions: PhaseReductions
-    jumps: EventJumps | None
-    options: SweepOptions
-    threads: int
+    jumps: EventJumps
     layout: Layout
-    varied: tuple[dict[str, FloatArray], dict[str, FloatArray]]
-    axes: Mapping[str, FloatArray]
+
+    @cached_property
+    def parameters(self) -> dict[str, float]:
+        """Parameters of the first case by name."""
+        return dict(zip(self.layout.parameters, self.p[0].tolist(), strict=True))
+
+    @property
+    def labels(self) -> list[str]:
+        """Names of the events that users watch."""
+        return [event.label for event in self.reductions.requested]

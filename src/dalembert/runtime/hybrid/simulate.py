@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -12,16 +14,18 @@ from ...errors import InitialStateError
 from ...hybrid import CLOSED, OPEN, SLIP, SMOOTH, Mode
 from ...methods.status import Status
 from ...options import SimulateOptions
+from ...results.events import EventRecord, EventRecords
 from ...results.hybrid import HybridTrajectory, Part, Phase
 from ...results.motion import RunStatistics
+from ...results.trajectory import Trajectory
 from ..simulate import simulate_in_own_time
 from .mode_models import ModeModels
-from .motion_recorder import RecordedPhase, recorder_of, trajectories
-from .phase_events import PhaseEvents, after_jump, event_history
+from .motion_recorder import RecordedPhase, recorder_of
+from .phase_motions import trajectories
 from .request import MotionRequest
 from .start_faults import start_error
 from .state import HybridState
-from .stops import Stops, stops_of
+from .stops import stops_of
 
 __all__ = ["simulate"]
 
@@ -29,7 +33,7 @@ _SAME = 1e-9
 """Share of a state by which the state after an impact differs at least."""
 
 
-def simulate(modes: ModeModels, request: MotionRequest) -> HybridTrajectory:
+def simulate(modes: ModeModels, request: MotionRequest[SimulateOptions]) -> HybridTrajectory:
     """Return the requested motion.
 
     Raises
@@ -38,25 +42,78 @@ def simulate(modes: ModeModels, request: MotionRequest) -> HybridTrajectory:
         For starts that the contacts forbid.
     """
     options, begin = request.options, time.perf_counter()
-    given = options.inputs if options.inputs is not None and options.inputs.sampled else None
-    spans = np.array([request.t0]), np.array([request.t1])
-    stops = stops_of(modes, request.layout, given, request.c[np.newaxis], spans, options.t_eval)
-    with recorder_of(modes, request.layout, options, request.events, stops) as recorder:
-        case = recorder.case
-        case.begin(request.t0, request.t1, request.x, request.c)
-        phases, now = recorder.run(request.jumps), case.state
-        status, seconds = case.status, case.executor.compile_seconds
+    spans = request.t0, request.t1
+    stops = stops_of(modes, request.layout, options.inputs, request.p, spans, options.t_eval)
+    with recorder_of(modes, request) as recorder:
+        phases, case = recorder.run(request, stops), recorder.case
+        status, now, seconds = case.status, case.state, case.executor.compile_seconds
         if status is Status.INITIAL_STATE:
             _refuse(modes, request, phases, now)
-        records = _records(modes, request, _kept(phases, status), status, stops)
-        parts = [record.part for record in records] or [_start(modes, request, now)]
+        kept = _kept(phases, status)
+        runs = trajectories(modes, kept, request, status, stops)
+        parts = [_part(modes, phase, run) for phase, run in zip(kept, runs, strict=True)] or [
+            _start(modes, request, now)
+        ]
         note = _note(modes, phases, now, status) or recorder.note
+        end = now.x[0].copy()
     stats = _statistics(parts, options, note, (seconds, time.perf_counter() - begin - seconds))
-    if status is Status.EVENT and records and records[-1].after is not None:
-        parts.append(after_jump(records[-1].part, request.jumps, records[-1].after, request.c))
-    elif status is Status.SUCCESS and records and _struck_at_end(records[-1].part, now.x[0]):
-        parts.append(after_jump(records[-1].part, request.jumps, now.x[0], request.c))
-    return _motion(modes, request, parts, records, status, stats)
+    whole, after = list(parts), None
+    if kept and status is Status.EVENT:
+        after = kept[-1].after
+    elif kept and status is Status.SUCCESS and _struck_at_end(parts[-1], end):
+        after = end
+    if after is not None:
+        whole.append(_after_jump(parts[-1], request, after))
+
+    def make(some: Sequence[Part]) -> HybridTrajectory:
+        about = status, stats, modes.equations.name, request.layout
+        return HybridTrajectory(some, [part.phase for part in parts], None, whole, *about)
+
+    run, times = make(whole), options.t_eval
+    if times is not None:
+        forward = 1.0 if request.t1[0] >= request.t0[0] else -1.0
+        run = run(times[(times - parts[-1].phase.t1) * forward <= 0.0])
+    if not request.labels or not kept:
+        return run
+    return run.with_events(EventRecords(_event_history(request, kept, parts, make), modes.equations.symbols.aliases))
+
+
+def _part(modes: ModeModels, phase: RecordedPhase, run: Trajectory) -> Part:
+    """Return a phase with its motion."""
+    return Part(Phase(phase.t0, phase.t1, modes.named(phase.mode)), run, modes.violation(phase.mode))
+
+
+def _after_jump(part: Part, request: MotionRequest[SimulateOptions], x: FloatArray) -> Part:
+    """Return the variables x (2 n_q + n_z,) after a jump at the end of a phase.
+
+    They belong to no mode yet, and are a motion of the model in which all that can open is open.
+    """
+    t, jumps = np.array([part.motion.t_end]), request.jumps
+    y, c = jumps.motion_state(t, x[np.newaxis], request.p)
+    stages = jumps.model.stages
+    motion = Trajectory(stages.program, c[0], part.motion.status, t, y, part.motion.stats, None)
+    return Part(replace(part.phase, t0=part.phase.t1), motion.of_scene(stages.scene), jumps.violation)
+
+
+def _event_history(
+    request: MotionRequest[SimulateOptions],
+    phases: Sequence[RecordedPhase],
+    parts: Sequence[Part],
+    make: Callable[[Sequence[Part]], HybridTrajectory],
+) -> list[EventRecord]:
+    """Return the records of all events over phases and their motions; `make` joins motions."""
+    history = []
+    for label in request.labels:
+        records = [part.motion.events[label] for part in parts]
+        sides: list[tuple[Any, Any]] = [(record.before, record.after) for record in records]
+        before = [replace(part, motion=motion) for part, (motion, _) in zip(parts, sides, strict=True)]
+        after = [replace(part, motion=motion) for part, (_, motion) in zip(parts, sides, strict=True)]
+        for i, (phase, record) in enumerate(zip(phases, records, strict=True)):
+            if phase.after is not None and label in request.jumps and len(record):  # a phase ends where its state jumps
+                after[i] = _after_jump(parts[i], request, phase.after)
+        signs = np.concatenate([record.direction for record in records])
+        history.append(EventRecord(label, signs, make(before), make(after)))
+    return history
 
 
 def _struck_at_end(part: Part, x: FloatArray) -> bool:
@@ -74,20 +131,6 @@ def _kept(phases: Sequence[RecordedPhase], status: Status) -> list[RecordedPhase
     if not (status.success and kept) or (status is Status.SUCCESS and kept[-1].runs):
         kept += [phase for phase in phases[-1:] if phase not in kept]
     return kept
-
-
-def _records(
-    modes: ModeModels, request: MotionRequest, phases: Sequence[RecordedPhase], status: Status, stops: Stops | None
-) -> list[PhaseEvents]:
-    """Return the phases with their motions and events."""
-    options, labels = request.options, [event.label for event in request.events]
-    dense = options.dense or options.t_eval is not None
-    runs = trajectories(modes, phases, request.parameters, status, labels, stops, dense=dense)
-    found = []
-    for phase, run in zip(phases, runs, strict=True):
-        part = Part(Phase(phase.t0, phase.t1, modes.named(phase.mode)), run, modes.violation(phase.mode))
-        found.append(PhaseEvents(part, run.events, phase.after))
-    return found
 
 
 def _statistics(
@@ -108,34 +151,12 @@ def _statistics(
     )
 
 
-def _motion(
-    modes: ModeModels,
-    request: MotionRequest,
-    parts: Sequence[Part],
-    records: Sequence[PhaseEvents],
-    status: Status,
-    stats: RunStatistics,
-) -> HybridTrajectory:
-    """Return the motion of some parts, at the requested times and with the requested events."""
-    phases = [record.part.phase for record in records] or [part.phase for part in parts]
-
-    def make(some: Sequence[Part]) -> HybridTrajectory:
-        return HybridTrajectory(some, phases, None, parts, status, stats, modes.equations.name, request.layout)
-
-    run, times = make(parts), request.options.t_eval
-    if times is not None:
-        forward = 1.0 if request.t1 >= request.t0 else -1.0
-        run = run(times[(times - phases[-1].t1) * forward <= 0.0])
-    if not request.events or not records:
-        return run
-    aliases = modes.equations.symbols.aliases
-    return run.with_events(event_history(request.events, records, make, request.jumps, request.c, aliases))
-
-
 # -- motions that cannot continue --------------------------------------------------------------
 
 
-def _refuse(modes: ModeModels, request: MotionRequest, phases: Sequence[RecordedPhase], now: HybridState) -> None:
+def _refuse(
+    modes: ModeModels, request: MotionRequest[SimulateOptions], phases: Sequence[RecordedPhase], now: HybridState
+) -> None:
     """Raise what is wrong with the start of a motion, or of its last phase.
 
     Raises
@@ -167,10 +188,10 @@ def _changing(before: Mapping[str, str], after: Mapping[str, str]) -> list[str]:
     return [name for name in before if before[name] != after.get(name)] or list(before)
 
 
-def _start(modes: ModeModels, request: MotionRequest, now: HybridState) -> Part:
+def _start(modes: ModeModels, request: MotionRequest[SimulateOptions], now: HybridState) -> Part:
     """Return the start of a motion that cannot continue, in the mode in which all touching contacts slip."""
-    mode = _sliding_mode(modes, now)
-    model, t = modes.model(mode), request.t0
+    mode, t = _sliding_mode(modes, now), float(request.t0[0])
+    model = modes.model(mode)
     initial = dict(zip(model.layout.variables, now.x[0].tolist(), strict=True))
     options = SimulateOptions(method=request.options.method)
     run = simulate_in_own_time(model, (t, t), initial, request.parameters, options)

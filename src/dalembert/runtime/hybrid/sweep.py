@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 import time
-from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...integrators.cases import BlockResult
-from ...integrators.contact_cases import UNDECIDED
-from ...integrators.phase_tables import JUMPS, NOT_BEGUN
-from ...integrators.workspace import RUNNING
-from ...methods.status import Status
+from ...arrays import FloatArray
+from ...methods.status import RUNNING, Status
+from ...options import SweepOptions
 from ...progress import meter
-from ...results.case_results import NO_MODE, SweepStatistics
-from ...results.hybrid_sweep import HybridSweep, States
+from ...results.case_results import SweepStatistics
+from ...results.hybrid_sweep import HybridSweep
 from ..symbol_assumptions import warn_of_motion
-from .case_table import case_table
+from .case_runs import CaseRuns
 from .mode_models import ModeModels
-from .output_values import BROKEN, OutputValues
-from .phases import PhaseExecutor
-from .request import SweepRequest
-from .state import HybridState
-from .stops import stops_of
+from .output_values import OutputValues
+from .request import MotionRequest
+from .stops import Stops, stops_of
 
 __all__ = ["sweep"]
 
@@ -31,130 +25,88 @@ _BETWEEN_LOOKS = 1024
 """Cases after which a bar shows how far they are."""
 
 
-def sweep(modes: ModeModels, request: SweepRequest, stop: bool = False) -> HybridSweep:
-    """Return the results of all cases; with `stop` none of them is run."""
-    return _Sweep(modes, request).results(stop)
+def sweep(
+    modes: ModeModels,
+    request: MotionRequest[SweepOptions],
+    varied: tuple[dict[str, FloatArray], dict[str, FloatArray]],
+    stop: bool = False,
+) -> HybridSweep:
+    """Return the results of all cases; with `stop` none of them is run.
+
+    `varied` are initial values and parameters as they were given.
+    """
+    begin, options, layout = time.perf_counter(), request.options, request.layout
+    spans, count = (request.t0, request.t1), len(request.t0)
+    stops = stops_of(modes, layout, options.inputs, request.p, spans, options.t_eval, many=True)
+    assert options.threads is not None
+    runs = CaseRuns(
+        modes,
+        layout,
+        options,
+        request.reductions,
+        count,
+        threads=options.threads,
+        t_eval=options.t_eval,
+        fits=options.fits,
+        chosen=None if options.chosen is None else options.method_chosen,
+    )
+    runs.begin(*spans, request.x, request.p, stops)
+    status = runs.numbers.state
+    status[:] = request.status
+    if stops is not None:
+        status[stops.senseless & (status == RUNNING)] = int(Status.NON_FINITE)
+    with meter(count, options.progress) as advance:
+        advance(count - len(runs.running()))
+        try:
+            if stop:
+                raise KeyboardInterrupt
+            runs.run(request.jumps, together=_BETWEEN_LOOKS if options.progress else None, advance=advance)
+        except KeyboardInterrupt:
+            runs.interrupt()
+    return _results(modes, request, runs, stops, varied, time.perf_counter() - begin)
 
 
-@final
-class _Sweep:
-    """One sweep in progress."""
-
-    def __init__(self, modes: ModeModels, request: SweepRequest) -> None:
-        self.modes, self.request, self.reductions = modes, request, request.reductions
-        self.begin = time.perf_counter()
-        t0, t1, p, layout, options = request.t, request.t1, request.p, request.layout, request.options
-        count, k = len(t0), len(modes.equations.contacts)
-        given = options.inputs if options.inputs is not None and options.inputs.sampled else None
-        stops = stops_of(modes, layout, given, p, (t0, t1), request.t_eval, many=True)
-        wanted = 0 if request.t_eval is None else len(request.t_eval)
-        self.now = HybridState.starting(t0, request.x, p, t1 - t0, k, len(layout.states))
-        self.samples = States.nothing_yet(count * wanted, len(layout.variables), k)
-        table = case_table(self.now, t1, self.reductions, request.t_eval, self.samples, np.empty((0, 0)))
-        table.numbers.state[:], table.numbers.runner[:] = request.status, NOT_BEGUN
-        if stops is not None:
-            table = table._replace(stops=stops.table)
-            table.numbers.state[stops.senseless & (table.numbers.state == RUNNING)] = int(Status.NON_FINITE)
-        self.table, self.stops = table, stops
-        self.status, self.phases = table.numbers.state, table.numbers.phases
-        changing = None if given is None else (given, t1, t1 >= t0)
-        self.value = OutputValues(modes, layout, p, None if stops is None else stops.breaks, changing)
-        known = modes, layout, options, request.threads, self.reductions, self.now, table
-        chosen = None if options.chosen is None else options.method_chosen
-        self.executor = PhaseExecutor(*known, fits=options.fits, chosen=chosen)
-
-    def results(self, stop: bool) -> HybridSweep:
-        """Run all cases to their ends, unless they are to stop."""
-        with meter(len(self.status), self.request.options.progress) as advance:
-            advance(len(self.status) - len(self._going()))
-            try:
-                while not stop and len(going := self._going()):
-                    self._run(going)
-                    self._jump()
-                    advance(len(going) - len(self._going()))
-            except KeyboardInterrupt:
-                pass
-        self._leave_out(self._going())
-        return self._finished()
-
-    def _going(self) -> NDArray[np.intp]:
-        """Return the cases that continue."""
-        return np.flatnonzero(self.status == RUNNING)
-
-    def _run(self, going: NDArray[np.intp]) -> None:
-        """Run cases as far as they go."""
-        if self.request.options.progress:
-            going = going[:_BETWEEN_LOOKS]
-        self.executor.run(going)
-        broken = going[np.isin(self.status[going], BROKEN)]
-        jammed = self.value.jammed(self._states(broken))
-        self.status[broken[jammed]] = int(Status.CONTACT_IMPOSSIBLE)
-
-    def _jump(self) -> None:
-        """Map the states of cases in which events have occurred that do so, and let them begin anew."""
-        some = self._going()
-        some = some[self.table.numbers.runner[some] == JUMPS]
-        if not len(some):
-            return
-        assert self.request.jumps is not None
-        self.status[some] = self.request.jumps.apply(self.now, self.table.occurred, some)
-        over = some[self.status[some] != RUNNING]
-        self.phases[over] -= self.now.cases.passed[over] != 0.0
-        self.table.numbers.runner[some] = NOT_BEGUN
-
-    def _leave_out(self, some: NDArray[np.intp]) -> None:
-        """Set the status of cases that an interrupt has stopped, or kept from running, and NaN for their results."""
-        table, width = self.table, len(self.samples.t) // max(len(self.status), 1)
-        self.status[some] = int(Status.INTERRUPTED)
-        self.now.t[some], self.now.x[some], self.now.cases.modes[some] = np.nan, np.nan, UNDECIDED
-        samples = (some[:, np.newaxis] * width + np.arange(width)).ravel()
-        self.samples.t[samples], self.samples.x[samples], self.samples.mode[samples] = np.nan, np.nan, NO_MODE
-        for counts in (table.numbers.steps, table.numbers.phases):
-            counts[some] = 0
-        table.occurred[some] = BlockResult.nothing_yet(len(some), table.occurred.shape[1] // 3, ())[0]
-
-    def _states(self, some: NDArray[np.intp]) -> States:
-        """Return the present states of some cases."""
-        return self.now.states(some, self.table.numbers.history[some])
-
-    # -- results ---------------------------------------------------------------------------
-
-    def _finished(self) -> HybridSweep:
-        request, numbers, methods = self.request, self.table.numbers, self.executor.methods
-        started, mode_number = self.now.mode_numbers() >= 0, self.modes.automaton.number
-        ends = np.column_stack([self.now.t, numbers.state.astype(float), numbers.steps.astype(float)])
-        stats = SweepStatistics(
-            method=", ".join(dict.fromkeys(methods.values())),
-            threads=request.threads,
-            steps=int(numbers.steps.sum()),
-            compile_seconds=self.executor.compile_seconds,
-            run_seconds=time.perf_counter() - self.begin - self.executor.compile_seconds,
-            rtol=request.options.rtol,
-            atol=request.options.atol,
-            methods={(mode_number(mode), request.options.rtol): method for mode, method in methods.items()},
-        )
-        count = len(self.status)
-        last = self._states(np.arange(count))
-        if request.t_eval is not None:
-            self.samples.case[:] = np.repeat(np.arange(count), len(request.t_eval))
-        met, automaton = np.concatenate([last.mode, self.samples.mode]), self.modes.automaton
-        modes = {int(n): self.modes.named(automaton.mode(int(n))) for n in np.unique(met[met >= 0])}
-        run = HybridSweep(
-            self.modes.equations.name,
-            request.layout,
-            request.varied,
-            ends,
-            request.t_eval,
-            request.axes,
-            stats,
-            (last, None if request.t_eval is None else self.samples),
-            self.phases + started,
-            [contact.name for contact in self.modes.equations.contacts],
-            modes,
-            self.value,
-        )
-        warn_of_motion(request.layout.assumptions, request.layout.coordinates, run.t, run._final)
-        about = self.table.occurred, self.table.totals
-        reduced = self.reductions.results(self.value, last, request.t, self.status, about)
-        labels = [event.label for event in self.reductions.requested]
-        return run.with_events(labels, self.table.occurred[:, : 3 * len(labels)], list(self.reductions.table), reduced)
+def _results(
+    modes: ModeModels,
+    request: MotionRequest[SweepOptions],
+    runs: CaseRuns,
+    stops: Stops | None,
+    varied: tuple[dict[str, FloatArray], dict[str, FloatArray]],
+    seconds: float,
+) -> HybridSweep:
+    """Return the results of cases that have been run."""
+    numbers, options, methods, automaton = runs.numbers, request.options, runs.executor.methods, modes.automaton
+    assert options.threads is not None
+    stats = SweepStatistics(
+        method=", ".join(dict.fromkeys(methods.values())),
+        threads=options.threads,
+        steps=int(numbers.steps.sum()),
+        compile_seconds=runs.executor.compile_seconds,
+        run_seconds=seconds - runs.executor.compile_seconds,
+        rtol=options.rtol,
+        atol=options.atol,
+        methods={(automaton.number(mode), options.rtol): method for mode, method in methods.items()},
+    )
+    last, samples = runs.states(np.arange(len(request.t0))), None if options.t_eval is None else runs.samples
+    if samples is not None:
+        samples.case[:] = np.repeat(last.case, len(options.t_eval))
+    met = last.mode if samples is None else np.concatenate([last.mode, samples.mode])
+    value = OutputValues(modes, request.layout, request.p, stops, (request.t1, request.t1 >= request.t0))
+    run = HybridSweep(
+        modes.equations.name,
+        request.layout,
+        varied,
+        np.column_stack([last.t, numbers.state.astype(float), numbers.steps.astype(float)]),
+        options.t_eval,
+        {} if options.grid is None else options.grid.axes,
+        stats,
+        (last, samples),
+        numbers.phases + (last.mode >= 0),
+        [contact.name for contact in modes.equations.contacts],
+        {int(n): modes.named(automaton.mode(int(n))) for n in np.unique(met[met >= 0])},
+        value,
+    )
+    warn_of_motion(request.layout.assumptions, request.layout.coordinates, run.t, run._final)
+    about, labels = (runs.occurred, runs.totals), request.labels
+    reduced = request.reductions.results(value, last, request.t0, numbers.state, about)
+    return run.with_events(labels, runs.occurred[:, : 3 * len(labels)], list(request.reductions.table), reduced)

@@ -1,0 +1,234 @@
+"""Motions of cases with contacts, one or many, run to their ends by the loop over phases."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import FloatArray
+from ...integrators.cases import BlockResult
+from ...integrators.contact_cases import UNDECIDED
+from ...integrators.phase_stops import no_stops
+from ...integrators.phase_tables import JUMPS, NOT_BEGUN, CaseTable, case_numbers
+from ...ir.program import Layout
+from ...methods.status import RUNNING, Status
+from ...options import StepOptions
+from ...results.case_results import NO_MODE
+from ...results.hybrid_sweep import States
+from .event_jumps import EventJumps
+from .mode_models import ModeModels
+from .output_values import OutputValues
+from .phases import PhaseExecutor
+from .reductions import PhaseReductions
+from .state import HybridState
+from .stops import Stops
+
+__all__ = ["CaseRuns"]
+
+_BROKEN = np.isin(np.arange(max(Status) + 2), (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.MAX_STEPS))
+"""Whether a run with a status may have ended in Painleve's paradox, by status; the last is for RUNNING, which is -1."""
+
+
+@final
+class CaseRuns:
+    """Cases that are run from their starts to their ends, and what is recorded of them.
+
+    A single run is one case whose phases and steps are recorded, a prepared run one case without records that begins
+    again and again in the same memory, a sweep many cases.
+
+    Parameters
+    ----------
+    modes : ModeModels
+    layout : Layout
+        Of the scene.
+    options : StepOptions
+        Method, tolerances, largest step and number of steps.
+    reductions : PhaseReductions
+        What users watch.
+    count : int
+        Number of cases.
+    threads : int
+        0 for one case that runs in the thread that calls, and may begin again and again.
+    t_eval : ndarray (m,) or None
+        Times of samples [s].
+    lines : int
+        Lines of the log of phases; 0: there is none, and no step is recorded.
+    fits : bool
+        Whether "auto" looks at the motions to find a method that fits.
+    chosen : callable, optional
+        Returns the method for the number of a mode, given the one that would be taken.
+
+    Attributes
+    ----------
+    state : HybridState
+        The cases as they are.
+    samples : States
+        Samples, case by case.
+    log : ndarray (n_lines, n)
+        Beginnings of the phases of one case.
+    executor : PhaseExecutor
+    """
+
+    def __init__(
+        self,
+        modes: ModeModels,
+        layout: Layout,
+        options: StepOptions,
+        reductions: PhaseReductions,
+        count: int = 1,
+        *,
+        threads: int = 0,
+        t_eval: FloatArray | None = None,
+        lines: int = 0,
+        fits: bool = False,
+        chosen: Callable[[int, str], str] | None = None,
+    ) -> None:
+        self.modes, self.layout = modes, layout
+        k, n, n_p = len(modes.equations.contacts), len(layout.variables), len(layout.parameters)
+        times = np.empty(0) if t_eval is None else np.ascontiguousarray(t_eval, np.float64)
+        t = np.zeros(count)
+        self.state = HybridState.starting(t, np.zeros((count, n)), np.zeros((count, n_p)), t, k, len(layout.states))
+        self.samples = samples = States.nothing_yet(count * len(times), n, k)
+        self.log, self.numbers = np.empty((lines, 2 + 5 * k + n)), case_numbers(count)
+        self.occurred, self.totals = reductions.nothing_yet(count)
+        none = np.zeros(0, np.int64)
+        self._table = CaseTable(
+            t1=np.zeros(count),
+            begun=np.zeros(count),
+            p=self.state.c,
+            cases=self.state.cases,
+            numbers=self.numbers,
+            occurred=self.occurred,
+            totals=self.totals,
+            order=none,
+            turn=none,
+            t_eval=times,
+            sampled_t=samples.t,
+            sampled_x=samples.x,
+            sampled_mode=samples.mode,
+            sampled_history=samples.history,
+            sampled_directions=samples.directions.reshape(len(samples.t), 2 * k),
+            sampled_sides=samples.sides,
+            sampled_rest=samples.rest,
+            log=self.log,
+            stops=no_stops(),
+            carried=np.zeros((0, 0)),
+        )
+        known = modes, layout, options, threads, reductions, self.state, self._table
+        self.executor = PhaseExecutor(*known, fits=fits, chosen=chosen, recorded=lines > 0)
+        changing = () if threads else (*self.state.cases, *self.numbers, self.occurred)
+        self._initial = [(values, values.copy()) for values in changing]
+
+    def begin(
+        self,
+        t0: float | FloatArray,
+        t1: float | FloatArray,
+        x: FloatArray,
+        p: FloatArray,
+        stops: Stops | None = None,
+        first_step: float | None = None,
+    ) -> None:
+        """Begin the cases, whose modes are to be selected.
+
+        Parameters
+        ----------
+        t0, t1 : float or ndarray (k,)
+            Spans [s].
+        x : ndarray (k, 2 n_q + n_z) or (2 n_q + n_z,)
+            Coordinates, rates and first-order states.
+        p : ndarray (k, n_p) or (n_p,)
+            Parameters of the scene.
+        stops : Stops or None
+            Times at which the cases stop.
+        first_step : float or None
+            Size of the first step of one case that is recorded; None where it is to be chosen.
+        """
+        for values, first in self._initial:
+            values[...] = first
+        state, table = self.state, self._table
+        state.t[...] = table.begun[...] = t0
+        table.t1[...], state.cases.span[...] = t1, t1 - t0
+        state.x[...], state.c[...] = x, p
+        self.numbers.state[...], self.numbers.runner[...] = RUNNING, NOT_BEGUN
+        self.executor.begin(None if stops is None else stops.table, first_step)
+
+    @property
+    def status(self) -> Status:
+        """The status with which the only case ended."""
+        return Status(int(self.numbers.state[0]))
+
+    def running(self) -> NDArray[np.intp]:
+        """Return the cases that have not ended."""
+        return np.flatnonzero(self.numbers.state == RUNNING)
+
+    def run(
+        self,
+        jumps: EventJumps | None = None,
+        *,
+        together: int | None = None,
+        paused: Callable[[], None] | None = None,
+        jumped: Callable[[], None] | None = None,
+        advance: Callable[[int], object] | None = None,
+    ) -> None:
+        """Run the cases to their ends.
+
+        Parameters
+        ----------
+        jumps : EventJumps, optional
+            Maps of the state by events.
+        together : int, optional
+            Cases that run before `advance` is called; all by default.
+        paused : function, optional
+            Called whenever the loop has returned.
+        jumped : function, optional
+            Called when states have jumped.
+        advance : function, optional
+            Called with the number of cases that have ended since its last call.
+        """
+        try:
+            while len(running := self.running()):
+                self.executor.run(running[:together], paused)
+                if paused is not None:
+                    paused()
+                jumping = np.flatnonzero((self.numbers.state == RUNNING) & (self.numbers.runner == JUMPS))
+                if len(jumping):
+                    assert jumps is not None
+                    self._jump(jumps, jumping)
+                    if jumped is not None:
+                        jumped()
+                if advance is not None:
+                    advance(len(running) - len(self.running()))
+        finally:
+            self._mark_paradoxes()
+
+    def _jump(self, jumps: EventJumps, some: NDArray[np.intp]) -> None:
+        """Map the states of cases in which events have occurred that do so, and begin a phase anew in each."""
+        self.numbers.state[some] = jumps.apply(self.state, self.occurred, some)
+        ended = some[self.numbers.state[some] != RUNNING]
+        self.numbers.phases[ended] -= self.state.cases.passed[ended] != 0.0
+        self.numbers.runner[some] = NOT_BEGUN
+
+    def _mark_paradoxes(self) -> None:
+        """Distinguish failures near Painleve's paradox from others."""
+        broken = np.flatnonzero(_BROKEN[self.numbers.state])
+        if len(broken):
+            values = OutputValues(self.modes, self.layout, self.state.c)
+            jammed = values.jammed(self.states(broken))
+            self.numbers.state[broken[jammed]] = int(Status.CONTACT_IMPOSSIBLE)
+
+    def interrupt(self) -> None:
+        """Set the status of cases that an interrupt has stopped, or kept from running, and NaN for their results."""
+        some, samples, numbers = self.running(), self.samples, self.numbers
+        width = len(samples.t) // max(len(numbers.state), 1)
+        rows = (some[:, np.newaxis] * width + np.arange(width)).ravel()
+        numbers.state[some], numbers.steps[some], numbers.phases[some] = int(Status.INTERRUPTED), 0, 0
+        self.state.t[some], self.state.x[some], self.state.cases.modes[some] = np.nan, np.nan, UNDECIDED
+        samples.t[rows], samples.x[rows], samples.mode[rows] = np.nan, np.nan, NO_MODE
+        self.occurred[some] = BlockResult.nothing_yet(len(some), self.occurred.shape[1] // 3, ())[0]
+
+    def states(self, some: NDArray[np.intp]) -> States:
+        """Return the states of some cases as they are."""
+        return self.state.states(some, self.numbers.history[some])
