@@ -103,3 +103,20 @@ def test_a_block_stops_wherever_it_started_and_however_fast():
     np.testing.assert_allclose(ended.final["x"], v**2 / (2 * m * 9.81), rtol=1e-9)
     run = model.simulate((0, 2), {x: 0, y: 0, x.diff(): 1e-4, y.diff(): 0}, {mu: 0.3})
     assert run.success and run.mode("floor")[-1] == "stick"
+
+
+@pytest.mark.parametrize("method", ["dop853", "tsit5", "taylor"])
+def test_a_gap_that_opens_without_speed_stays_open_whatever_the_steps(method):
+    """It leaves zero as the third power of time, from what rounding leaves of zero in projected positions."""
+    name, parameters, _ = MOTIONS["opens"]
+    motion = contact_motion(name).motion
+    model = motion.compile("auto")
+    p = {str(key): float(value) for key, value in motion.parameters.items()} | parameters
+    start = {str(key): float(value) for key, value in motion.initial.items()}
+    whole = model.simulate((0, max(motion.values)), start, p, rtol=1e-10, atol=1e-12, method="dop853")
+    t = float(whole.phases[1].t0)
+    opened = {n: float(whole(np.array([t]))[n][0]) for n in (*model.layout.coordinates, *model.layout.rates)}
+    for step in (1e-12, 1e-11, 1e-9, 1e-7, 1e-5):
+        for rtol in (1e-4, 1e-12):
+            run = model.simulate((t, t + 30 * step), opened, p, rtol=rtol, atol=rtol, max_step=step, method=method)
+            assert run.success and len(run.phases) == 1

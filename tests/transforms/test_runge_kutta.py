@@ -13,7 +13,7 @@ from dalembert.integrators.packed_tableaus import packed_tableau
 from dalembert.ir.interpret import interpret
 from dalembert.ir.kernel import Assignment, Kernel, Load
 from dalembert.methods.status import Status
-from dalembert.methods.step_constants import LARGEST_GROWTH, REDUCTION_BLIND, SMALLEST_PREVIOUS
+from dalembert.methods.step_constants import LARGEST_GROWTH, POLYNOMIAL_ERROR, REDUCTION_BLIND, SMALLEST_PREVIOUS
 from dalembert.methods.tableaus import TABLEAUS, bounded
 from dalembert.transforms.runge_kutta import attempt_kernel
 from dalembert.transforms.runge_kutta_parts import GROWTH_AT, PROPOSAL_AT
@@ -131,7 +131,7 @@ def test_bounded_steps_are_right_between_their_ends():
             if found[1] != 0.0 and bound:
                 motion = np.sin(t + theta * h) + off * np.exp(-rate * theta * h)
                 polynomial = np.polynomial.polynomial.polyval(theta, found[1 + 2 + 3 :])
-                assert np.max(np.abs(polynomial - motion)) <= 100.0 * (RTOL * abs(found[0]) + ATOL)
+                assert np.max(np.abs(polynomial - motion)) <= 2.0 * POLYNOMIAL_ERROR * (RTOL * abs(found[0]) + ATOL)
     assert max(accepted[False]) > 0.11 > 0.08 > max(accepted[True])
 
 

@@ -144,7 +144,7 @@ class CompiledEngine(Engine):
             return implicit.integrate(self._implicit, problem, self._multipliers(problem))
         from ..integrators import explicit_loop as explicit
 
-        run = explicit.integrate(self._explicit, pair_named(method), problem)
+        run = explicit.integrate(self._explicit, pair_named(method, bounded=problem.bounded), problem)
         assert isinstance(run, Solution)
         return run
 
@@ -229,9 +229,8 @@ class CompiledEngine(Engine):
         if watched is not None and watched.smooth and method == "taylor" and not projected:
             with_series = len(watched.events)
         tolerances, series_of = (cases.rtol, cases.atol), watched if with_series else None
-        stepper = self._steppers.stepper(
-            method, tolerances, lanes, dense=dense, bounded=cases.bounded, watched=series_of
-        )
+        located = watched is not None and bool(watched.events)  # on polynomials of steps
+        stepper = self._steppers.stepper(method, tolerances, lanes, dense=dense, bounded=located, watched=series_of)
         nothing_each_step = watched is None or (with_series > 0 and not n_times and not watched.kinds)
         nothing_each_step = nothing_each_step and not cases.recorded
         advance = advance_lanes(lanes) if nothing_each_step and not projected else 0

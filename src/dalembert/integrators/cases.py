@@ -78,8 +78,6 @@ class CaseColumns:
         Signs of events with which cases continue, and with which they end (`EventWorkspace.carried`).
     continued : ndarray (k, ...) or None
         What cases that are cut in segments remember of events (`EventWorkspace.continued`).
-    bounded : bool
-        Whether the error of the polynomials of steps decides about these, too, where it is known.
     """
 
     count: int
@@ -97,7 +95,6 @@ class CaseColumns:
     recorded: int = 0
     carried: FloatArray | None = None
     continued: FloatArray | None = None
-    bounded: bool = False
 
 
 @final

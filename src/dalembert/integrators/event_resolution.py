@@ -72,11 +72,15 @@ def zeros_at_end(
     happened: FloatArray,
     case: int,
 ) -> bool:
-    """Look for expressions that are zero at the very end, the state there being in ``one_point``; see `scan`."""
+    """Look for expressions that are zero at the very end, the state there being in ``one_point``; see `scan`.
+
+    One that is zero from the beginning, up to rounding, does not occur there.
+    """
     count = 0
     for e in range(events.directions.size):
         space.residual[0, e] = space.happens[0, e] = 0.0
-        space.ends[0, e] = space.signs[lane, e]
+        left = space.zero[lane, e] == 0.0 or space.seen[lane, e] != 0.0
+        space.ends[0, e] = space.signs[lane, e] if left else 0.0
     _take_signs(events, space, lane, t, direction, one, False)
     for e in range(events.directions.size):
         if space.zero[lane, e] != 0.0 and space.signs[lane, e] * space.ends[0, e] < 0.0:

@@ -246,7 +246,7 @@ class _Run:
         left = self.problem.max_steps - self.steps - self.rejected
         if left <= 0:
             return Status.MAX_STEPS
-        rest = replace(self.problem, t0=self.t, y0=self.y, t_eval=None, dense=True, max_steps=left)
+        rest = replace(self.problem, t0=self.t, y0=self.y, t_eval=None, dense=True, bounded=True, max_steps=left)
         status = Status.SUCCESS
         for block in self.step_blocks(rest):
             status = block.status
@@ -415,12 +415,19 @@ class _Run:
         self.t, self.y = t, y
 
     def _last(self, status: Status) -> Status | None:
-        """Search for events at the very end, where an expression may be zero without a change of sign."""
+        """Search for events at the very end, where an expression may be zero without a change of sign.
+
+        One that is zero from the beginning, up to rounding, does not occur there.
+        """
         if status is not Status.SUCCESS or self.span == 0.0:
             return status
         signs, zero = self._signs(self.t, self.y, np.zeros(len(self.counts)), armed=False)
         if self.carried is not None:
             self.carried[: len(zero)] = np.where(zero, 0.0, self.signs)
-        found = (Crossing(int(i), 0, 1.0, int(signs[i]), True) for i in np.flatnonzero((signs * self.signs < 0) & zero))
+        left = self.seen | ~self.zero
+        found = (
+            Crossing(int(i), 0, 1.0, int(signs[i]), True)
+            for i in np.flatnonzero((signs * self.signs < 0) & zero & left)
+        )
         ended, outcome = self._occur(found, lambda crossing: (self.t, self.y), None)
         return outcome if ended else status

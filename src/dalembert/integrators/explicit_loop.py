@@ -23,6 +23,7 @@ from .explicit_stages import (
     error_norm,
     evaluate_stages,
     first_step_size,
+    polynomial_error,
 )
 from .packed_tableaus import PackedTableau, packed_tableau
 from .problem import IntegrationProblem, Solution
@@ -191,6 +192,12 @@ def _attempt(codes: Addresses, tableau: PackedTableau, settings: Settings, run: 
     if settings.dense or pending(run, t_new):
         evaluate_stages(codes.rhs, tableau, tableau.end + 1, tableau.total, t, h, run, y, y_new)
         progress.evaluations += tableau.total - tableau.end - 1
+        if tableau.bounded:
+            between = polynomial_error(tableau, h, work, y, y_new, settings.rtol, settings.atol, n)
+            outcome = error_test(between)
+            if outcome != ACCEPTED:
+                return retry(settings, run, abs(h) * reduction(outcome, between, tableau.exponent), outcome)
+            error = max(error, between)
         dense_polynomial(tableau, h, work, y, y_new, run.pieces, piece, n)
         run.pieces[piece, 0] = t_new
     status = record(codes.position, codes.velocity, settings, run, piece, y_new, t_new)

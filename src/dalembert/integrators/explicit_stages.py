@@ -31,6 +31,7 @@ __all__ = [
     "error_norm",
     "evaluate_stages",
     "first_step_size",
+    "polynomial_error",
 ]
 
 LANES = 8
@@ -98,6 +99,20 @@ def error_norm(
     if below == 0.0:  # also where squares of tiny estimates underflow
         return 0.0
     return abs(h) * total / sqrt(below)
+
+
+@compiled_subset
+def polynomial_error(
+    tableau: PackedTableau, h: float, work: FloatArray, y: int, y_new: int, rtol: float, atol: float, n: int
+) -> float:
+    """RMS norm of the error of the dense output over what is allowed (see `Tableau.bounded`); needs all stages."""
+    row, total = tableau.total + 2 + tableau.degree, 0.0
+    for m in range(n):
+        estimate = 0.0
+        for entry in range(tableau.starts[row], tableau.starts[row + 1]):
+            estimate = fma(tableau.weights[entry], work[tableau.stages[entry], m], estimate)
+        total += square(estimate / error_scale(rtol, atol, max(abs(work[y, m]), abs(work[y_new, m]))))
+    return abs(h) * sqrt(total / n)
 
 
 @compiled_subset

@@ -90,6 +90,9 @@ class IntegrationProblem:
         Largest number of attempted steps, rejected ones included.
     dense
         Whether the solution keeps a continuous output.
+    bounded
+        Whether the error of the polynomials of steps decides about these, too, where a method knows it: events are
+        located on them.
     inputs
         Records at whose knots steps end, where the constants change; those of the problem are for its start.
     sampled
@@ -112,6 +115,7 @@ class IntegrationProblem:
     max_step: float = np.inf
     max_steps: int = 100_000
     dense: bool = False
+    bounded: bool = False
     inputs: InputRecords | None = None
     sampled: SamplingClock | None = None
 

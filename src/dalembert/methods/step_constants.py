@@ -48,7 +48,7 @@ PROPORTIONAL = 0.75
 SECOND_ERROR_WEIGHT = 0.01
 """Weight of the second error estimate beside the first, in pairs that have two (DOP853)."""
 
-POLYNOMIAL_ERROR = 100.0
+POLYNOMIAL_ERROR = 10.0
 """Difference of the polynomial of a step and a stage between its ends, over the tolerances, above which the step is
 rejected where it is read there. Where stability limits the steps, polynomials may be off by far more than ends."""
 

@@ -22,6 +22,7 @@ from ..scene.symbols import RESERVED_OUTPUTS, reader_of
 from ..transforms.derivatives import tangents
 from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
+from .state_noise import terms
 
 __all__ = ["EventFunctions", "coordinates_kernel", "event_functions", "jump_kernel"]
 
@@ -98,11 +99,7 @@ def event_functions(
             )
     flow = dict(zip(y, graph.adopt(system.rhs), strict=True)) | {time: graph.one}
     rates = tangents(graph, nodes, flow)
-    size = [graph.zero for _ in nodes]
-    for place in (*y, time):
-        slopes = tangents(graph, nodes, {place: graph.one})
-        size = [total + graph.call("abs", slope * place) for total, slope in zip(size, slopes, strict=True)]
-    noise = [graph.node(_ROUNDINGS) * total for total in size]
+    noise = [graph.node(_ROUNDINGS) * size for size in terms(system, graph, y, time, nodes)]
     begins = [node for row in zip(nodes, rates, noise, strict=True) for node in row]
     still = [place for place in y if flow[place].is_zero]
     rhs = [flow[place] for place in y]

@@ -109,7 +109,6 @@ class ModeRunner:
             max_steps=self.options.max_steps,
             carried=memory.carried[: k * len(self.events)].reshape(k, -1) if stops else None,
             recorded=max(_FEWEST_ROWS, min(_MOST_ROWS, _ROOM // max(self.size, 1))) if recorded else 0,
-            bounded=True,  # guards are located on them
         )
         happened = memory.happened[: 3 * k * len(self.events)].reshape(k, -1)
         y = memory.y[: k * self.size].reshape(k, self.size)

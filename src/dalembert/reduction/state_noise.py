@@ -1,0 +1,74 @@
+"""Rounding errors of states that are projected onto constraints.
+
+A projected state is off by what rounding makes of the residuals of the constraints: a component that is zero in exact
+arithmetic is then off by the rounding of the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ..ir.graph import Graph, Node
+from ..transforms.derivatives import tangents
+from .base import ReducedSystem
+from .saddle import SaddlePoint, velocity_residuals
+
+__all__ = ["terms"]
+
+
+def terms(system: ReducedSystem, graph: Graph, y: Sequence[Node], time: Node, nodes: Sequence[Node]) -> list[Node]:
+    """Return the sizes of the terms that make up values: their rounding errors are small multiples of these.
+
+    They are those of the components of the state and of time and, where steps of formulation "projected" end on
+    constraints, those of the residuals of these.
+
+    Parameters
+    ----------
+    system : ReducedSystem
+    graph : Graph
+        The graph of the other nodes.
+    y : sequence of Node
+        Components of the state of the system.
+    time : Node
+    nodes : sequence of Node
+        The values.
+    """
+    residuals, changes = _residuals(system) if _is_projected(system) else ([], [])
+    values = [*nodes, *graph.adopt(residuals)]
+    sizes = [graph.zero for _ in values]
+    for place in (*y, time):
+        slopes = tangents(graph, values, {place: graph.one})
+        sizes = [size + graph.call("abs", slope * place) for size, slope in zip(sizes, slopes, strict=True)]
+    found, of_residuals = sizes[: len(nodes)], sizes[len(nodes) :]
+    for residual, change in zip(of_residuals, changes, strict=True):
+        slopes = tangents(graph, nodes, dict(zip(y, graph.adopt(change), strict=False)))
+        found = [size + graph.call("abs", slope) * residual for size, slope in zip(found, slopes, strict=True)]
+    return found
+
+
+def _is_projected(system: ReducedSystem) -> bool:
+    return system.formulation == "projected" and bool(system.equations.constraints)
+
+
+def _residuals(system: ReducedSystem) -> tuple[list[Node], list[list[Node]]]:
+    """Return the residuals of positions and velocities, and the changes of q and q_dot that change one of each by 1."""
+    whole = system.equations
+    kept = tuple(row for i, row in enumerate(whole.constraints) if i not in system.left_out)
+    equations = replace(whole, constraints=kept)
+    nothing = [equations.graph.zero] * len(equations.q)
+    saddle = SaddlePoint.of(equations, guarded=not system.regular)
+    positions = [row.position for row in equations.constraints if row.position is not None]
+    moves = [[*change, *nothing] for change in _changes(saddle, len(positions), equations.name)]
+    rates = [[*nothing, *change] for change in _changes(saddle, len(equations.constraints), equations.name)]
+    return [*positions, *velocity_residuals(equations)], [*moves, *rates]
+
+
+def _changes(saddle: SaddlePoint, count: int, scene: str) -> list[list[Node]]:
+    """Return the displacements (n_q,) by which one of the first `count` constraints changes by 1, the others by 0."""
+    if count == 0:
+        return []
+    graph, factors = saddle.graph, saddle.schur(count, scene)
+    nothing = [graph.zero] * len(saddle.forcing)
+    units = [[graph.one if i == k else graph.zero for i in range(count)] for k in range(count)]
+    return [saddle.combine(nothing, factors.solve(unit)) for unit in units]
