@@ -16,7 +16,7 @@ from typing import final
 from ..errors import ConstraintError, list_names
 from ..ir.graph import Graph, Node
 from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Guard
-from ..transforms.linear import SingularMatrix, factorize, matmul, matvec, transpose
+from ..transforms.linear import dependence
 from .shared_loads import Direction, SharedLaw, lawful_sums, undetermined_directions
 from .sliding_friction import SlidingContact, SlidingFriction, sliding_friction
 
@@ -28,13 +28,9 @@ __all__ = [
     "STATES",
     "STICK",
     "Mode",
-    "added_parameters",
-    "allowance_name",
-    "direction_names",
     "mode_equations",
+    "mode_parameters",
     "only_mode",
-    "rest_name",
-    "side_name",
 ]
 
 OPEN, CLOSED, SLIP, STICK, SMOOTH = "open", "closed", "slip", "stick", "smooth"
@@ -53,49 +49,21 @@ _MARGIN, _BEGUN = 0.5, 5.0
 """Multiples of the rest speed: by how much slip that begins may seem to go backwards, and from which it has begun."""
 
 
-def direction_names(contact: ContactRow) -> tuple[str, ...]:
-    """Return the parameters that hold the direction of slip; one holds a sign, two a unit vector."""
-    if len(contact.tangential) < 2:
-        return tuple(f"slip direction of {contact.name}" for _ in contact.tangential)
-    return tuple(f"slip direction {i + 1} of {contact.name}" for i in range(2))
+def mode_parameters(contact: ContactRow, state: str = SLIP) -> tuple[str, str, str, str]:
+    """Return the names of the parameters that a contact in a state adds to those of the scene, "" where it adds none.
 
-
-def side_name(contact: ContactRow) -> str | None:
-    """Return the parameter that holds the sign of the normal reaction, where the constraint can push and pull."""
-    return f"side of {contact.name}" if contact.constraint is None and contact.tangential else None
-
-
-def allowance_name(contact: ContactRow) -> str | None:
-    """Return the parameter that is added to a guard of a contact that opens, so that rounding cannot make it fire.
-
-    It is a normal reaction while the contact is closed, else a gap.
+    They hold the direction of slip (a sign along a line, a unit vector in a plane); the sign of a normal reaction that
+    can push and pull, or, where the contact opens, the allowance: what is added to its normal reaction or gap in a
+    guard, so that rounding cannot make it fire; and the slip speed in a plane below which it counts as at rest, which
+    is negative in phases that do not begin at rest. A contact that slips has all that it can have.
     """
-    return f"allowance of {contact.name}" if contact.constraint is not None else None
-
-
-def rest_name(contact: ContactRow) -> str | None:
-    """Return the parameter that holds the slip speed in a plane below which a contact counts as at rest.
-
-    It is negative in phases that do not begin at rest.
-    """
-    return f"rest speed of {contact.name}" if len(contact.tangential) > 1 else None
-
-
-def added_parameters(contact: ContactRow, state: str) -> dict[str, float]:
-    """Return the parameters that a contact in a state adds to those of the scene, with values to start from."""
-    added: dict[str, float] = {}
-    if state == SLIP:
-        added |= dict(zip(direction_names(contact), (1.0, 0.0), strict=False))
-        rest = rest_name(contact)
-        if rest is not None:
-            added[rest] = 1e-9
-    side = side_name(contact)
-    if side is not None and state in (SLIP, STICK):
-        added[side] = 1.0
-    allowance = allowance_name(contact)
-    if allowance is not None:
-        added[allowance] = 0.0
-    return added
+    name, width = contact.name, len(contact.tangential) if state == SLIP else 0
+    directions = (f"slip direction {n} of {name}" if width > 1 else "" for n in (1, 2))
+    first, second = (f"slip direction of {name}", "") if width == 1 else directions
+    side = f"side of {name}" if contact.tangential and state in (SLIP, STICK) else ""
+    if contact.constraint is not None:
+        side = f"allowance of {name}"
+    return first, second, side, f"rest speed of {name}" if width > 1 else ""
 
 
 def only_mode(contacts: Sequence[ContactRow]) -> Mode | None:
@@ -137,35 +105,27 @@ class _ModeEquations:
 
         Returns, by the name of the contact that holds them, the others that cannot slip while it does not.
         """
-        graph, held = self.graph, len(self.rows)
+        held = len(self.rows)
         self.idle: list[ContactRow] = []
         groups: dict[str, list[ContactRow]] = {}
         owners: list[str] = []
-        for contact in sticking:
-            for row in contact.slips:
-                base = [list(r.jacobian) for r in self.rows]
-                trial = [*base, list(row.jacobian)]
-                try:
-                    factorize(graph, matmul(graph, trial, transpose(trial)))
-                except SingularMatrix:
-                    weights: list[Node] = []
-                    if base:
-                        normal = factorize(graph, matmul(graph, base, transpose(base)))
-                        weights = normal.solve(matvec(graph, base, row.jacobian))
-                    holding = [o for o, w in zip(owners, weights[held:], strict=True) if not w.is_zero]
-                    if len(holding) > 1 or len(contact.slips) > 1:
-                        raise ConstraintError(
-                            f"scene {self.whole.name!r}: the contacts {contact.name!r} and"
-                            f" {list_names(repr(o) for o in holding)} hold each other while they stick, and which of"
-                            " them slips first is not determined: give one of them a regularization"
-                        ) from None
-                    for owner in holding:
-                        groups.setdefault(owner, []).append(contact)
-                    if not holding:  # no slip is possible, and no friction is needed
-                        self.idle.append(contact)
-                    continue
+        for contact, row in ((each, row) for each in sticking for row in each.slips):
+            weights = dependence(self.graph, [list(r.jacobian) for r in self.rows], row.jacobian)
+            if weights is None:
                 self.rows.append(row)
                 owners.append(contact.name)
+                continue
+            holding = [owner for owner, weight in zip(owners, weights[held:], strict=True) if not weight.is_zero]
+            if len(holding) > 1 or len(contact.slips) > 1:
+                raise ConstraintError(
+                    f"scene {self.whole.name!r}: the contacts {contact.name!r} and"
+                    f" {list_names(repr(o) for o in holding)} hold each other while they stick, and which of"
+                    " them slips first is not determined: give one of them a regularization"
+                )
+            for owner in holding:
+                groups.setdefault(owner, []).append(contact)
+            if not holding:  # no slip is possible, and no friction is needed
+                self.idle.append(contact)
         return groups
 
     def equations(self) -> EquationsOfMotion:
@@ -187,7 +147,16 @@ class _ModeEquations:
         outputs = dict(zip(whole.outputs, graph.substitute(list(whole.outputs.values()), known), strict=True))
         outputs |= {str(node.payload): value for node, value in known.items()}
         guards = self._guards(friction)
-        added = {name: value for c, state in self.contacts for name, value in added_parameters(c, state).items()}
+        added = {
+            name: value
+            for contact, state in self.contacts
+            for name, value in zip(
+                mode_parameters(contact, state),
+                (1.0, 0.0, float(contact.constraint is None), 1e-9),
+                strict=True,
+            )
+            if name
+        }
         symbols = replace(
             whole.symbols,
             unknowns=tuple(names[i] for i in self.kept),
@@ -223,14 +192,12 @@ class _ModeEquations:
                 side = graph.call("select", graph.call("less", graph.zero, free), graph.one, graph.const(-1))
             return [contact.mu * side * w / size for w in slips]
         mu = contact.mu * self._side(contact)
-        held = [graph.input(name) for name in direction_names(contact)]
+        held = self._directions(contact)
         if len(held) == 1:
             return [mu * held[0]]
         # At w = 0 friction keeps the direction d in which slip begins, for |w| well above s it is along w: the law of
         # w + s exp(-|w|^2 / s^2) d is smooth at the beginning of slip, and within rounding that of w from |w| = 6 s on.
-        rest = rest_name(contact)
-        assert rest is not None
-        onset = graph.node(_ONSET) * graph.call("abs", graph.input(rest))
+        onset = graph.node(_ONSET) * graph.call("abs", graph.input(mode_parameters(contact)[3]))
         # A step that continues beyond the end of slip, where w reverses, has the same friction as before it.
         forward, speed = graph.sum(w * d for w, d in zip(slips, held, strict=True)), graph.sum(w * w for w in slips)
         back = graph.call("less", 4 * forward * graph.call("abs", forward) + speed, graph.zero)
@@ -240,13 +207,16 @@ class _ModeEquations:
         size = graph.call("sqrt", graph.sum(a * a for a in along))
         return [mu * a / size for a in along]
 
+    def _directions(self, contact: ContactRow) -> list[Node]:
+        return [self.graph.input(name) for name in mode_parameters(contact)[:2] if name]
+
     def _side(self, contact: ContactRow) -> Node:
-        name = side_name(contact)
-        return self.graph.one if name is None else self.graph.input(name)
+        sided = contact.constraint is None and contact.tangential
+        return self.graph.input(mode_parameters(contact)[2]) if sided else self.graph.one
 
     def _allowance(self, contact: ContactRow) -> Node:
-        name = allowance_name(contact)
-        return self.graph.zero if name is None else self.graph.input(name)
+        opens = contact.constraint is not None
+        return self.graph.input(mode_parameters(contact)[2]) if opens else self.graph.zero
 
     def _speed(self, row: ConstraintRow) -> Node:
         terms = (a * b for a, b in zip(row.jacobian, self.whole.qdot, strict=True))
@@ -276,8 +246,8 @@ class _ModeEquations:
                 if state == STICK and contact not in self.idle:
                     guards += self._holding(i, press)
             if state == SLIP:
-                held = [graph.input(n) for n in direction_names(contact)]
-                forward = graph.sum(self._speed(row) * d for row, d in zip(contact.slips, held, strict=True))
+                held = zip(contact.slips, self._directions(contact), strict=True)
+                forward = graph.sum(self._speed(row) * d for row, d in held)
                 guards += self._stopping(i, forward)
         if laws:
             owner = next(i for i, (contact, _) in enumerate(self.contacts) if contact.name in self.groups)
@@ -319,10 +289,9 @@ class _ModeEquations:
         margin, and the phase ends as soon as there is slip well above it.
         """
         graph, contact = self.graph, self.whole.contacts[i]
-        rest = rest_name(contact)
-        if rest is None:
+        if len(contact.slips) == 1:
             return [(Guard(f"slip speed of {contact.name}", i, "stop"), forward)]
-        speed = graph.input(rest)
+        speed = graph.input(mode_parameters(contact)[3])
         begins = graph.call("less", graph.zero, speed)
         margin = graph.call("select", begins, graph.node(_MARGIN) * speed, graph.zero)
         left = graph.call("select", begins, graph.node(_BEGUN) * speed - forward, graph.one)

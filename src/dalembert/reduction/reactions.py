@@ -18,7 +18,7 @@ from ..ir.zero_tests import vanishes
 from ..mechanics.equations import EquationsOfMotion
 from ..mechanics.manifold import outside_span_on_manifold
 from ..naming import acceleration_input, acceleration_name, rate_name
-from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
+from ..transforms.linear import Matrix, dependence, factorize, matmul, matvec, transpose
 from .unit_sphere import unit_values
 
 __all__ = ["Requested", "independent_columns", "requested_outputs", "undetermined_unknowns", "weighted_columns"]
@@ -174,13 +174,10 @@ def independent_columns(graph: Graph, matrix: Matrix) -> tuple[list[int], set[in
         if all(vanishes(entry) for entry in column):
             free.add(number)
             continue
-        trial = [columns[i] for i in (*independent, number)]
-        try:
-            factorize(graph, matmul(graph, trial, transpose(trial)))
+        weights = dependence(graph, [columns[i] for i in independent], column)
+        if weights is None:
             independent.append(number)
-        except SingularMatrix:
-            base = trial[:-1]
-            weights = factorize(graph, matmul(graph, base, transpose(base))).solve(matvec(graph, base, column))
+        else:
             free |= {number} | {i for i, weight in zip(independent, weights, strict=True) if not vanishes(weight)}
     return independent, free
 

@@ -14,6 +14,7 @@ __all__ = [
     "Factorization",
     "Matrix",
     "SingularMatrix",
+    "dependence",
     "determinant_and_solution",
     "factorize",
     "matmul",
@@ -152,6 +153,16 @@ def factorize(graph: Graph, a: Sequence[Sequence[Node]], guard: Guard | None = N
             for j, entry in column[: place + 1]:
                 work[i][j] = work[i][j] - lower[i][k] * entry
     return Factorization(graph, tuple(order), tuple(lower), tuple(pivots))
+
+
+def dependence(graph: Graph, base: Sequence[Sequence[Node]], row: Sequence[Node]) -> list[Node] | None:
+    """Return the weights with which independent rows add up to another one; None where it does not depend on them."""
+    trial = [*base, row]
+    try:
+        factorize(graph, matmul(graph, trial, transpose(trial)))
+    except SingularMatrix:
+        return factorize(graph, matmul(graph, base, transpose(base))).solve(matvec(graph, base, row)) if base else []
+    return None
 
 
 def determinant_and_solution(graph: Graph, a: Sequence[Sequence[Node]], b: Sequence[Node]) -> tuple[Node, list[Node]]:

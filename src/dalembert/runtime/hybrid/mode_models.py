@@ -11,8 +11,8 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...codegen.base import Engine
-from ...hybrid import OPEN, SLIP, STICK, HybridAutomaton, Mode
-from ...hybrid.modes import allowance_name, direction_names, rest_name, side_name
+from ...hybrid import OPEN, STICK, HybridAutomaton, Mode
+from ...hybrid.modes import mode_parameters
 from ...integrators.breakpoints import CaseBreaks
 from ...integrators.event_code import Event, armed
 from ...ir.conditions import Conditions
@@ -128,13 +128,9 @@ class ModeModels:
         """
         values: dict[str, Any] = {}
         for i, (contact, state) in enumerate(zip(self.equations.contacts, mode, strict=True)):
-            names = {allowance_name(contact): sides[..., i]}
-            if state in (SLIP, STICK):
-                names[side_name(contact)] = sides[..., i]
-            if state == SLIP:
-                names |= {name: directions[..., i, j] for j, name in enumerate(direction_names(contact))}
-                names[rest_name(contact)] = rest[..., i]
-            values |= {name: value for name, value in names.items() if name is not None}
+            own = directions[..., i, 0], directions[..., i, 1], sides[..., i], rest[..., i]
+            names = mode_parameters(contact, state)
+            values |= {name: value for name, value in zip(names, own, strict=True) if name}
         return values
 
     def named(self, mode: Mode) -> dict[str, str]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...arrays import FloatArray
 from ...codegen.runs import LoopCall
 from ...hybrid import Mode
-from ...hybrid.modes import allowance_name, direction_names, rest_name, side_name
+from ...hybrid.modes import mode_parameters
 from ...integrators.arguments import pack
 from ...integrators.cases import BlockResult, CaseColumns
 from ...integrators.event_code import Event
@@ -47,10 +47,9 @@ class GatheredRows:
     @classmethod
     def of(cls, layout: Layout, contacts: Sequence[ContactRow]) -> GatheredRows:
         """Return the rows of a scene, start and end being the first two."""
-        names = list(layout.parameters)
-        names += [name for contact in contacts for name in (*direction_names(contact), "", "")[:2]]
-        names += [side_name(contact) or allowance_name(contact) or "" for contact in contacts]
-        names += [rest_name(contact) or "" for contact in contacts]
+        added = [mode_parameters(contact) for contact in contacts]
+        names = [*layout.parameters, *(name for first, second, _, _ in added for name in (first, second))]
+        names += [*(side for _, _, side, _ in added), *(rest for _, _, _, rest in added)]
         first = 2 + len(names)
         parameters = {name: row for row, name in enumerate(names, 2) if name}
         states = {name: row for row, name in enumerate(layout.variables, first)}
