@@ -7,7 +7,7 @@ among all modes, which takes the one that contradicts no law of contact.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import final
 
@@ -115,6 +115,10 @@ class HybridAutomaton:
         else:
             closed = (SLIP, STICK)
         return closed if row.constraint is None else (*closed, OPEN)
+
+    def sliding_mode(self, opened: Collection[int]) -> Mode:
+        """Return the mode in which contacts of some numbers are open, and all others are closed and slip."""
+        return tuple(OPEN if i in opened else self.states(i)[0] for i in range(len(self.contacts)))
 
     def equations_of(self, mode: Mode) -> EquationsOfMotion:
         """Return the equations in a mode, with its guards.

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...errors import ExpressionError, OptionError, ValueInputError
-from ...hybrid import CLOSED, OPEN, SLIP, SMOOTH, Mode
+from ...hybrid import CLOSED, OPEN, Mode
 from ...integrators.event_code import Event, event_list
 from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
@@ -39,16 +39,9 @@ _O = TypeVar("_O", SimulateOptions, SweepOptions)
 
 def plain_mode(modes: ModeModels, unilateral: str) -> Mode:
     """Return a mode in which all slips, and what can open is open, or closed."""
-    return tuple(
-        OPEN
-        if c.constraint is not None and unilateral == OPEN
-        else CLOSED
-        if not c.tangential
-        else SMOOTH
-        if c.regularization is not None
-        else SLIP
-        for c in modes.equations.contacts
-    )
+    contacts = enumerate(modes.equations.contacts)
+    opened = [i for i, contact in contacts if contact.constraint is not None and unilateral == OPEN]
+    return modes.automaton.sliding_mode(opened)
 
 
 def refuse_open_gains(modes: ModeModels) -> None:

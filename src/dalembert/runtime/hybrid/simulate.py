@@ -11,7 +11,6 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...errors import InitialStateError
-from ...hybrid import CLOSED, OPEN, SLIP, SMOOTH, Mode
 from ...methods.status import Status
 from ...options import SimulateOptions
 from ...results.events import EventRecord, EventRecords
@@ -190,19 +189,10 @@ def _changing(before: Mapping[str, str], after: Mapping[str, str]) -> list[str]:
 
 def _start(modes: ModeModels, request: MotionRequest[SimulateOptions], now: HybridState) -> Part:
     """Return the start of a motion that cannot continue, in the mode in which all touching contacts slip."""
-    mode, t = _sliding_mode(modes, now), float(request.t0[0])
+    gaps, noise = modes.decisions.gaps(modes.decisions.values(now.t, now.x, now.c)[0], now.x[0])
+    mode, t = modes.automaton.sliding_mode(np.flatnonzero(gaps > noise).tolist()), float(request.t0[0])
     model = modes.model(mode)
     initial = dict(zip(model.layout.variables, now.x[0].tolist(), strict=True))
     options = SimulateOptions(method=request.options.method)
     run = simulate_in_own_time(model, (t, t), initial, request.parameters, options)
     return Part(Phase(t, t, modes.named(mode)), run, modes.violation(mode))
-
-
-def _sliding_mode(modes: ModeModels, now: HybridState) -> Mode:
-    """Return the mode in which all that touches is closed, and slips."""
-    decisions, able = modes.decisions, []
-    gaps, noise = decisions.gaps(decisions.values(now.t, now.x, now.c)[0], now.x[0])
-    for contact, far in zip(modes.equations.contacts, gaps > noise, strict=True):
-        smooth = SMOOTH if contact.regularization is not None else SLIP
-        able.append(OPEN if far else smooth if contact.tangential else CLOSED)
-    return tuple(able)
