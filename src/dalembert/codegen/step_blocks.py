@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 from ..integrators.cases import BlockResult, CaseBlock
 from ..integrators.chaining import blocks_between_knots
-from ..integrators.events import integrate_watched, recorded_states
+from ..integrators.events import integrate_watched
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
+from ..integrators.watched import recorded_states
 from ..methods.status import Status
 
 if TYPE_CHECKING:

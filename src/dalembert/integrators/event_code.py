@@ -20,10 +20,10 @@ from ..reduction.event_functions import EventFunctions
 from ..reduction.starting import Start
 from ..values import listed as members
 from .dense_output import DenseOutput, JoinedOutput
-from .events import Jump, Rule, Watched
 from .projected_states import projected
 from .reductions import running_values
 from .segments import Constants, Segments, constants_at
+from .watched import Jump, Rule, Watched
 
 __all__ = ["Event", "EventCode", "armed", "event_list", "suspected"]
 

@@ -7,7 +7,7 @@ is dropped and a new one begins.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import final
 
 import numpy as np
@@ -17,83 +17,22 @@ from ..arrays import FloatArray
 from ..methods.event_constants import RESIDUAL, TIME_NOISE
 from ..methods.status import Status
 from .crossings import Crossing, Pieces, changes, located, pieces
-from .dense_output import DenseOutput, JoinedOutput
 from .event_rules import (
     accumulates,
     carried_sign,
-    change_counts,
     happens_together,
-    recorded_after,
     start_sign,
     too_soon,
     zero_level,
 )
+from .motion_record import MotionRecord
 from .problem import IntegrationProblem, Solution
+from .watched import Occurrence, Watched, recorded_states
 from .zero_starts import ZeroStarts, short_share
 
-__all__ = ["Occurrence", "Rule", "Watched", "integrate_watched", "recorded_states"]
+__all__ = ["integrate_watched"]
 
 StepBlocks = Callable[[IntegrationProblem], Iterator[Solution]]
-Jump = Callable[[float, FloatArray], FloatArray | None]
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Rule:
-    """The rule of an event: the sign changes that count, the occurrence that ends the run (0: none), and the jump.
-
-    A direction of 2 or -2 says that the event is armed: an expression that is zero where the motion begins, or already
-    beyond it, counts as not having changed its sign yet. If it does not go back, the event occurs at once.
-
-    The jump gives the state after it from time and state, or None where the constraints do not allow it.
-    """
-
-    direction: int
-    last: int
-    jump: Jump | None
-
-    def counts(self, sign: int) -> bool:
-        """Whether a change to `sign` is an occurrence."""
-        return change_counts(self.direction, sign)
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Watched:
-    """Expressions whose sign changes along a motion are events.
-
-    Attributes
-    ----------
-    values
-        From times (k,) and states (k, n_y) to the values of all expressions (k, n).
-    begins
-        From a time and a state (n_y,) to value, rate and noise of each expression (n, 3).
-    settle
-        From times and interpolated states to states on the constraints.
-    rules
-        One an expression.
-    during
-        From two times to what is watched on a block of steps between them, where that differs: expressions may jump
-        where blocks end.
-    """
-
-    values: Callable[[FloatArray, FloatArray], FloatArray]
-    begins: Callable[[float, FloatArray], FloatArray]
-    settle: Callable[[FloatArray, FloatArray], FloatArray]
-    rules: Sequence[Rule]
-    during: Callable[[float, float], Watched] | None = None
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Occurrence:
-    """One event: its number, time, states (n_y,) before and after, and the sign that its expression changed to."""
-
-    event: int
-    t: float
-    before: FloatArray
-    after: FloatArray
-    sign: int
 
 
 def integrate_watched(
@@ -124,36 +63,6 @@ def integrate_watched(
     return _Run(step_blocks, problem, watched, carried).solution()
 
 
-def recorded_states(
-    watched: Watched, wanted: FloatArray, dense: DenseOutput | None, t: FloatArray, y: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the times to record that a motion reached, and the states there (k, n_y): after a jump at that time.
-
-    Parameters
-    ----------
-    wanted : ndarray (m,)
-        Times to record, in the order of the motion.
-    dense
-        The motion, None where it took no time.
-    t, y
-        Accepted steps, which hold the time of a jump twice.
-    """
-    forward = 1.0 if t[-1] >= t[0] else -1.0
-    reached = wanted[(wanted - t[-1]) * forward <= 0.0]
-    at = reached.copy()
-    for jumped in t[1:][t[1:] == t[:-1]]:
-        k = int(np.searchsorted(reached * forward, jumped * forward))
-        while k > 0 and recorded_after(reached[k - 1], jumped, forward):
-            k -= 1
-            at[k] = jumped
-    found = np.tile(y[0], (len(reached), 1))
-    if dense is not None and len(reached):
-        found = watched.settle(at, dense(at))
-    found[at == t[0]] = y[0]
-    found[at == t[-1]] = y[-1]
-    return reached, found
-
-
 @final
 class _Run:
     """One integration in progress."""
@@ -169,10 +78,7 @@ class _Run:
         self.counts = [0] * len(watched.rules)
         self.jumped_at: float | None = None
         self.soon = 0.0
-        self.times: list[FloatArray] = []
-        self.states: list[FloatArray] = []
-        self.knots = [self.t]
-        self.parts: list[DenseOutput] = []
+        self.record = MotionRecord(self.t, len(self.y), controlled=problem.sampled is not None)
         self.steps = self.rejected = self.evaluations = 0
         self.signs: NDArray[np.int8] = np.zeros(len(watched.rules), np.int8)
         self.seen: NDArray[np.bool_] = np.zeros(len(watched.rules), np.bool_)
@@ -187,8 +93,7 @@ class _Run:
         status: Status | None = None
         while status is None:
             status = self._until_jump()
-        t, y = np.concatenate(self.times), np.concatenate(self.states)
-        dense = JoinedOutput(np.array(self.knots), self.parts) if self.parts else None
+        t, y, dense = self.record.joined()
         if self.problem.t_eval is not None:
             t, y = recorded_states(self.watched, self.problem.t_eval, dense, t, y)
         return Solution(
@@ -202,13 +107,9 @@ class _Run:
             end=self.t,
         ), self.occurrences
 
-    def _record(self, t: FloatArray, y: FloatArray) -> None:
-        self.times.append(np.asarray(t, dtype=float))
-        self.states.append(np.asarray(y, dtype=float).reshape(len(self.times[-1]), len(self.y)))
-
     def _begin(self) -> None:
         """Record the state and the signs from which the motion begins, or continues after a jump."""
-        self._record(np.array([self.t]), self.y)
+        self.record.add(np.array([self.t]), self.y)
         self.began = self.t
         self.signs, self.zero = self._signs(self.t, self.y, self.residual, armed=True)
         if self.carried is not None and self.t == self.problem.t0:
@@ -373,7 +274,7 @@ class _Run:
         if status is None and t == self.problem.t1:
             status = Status.SUCCESS
         if status is not None and any(jump is not None for jump in jumps):
-            self._record(np.array([t]), after)
+            self.record.add(np.array([t]), after)
         return status
 
     def _accumulation(self, t: float, seen: bool) -> Status | None:
@@ -385,33 +286,14 @@ class _Run:
         self.soon = too_soon(gap, self.span, self.soon)
         return Status.EVENTS_ACCUMULATE if accumulates(gap, t, self.span, seen, self.soon) else None
 
-    def _follow_act(self, block: Solution) -> None:
-        """Replace the last record by the state after the actions of controllers, in which a block begins."""
-        if self.problem.sampled is not None:
-            last = max(k for k, states in enumerate(self.states) if len(states))
-            self.states[last] = np.concatenate([self.states[last][:-1], block.y[:1]])
-
     def _take(self, block: Solution) -> None:
         """Record a whole block."""
-        assert block.dense is not None
-        self._follow_act(block)
-        self._record(block.t[1:], block.y[1:])
-        self.parts.append(block.dense)
-        self.knots.append(float(block.dense.knots[-1]))
+        self.record.take(block)
         self.t, self.y = float(block.t[-1]), block.y[-1]
 
     def _cut(self, block: Solution, t: float, y: FloatArray) -> None:
         """Record a block of steps up to time t, where the state is y."""
-        self._follow_act(block)
-        kept = (block.t - t) * self.forward < 0.0
-        kept[0] = False
-        self._record(block.t[kept], block.y[kept])
-        start = self.knots[-1]
-        if t != start:
-            assert block.dense is not None
-            self._record(np.array([t]), y)
-            self.parts.append(block.dense)
-            self.knots.append(t)
+        self.record.cut(block, t, y, self.forward)
         self.t, self.y = t, y
 
     def _last(self, status: Status) -> Status | None:

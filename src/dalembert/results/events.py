@@ -13,7 +13,7 @@ from ..errors import UnknownNameError, unknown_name
 from .motion import Motion
 
 if TYPE_CHECKING:
-    from ..integrators.events import Occurrence
+    from ..integrators.watched import Occurrence
     from .trajectory import Trajectory
 
 __all__ = ["EventRecord", "EventRecords", "event_records"]

@@ -14,10 +14,10 @@ from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
 from ..integrators.chaining import joined
 from ..integrators.dense_output import DenseOutput
-from ..integrators.events import Occurrence
 from ..integrators.problem import Solution
 from ..integrators.projected_states import projected
 from ..integrators.segments import Constants, Segments, constants_at
+from ..integrators.watched import Occurrence
 from ..ir.program import Program
 from ..methods.status import Status
 from ..values import times_of

@@ -27,7 +27,7 @@ from .table_range import ended_outside
 
 if TYPE_CHECKING:
     from ..integrators.event_code import EventCode
-    from ..integrators.events import Occurrence
+    from ..integrators.watched import Occurrence
     from .model import CompiledModel
 
 __all__ = ["integrate"]

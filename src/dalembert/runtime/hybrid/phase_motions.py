@@ -10,10 +10,10 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...integrators.dense_output import PiecewisePolynomial
-from ...integrators.events import Occurrence
 from ...integrators.projected_states import projected
 from ...integrators.segments import Constants, Segments, constants_at
 from ...integrators.step_records import ATTEMPTS_AT, END_AT, ENDED_AT, FIRST_AT, START_AT
+from ...integrators.watched import Occurrence
 from ...integrators.workspace import ROUNDING
 from ...ir.conditions import CONDITION_TIME
 from ...methods.status import Status
