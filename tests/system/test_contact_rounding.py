@@ -120,3 +120,31 @@ def test_a_gap_that_opens_without_speed_stays_open_whatever_the_steps(method):
         for rtol in (1e-4, 1e-12):
             run = model.simulate((t, t + 30 * step), opened, p, rtol=rtol, atol=rtol, max_step=step, method=method)
             assert run.success and len(run.phases) == 1
+
+
+@pytest.fixture(scope="module")
+def far_belt():
+    """A block on a belt that a spring pulls, whose end moves with the belt and by 0.5 m/s more."""
+    x, y, t = *dynamicsymbols("x y"), dynamicsymbols._t
+    speed, place = sp.symbols("speed place", real=True)
+    frame, origin = ReferenceFrame("N"), Point("O")
+    point = origin.locatenew("B", x * frame.x + y * frame.y)
+    scene = da.Scene("far belt", frame=frame, origin=origin, coordinates=[x, y])
+    scene.add_bodies(Particle("block", point, 1))
+    scene.add_loads((point, -2 * (x - place - speed * t - t / 2) * frame.x - 10 * frame.y))
+    normal, friction = da.unknowns("N F")
+    scene.add_joints(da.Joint("belt", body="block", at=point, force=friction * frame.x + normal * frame.y))
+    scene.add_holonomic_constraints(y)
+    scene.add_friction(da.CoulombFriction(normal, friction, slip=x.diff() - speed, mu=0.3, mu_static=0.5, name="belt"))
+    return da.compile_model(scene)
+
+
+@pytest.mark.parametrize("method", ["dop853", "tsit5", "taylor"])
+@pytest.mark.parametrize(("speed", "place"), [(0.0, 0.0), (1e3, 0.0), (0.0, 1e6), (1e3, 1e6)])
+def test_slips_do_not_depend_on_the_frame(far_belt, speed, place, method):
+    """The block slips at 5 s, and sticks after the time that the notes of `belt_oscillator` give."""
+    start, p = {"x": place, "y": 0.0, "x_dot": speed, "y_dot": 0.0}, {"speed": speed, "place": place}
+    run = far_belt.simulate((0, 20), start, p, rtol=1e-11, atol=1e-11, method=method, max_steps=10**6)
+    slips = np.sqrt(2.0) * (np.pi - np.arctan(2.0 * np.sqrt(2.0)))
+    assert run.success and [phase.modes["belt"] for phase in run.phases] == ["stick", "slip"] * 3
+    np.testing.assert_allclose([phase.t0 for phase in run.phases][:3], [0.0, 5.0, 5.0 + slips], atol=1e-5)
