@@ -88,7 +88,7 @@ def refused(folder: Path) -> bool:
 
 
 def read_kept(path: Path) -> bytes | None:
-    """Return what `write_kept` wrote to a file; None where there is no file, or none that is trusted.
+    """Return the content that `write_kept` wrote to a file; None where there is no file, or none that is trusted.
 
     A file that is damaged, that others could have written, or that was written under another name or to another folder,
     is removed with a warning.

@@ -37,7 +37,7 @@ class _CompiledTemplates(jinja2.BytecodeCache):
     """
 
     def get_cache_key(self, name: str, filename: str | None = None) -> str:
-        """Return what a template is known by: its name."""
+        """Return the key of a template: its name."""
         return name
 
     def load_bytecode(self, bucket: Bucket) -> None:

@@ -26,7 +26,7 @@ def template_directory() -> Path:
 
 
 def program_variables(program: Program, printer: Printer) -> dict[str, Any]:
-    """Return what the template of a module of Python uses.
+    """Return the variables of the template of a module of Python.
 
     These are `banner` (lines of comment) and `kernels`, each with `name`, `arguments`, `doc`, `lines` and `outputs`.
     """

@@ -35,7 +35,7 @@ class Prepared(Protocol):
         ...
 
     def status(self) -> Status:
-        """Return how the last run of this thread ended."""
+        """Return the status of the last run of this thread."""
         ...
 
 

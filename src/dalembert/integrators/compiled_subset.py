@@ -83,7 +83,7 @@ def element(address: int, index: int) -> np.float64:
 
 
 def prefetch(address: int, index: int) -> None:
-    """Have the memory at an index from an address brought near, where it is any; nothing is read."""
+    """Prefetch the memory at an index from an address, which need not be valid: nothing is read."""
 
 
 def lowest(bits: int) -> int:

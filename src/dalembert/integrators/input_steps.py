@@ -125,7 +125,7 @@ def _row(inputs: InputTable, case: int) -> int:
 
 @compiled_subset
 def _edge(inputs: InputTable, r: int, lane: int, shift: float, forward: bool) -> float:
-    """Return where the present piece of a record ends in the direction of time."""
+    """Return the time at which the present piece of a record ends in the direction of time."""
     piece = inputs.pieces[r, lane]
     if forward:
         return element(inputs.knots[r], piece + 1) - shift if piece < inputs.last[r] else np.inf

@@ -79,7 +79,7 @@ class CaseRows(NamedTuple):
 
 @once
 def no_rows() -> CaseRows:
-    """Return what stands where cases are given as columns."""
+    """Return empty rows, for cases that are given as columns."""
     return CaseRows(*(np.empty((0, 0)),) * len(CaseRows._fields))
 
 

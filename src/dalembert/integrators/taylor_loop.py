@@ -145,7 +145,7 @@ def _take_steps(arguments: TaylorArguments) -> tuple[int, int]:
 
 @compiled_subset
 def _begin_inputs(arguments: TaylorArguments) -> float:
-    """Return where the next steps must end: with the run, or with the piece of an input."""
+    """Return the time at which the next steps must end: the end of the run, or of the piece of an input."""
     inputs, progress = arguments.inputs, arguments.progress
     if inputs.knots.size == 0:
         return arguments.t1

@@ -211,7 +211,7 @@ class EventKernels(NamedTuple):
 
 @once
 def no_events() -> EventKernels:
-    """Return what stands where there are no events."""
+    """Return empty fields, for loops without events."""
     nothing = np.zeros(0, np.int64)
     return EventKernels(*(0,) * 8, *(nothing,) * 4, *(0,) * 3, *(nothing,) * 2)
 
@@ -315,5 +315,5 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
 
 @once
 def no_event_workspace() -> EventWorkspace:
-    """Return what stands where there are no events."""
+    """Return empty fields, for loops without events."""
     return EventWorkspace(*(np.empty((0, 0)),) * len(EventWorkspace._fields))

@@ -56,7 +56,7 @@ _TOWARDS: FloatArray = np.array([np.prod([other / (other - x) for other in _REST
 
 
 def _divided(power: int) -> FloatArray:
-    """Return what leads from values at the points to the coefficients of f(x) / x^power, with f(0) = 0."""
+    """Return the matrix from values at the points to the coefficients of f(x) / x^power, with f(0) = 0."""
     matrix = COEFFICIENTS[:, 1:] + np.outer(COEFFICIENTS[:, 0], _TOWARDS)
     return np.hstack([np.zeros((COUNT, 1)), matrix / _REST**power])
 

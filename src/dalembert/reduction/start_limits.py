@@ -94,14 +94,14 @@ class StartLimits:
         return [graph.call("select", heavy, graph.call("sqrt", square), graph.zero)]
 
     def position(self, residual: Node, row: Sequence[Node]) -> Node:
-        """Return what may be left of a holonomic constraint with a row of the Jacobian (n_q)."""
+        """Return the largest residual that is allowed in a holonomic constraint with a row of the Jacobian (n_q)."""
         graph = self.graph
         parts = [part for part in zip(row, self.q, self.sizes, strict=True) if not part[0].is_zero]
         terms = [self._abs(slope) * graph.call("max", self._abs(x), size) for slope, x, size in parts]
         return graph.node(_TOLERANCE) * graph.sum([terms_of(graph, residual), *terms])
 
     def rate(self, row: Sequence[Node], drift: Node) -> Node:
-        """Return what may be left of a velocity constraint, row . qdot + drift."""
+        """Return the largest residual that is allowed in a velocity constraint, row . qdot + drift."""
         graph = self.graph
         parts = [part for part in zip(row, self.qdot, self.sizes, strict=True) if not part[0].is_zero]
         terms = graph.sum([self._abs(drift), *(self._abs(slope * rate) for slope, rate, _ in parts)])
@@ -109,7 +109,7 @@ class StartLimits:
         return graph.node(_TOLERANCE) * graph.call("max", terms, least)
 
     def share(self, pivot: Node, rows: Matrix, place: int) -> Node:
-        """Return what is compared with `LEAST_SHARE` for a value that was solved for, from its pivot."""
+        """Return the share of a value that was solved for, from its pivot; it is compared with `LEAST_SHARE`."""
         graph, shares = self.graph, []
         for row in rows:
             squares = [(slope * size) * (slope * size) for slope, size in zip(row, self.sizes, strict=True)]

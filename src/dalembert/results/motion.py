@@ -189,7 +189,7 @@ class Motion(ABC):
 
     @property
     def message(self) -> str:
-        """How the run ended, as a sentence."""
+        """The status of the run, as a sentence."""
         note, said = self.stats.note, self.status.message_for(self._formulations, self.stats.method)
         return f"{said} Note: {note}." if note else said
 
@@ -287,7 +287,7 @@ class Motion(ABC):
 
 
 def reaction_hint(layout: Layout, name: str) -> str:
-    """Return how to get a reaction that was not requested; empty for other names."""
+    """Return the advice to request a reaction as an output; empty for other names."""
     if name not in layout.unknowns:
         return ""
     return f" It is a reaction of the scene; request it with compile_model(scene, outputs=[{name!r}])."

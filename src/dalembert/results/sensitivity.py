@@ -51,7 +51,7 @@ class Sensitivity:
 
     @property
     def message(self) -> str:
-        """How the run ended, as a sentence."""
+        """The status of the run, as a sentence."""
         return self.status.message
 
     def value(self, name: Any) -> FloatArray:

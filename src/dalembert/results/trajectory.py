@@ -280,7 +280,7 @@ class Trajectory(Motion):
 
 
 def joined_runs(runs: Sequence[Trajectory], labels: Sequence[str], *, right: bool) -> Trajectory:
-    """Return runs of one program, each of which goes on where the one before has ended, with other constants, as one.
+    """Return one motion from runs of one program, each of which continues the one before with other constants.
 
     Parameters
     ----------

@@ -85,7 +85,7 @@ def _located(found: Gimbals, group: int, steps: Solution, place: int, values: Fl
 
 
 def locked_cases(program: Program, found: Gimbals, block: CaseBlock, done: BlockResult) -> None:
-    """Give cases of a sweep whose angles locked the status that says so: a sign that changed, or an end near zero."""
+    """Set the status of cases of a sweep whose angles locked: a sign that changed, or an end near zero."""
     status = done.ends[:, 1]
     first = interpret_rows(found.kernel, block.spans[:, 0], block.y, block.c)
     last = interpret_rows(found.kernel, done.ends[:, 0], done.y, block.c)

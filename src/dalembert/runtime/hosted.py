@@ -89,7 +89,7 @@ class HostRuns:
         return tuple(event.label for event in self.events)
 
     def __call__(self, t: FloatArray, initial: FloatArray, p: FloatArray, records: Mapping[str, Samples]) -> HostRun:
-        """Return how cases went at times t (k, n_t), from initial values (k, n_given) and parameters p (k, n_p).
+        """Return the results of cases at times t (k, n_t), from initial values (k, n_given) and parameters p (k, n_p).
 
         `records` hold the knots (k, n) and values (k, n) of the inputs that have knots; the others are among the
         parameters. Cases of the same times and knots are one sweep.
@@ -170,7 +170,7 @@ class HostRuns:
         return found or None
 
     def _judge_outputs(self, cases: Any, out: HostRun) -> None:
-        """Give the status NON_FINITE to runs in which something is not finite although the motion is.
+        """Set the status NON_FINITE in runs with an output that is not finite although the motion is.
 
         Rows that a run did not reach are NaN, outputs that do not depend on the motion among them.
         """
@@ -204,7 +204,7 @@ def with_symbols(model: T, layout: Layout, events: Any, reduce: Any, make: Calla
 def hosted_runs(
     model: CompiledModel, given: Iterable[str] | None, method: str, options: SolveOptions, events: Any, reduce: Any
 ) -> HostedRuns | None:
-    """Return what runs of a traced function need that has events or reductions; None for those that have none.
+    """Return the host's part of a traced function with events or reductions; None for those that have none.
 
     Raises
     ------
@@ -230,7 +230,7 @@ def hybrid_runs(
     events: Any,
     reduce: Any,
 ) -> HostedRuns:
-    """Return what runs of a traced function need in which contacts change.
+    """Return the host's part of a traced function in which contacts change.
 
     Raises
     ------

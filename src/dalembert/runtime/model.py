@@ -133,7 +133,7 @@ class CompiledModel(Model["Trajectory", "Sweep"]):
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """Integration methods of the backend; "auto" takes the first."""
+        """Integration methods of the backend, other than "auto"."""
         return tuple(self.method_descriptions)
 
     @property

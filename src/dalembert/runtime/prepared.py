@@ -96,7 +96,7 @@ class PreparedRun:
 
     @property
     def status(self) -> Status:
-        """How the last run of this thread ended."""
+        """The status of the last run of this thread."""
         return self._run.status()
 
     @nesting_named

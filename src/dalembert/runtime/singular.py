@@ -174,7 +174,7 @@ def still_redundant(
     tolerance: float,
     span: tuple[float, float],
 ) -> tuple[Solution, str]:
-    """Return a run ended before constraints that were left out as redundant come to be violated by more than rounding.
+    """Return a run, ended before constraints that were left out as redundant are violated by more than rounding.
 
     The tolerance is relative to the sizes of what the coordinates add to them.
     """

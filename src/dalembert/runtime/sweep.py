@@ -317,7 +317,7 @@ def _ranked(model: CompiledModel) -> bool:
 
 
 def _check_results(model: CompiledModel, method: str, block: CaseBlock, done: BlockResult) -> None:
-    """Give cases whose angles locked, or whose constraints lost rank, the status that says so."""
+    """Set the status of cases whose angles locked, or whose constraints lost rank."""
     program = model.stages.program
     if model.derived.tables is not None:
         outside_cases(model.derived.tables, block, done)

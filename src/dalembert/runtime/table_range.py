@@ -80,7 +80,7 @@ def ended_outside(
 
 
 def outside_cases(found: TableRange, block: CaseBlock, done: BlockResult) -> None:
-    """Give cases of a sweep that failed at an end of a table the status that says so."""
+    """Set the status of cases of a sweep that failed at an end of a table."""
     failed = np.isin(done.ends[:, 1], _FAILED)
     if np.any(failed):
         _, met = found.outside(done.ends[:, 0], done.y, block.c)

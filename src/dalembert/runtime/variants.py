@@ -119,7 +119,7 @@ class Variants:
         return derived_once(self._tables, (kind, key), make)
 
     def _recompiled(self, left_out: tuple[int, ...], kept: tuple[str, ...]) -> Compiled:
-        """Return the same equations without some constraints, and with kept first integrals, compiled."""
+        """Compile the same equations without some constraints and with kept first integrals."""
         stages = self._stages
         options = replace(stages.options, formulation=stages.program.formulation)
         return compile_equations(stages.derivation, options, stages.mode, left_out, kept)

@@ -62,7 +62,7 @@ class CoulombFriction:
 
     @property
     def label(self) -> str:
-        """What results call it."""
+        """Name in results."""
         own = "without a normal reaction" if self.normal is None else str(self.normal)
         return own if self.name is None else self.name
 
@@ -94,7 +94,7 @@ class UnilateralContact:
 
     @property
     def label(self) -> str:
-        """What results call it."""
+        """Name in results."""
         return str(self.normal) if self.name is None else self.name
 
 

@@ -203,7 +203,7 @@ def _angles(matrix: Any) -> list[Any]:
 
 
 def _entangled(scene: Scene, tree: Tree, chain: Sequence[ReferenceFrame], angles: Sequence[Any]) -> str:
-    """Return what the angles do other than turn the last frame of a chain; empty where nothing."""
+    """Return the uses of the angles other than the orientation of the last frame of a chain."""
     named = list_names(a.func.__name__ for a in angles)
     if not all(a in scene.coordinates for a in angles):
         return f"{named} are not all coordinates of the scene"

@@ -218,7 +218,7 @@ class Curve(sp.AtomicExpr):  # type: ignore[misc]
         return None if self.order >= self.table.degree else Curve(self.table, self.order + 1)
 
     def sort_key(self, order: Any = None) -> Any:
-        """Return what SymPy sorts by."""
+        """Return the sort key for SymPy."""
         return (
             self.class_key(),
             (1, (f"{self.table.name} {self.order} {self.table.key}",)),

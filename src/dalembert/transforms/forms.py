@@ -45,7 +45,7 @@ class Forms:
         return self.of(node)[1]
 
     def choose(self, node: Node, form: Form) -> None:
-        """Give a value a form. The caller counts its uses."""
+        """Set the form of a value. The caller counts its uses."""
         index, moving = node.index, self.moving
         self._chosen[index] = form
         self._moving_args[index] = tuple([arg.index for arg in form[1] if arg.deps & moving])

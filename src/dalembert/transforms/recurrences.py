@@ -92,7 +92,7 @@ class Recurrences:
 
     @property
     def switch_arguments(self) -> tuple[str, ...]:
-        """What the switches decide by, each once."""
+        """The arguments of the switches, each once."""
         return tuple(dict.fromkeys(switch.argument for switch in self.switches))
 
     @property

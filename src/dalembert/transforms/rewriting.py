@@ -116,7 +116,7 @@ class _Rewriter:
         return self.forms.of(node)[0] in ("mul", "div")
 
     def _rewrite(self, node: Node) -> None:
-        """Give `node` the cheapest of its forms."""
+        """Set the form of `node` to its cheapest one."""
         forms, old = self.forms, self.forms.of(node)
         best_cost, best = forms.weight(node) + forms.release(node), old
         self.target = node

@@ -50,7 +50,7 @@ def before_zeros(
     scale: Operand,
     tolerance: float,
 ) -> Operand:
-    """Return how far a step may go before a square root vanishes, or beyond where one is about to.
+    """Return the largest step before a square root vanishes, or past the zero where one is about to vanish.
 
     Parameters
     ----------

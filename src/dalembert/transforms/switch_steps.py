@@ -40,7 +40,7 @@ def before_switches(
     scale: Operand,
     tolerance: float,
 ) -> Operand:
-    """Return how far a step may go before a kink or a jump, or beyond where one is about to be met.
+    """Return the largest step before a kink or a jump, or past it where one is about to be met.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def before_switches(
 
 
 def as_at_start(lines: Lines, switch: Switch, begun: Operand, args: Sequence[Operand]) -> Operand:
-    """Return a switch of other operands as it goes on from where its argument has `begun`."""
+    """Return a switch of other operands, continued on the side on which its argument has `begun`."""
     compared = [begun if arg == switch.argument else arg for arg in switch.compared]
     match switch.line.op:
         case "abs":

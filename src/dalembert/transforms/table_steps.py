@@ -42,7 +42,7 @@ _TINY = 1e-300
 
 
 def within_piece(lines: Lines, series: Series, key: float, order: int, size: Operand, direction: Operand) -> Operand:
-    """Return how far a step may go before the argument of a table leaves its piece.
+    """Return the largest step before the argument of a table leaves its piece.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def in_shares_of_step(lines: Lines, series: Series, order: int, h: Operand) -> S
 
 
 def shortest(lines: Lines, size: Operand) -> Operand:
-    """Return how much a step always takes, so that it makes progress."""
+    """Return the least size of a step, so that it makes progress."""
     return lines.op("max", lines.mul(size, _LEAST), lines.mul(lines.op("abs", CLOCK), _SPACING))
 
 

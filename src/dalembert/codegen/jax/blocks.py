@@ -143,7 +143,7 @@ class _InBlocks:
 
 
 def _read(memory: Any, places: Sequence[int | float]) -> Any:
-    """Return what lies at places, and literals, side by side."""
+    """Return values by their places, and literals, side by side."""
     values = [memory[place] if isinstance(place, int) else jnp.asarray(place) for place in places]
     return jnp.stack(values) if values else jnp.zeros(0)
 
@@ -165,7 +165,7 @@ class _Blocks:
         self.room = self._width * len(self._parts)
 
     def places(self, lengths: Mapping[str, int]) -> dict[str, int]:
-        """Return where values lie: arguments of these lengths first, then what the blocks write."""
+        """Return the places of values: arguments of these lengths first, then the outputs of the blocks."""
         starts = dict(zip(lengths, accumulate(lengths.values(), initial=0), strict=False))
         places = {load.target: starts[load.array] + (load.index or 0) for load in self._kernel.loads}
         first = sum(lengths.values())
@@ -198,7 +198,7 @@ def _on_memory(function: Function, places: list[int], width: int) -> Function:
 
 
 def _loaded(kernel: Kernel, arguments: tuple[Any, ...]) -> dict[Any, Any]:
-    """Return what a kernel reads of its arguments, by name."""
+    """Return the entries of its arguments that a kernel reads, by name."""
     given = dict(zip(kernel.arguments, arguments, strict=True))
     return {
         load.target: given[load.array] if load.index is None else given[load.array][load.index] for load in kernel.loads

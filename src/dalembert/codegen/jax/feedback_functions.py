@@ -42,12 +42,12 @@ def _joined(fixed: tuple[Any, ...], arrays: Any) -> Feedback:
 
 @once
 def register_feedback() -> None:
-    """Let functions as inputs be pytrees, whose leaves are the arrays that they hang on."""
+    """Register functions as inputs as pytrees, whose leaves are the arrays that they depend on."""
     jax.tree_util.register_pytree_node(Feedback, _split, _joined)
 
 
 def checked_feedback(symbol: InputSymbol, given: Any, n: int) -> Feedback:
-    """Return what a user gave as a function for an input, of n coordinates, with what it closes over as arguments.
+    """Return a user's function for an input, of n coordinates, with the values that it closes over as arguments.
 
     Raises
     ------

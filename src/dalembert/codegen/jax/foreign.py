@@ -77,7 +77,7 @@ class ForeignRuns:
         return wide and all(kind in kinds for kind in types) and foreign_interface() is not None and not debugging()
 
     def __call__(self, limits: Limits, room: int, traced: Callable[..., Record], t: Any, y: Any, c: Any) -> Record:
-        """Return how the run went at times t (n_t,) from y (n_y,) with constants c (n_c,), as `Motion` wants it.
+        """Return the result, for `Motion`, of a run at times t (n_t,) from y (n_y,) with constants c (n_c,).
 
         `traced` is the function of (t, y, c) that does the same in a traced loop.
         """
@@ -97,7 +97,7 @@ class ForeignRuns:
         given: Sequence[Any],
         batched: Sequence[bool],
     ) -> Record:
-        """Return how `size` runs went; see `dalembert.codegen.jax.foreign_batches.run_batch`."""
+        """Return the results of `size` runs; see `dalembert.codegen.jax.foreign_batches.run_batch`."""
         return run_batch(_Run(self.program, self.method, limits), room, traced, size, given, batched)
 
     def sweep(self, limits: Limits, steps: Stepping) -> Callable[..., tuple[Record, Any]]:
@@ -223,7 +223,7 @@ _RUN.multiple_results = True
 
 @_RUN.def_impl
 def _run_at_once(t: Any, y: Any, c: Any, *, run: _Run, rows: tuple[int, int], traced: Traced) -> Sequence[Any]:
-    """Return what `traced` does: the operation is compiled wherever a trace is."""
+    """Return the result of `traced`: the operation is compiled wherever a trace is."""
     return _in_loop(t, y, c, traced)
 
 

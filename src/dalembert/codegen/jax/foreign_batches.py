@@ -65,7 +65,7 @@ class Traced:
         self.function, self._key = function, key
 
     def __call__(self, *arguments: Any) -> Any:
-        """Return what the function does."""
+        """Return the result of the function."""
         return self.function(*arguments)
 
     def __eq__(self, other: object) -> bool:
@@ -78,7 +78,7 @@ class Traced:
 def run_batch(
     run: BatchRun, room: int, traced: Callable[..., Record], size: int, given: Sequence[Any], batched: Sequence[bool]
 ) -> Record:
-    """Return how `size` runs went, whose times, first states and constants `given` are own ones or common.
+    """Return the results of `size` runs, whose times, first states and constants `given` are own ones or common.
 
     `traced` does the same in a traced loop, for rows of cases.
     """
@@ -90,7 +90,7 @@ def run_batch(
 
 
 def run_sweep(run: BatchRun, t: Any, y: Any, c: Any, limits: Any) -> Record:
-    """Return how runs went, on CPUs, with rows of times, states (k, n_y) and constants, and of limits (1, m).
+    """Return the results of runs on CPUs, with rows of times, states (k, n_y) and constants, and of limits (1, m).
 
     Times are (k, 2), or (1, n_t) for all cases, between whose ends the record has where the steps began that pass over.
     """
@@ -115,7 +115,7 @@ _RUNS.multiple_results = True
 
 
 def _in_loops(t: Any, y: Any, c: Any, limits: Any, *, shape: _Shape, traced: Traced, **_: Any) -> Sequence[Any]:
-    """Return what the operation does, in traced loops."""
+    """Return the result of the operation, by traced loops."""
     rows = [jnp.broadcast_to(value, (shape.cases, value.shape[1])) for value in (t, y, c)]
     record = traced(*rows)
     count = jnp.broadcast_to(record.count, record.reached.shape)

@@ -22,7 +22,7 @@ _Struct: Any = jax.ShapeDtypeStruct  # which has no types
 def on_host(
     function: Callable[..., Sequence[FloatArray]], shapes: Sequence[tuple[int, ...]], *given: Any
 ) -> tuple[Any, ...]:
-    """Return what a function of NumPy arrays gives, arrays of some shapes, without derivatives.
+    """Return the result of a function of NumPy arrays, arrays of some shapes, without derivatives.
 
     Of a batch, to any depth, the function gets one call: all arguments have one further axis, which counts the cases,
     and so has what it returns.
@@ -54,7 +54,7 @@ def on_host(
 
 
 def _called(call: Callable[..., Any], shapes: Sequence[tuple[int, ...]], single: bool, *given: Any) -> tuple[Any, ...]:
-    """Return what a function on the host gives, whose numbers pass through 32 bits each."""
+    """Return the result of a function on the host, whose numbers are transferred as pairs of 32 bits."""
     if single:
         shown = tuple(_Struct(shape, jnp.float32) for shape in shapes)
         return tuple(jax.pure_callback(call, shown, *given, vmap_method="broadcast_all"))

@@ -43,7 +43,7 @@ class HostedSolve:
     Parameters
     ----------
     hosted : HostedRuns
-        What runs, and what is watched.
+        The runs on the host, and their events and reductions.
     options : SolveOptions
         As for `CompiledModel.solve_fn`.
     native : Solve or None
@@ -104,7 +104,7 @@ class HostedSolve:
 
     @property
     def hosted(self) -> HostedRuns:
-        """What runs, and what is watched."""
+        """The runs on the host, and their events and reductions."""
         return self._hosted
 
     @property
@@ -146,7 +146,7 @@ class HostedSolve:
         self._native.check_precision(given)
 
     def _called(self, t: Any, initial: Any, p: Any, given: Given) -> HostRun:
-        """Return how a run on the host went."""
+        """Return the result of a run on the host."""
         runner = self._hosted.runner
         if self._native is not None and self.given != runner.given:
             at_start = self.parameters_at(t, t[:1], p, given)[0][0]

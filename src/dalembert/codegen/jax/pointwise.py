@@ -228,7 +228,7 @@ class StateFunctions(_OfProgram):
         further: tuple[Any, Mapping[Any, Any] | None],
         symbols: Sequence[InputSymbol],
     ) -> Any:
-        """Return what a kernel of the scene gives at (t, q, qdot, p) with (states, inputs), some of them traced.
+        """Return the outputs of a kernel of the scene at (t, q, qdot, p) with (states, inputs), some of them traced.
 
         Arguments are those of `dalembert.runtime.interface.evaluation`; `symbols` are the inputs of the scene.
         """
@@ -255,7 +255,7 @@ class StateFunctions(_OfProgram):
         return _over_rows(one, {"t": (t, 0), "q": (q, 1), "qdot": (qdot, 1), "states": (z, 1), "inputs": (p, 1)})
 
     def _of_scene(self, kernel: str, shape: tuple[int, ...], t: Any, y: Any, p: Any) -> Any:
-        """Return what a kernel of coordinates, rates and first-order states gives, zeros where there is none."""
+        """Return the outputs of a kernel of coordinates, rates and first-order states, zeros where there is none."""
         x, _, c = self._point(t, y, p)
         return self._kernels[kernel](t, x, c).reshape(shape) if kernel in self._kernels else jnp.zeros(shape)
 

@@ -161,7 +161,7 @@ class Solve:
 
     @property
     def options(self) -> SolveOptions:
-        """The options that were asked for."""
+        """The options as given."""
         return self._options
 
     def check_precision(self, given: Given) -> None:
@@ -370,5 +370,5 @@ def _elapsed(program: Program) -> Kernels:
 
 @once
 def register_static(kind: type) -> None:
-    """Let instances of a class pass through ``jax.jit`` as arguments: pytrees without leaves."""
+    """Register a class as pytrees without leaves, so that ``jax.jit`` takes its instances as arguments."""
     jax.tree_util.register_static(kind)

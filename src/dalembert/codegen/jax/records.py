@@ -27,7 +27,7 @@ COLUMNS = {"hold": (1, 2), "linear": (0, 3), "cubic": (0, 5)}
 
 @once
 def register_samples() -> None:
-    """Let records of inputs be pytrees, whose leaves are knots and values."""
+    """Register records of inputs as pytrees, whose leaves are knots and values."""
     jax.tree_util.register_pytree_node(
         Samples,
         lambda record: ((record.t, record.values), (record.kind, record.extrapolate)),

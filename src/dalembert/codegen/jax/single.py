@@ -32,7 +32,7 @@ _UNUSED = ("energy", "knots")
 
 
 def with_tolerances(options: SolveOptions, precision: Precision) -> SolveOptions:
-    """Return options whose tolerances are those that were asked for, at least what the precision gives."""
+    """Return options with the requested tolerances, raised to the smallest that the precision allows."""
     rtol = precision.rtol if options.rtol is None else max(options.rtol, precision.least_rtol)
     atol = precision.atol if options.atol is None else max(options.atol, precision.least_atol)
     return replace(options, rtol=rtol, atol=atol)

@@ -115,7 +115,7 @@ def _place(field: str) -> int:
 
 
 def buffer(name: str, side: str, number: int, words: Sequence[int], lengths: Sequence[int]) -> dict[str, Any]:
-    """Return what the template gets of a buffer: where its address goes, and where its lengths."""
+    """Return the template's variables of a buffer: the places of its address and of its lengths."""
     return {
         "name": name,
         "side": side,

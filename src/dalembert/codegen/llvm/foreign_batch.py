@@ -160,7 +160,7 @@ def batch_assembly(arguments: SweepArguments, recorded: bool, interface: Interfa
 
 
 def _thread_parts(state: LaneState) -> tuple[list[dict[str, int]], int]:
-    """Return where the arrays of a thread lie in its memory, in bytes, and how many they are."""
+    """Return the offsets [bytes] of the arrays of a thread in its memory, and the size of all of them."""
     arrays: dict[str, int] = {}
     for field in LaneState._fields:
         value: Any = getattr(state, field)
@@ -184,6 +184,6 @@ def _place(field: str) -> int:
 
 
 def _rows(name: str, side: str, number: int, field: str) -> dict[str, Any]:
-    """Return what the template gets of a buffer that is a matrix among the arguments."""
+    """Return the template's variables of a buffer that is a matrix among the arguments."""
     place = _place(field)
     return buffer(name, side, number, [place], [place + 1, place + 2])

@@ -108,7 +108,7 @@ class Loop:
             return int(self._function(unpack(arguments, np.array(packed_args), CheckedArray)) or 0)
 
     def __call__(self, arguments: tuple[Any, ...]) -> int:
-        """Return what the loop returns for its NamedTuple of arguments."""
+        """Call the loop with its NamedTuple of arguments; return its result."""
         packed_args = pack(arguments)
         return int(self.call(address_of(packed_args)))
 

@@ -207,7 +207,7 @@ class _Step:
                     self._write("%out", self._series_at(i) + k * self.one, value)
 
     def _series_at(self, i: int) -> int:
-        """Return where the series of a component of the state begins in the outputs."""
+        """Return the place at which the series of a component of the state begins in the outputs."""
         return (len(self.recurrences.states) + 2 + i * (self.order + 1)) * self.one
 
     def _carried(self) -> list[dict[str, str]]:

@@ -97,7 +97,7 @@ class _Rows:
 
     @property
     def kept(self) -> Any:
-        """What is kept of steps to times before any has been left."""
+        """The initial value of what is kept of steps to requested times."""
         return () if self.over is None else (jnp.zeros_like(self.cotangents), self.firsts[-1])
 
 

@@ -138,7 +138,7 @@ class Linear(Protocol):
         """Return the derivatives by the states, and where they were taken, for `shifts` and `share`."""
 
     def shifts(self, steps: Steps, places: Any, dc: Rows) -> Any:
-        """Return what a change of the constants does within each step."""
+        """Return the change of the end of each step that a change of the constants makes within it."""
 
     def push(self, along: Any, shift: Any, dy: Any) -> Any:
         """Return the change of the state (n_y,) at the end of a step, from that at its start."""

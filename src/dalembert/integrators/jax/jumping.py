@@ -133,6 +133,6 @@ def _jumps(decided: OnRows, rates: OnRows, t: Any, y: Any, c: Rows, begins: Any)
 
 
 def _table(function: OnRows, t: Any, y: Any, c: Rows) -> Any:
-    """Return what a function on rows gives at times (k,) and states (k, n_y), a row each (k, n)."""
+    """Return the values (k, n) of a function on rows at times (k,) and states (k, n_y)."""
     rows = function(t, tuple(y.T), c)
     return jnp.stack([jnp.broadcast_to(row, t.shape) for row in rows], axis=1)

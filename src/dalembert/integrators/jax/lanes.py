@@ -126,7 +126,7 @@ class TaylorAttempts:
 
 @final
 class State(NamedTuple):
-    """Where cases are: y (n_y rows (k,)), and (k,) time, status, steps, attempts, what the method remembers.
+    """Present state of cases: y (n_y rows (k,)), and (k,) time, status, steps, attempts, memory of the method.
 
     Where steps end at breaks, also how many of them each case has passed.
     """

@@ -81,7 +81,7 @@ class Motion:
         return Reached(y, *(number.astype(int) for number in numbers))
 
     def recorded(self, t: Any, y0: Any, c: Any, breaks: Any = (), moved: Any = ()) -> tuple[Reached, Path]:
-        """Return what a call does, and the path of the run, whose states are differentiated, too.
+        """Return the result of a call, and the path of the run, whose states are differentiated, too.
 
         Behind jumps of the rates that depend on the state, or on parameters in time, their derivatives miss a term:
         see `jumps`.
@@ -119,7 +119,7 @@ class Motion:
         return apply(OrNan(()), Known(known.astype(float), zeros, still(c)), moving)
 
     def _plain(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> Any:
-        """Return how the run went, in floating point numbers."""
+        """Return the result of the run, in floating point numbers."""
         return vectorised(lambda *values: self._runs.run(0, *values)[0], True, t, y0, c, breaks)
 
     # -- its derivatives ------------------------------------------------------------------
@@ -140,7 +140,7 @@ class Motion:
 
     @once_property
     def _unrecorded(self) -> Callable[..., Reached]:
-        """What `_passing` is, with derivatives for which no record of the whole run is kept; first ones alone."""
+        """As `_passing`, with derivatives for which no record of the whole run is kept; first ones alone."""
         along = Unrecorded(self._pieces, self._limits, self._runs.marked, self._adjoint == "continuous")
 
         def push(values: Any, tangents: Any) -> Any:

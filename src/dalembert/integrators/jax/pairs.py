@@ -60,7 +60,7 @@ def weighted(rhs: Callable[..., Rows], tableau: Tableau, count: int, start: Any,
 def _one_by_one(
     rhs: Callable[..., Rows], tableau: Tableau, count: int, start: Any, h: Any, c: Any, first: Rows
 ) -> tuple[Rows, ...]:
-    """Return what `weighted` does, each row a tuple of `count` slopes, without a loop."""
+    """Return the result of `weighted`, each row a tuple of `count` slopes, without a loop."""
     (t, y), slopes = start, [first] if first else []
     for i in range(len(slopes), count):
         weights = tableau.A[i, :i]

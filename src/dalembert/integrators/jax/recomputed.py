@@ -59,7 +59,7 @@ class Kept(NamedTuple):
 
 
 def attempts_of_a_block(max_steps: int) -> int:
-    """Return how many attempts are a block."""
+    """Return the number of attempts in a block."""
     return CHUNK * max(1, math.ceil(math.sqrt(max_steps) / CHUNK))
 
 
@@ -123,7 +123,7 @@ def _unpacked(state: State) -> State:
 
 
 def with_blocks(blocks: Blocks, t: Any, y: Any, c: Any, breaks: Any) -> tuple[State, Kept]:
-    """Return how a run from the state y at t[0] to t[-1] ended, and what is kept of it.
+    """Return the end of a run from the state y at t[0] to t[-1], and what is kept for derivatives.
 
     That is at all of the times t (n_t,), in any order between the first and the last, if there are more than two.
     """

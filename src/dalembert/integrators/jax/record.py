@@ -70,7 +70,7 @@ class Record:
         self._states.append(states[kept])
 
     def solution(self, status: Status, evaluations: int) -> Solution:
-        """Return what was recorded, in the problem's own time."""
+        """Return the recorded solution, in the problem's own time."""
         sampled = self._problem.t_eval is not None
         knots = self.direction * np.concatenate(self._knots) + 0.0
         states = np.concatenate(self._states)

@@ -93,7 +93,7 @@ def _passing(attempts: Attempts, projections: Projections, room: int, batch: Bat
 
 
 def course_of(attempts: Attempts, projections: Projections, room: int, batch: Batch, t: Any) -> tuple[Any, Any, State]:
-    """Return what `_record` does where there is room, else what `_passing` does for times t (n_t, ...) between ends."""
+    """Return the result of `_record` where there is room, else of `_passing` for times t (n_t, ...) between ends."""
     if room or not len(t):
         return _record(attempts, projections, room, batch)
     return _passing(attempts, projections, _BLOCK, batch, t)

@@ -98,7 +98,7 @@ class RunConstants:
         return bool(self.tables) or self.weighted
 
     def rows(self, c: Any, t: Any) -> Rows:
-        """Return what kernels take in steps with the middles t (k,), times since the start of the run."""
+        """Return the constants of kernels in steps with the middles t (k,), times since the start of the run."""
         if not self.extended:
             rows = tuple(c)
             return rows if self.place is None else (*rows[: self.place], rows[-1] + t, *rows[self.place + 1 :])
@@ -115,7 +115,7 @@ class RunConstants:
         return rows
 
     def of_one(self, c: Any, t: Any) -> Rows:
-        """Return what kernels of one run take, on one row, in steps between two breaks around t ().
+        """Return the constants of kernels of one run, on one row, in steps between two breaks around t ().
 
         That is an array of constants, and the weights where there are any.
         """

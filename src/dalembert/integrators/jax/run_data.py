@@ -38,7 +38,7 @@ class Foreign(Protocol):
         ...
 
     def __call__(self, limits: Limits, room: int, traced: Callable[..., Record], t: Any, y: Any, c: Any) -> Record:
-        """Return how a run went, which `traced`, a function of (t, y, c), does in a traced loop."""
+        """Return the result of a run; `traced` is the same as a function of (t, y, c) in a traced loop."""
         ...
 
     @property
@@ -55,7 +55,7 @@ class Foreign(Protocol):
         given: Sequence[Any],
         batched: Sequence[bool],
     ) -> Record:
-        """Return how `size` runs went, with times, first states and constants of their own (`batched`) or common.
+        """Return the results of `size` runs, with times, first states and constants of their own (`batched`) or common.
 
         `traced` is a function of rows (t, y, c) that does so in a traced loop.
         """

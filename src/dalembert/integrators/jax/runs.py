@@ -20,7 +20,7 @@ __all__ = ["Runs", "ended"]
 
 
 def _single(pieces: Pieces, room: int, batch: Batch, t: Any) -> Record:
-    """Return how one case went, whose state and constants are arrays."""
+    """Return the result of one case, whose state and constants are arrays."""
     batch = batch._replace(y=(batch.y,), c=pieces.steps.constants.split(batch.c))
     count, taken, end = course_of(pieces.one, pieces.one_projections, room, batch, t)
     return Record(count, taken, end.y[0], end.t, end.status.astype(float), end.steps, end.attempts)
@@ -138,7 +138,7 @@ class Runs:
         return alone(over, states, c, go)
 
     def run(self, room: int, t: Any, y0: Any, c: Any, breaks: Any) -> tuple[Reached, Record, Any, Any]:
-        """Return how the run went, its record, which times were reached, and the attempts that pass over them.
+        """Return the result of the run, its record, which times were reached, and the attempts that pass over them.
 
         Of these, the numbers, starts, and sizes to the times, where there are more than two (n_t,).
         """
@@ -148,7 +148,7 @@ class Runs:
     def _at_times(
         self, room: int, t: Any, ordered: Any, y0: Any, c: Any, record: Record
     ) -> tuple[Reached, Record, Any, Any]:
-        """Return what `run` does, from the record of the run."""
+        """Return the result of `run`, from the record of the run."""
         record = record._replace(status=jnp.where(ordered, record.status, float(Status.TIMES_IN_NO_ORDER)))
         forward = jnp.where(t[-1] >= t[0], 1.0, -1.0)
         known = ordered & (forward * (t - record.reached) <= 0.0)

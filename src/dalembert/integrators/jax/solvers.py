@@ -232,7 +232,7 @@ def _status_at_start(finite: bool, problem: IntegrationProblem) -> Status | None
 
 
 def _status(block: Block, t1: float) -> Status | None:
-    """Return how the run ended, or None where it goes on."""
+    """Return the status of a run that has ended, None where it continues."""
     if block.end.t == t1:
         return Status.SUCCESS
     if block.hopeless:

@@ -95,7 +95,7 @@ class _Asked:
         return self
 
     def change(self, held: Known, dheld: Known, moving: Any, value: Any, still: Any) -> Any:
-        """Return zero, or NaN where the value is, and where the constants move what was asked for."""
+        """Return zero, NaN where the value is NaN or a requested value depends on the constants."""
         changes = jax.tree.map(lambda found: jnp.where(jnp.isfinite(found), 0.0, jnp.nan), value)
         if not self.moved_by:
             return changes

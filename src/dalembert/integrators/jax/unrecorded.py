@@ -81,7 +81,7 @@ class Unrecorded:
     continuous: bool
 
     def __call__(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any, moving: Any) -> tuple[Marked, Any]:
-        """Return how a run went, as `Marked`, and the changes (n_t, n_y) of the states.
+        """Return the result of a run, as `Marked`, and the changes (n_t, n_y) of the states.
 
         `moving` are the changes of the first state and of the constants.
         """
@@ -101,7 +101,7 @@ class Unrecorded:
         return run, changes if len(t) > 2 else stack([moving[0], last])[: len(t)]
 
     def _at_marks(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> tuple[Marked, Passed]:
-        """Return how a run went, and its marks: the requested times that it reached, and the breaks."""
+        """Return the result of a run, and its marks: the requested times that it reached, and the breaks."""
         run, count = self.marked(t, y0, c, breaks, moved), len(t)
         requested, (t, _) = t, in_order(t)
         forward = jnp.where(t[-1] >= t[0], 1.0, -1.0)
@@ -125,7 +125,7 @@ class Unrecorded:
         return Blocks(self.pieces.one, self.pieces.one_projections, settings, self.pieces.steps.constants)
 
     def _in_blocks(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> tuple[Kept, Marked]:
-        """Return what is kept of a run, and how it went."""
+        """Return what is kept of a run, and its result."""
         times, ordered = in_order(t)
         # States at breaks are needed where they may move.
         watched = breaks if self.pieces.moved_by else breaks[:0]

@@ -192,7 +192,7 @@ class _Run:
                 return
 
     def _limit_at_knots(self, solver: Any) -> float:
-        """Let the next step end at a knot of a table; return the size that was proposed where that cuts it, else 0."""
+        """Limit the next step to end at a knot of a table; return the proposed size where that shortens it, else 0."""
         if self.kernels.knots is None or self.method not in PROJECTABLE:
             return 0.0
         limits = np.zeros(2)

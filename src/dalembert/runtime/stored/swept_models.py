@@ -41,7 +41,7 @@ class SweptModel(ABC):
     @property
     @abstractmethod
     def text(self) -> str:
-        """What the results depend on, the same in every process."""
+        """Text of everything that the results depend on, the same in every process."""
 
     @abstractmethod
     def leading_cases(self, request: Request, options: SweepOptions) -> list[int]:
