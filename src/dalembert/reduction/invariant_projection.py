@@ -204,7 +204,7 @@ class _Space:
         return self._onto_free(self.mass.half_solve(lifted)), self._onto_free(speeds)
 
     def correction(self, nodes: Sequence[Node], names: Sequence[str]) -> list[Node]:
-        """Return the correction of the state for functions of coordinates and rates with the names of their integrals."""
+        """Return the correction of the state for functions of coordinates and rates, the named integrals."""
         graph = self.graph
         nodes = graph.substitute(nodes, self.values) if self.values else list(nodes)
         slopes = [self._slopes(node) for node in nodes]

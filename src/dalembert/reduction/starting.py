@@ -292,7 +292,7 @@ class _Starting:
         return found
 
     def _late(self, residual: Sequence[Node]) -> list[Node]:
-        """Return the residual of constraints that is left by rounding of a late start, from which values are computed."""
+        """Return the residual of constraints left by rounding of a late start, from which values are computed."""
         graph = self.graph
         slopes = tangents(graph, residual, {graph.input(self.symbols.time): graph.one})
         spacing = graph.node(_ULPS * 2.0**-52) * graph.input(START)

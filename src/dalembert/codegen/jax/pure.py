@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, final
+from typing import TYPE_CHECKING, Any, final
 
 import jax
 import jax.numpy as jnp
@@ -29,15 +29,15 @@ from ...transforms.taylor import clipped_tolerance, order_for, scale_floor
 from ..printers import JAX
 from .adjoints import refuse_adjoint
 from .arguments import parameters_of, times, vector
-from .breaks import traced_breaks
+from .courses import Course, Courses
 from .elapsed import in_elapsed_time
 from .feedback_functions import register_feedback
 from .feedback_kernels import FeedbackKernels
 from .kernels import compile_kernel
 from .modules import kernels_of
-from .pieces import SERVED, pieces_of, pieces_with, place_of
+from .pieces import SERVED, pieces_of, pieces_with
 from .records import register_samples
-from .run_inputs import Given, failed, feedback_kernels, inputs_of, refuse_given, run_inputs
+from .run_inputs import Given, failed, inputs_of, refuse_given
 from .single import require_single, warn_below_single, warn_of_rounded_knots, with_tolerances
 from .solved import Dense, Solved, States, raise_failure
 
@@ -46,24 +46,6 @@ if TYPE_CHECKING:
     from ...scene.symbol_table import InputSymbol
 
 __all__ = ["Solve", "Solved", "refusing", "register_static"]
-
-
-@final
-class _Course(NamedTuple):
-    """Constants along a run: at the times (n_c,) or (n_t, n_c), at the first, in steps; breaks, and which move.
-
-    With inputs that are functions, also what the constants in steps are, what is wrong with the inputs, and those that
-    are functions of the state.
-    """
-
-    rows: Any
-    first: Any
-    run: Any
-    breaks: Any
-    moved: Any
-    constants: RunConstants | None = None
-    wrong: Any = None
-    feedback: FeedbackKernels | None = None
 
 
 @final
@@ -132,6 +114,8 @@ class Solve:
         self.given = tuple(name for name in self.given if name != DIRECTION)
         self._kernels = kernels_of(program)
         self._elapsed = _elapsed(program)
+        in_elapsed = self._elapsed is not self._kernels
+        self._courses = Courses(program, self._kernels, inputs, options.max_steps, in_elapsed=in_elapsed)
         self._begin = None if start is None else stacked(compile_kernel(start.kernel, JAX))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -179,7 +163,7 @@ class Solve:
 
     def motion(self, t: Any, initial: Any, p: Any, given: Given | None = None) -> Solved:
         """Return the motion from arrays."""
-        course = self._course_with(t, p, given) if given else self._course(t, p)
+        course = self._courses.with_inputs(t, p, given) if given else self._courses.of(t, p)
         y0 = initial
         if self._begin is not None:
             values = initial if self._undirected else jnp.append(initial, jnp.where(t[-1] < t[0], -1.0, 1.0))
@@ -198,7 +182,7 @@ class Solve:
         dense = None if path is None else Dense(self, path, t[0], *of_run, course.constants)
         return Solved(t, reached.y, q, qdot, outputs, status, steps, rejected, dense)
 
-    def _expanded(self, t: Any, y: Any, c: Any, course: _Course | None = None) -> tuple[Any, Any, Any]:
+    def _expanded(self, t: Any, y: Any, c: Any, course: Course | None = None) -> tuple[Any, Any, Any]:
         """Return coordinates, rates (n_t, n_q) and outputs (n_t, n_outputs) of states at times."""
         n, x = len(self._program.layout.coordinates), self._on_rows("expand", t, y, c)
         q, qdot = x[:, :n], x[:, n : 2 * n]
@@ -217,53 +201,18 @@ class Solve:
             start = jax.lax.stop_gradient(start)
             span = jnp.concatenate([jnp.zeros(1), jax.lax.stop_gradient(t) - start, dense.path.reached[None]])
             elapsed = middles(span, dense.breaks)[1:-1]
-            rows = self._decided(dense.p, start + elapsed)
+            rows = self._courses.decided(dense.p, start + elapsed)
         if dense.constants is not None:
             rows = dense.constants.kernel_rows(rows, dense.c, t - start)
         y = self._traced_motion(dense.constants).states(dense.path, t - start, dense.c)
         return States(t, y, *self._expanded(t, y, rows))
-
-    def _course(self, t: Any, p: Any) -> _Course:
-        """Return the constants along a run."""
-        conditions, constants = self._program.conditions, self._kernels.constants
-        if conditions is None:
-            c = constants(p)
-            return _Course(c, c, c if self._elapsed is self._kernels else jnp.append(c, t[0]), (), ())
-        start = jax.lax.stop_gradient(t[0])
-        breaks, moved = traced_breaks(conditions, p, t, self._options.max_steps)
-        rows = self._decided(p, start + middles(jax.lax.stop_gradient(t) - start, breaks))
-        return _Course(rows, rows[0], jnp.append(p, start), breaks, moved)
-
-    def _decided(self, p: Any, t: Any) -> Any:
-        """Return the constants (n_t, n_c) with conditions decided at times t (n_t,)."""
-        assert self._program.conditions is not None
-        place = self._program.conditions.place
-        return jax.vmap(lambda time: self._kernels.constants(p.at[place].set(time)))(t)
-
-    def _course_with(self, t: Any, p: Any, given: Given) -> _Course:
-        """Return the constants along a run with inputs that are functions of time."""
-        start = jax.lax.stop_gradient(t[0])
-        before = self._course(t, p)
-        base = self._kernels.constants(p) if self._program.conditions is None else p
-        inputs = run_inputs(
-            self._program.layout,
-            self._inputs,
-            given,
-            t,
-            (place_of(self._program), jnp.append(base, start)),
-            (before.breaks, before.moved),
-        )
-        rows = inputs.at_times(before.rows)
-        first, constants = rows if rows.ndim == 1 else rows[0], inputs.constants
-        feedback = feedback_kernels(self._program, given, constants.count - 1)
-        return _Course(rows, first, inputs.run, inputs.breaks, inputs.moved, constants, inputs.wrong, feedback)
 
     def _on_rows(self, kernel: str, t: Any, y: Any, c: Any) -> Any:
         if kernel not in self._kernels:
             return jnp.zeros((len(t), 0))
         return jax.vmap(self._kernels[kernel], (0, 0, None if jnp.ndim(c) == 1 else 0))(t, y, c)
 
-    def _integrate(self, t: Any, y0: Any, course: _Course) -> tuple[Reached, Path | None]:
+    def _integrate(self, t: Any, y0: Any, course: Course) -> tuple[Reached, Path | None]:
         """Return the states (n_t, n_y) at times t (n_t,), how the run went, and its path where it is kept."""
         options, c = self._effective, course.run
         start = t[0]
@@ -289,7 +238,7 @@ class Solve:
             t, y0, c = (refusing(_JUMPS_IN_DENSE, value) for value in (t, y0, c))
         return motion.recorded(t, y0, c, course.breaks, course.moved)
 
-    def _started(self, t: Any, y0: Any, course: _Course) -> Any:
+    def _started(self, t: Any, y0: Any, course: Course) -> Any:
         """Return the first state of a run with inputs, which changes with the start; breaks stay where they are."""
         steps = self._pieces(course.constants, course.feedback).steps
 
