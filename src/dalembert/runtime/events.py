@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..integrators.event_code import Event, EventCode
 from ..once import deriving
@@ -13,6 +13,7 @@ from ..transforms.nonsmooth import nonanalytic_operations
 
 if TYPE_CHECKING:
     from ..ir.graph import Node
+    from ..ir.kernel import Kernel
     from ..pipeline import Stages
     from .reductions import Reduction
 
@@ -39,23 +40,8 @@ def compiled_events(
         For expressions that cannot be watched, and for what cannot jump.
     """
     scene, reduced, layout = stages.scene, stages.reduced, stages.program.layout
-    table = dict(reductions or {})
-    plan: dict[str, tuple[str, int]] = {}
-    watched = list(events)
-    running: list[Any] = []
-    finals: list[Any] = []
-    kinds: list[str] = []
-    for name, reduction in table.items():
-        if reduction.kind == "first crossing":
-            plan[name] = reduction.kind, len(watched)
-            watched.append(reduction.event(name))
-        elif reduction.kind == "final":
-            plan[name] = reduction.kind, len(finals)
-            finals.append(reduction.expression)
-        else:
-            plan[name] = reduction.kind, len(running)
-            running.append(reduction.expression)
-            kinds.append(reduction.kind)
+    plan, crossings, running, finals = _planned(reductions or {}, len(events))
+    watched = [*events, *crossings]
     ends = {p.output for p in reduced.equations.guards if p.kind != "meet"}
     smooth = bool(watched) and all(e.expression in ends and e.terminal and e.apply is None for e in watched)
     rank = len(watched) if margins else -1
@@ -68,6 +54,10 @@ def compiled_events(
     watch = event_functions(
         scene, reduced, [event.expression for event in watched], "event", moving=moving, names=margins
     )
+
+    def values(items: Iterable[Reduction]) -> Kernel:
+        return event_functions(scene, reduced, [item.expression for item in items], "reduction", moving=False).values
+
     return EventCode(
         program=stages.program,
         events=tuple(watched),
@@ -75,10 +65,33 @@ def compiled_events(
         watch=watch,
         jumps=tuple(jumps),
         start=start(layout.variables),
-        running=event_functions(scene, reduced, running, "reduction", moving=False).values,
-        kinds=tuple(kinds),
-        finals=event_functions(scene, reduced, finals, "reduction", moving=False).values,
+        running=values(running),
+        kinds=tuple(item.kind for item in running),
+        finals=values(finals),
         plan=plan,
         rank=rank,
         smooth=smooth and not margins and not nonanalytic_operations(watch.values),
     )
+
+
+def _planned(
+    reductions: Mapping[str, Reduction], events: int
+) -> tuple[dict[str, tuple[str, int]], list[Event], list[Reduction], list[Reduction]]:
+    """Return where results of reductions come from, events of first crossings, reductions along motions, and at ends.
+
+    The results are, by name, the kind of a reduction and its number among the events (behind so many `events` of the
+    user) or the reductions of its kind.
+    """
+    plan: dict[str, tuple[str, int]] = {}
+    crossings: list[Event] = []
+    running: list[Reduction] = []
+    finals: list[Reduction] = []
+    for name, reduction in reductions.items():
+        if reduction.kind == "first crossing":
+            plan[name] = reduction.kind, events + len(crossings)
+            crossings.append(reduction.event(name))
+        else:
+            own = finals if reduction.kind == "final" else running
+            plan[name] = reduction.kind, len(own)
+            own.append(reduction)
+    return plan, crossings, running, finals

@@ -15,9 +15,9 @@ and ends between two points is not seen. Steps therefore grow by a factor at mos
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from ..ir.kernel import Operand
+from ..ir.kernel import Assignment, Operand
 from ..ir.lines import Lines
 from .expansion import FAITHFUL_ORDER, Series, coefficient, over
 from .nonsmooth import leading_to
@@ -80,46 +80,78 @@ def reached(
     arguments : mapping of str to Operand
         Arguments of tables and of switches at the beginning of the step, which stays in the pieces that they are in.
     """
-    kernel = recurrences.kernel
-    needed = leading_to(kernel, [recurrences.rates[i] for i in recurrences.controlled])
-    body = [line for line in kernel.body if line.target in needed]
-    read = {arg for line in body for arg in line.args} | {recurrences.rates[i] for i in recurrences.controlled}
+    body = _controlled_body(recurrences)
     allowed = lines.mul(scale, max(_ALLOWED * (order + 1) * tolerance, _NOISE))
-    switches = {switch.line.target: switch for switch in recurrences.switches}
     reach: Operand = _LEAST
     fine: Operand = 1.0
     for theta in _POINTS:
         reaches = lines.mul(size, theta)
         x = lines.mul(reaches, direction)
         terms = order if theta > 0.1 else min(order, math.ceil(-42.0 / math.log(theta)))
-
-        def polynomial(series: Series, x: Operand = x, terms: int = terms) -> Operand:
-            total: Operand = coefficient(series, terms - 1)
-            for k in range(terms - 2, -1, -1):
-                total = lines.fma(total, x, coefficient(series, k))
-            return total
-
-        values: dict[Operand, Operand] = {}
-        for state, rate in zip(recurrences.states, rates, strict=True):
-            if state in read:
-                moved = [over(lines, coefficient(rate, k), k + 1, order >= FAITHFUL_ORDER) for k in range(terms)]
-                values[state] = lines.fma(polynomial(moved), x, state)
-        for load in kernel.loads:
-            if load.array == "t":
-                values[load.target] = lines.op("add", load.target, x)
-        for line in body:
-            known = arguments if line.op == "piece" else values
-            args = [known.get(arg, arg) for arg in line.args]
-            switch = switches.get(line.target)
-            values[line.target] = (
-                lines.op(line.op, *args)
-                if switch is None
-                else as_at_start(lines, switch, arguments[switch.argument], args)
-            )
+        states = _states_at(lines, recurrences, body, rates, x, terms, faithful=order >= FAITHFUL_ORDER)
+        values = _values_at(lines, recurrences, body, states, x, arguments)
         for i in recurrences.controlled:
             found = values[recurrences.rates[i]]
-            gap = lines.op("abs", lines.sub(found, polynomial(rates[i])))
+            gap = lines.op("abs", lines.sub(found, _polynomial(lines, rates[i], x, terms)))
             gap = lines.op("fma", lines.op("abs", found), -_NOISE, gap)
             fine = lines.mul(fine, lines.op("less_equal", lines.mul(gap, reaches), allowed))
         reach = lines.op("select", fine, theta, reach)
     return lines.mul(size, reach)
+
+
+def _controlled_body(recurrences: Recurrences) -> list[Assignment]:
+    """Return the lines that the controlled rates depend on."""
+    needed = leading_to(recurrences.kernel, [recurrences.rates[i] for i in recurrences.controlled])
+    return [line for line in recurrences.kernel.body if line.target in needed]
+
+
+def _polynomial(lines: Lines, series: Series, x: Operand, terms: int) -> Operand:
+    """Return the sum of so many terms of a series, by Horner's scheme."""
+    total: Operand = coefficient(series, terms - 1)
+    for k in range(terms - 2, -1, -1):
+        total = lines.fma(total, x, coefficient(series, k))
+    return total
+
+
+def _states_at(
+    lines: Lines,
+    recurrences: Recurrences,
+    body: Sequence[Assignment],
+    rates: Sequence[Series],
+    x: Operand,
+    terms: int,
+    *,
+    faithful: bool,
+) -> dict[Operand, Operand]:
+    """Return the components of the state that the controlled rates read, a time `x` after the start of the step."""
+    read = {arg for line in body for arg in line.args} | {recurrences.rates[i] for i in recurrences.controlled}
+    values: dict[Operand, Operand] = {}
+    for state, rate in zip(recurrences.states, rates, strict=True):
+        if state in read:
+            moved = [over(lines, coefficient(rate, k), k + 1, faithful) for k in range(terms)]
+            values[state] = lines.fma(_polynomial(lines, moved, x, terms), x, state)
+    return values
+
+
+def _values_at(
+    lines: Lines,
+    recurrences: Recurrences,
+    body: Sequence[Assignment],
+    states: Mapping[Operand, Operand],
+    x: Operand,
+    arguments: Mapping[Operand, Operand],
+) -> dict[Operand, Operand]:
+    """Return the values of the lines of the right-hand side, a time `x` after the start of the step."""
+    switches = {switch.line.target: switch for switch in recurrences.switches}
+    values = dict(states)
+    for load in recurrences.kernel.loads:
+        if load.array == "t":
+            values[load.target] = lines.op("add", load.target, x)
+    for line in body:
+        known = arguments if line.op == "piece" else values
+        args = [known.get(arg, arg) for arg in line.args]
+        switch = switches.get(line.target)
+        values[line.target] = (
+            lines.op(line.op, *args) if switch is None else as_at_start(lines, switch, arguments[switch.argument], args)
+        )
+    return values
