@@ -92,7 +92,7 @@ ATTEMPTS = {
 
 
 @pytest.mark.parametrize("name", ATTEMPTS)
-def test_attempt_verdict(name):
+def test_attempt_test(name):
     size, broken, proposed, attempt, series = ATTEMPTS[name]
     assert control.attempt_test(size, broken, proposed, True, 1.0, 2.0) == attempt
     assert control.attempt_test(size, broken, 0.0, False, 1.0, 2.0) == series

@@ -57,7 +57,7 @@ def run_in_blocks(
     """
     n, bounded = settings.kept, settings.dense or not settings.sampled or is_observed()
     run = _begun(problem, settings, work)
-    progress, samples = run.progress, run.rows
+    progress, samples = run.progress, run.rows  # rows, pieces and inputs are the last fields of a run
     blocks, pieces = [np.concatenate([[settings.t0], work[0, :n]]).reshape(1, -1)], []
     status, size = RUNNING, FIRST_BLOCK
     while status == RUNNING:
@@ -66,7 +66,7 @@ def run_in_blocks(
         rows = samples if settings.sampled else np.empty((limit, 1 + n))
         piece = np.empty((limit if settings.dense else 1, 1 + (settings.degree + 1) * n))
         progress.begun, progress.limit = progress.steps, progress.steps + limit
-        status = loop(run._replace(rows=rows, pieces=piece))
+        status = loop(Run(*run[:8], rows, piece, run.inputs))
         count = progress.steps - progress.begun
         if not settings.sampled:
             blocks.append(rows[:count])
@@ -74,7 +74,7 @@ def run_in_blocks(
             pieces.append(piece[:count])
         size = min(2 * size, LARGEST_BLOCK)
     recorded = samples[: progress.recorded] if settings.sampled else np.concatenate(blocks)
-    return status, run._replace(rows=recorded), pieces
+    return status, Run(*run[:8], recorded, samples, run.inputs), pieces
 
 
 def _begun(problem: IntegrationProblem, settings: Settings, work: FloatArray) -> Run:
