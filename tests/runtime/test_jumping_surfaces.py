@@ -70,3 +70,31 @@ def test_a_belt_that_turns_round_in_a_short_time():
         run = da.compile_model(belt(steep)).simulate((0, 3), BELT, {g: 10.0}, t_eval=[1, 1.5, 3], method=method)
         assert run["x"] == pytest.approx([5 / 6, 5 / 6 + 0.5 - 0.375, 5 / 6 - 2.5], abs=1e-5)
         assert [phase.modes["belt"] for phase in run.phases] == ["slip", "stick", "slip", "stick"]
+
+
+@pytest.mark.parametrize(
+    ("last", "modes", "ends", "speed"),
+    [
+        (-1.0, ["slip", "slip", "stick"], [0.2, 11 / 15], -1.0),
+        (0.5, ["slip", "slip", "stick"], [0.2, 0.7 / 3], 0.5),
+        (0.59, ["slip", "slip", "stick"], [0.2, 0.2 + 0.01 / 3], 0.59),
+        (0.9, ["slip", "stick"], [0.3], 0.9),
+        (4.0, ["slip"], [], 3.0),
+    ],
+)
+def test_a_block_that_slips_when_the_belt_turns_slips_on(last, modes, ends, speed):
+    """Slip velocity 3 t - 1 until 0.2 s: after the jump it has the other sign, or the same, and is not zero.
+
+    The block stuck at once, and its rate jumped with the belt.
+    """
+    model = da.compile_model(belt(sp.Piecewise((1, t < 0.2), (last, True))))
+    friction = 3.0 if last > 0.6 else -3.0
+    end = ends[-1] if ends else 1.0
+    x_end = 0.06 + 0.6 * (end - 0.2) + friction / 2 * (end - 0.2) ** 2 + (last * (1 - end) if ends else 0)
+    for method in ("taylor", "dop853", "tsit5", "radau"):
+        run = model.simulate((0, 1), BELT, {g: 10.0}, method=method, rtol=1e-10)
+        assert [phase.modes["belt"] for phase in run.phases] == modes
+        assert [phase.t1 for phase in run.phases][:-1] == pytest.approx(ends, abs=1e-7)
+        assert [run["x"][-1], run["x_dot"][-1]] == pytest.approx([x_end, speed], abs=1e-7)
+    swept = model.sweep((0, 1), BELT, {g: np.array([10.0, 10.0])}, rtol=1e-10)
+    assert swept["x"] == pytest.approx([x_end, x_end], abs=1e-7)

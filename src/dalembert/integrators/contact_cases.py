@@ -58,6 +58,9 @@ _SLOW, _EXCURSION = 1e-4, 64.0 * EPSILON
 """The same for an impact after a gap opened no further than rounding: a share of the largest approach speed so far,
 and of the terms of the gap."""
 
+_JUMPED = 1e-4
+"""Share of the slip speeds so far above which slip has not ended: its velocity has jumped through zero."""
+
 _STOPPED = 2.0
 """Slip speed in a plane, as a multiple of the rest speed, below which a contact has stopped when its guard fires."""
 
@@ -221,12 +224,13 @@ def _closed_at_end(system: ContactSystem, cases: ContactCases, case: int, i: int
     """Return what is known of a contact at the end of a phase, or at the start, if it is closed."""
     fired, before, stopped = cases.fired[case, i], cases.modes[case, i], cases.fired[case, i] & STOP != 0
     # where the normal reaction vanishes, so does the friction that it allows: nothing is known of the direction
-    if fired >= BREAK_UP or before == STICK or (stopped and system.width[i] == 1):
+    at_once = system.jumping[i] == 1 and slip_speed(system, i) > _JUMPED * cases.speeds[case, i]
+    if fired >= BREAK_UP or before == STICK or (stopped and system.width[i] == 1 and not at_once):
         return closed_kind(system, i, 0.0, 0.0)
     limit = NOISE * cases.speeds[case, i]
     if before == UNDECIDED:
         limit = NOISE * max(cases.speeds[case, i], slip_terms(system, i))
-    if stopped:
+    if stopped and system.width[i] > 1:
         limit = max(limit, _STOPPED * abs(cases.rest[case, i]))
     return closed_kind(system, i, slip_speed(system, i), limit)
 

@@ -82,14 +82,14 @@ class DecisionArguments(NamedTuple):
 @compiled_subset
 def _remember(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> None:
     """Record what the last phase leaves: states, signs, directions, and slip speeds so far with their losses."""
-    sliding, planar, given = 0, False, pick.given
+    sliding, sized, given = 0, False, pick.given
     for i in range(system.contacts):
-        planar = planar or system.width[i] > 1
+        sized = sized or system.width[i] > 1 or system.jumping[i] == 1
         sliding += 1 if cases.modes[case, i] == SLIP else 0
         given.mode[i], given.sides[i] = cases.modes[case, i], sign(system, cases, case, i)
         given.along[i, 0], given.along[i, 1] = cases.directions[case, 2 * i], cases.directions[case, 2 * i + 1]
     # where the only slip along a line ends, its guard says so, and no size is needed
-    losing = cases.after[case, 0] == UNDECIDED and (sliding > 1 or (planar and sliding > 0))
+    losing = cases.after[case, 0] == UNDECIDED and (sliding > 1 or (sized and sliding > 0))
     if losing:
         load_accelerations(system)
         solve_mode(system, given)

@@ -8,12 +8,14 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..hybrid.modes import STATES
+from ..ir.conditions import CONDITION_TIME
 from .arguments import IntVector, Matrix, Record, Vector
 from .compiled_subset import compiled_subset, sqrt
 from .dense_solve import DenseWorkspace, dense_workspace
 
 if TYPE_CHECKING:
     from ..hybrid.automaton import HybridAutomaton
+    from ..mechanics.equations import Contact, EquationsOfMotion
 
 __all__ = [
     "CLOSED",
@@ -89,6 +91,8 @@ class ContactSystem(NamedTuple):
         State while it is closed and does not stick: CLOSED without friction, SLIP, or SMOOTH.
     sided : (n_contacts,)
         1 where the normal reaction of a contact with friction may have either sign.
+    jumping : (n_contacts,)
+        1 where a condition on time stands in the slip velocity, which may jump.
     tangential : (n_slips,)
         Number of the friction force along each slip velocity among the reactions.
     row_owner, owner : (n_rows,), (n_reactions,)
@@ -151,6 +155,7 @@ class ContactSystem(NamedTuple):
     width: IntVector
     closed: IntVector
     sided: IntVector
+    jumping: IntVector
     tangential: IntVector
     row_owner: IntVector
     owner: IntVector
@@ -224,12 +229,13 @@ def contact_system(automaton: HybridAutomaton) -> ContactSystem:
         width=column([len(c.slips) for c in contacts]),
         closed=column([STATES.index(automaton.states(i)[0]) for i in range(k)]),
         sided=column([int(c.constraint is None and len(c.tangential) > 0) for c in contacts]),
+        jumping=column([int(_may_jump(equations, contact)) for contact in contacts]),
         tangential=column([unknown for c in contacts for unknown in c.tangential]),
         row_owner=row_owner,
         owner=owner,
         angle=column([int(name in equations.angles) for name in equations.symbols.coordinates]),
         values=values,
-        **dict(zip(ContactSystem._fields[17:28], data, strict=True)),
+        **dict(zip(ContactSystem._fields[18:29], data, strict=True)),
         rates=np.zeros(n),
         load=np.zeros(n),
         demand=np.zeros(r),
@@ -251,6 +257,14 @@ def contact_system(automaton: HybridAutomaton) -> ContactSystem:
         solved=Solved(),
         dense=dense_workspace(size),
     )
+
+
+def _may_jump(equations: EquationsOfMotion, contact: Contact) -> bool:
+    """Return whether a condition on time stands in a slip velocity of a contact."""
+    if CONDITION_TIME not in equations.symbols.parameters:
+        return False
+    decided = equations.graph.input(CONDITION_TIME).deps
+    return any(node.deps & decided for slip in contact.slips for node in (slip.drift, *slip.jacobian))
 
 
 def _views(*shapes: tuple[int, ...]) -> tuple[FloatArray, list[FloatArray]]:
