@@ -9,7 +9,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, 
 
 import dalembert as da
 
-__all__ = ["Units", "closed_chain", "hung_body", "pendulum", "plate", "r", "slider_crank", "two_feet"]
+__all__ = ["Units", "closed_chain", "pendulum", "plate", "r", "slider_crank", "two_feet"]
 
 m, g, l, r, I_C, mu, F_0, w = symbols("m g l r I_C mu F_0 w", positive=True)
 
@@ -100,20 +100,6 @@ def closed_chain() -> da.Scene:
     scene.apply_uniform_gravity(-g * N.y)
     for (a, b), (x, y) in pairwise(places):
         scene.add_holonomic_constraints((x - a) ** 2 + (y - b) ** 2 - l**2)
-    return scene
-
-
-def hung_body() -> da.Scene:
-    """Return a body in a quaternion, a point of it at r from its centre on a string of length l."""
-    q, e = dynamicsymbols("x y z"), dynamicsymbols("e_0:4")
-    N, O = ReferenceFrame("N"), Point("O")
-    S = N.orientnew("S", "Quaternion", e)
-    G = O.locatenew("G", sum((a * b for a, b in zip(q, N, strict=True)), start=0 * N.x))
-    scene = da.Scene("hung_body", frame=N, origin=O, coordinates=[*q, *e])
-    scene.add_bodies(RigidBody("body", G, S, m, (inertia(S, I_C, 2 * I_C, 2 * I_C), G)))
-    scene.apply_uniform_gravity(-g * N.z)
-    string = G.locatenew("P", r * S.x).pos_from(O)
-    scene.add_holonomic_constraints(sum(a * a for a in e) - 1, string.dot(string) - l**2)
     return scene
 
 

@@ -8,7 +8,7 @@ import pytest
 
 import dalembert as da
 from dalembert.errors import InitialStateError
-from scene.scaled import Units, closed_chain, hung_body, pendulum, plate, slider_crank
+from scene.scaled import Units, closed_chain, pendulum, plate, slider_crank
 
 LENGTH, INERTIA, FIELD = (1, 0, 0), (2, 1, 0), (1, 0, -2)
 GIVEN = {"m": (0, 1, 0), "g": FIELD, "I_C": INERTIA, "l": LENGTH, "r": LENGTH, "b": LENGTH}
@@ -57,14 +57,6 @@ CASES = {
         {"m": 1.5, "b": 0.3, "I_C": 0.4},
         ["x", "y"],
         ["y_dot"],
-    ),
-    "body in a quaternion": _case(
-        hung_body,
-        {"x": 0.4, "y": 0.0, "z": 0.0, "e_0": 1.0, "e_1": 0.0, "e_2": 0.0, "e_3": 0.0}
-        | {"x_dot": 0.0, "y_dot": 0.3, "z_dot": 0.2, "e_0_dot": 0.0, "e_1_dot": 0.4, "e_2_dot": 0.1, "e_3_dot": 0.3},
-        P,
-        ["x", "y", "z"],
-        ["x"],
     ),
     "sphere": _case(
         da.scenes.rolling_sphere,

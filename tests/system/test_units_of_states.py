@@ -46,8 +46,7 @@ def test_states_are_assembled_alike(name):
     expected = _assembled(name, Units())
     for units in UNITS:
         found = _assembled(name, units)
-        # the least distance is found to some 1e-12 of it, and so is the state to the square root of that
-        np.testing.assert_allclose([*found.values()], [*expected.values()], rtol=1e-6, atol=1e-6, err_msg=str(units))
+        np.testing.assert_allclose([*found.values()], [*expected.values()], rtol=1e-12, atol=1e-12, err_msg=str(units))
 
 
 def _linearized(name, units):

@@ -1,10 +1,10 @@
 """Saddle-point system of formulations in q and q_dot; formulations `projected` and `augmented`.
 
 M q_ddot - J^T lam = forcing, J q_ddot = bias is solved by the sparse L D L^T of M and of J M^-1 J^T. Where M alone is
-singular, M + J^T W J takes its place; the solution is the same, and the sum is regular exactly when the dynamics on the
-free directions is. W gives both the same size in any unit. Where the constraints may depend on each other at some
-configurations, the pivots of J M^-1 J^T are guarded: a constraint that follows from those before it gets the multiplier
-0 there, and the others hold it. So does one whose own row vanishes (`dalembert.reduction.vanishing_rows`).
+singular, M + J^T J takes its place; the solution is the same, and the sum is regular exactly when the dynamics on the
+free directions is. Where the constraints may depend on each other at some configurations, the pivots of J M^-1 J^T are
+guarded: a constraint that follows from those before it gets the multiplier 0 there, and the others hold it. So does
+one whose own row vanishes (`dalembert.reduction.vanishing_rows`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from ..mechanics.equations import ConstraintRow, EquationsOfMotion
 from ..transforms.linear import SET_ASIDE, Factorization, SingularMatrix, factorize
 from .base import Formulation, Projection, ReducedSystem, ReductionSettings, factorize_inertia, inertia_pivots
 from .reactions import requested_outputs
-from .row_weights import row_weights
 from .vanishing_rows import row_scale
 
 __all__ = ["DEPENDENT", "Augmented", "Projected", "SaddlePoint", "reduce_saddle"]
@@ -37,7 +36,7 @@ class SaddlePoint:
     Attributes
     ----------
     mass : Factorization
-        Of M, or of M + J^T W J.
+        Of M, or of M + J^T J.
     forcing : tuple of Node, length n_q
     rows : tuple of ConstraintRow
     halves : tuple of list of Node
@@ -73,10 +72,8 @@ class SaddlePoint:
             mass = factorize(graph, matrix)
         except SingularMatrix:
             n = range(len(names))
-            weights = [[w * slope for slope in r.jacobian] for w, r in zip(row_weights(equations), rows, strict=True)]
-            pairs = [*zip(weights, rows, strict=True)]
-            matrix = [[matrix[i][j] + graph.sum(w[i] * r.jacobian[j] for w, r in pairs) for j in n] for i in n]
-            forcing = [forcing[i] + graph.sum(w[i] * r.bias for w, r in pairs) for i in n]
+            matrix = [[matrix[i][j] + graph.sum(r.jacobian[i] * r.jacobian[j] for r in rows) for j in n] for i in n]
+            forcing = [forcing[i] + graph.sum(r.jacobian[i] * r.bias for r in rows) for i in n]
             mass = factorize_inertia(graph, matrix, names, equations.name)
         halves = tuple(mass.half_solve(row.jacobian) for row in rows)
         inertias = [matrix[i][i] for i in range(len(matrix))]
