@@ -15,7 +15,7 @@ from .dense_solve import DenseWorkspace, dense_workspace
 
 if TYPE_CHECKING:
     from ..hybrid.automaton import HybridAutomaton
-    from ..mechanics.equations import Contact, EquationsOfMotion
+    from ..mechanics.equations import ContactRow, EquationsOfMotion
 
 __all__ = [
     "CLOSED",
@@ -259,7 +259,7 @@ def contact_system(automaton: HybridAutomaton) -> ContactSystem:
     )
 
 
-def _may_jump(equations: EquationsOfMotion, contact: Contact) -> bool:
+def _may_jump(equations: EquationsOfMotion, contact: ContactRow) -> bool:
     """Return whether a condition on time stands in a slip velocity of a contact."""
     if CONDITION_TIME not in equations.symbols.parameters:
         return False

@@ -62,7 +62,7 @@ class Layout:
     held : tuple of str
         Names of the inputs that controllers set and hold, which are among the states.
     angles : tuple of str
-        Coordinates without a unit: angles and components of quaternions; none where there are no constraints.
+        Coordinates without a unit: angles and components of quaternions.
     """
 
     coordinates: tuple[str, ...]

@@ -20,7 +20,7 @@ _LINEAR = ("add", "sub", "neg", "mul")
 
 
 def angles_of(model: SceneModel, rows: Sequence[ConstraintRow], matrix: Matrix) -> tuple[str, ...]:
-    """Return the names of the coordinates without a unit; none of a scene without constraints, which needs none.
+    """Return the names of the coordinates without a unit.
 
     These turn a frame by themselves, without a parameter, or are added to the argument of a sine, a cosine or a
     tangent.

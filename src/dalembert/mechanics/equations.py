@@ -212,7 +212,7 @@ class EquationsOfMotion:
     controllers : tuple of ControllerModel
         Controllers, which change some of the states at sampling instants.
     angles : tuple of str
-        Coordinates without a unit: angles and components of quaternions; none where there are no constraints.
+        Coordinates without a unit: angles and components of quaternions.
     """
 
     name: str
