@@ -44,7 +44,7 @@ _KEPT_RESPONSES = 8
 
 
 class Combination(NamedTuple):
-    """What each contact does, and the motion.
+    """The state of each contact, and the motion with it.
 
     Attributes
     ----------

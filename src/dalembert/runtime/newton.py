@@ -71,7 +71,7 @@ class Root:
 @final
 @dataclass(frozen=True, eq=False)
 class Units:
-    """What unknowns and equations are measured by.
+    """Sizes by which unknowns and equations are measured.
 
     Attributes
     ----------
