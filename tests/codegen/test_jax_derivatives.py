@@ -7,6 +7,7 @@ import pytest
 from sympy import Piecewise, atan2, log, sin, sqrt, symbols
 
 import dalembert as da
+from codegen.jax_options import QUICK
 from oracles.complex_step import derivatives
 from runtime.test_sensitivity import MOTIONS, assert_close
 
@@ -16,8 +17,6 @@ pytest.importorskip("diffrax")
 from dalembert.codegen.jax import functions  # noqa: E402
 
 T = np.linspace(0.0, 0.5, 3)
-QUICK = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
-"""Compiles several times faster, to code that is slower to run."""
 JACOBIANS = {"forward": jax.jacfwd, "reverse": jax.jacrev}
 POINTS = ("somewhere", "at rest", "zero angles and spins")
 MODES = pytest.mark.parametrize("mode", JACOBIANS)

@@ -6,13 +6,12 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
+from codegen.jax_options import QUICK
 from dalembert.errors import CapabilityError, OptionError
 from runtime.test_sensitivity import MOTIONS
 
 jax = pytest.importorskip("jax")
 
-QUICK = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
-"""Compiles several times faster, to code that is slower to run."""
 OPTIONS = {"method": "tsit5", "rtol": 1e-10, "atol": 1e-12, "max_step": 0.02, "max_steps": 64}
 STEP = 1e-4
 
