@@ -1,3 +1,4 @@
+import gc
 import os
 from pathlib import Path
 
@@ -9,6 +10,10 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 settings.register_profile("dalembert", deadline=None, derandomize=True)
 settings.register_profile("random", deadline=None, print_blob=True)
 settings.load_profile("dalembert")
+
+# Expressions, graphs and traces are many objects in few cycles: with the thresholds that Python sets, a tenth of the
+# time of the tests is spent on looking for garbage.
+gc.set_threshold(50_000, 20, 20)
 
 # One process runs all tests of a file, so that it compiles a scene once. These files take longest and come first,
 # so that no process is left with one of them when the others are done.
@@ -34,6 +39,12 @@ LONG = (
     "codegen/test_rendering.py",
     "test_packaging.py",
 )
+
+
+def pytest_collection_finish():
+    """Leave what every test needs, modules and the tests themselves, out of all later searches for garbage."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(items):
