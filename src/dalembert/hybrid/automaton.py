@@ -17,7 +17,7 @@ from .contact_data import contact_data
 from .modes import CLOSED, OPEN, SLIP, SMOOTH, STATES, STICK, Mode, mode_equations
 from .normal_directions import require_normals_along_gaps
 
-__all__ = ["TRANSITIONS", "HybridAutomaton", "Transition"]
+__all__ = ["BITS", "TRANSITIONS", "HybridAutomaton", "Transition"]
 
 
 @final
@@ -38,6 +38,8 @@ class Transition:
         time.
     impact : bool
         Whether rates may jump first.
+    signs : tuple of int
+        Signs of such guards, see `Guard.sign`.
     """
 
     guard: str
@@ -45,6 +47,7 @@ class Transition:
     source: tuple[str, ...]
     target: tuple[str, ...]
     impact: bool = False
+    signs: tuple[int, ...] = (0,)
 
 
 TRANSITIONS: Mapping[str, Transition] = {
@@ -59,7 +62,9 @@ TRANSITIONS: Mapping[str, Transition] = {
             (SLIP, STICK),
         ),
         Transition("stop", "the slip velocity along its former direction vanishes", (SLIP,), (STICK, SLIP, OPEN)),
-        Transition("break", "friction reaches mu_static times the normal reaction", (STICK,), (SLIP, OPEN)),
+        Transition(
+            "break", "friction reaches mu_static times the normal reaction", (STICK,), (SLIP, OPEN), signs=(1, -1, 0)
+        ),
         Transition(
             "share",
             "contacts that hold each other while they stick can no longer share their load",
@@ -70,6 +75,12 @@ TRANSITIONS: Mapping[str, Transition] = {
     )
 }
 """Ends of a mode and their consequences, by the kind of the guard. After a paradox nothing follows."""
+
+BITS: Mapping[tuple[str, int], int] = {
+    guard: 1 << bit
+    for bit, guard in enumerate((row.guard, sign) for row in TRANSITIONS.values() if row.target for sign in row.signs)
+}
+"""Guards of a contact as bits in compiled code (`dalembert.integrators.mode_candidates`), by their kinds and signs."""
 
 
 @final

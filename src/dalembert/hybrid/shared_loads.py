@@ -16,8 +16,8 @@ from typing import final
 from ..errors import ConstraintError
 from ..ir.graph import Graph, Node
 from ..mechanics.equations import EquationsOfMotion
-from ..reduction.reactions import independent_columns, weighted_columns
-from ..transforms.linear import Matrix, factorize, matmul, matvec
+from ..reduction.reactions import independent_columns, reaction_solver
+from ..transforms.linear import Matrix
 
 __all__ = ["Direction", "SharedLaw", "lawful_sums", "undetermined_directions"]
 
@@ -61,12 +61,11 @@ def undetermined_directions(
     independent, _ = independent_columns(graph, [[row[place] for place in others] for row in frictionless.reactions])
     base = [others[i] for i in independent]
     reactions = [[row[place] for place in base] for row in frictionless.reactions]
-    columns = weighted_columns(frictionless, reactions)
-    normal = factorize(graph, matmul(graph, columns, reactions))
+    solve = reaction_solver(frictionless, reactions)
     directions: list[Direction] = []
     for number in shared:
         own = [row[list(kept).index(number)] for row in frictionless.reactions]
-        weights = normal.solve(matvec(graph, columns, own))
+        weights = solve(own)
         changes = {kept[place]: -weight for place, weight in zip(base, weights, strict=True) if not weight.is_zero}
         directions.append({**changes, number: graph.one})
     return tuple(directions)

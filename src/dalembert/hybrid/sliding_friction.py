@@ -15,7 +15,7 @@ from ..errors import RELEASE, ConstraintError
 from ..ir.graph import Graph, Node
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import ContactRow, EquationsOfMotion
-from ..reduction.reactions import independent_columns, weighted_columns
+from ..reduction.reactions import independent_columns, reaction_solver
 from ..reduction.saddle import SaddlePoint
 from ..transforms.linear import Matrix, SingularMatrix, determinant_and_solution, factorize, matmul, matvec, transpose
 
@@ -194,11 +194,10 @@ def _normals(
         (rate,), (unknown,) = solved, independent
         return lambda residual: [residual[rate] / frictionless.reactions[rate][unknown]] * len(places)
     reactions = [[row[i] for i in independent] for row in frictionless.reactions]
-    columns = weighted_columns(frictionless, reactions)
-    normal = factorize(graph, matmul(graph, columns, reactions))
+    solve = reaction_solver(frictionless, reactions)
 
     def normals(residual: Sequence[Node]) -> list[Node]:
-        found = normal.solve(matvec(graph, columns, residual))
+        found = solve(residual)
         return [found[place] for place in places]
 
     return normals

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..hybrid.automaton import BITS
 from .arguments import IntMatrix, IntVector, Vector
 from .compiled_subset import compiled_subset, sqrt
 from .contact_system import OPEN, SLIP, SMOOTH, STICK, Combination, ContactSystem, combination
@@ -37,8 +38,8 @@ __all__ = [
     "turned",
 ]
 
-LIFT, TURN, MEET, STOP, BREAK_UP, BREAK_DOWN, BREAK_PLANE, SHARE = 1, 2, 4, 8, 16, 32, 64, 128
-"""Guards of a contact that have fired, as bits: the normal reaction vanishes; it changes its sign; the gap closes; slip
+MEET, LIFT, TURN, STOP, BREAK_UP, BREAK_DOWN, BREAK_PLANE, SHARE = BITS.values()
+"""Guards of a contact that have fired, as bits: the gap closes; the normal reaction vanishes; it changes its sign; slip
 ends; friction fails to hold against slip forwards, backwards, or in a plane; contacts can no longer share a load."""
 
 FREE, LIFTING, TOUCHING, GRIPPED, SLIDING, HOVERING = 0, 1, 2, 3, 4, 5

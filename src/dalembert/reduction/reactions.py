@@ -8,7 +8,7 @@ random positions that satisfy the constraints, where a pin that closes a loop ca
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -21,7 +21,7 @@ from ..naming import acceleration_input, acceleration_name, rate_name
 from ..transforms.linear import Matrix, dependence, factorize, matmul, matvec, transpose
 from .unit_sphere import unit_values
 
-__all__ = ["Requested", "independent_columns", "requested_outputs", "undetermined_unknowns", "weighted_columns"]
+__all__ = ["Requested", "independent_columns", "reaction_solver", "requested_outputs", "undetermined_unknowns"]
 
 
 _SHIFT = 1e-7
@@ -205,9 +205,7 @@ def _solve(
     if equations.minimum_norm:
         unknowns = equations.unknowns
         return {unknowns[i]: x for i, x in enumerate(_minimum_norm(equations, reactions, residual))}
-    columns = weighted_columns(equations, reactions)
-    normal = factorize(graph, matmul(graph, columns, reactions))
-    solution = normal.solve(matvec(graph, columns, residual))
+    solution = reaction_solver(equations, reactions)(residual)
     left = [a - r for a, r in zip(matvec(graph, reactions, solution), residual, strict=True)]
     _require_exerted(equations, left)
     if plain is not None:
@@ -236,7 +234,17 @@ def _require_exerted(equations: EquationsOfMotion, left: Sequence[Node]) -> None
         )
 
 
-def weighted_columns(equations: EquationsOfMotion, matrix: Matrix) -> Matrix:
+def reaction_solver(equations: EquationsOfMotion, reactions: Matrix) -> Callable[[Sequence[Node]], list[Node]]:
+    """Return the function from what reactions have to supply (n_q,) to these (k,), by normal equations.
+
+    `reactions` are independent columns (n_q, k) of power coefficients.
+    """
+    graph, columns = equations.graph, _weighted_columns(equations, reactions)
+    normal = factorize(graph, matmul(graph, columns, reactions))
+    return lambda supplied: normal.solve(matvec(graph, columns, supplied))
+
+
+def _weighted_columns(equations: EquationsOfMotion, matrix: Matrix) -> Matrix:
     """Return the columns of power coefficients (n_q, k) for normal equations, rows of angles by an inverse square.
 
     It is that of the radius of gyration, by the entries of the mass matrix that are functions of the parameters: beside
@@ -268,7 +276,7 @@ def _minimum_norm(equations: EquationsOfMotion, matrix: Matrix, residual: Sequen
 
     Of the normal equations with a small part of their trace on the diagonal, improved once by what they leave.
     """
-    graph, columns = equations.graph, weighted_columns(equations, matrix)
+    graph, columns = equations.graph, _weighted_columns(equations, matrix)
     normal = matmul(graph, columns, matrix)
     small = graph.node(_SHIFT) * graph.sum(normal[i][i] for i in range(len(normal)))
     for i in range(len(normal)):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self, final
@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
+from ..errors import UnknownNameError, nesting_named, unknown_name
 from ..ir.program import Layout
 from ..methods.status import Status
-from .estimate import ErrorEstimate, NamedArrays
+from .estimate import Estimated
 from .labels import attributes, with_units
 from .motion import ENERGIES, reaction_hint, xarray_package
 from .named_values import NamedValues
@@ -71,7 +71,7 @@ class EventCounts:
     last: FloatArray
 
 
-class CaseResults(ABC):
+class CaseResults(Estimated):
     """Base class of results of many cases.
 
     Subclasses give values by name, from what they keep of each case.
@@ -100,7 +100,6 @@ class CaseResults(ABC):
         self.t_eval = t_eval
         self._own_t, self._own_t_eval = self.t, t_eval
         self.axes, self.stats = dict(axes), stats
-        self._twin: Self | None = None
 
     @abstractmethod
     def _final(self, key: Any) -> FloatArray:
@@ -173,30 +172,9 @@ class CaseResults(ABC):
         """Copy the final states of some cases (n_case,) of another sweep."""
 
     def with_twin(self, twin: Self) -> Self:
-        """Return this sweep with the estimate of its errors that a twin at a tighter tolerance gives."""
-        self._twin = twin
+        """See `Estimated.with_twin`; the statistics get the methods of the twin too."""
         self.stats = replace(self.stats, methods={**self.stats.methods, **twin.stats.methods})
-        return self
-
-    @property
-    def error_estimate(self) -> ErrorEstimate:
-        """Estimated global error by name, ``sweep.error_estimate["x"]``, shaped like ``sweep["x"]``.
-
-        With contacts it is NaN where the two runs are not in the same mode after phases in the same modes, as between
-        the times at which their contacts change.
-
-        Raises
-        ------
-        OptionError
-            For a sweep without ``error_estimate=True``.
-        """
-        if self._twin is None:
-            raise OptionError("this sweep has no error estimate; run it with error_estimate=True")
-        return ErrorEstimate(self, self._compared(self._twin))
-
-    def _compared(self, twin: Self) -> NamedArrays:
-        """Return the values of a twin by name that are compared with those of this sweep."""
-        return twin
+        return super().with_twin(twin)
 
     @property
     def success(self) -> NDArray[np.bool_]:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, final
+from abc import ABC, abstractmethod
+from typing import Any, Protocol, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import nesting_named
+from ..errors import OptionError, nesting_named
 
-__all__ = ["TIGHTER", "ErrorEstimate", "NamedArrays"]
+__all__ = ["TIGHTER", "ErrorEstimate", "Estimated", "NamedArrays"]
 
 TIGHTER = 1e-2
 """Factor between the tolerances of a run and of its twin, which is that much nearer to the exact motion."""
@@ -34,3 +35,37 @@ class ErrorEstimate:
     @nesting_named
     def __getitem__(self, key: Any) -> NDArray[np.float64]:
         return np.abs(self._run[key] - self._twin[key])
+
+
+class Estimated(ABC):
+    """Base class of results whose errors a twin at a tighter tolerance may estimate."""
+
+    _twin: Self | None = None
+
+    @abstractmethod
+    def __getitem__(self, key: Any) -> NDArray[np.float64]: ...
+
+    def with_twin(self, twin: Self) -> Self:
+        """Return this result with the estimate of its errors that a twin at a tighter tolerance gives."""
+        self._twin = twin
+        return self
+
+    @property
+    def error_estimate(self) -> ErrorEstimate:
+        """Estimated global error by name, ``run.error_estimate["x"]``, shaped like ``run["x"]``.
+
+        With contacts it is NaN where the two runs are not in the same phase after phases in the same modes, as between
+        the times at which their contacts change.
+
+        Raises
+        ------
+        OptionError
+            For a run or a sweep without ``error_estimate=True``.
+        """
+        if self._twin is None:
+            raise OptionError("there is no error estimate of this run; run it with error_estimate=True")
+        return ErrorEstimate(self, self._compared(self._twin))
+
+    def _compared(self, twin: Self) -> NamedArrays:
+        """Return the values of a twin by name that are compared with those of this result."""
+        return twin

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self, final
@@ -17,7 +17,7 @@ from ..errors import EnergyWarning, MissingExtraError, OptionError, nesting_name
 from ..ir.program import Layout, Program
 from ..methods.status import Status
 from ..values import flag, option
-from .estimate import ErrorEstimate, NamedArrays
+from .estimate import Estimated
 from .labels import attributes, with_units
 from .notebook import ranges, summary
 
@@ -61,7 +61,7 @@ class RunStatistics:
     atol: float = math.nan
 
 
-class Motion(ABC):
+class Motion(Estimated):
     """A motion at recorded times, by name.
 
     Attributes
@@ -94,10 +94,6 @@ class Motion(ABC):
     events: EventRecords
     _layout: Layout
     _begin: float | None = None
-    _twin: Self | None = None
-
-    @abstractmethod
-    def __getitem__(self, key: Any) -> FloatArray: ...
 
     @abstractmethod
     def __call__(self, t: Any) -> Motion:
@@ -136,31 +132,6 @@ class Motion(ABC):
         if note is not None:
             self.stats = replace(self.stats, note=note)
         return self
-
-    def with_twin(self, twin: Self) -> Self:
-        """Return this motion with the estimate of its error that a twin at a tighter tolerance gives."""
-        self._twin = twin
-        return self
-
-    @property
-    def error_estimate(self) -> ErrorEstimate:
-        """Estimated global error by name, ``trajectory.error_estimate["x"]`` (n_t,).
-
-        With contacts it is NaN where the two runs are not in the same phase after phases in the same modes, as between
-        the times at which their contacts change.
-
-        Raises
-        ------
-        OptionError
-            For a run without ``error_estimate=True``.
-        """
-        if self._twin is None:
-            raise OptionError("this run has no error estimate; simulate with error_estimate=True")
-        return ErrorEstimate(self, self._compared(self._twin))
-
-    def _compared(self, twin: Self) -> NamedArrays:
-        """Return the values of a twin by name that are compared with those of this motion."""
-        return twin
 
     def _dataset(
         self, scene: str, data: Mapping[str, Any], parameters: Mapping[str, float], units: Mapping[Any, str] | None

@@ -11,30 +11,20 @@ from numpy.typing import NDArray
 from ...arrays import FloatArray
 from ...codegen.llvm.loops import loop_named
 from ...hybrid import HybridAutomaton
-from ...integrators import mode_candidates as rules
 from ...integrators.contact_cases import ContactCases
 from ...integrators.contact_decisions import DecisionArguments
 from ...integrators.contact_sizes import gap_noise
 from ...integrators.contact_system import ContactSystem, contact_system
 from ...integrators.mode_candidates import candidates_space
 from ...ir.kernel import Kernel
-from ...mechanics.equations import Guard
 from .state import HybridState
 
-__all__ = ["LOOP", "Decisions", "Rows", "flag"]
+__all__ = ["LOOP", "Decisions", "Rows"]
 
 LOOP = "contact_decisions"
 
 Rows = Callable[[Kernel, FloatArray, FloatArray, FloatArray], FloatArray]
 """Outputs (k, n) of a kernel at times (k,), states (k, n_y) and constants (k, n_c)."""
-
-
-def flag(guard: Guard) -> int:
-    """Return the bit of `ContactCases.fired` that a guard sets; 0 for one of all contacts."""
-    if guard.kind == "break":
-        return {0: rules.BREAK_PLANE, 1: rules.BREAK_UP, -1: rules.BREAK_DOWN}[guard.sign]
-    flags = {"lift": rules.LIFT, "turn": rules.TURN, "meet": rules.MEET, "stop": rules.STOP, "share": rules.SHARE}
-    return flags.get(guard.kind, 0)
 
 
 @final

@@ -18,6 +18,7 @@ from ...codegen.llvm.loops import loop_named
 from ...codegen.runs import CaseRun, LoopCall
 from ...errors import ValueInputError
 from ...hybrid import Mode
+from ...hybrid.automaton import BITS
 from ...integrators.arguments import address_of, pack
 from ...integrators.phase_loop import PhaseArguments
 from ...integrators.phase_stops import StopTable, no_stops
@@ -28,7 +29,7 @@ from ...options import StepOptions
 from ..case_blocks import begin_whole, fitted
 from ..cases import Cases, Settings
 from ..sweep import runs_unchecked
-from .decisions import LOOP, flag
+from .decisions import LOOP
 from .host_runners import HostRunner
 from .mode_models import ModeModels
 from .mode_runners import GatheredRows, ModeRunner, thread_workspace
@@ -339,7 +340,7 @@ class PhaseExecutor:
             expand = runner.model.engine.code(self.modes.expansion(runner.mode))[0] if runner.expands else 0
             number = automaton.number(runner.mode)
             line[:] = number, runner.size, len(names), len(runner.events), len(guards), expand
-            guards += [(guard.contact, flag(guard)) for guard in self.modes.guards(runner.mode)]
+            guards += [(g.contact, BITS.get((g.kind, g.sign), 0)) for g in self.modes.guards(runner.mode)]
         return PhasePlan(
             contact_data=data,
             decide=loop_named(LOOP).address,
