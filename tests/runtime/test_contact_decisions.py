@@ -5,9 +5,10 @@ import pytest
 import sympy as sp
 
 import dalembert as da
+from dalembert.hybrid.modes import STATES
 from dalembert.integrators import mode_candidates as rules
+from dalembert.integrators.contact_cases import contact_cases
 from dalembert.methods.status import Status
-from dalembert.runtime.hybrid.state import HybridState
 from hard_cases.contacts import corner_plate, loose_plate
 
 MU = sp.Symbol("mu", positive=True)
@@ -40,27 +41,26 @@ def test_the_selected_mode_has_the_motion_of_its_own_equations_and_breaks_no_law
     scene, mode, fired = SCENES[name]
     model = da.compile_model(scene())
     x, p = _cases(model, moving=0.0 if {rules.STOP, rules.BREAK_UP} & set(fired.values()) else 1.0)
-    state = HybridState.starting(np.zeros(CASES), x, p, np.ones(CASES), len(model.contacts))
-    automaton = model.modes.automaton
+    cases = contact_cases(np.zeros(CASES), x, p, np.ones(CASES), len(model.contacts))
     if mode is not None:
-        digits = automaton.number(mode)
-        state.cases.modes[:] = [digits // 5**i % 5 for i in range(len(mode))]
+        cases.modes[:] = [STATES.index(state) for state in mode]
     for contact, flag in fired.items():
-        state.cases.fired[:, contact] = flag
-    model.modes.decisions.decide(state, np.arange(CASES))
-    good = np.flatnonzero(state.cases.status == Status.SUCCESS)
+        cases.fired[:, contact] = flag
+    model.modes.decisions.decide(cases)
+    good = np.flatnonzero(cases.status == Status.SUCCESS)
     assert len(good) > CASES / 10  # not every state is one in which this can happen
     for i in good[:40]:
-        selected = automaton.mode(int(state.mode_numbers()[i]))
+        selected = model.modes.automaton.mode(int(cases.number[i]))
+        assert [STATES.index(state) for state in selected] == cases.modes[i].tolist()
         own = model._model(selected)
-        added = model.modes.added(selected, state.directions()[i], state.cases.sides[i], state.cases.rest[i])
+        added = model.modes.added(selected, cases.added[i])
         values = dict(zip(model.layout.parameters, p[i].tolist(), strict=True))
         values |= {key: float(value) for key, value in added.items()}
         n = len(model.layout.coordinates)
-        q, qdot = state.x[i, :n], state.x[i, n:]
+        q, qdot = cases.x[i, :n], cases.x[i, n:]
         acceleration = own.accelerations(0.0, q, qdot, values)
-        np.testing.assert_allclose(state.cases.motion[i], acceleration, rtol=1e-9, atol=1e-9)
-        states = dict(zip((*model.layout.coordinates, *model.layout.rates), state.x[i].tolist(), strict=True))
+        np.testing.assert_allclose(cases.motion[i], acceleration, rtol=1e-9, atol=1e-9)
+        states = dict(zip((*model.layout.coordinates, *model.layout.rates), cases.x[i].tolist(), strict=True))
         run = own.simulate((0.0, 0.0), states, values)
         for guard in model.modes.guards(selected) if rules.TURN not in fired.values() else ():
             assert run[guard.output][0] > -1e-6, (guard, selected)
@@ -71,10 +71,10 @@ def test_senseless_coefficients_and_penetration_are_initial_states_refused():
     x, p = _cases(model, moving=1.0)
     p[5, model.layout.parameters.index("mu")] = -0.1
     x[6, model.layout.coordinates.index("x")] -= 0.3
-    state = HybridState.starting(np.zeros(CASES), x, p, np.ones(CASES), 1)
-    model.modes.decisions.decide(state, np.arange(CASES))
-    assert state.cases.status[5] == Status.INITIAL_STATE
-    assert state.cases.status[0] == Status.SUCCESS
+    cases = contact_cases(np.zeros(CASES), x, p, np.ones(CASES), 1)
+    model.modes.decisions.decide(cases)
+    assert cases.status[5] == Status.INITIAL_STATE
+    assert cases.status[0] == Status.SUCCESS
 
 
 def test_decisions_as_plain_python_are_those_of_machine_code(monkeypatch):
@@ -87,12 +87,12 @@ def test_decisions_as_plain_python_are_those_of_machine_code(monkeypatch):
         monkeypatch.setenv(DEBUG_VARIABLE, debug)
         debugging.cache_clear()
         loop_named.cache_clear()
-        state = HybridState.starting(np.zeros(CASES), x, p, np.ones(CASES), 2)
-        model.modes.decisions.decide(state, np.arange(20))
-        found.append(state)
+        cases = contact_cases(np.zeros(20), x[:20], p[:20], np.ones(20), 2)
+        model.modes.decisions.decide(cases)
+        found.append(cases)
     debugging.cache_clear()
     loop_named.cache_clear()
-    for compiled, plain in zip(found[0].cases, found[1].cases, strict=True):
+    for compiled, plain in zip(*found, strict=True):
         np.testing.assert_array_equal(compiled, plain)
 
 
@@ -114,7 +114,6 @@ def test_linearisation_is_that_of_the_mode_at_hand():
 
 
 def test_states_have_one_number_in_the_equations_and_in_compiled_code():
-    from dalembert.hybrid.modes import STATES
     from dalembert.integrators import contact_system
 
     assert [getattr(contact_system, state.upper()) for state in STATES] == list(range(len(STATES)))

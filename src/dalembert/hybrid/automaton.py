@@ -141,10 +141,6 @@ class HybridAutomaton:
         """
         return mode_equations(self.equations, mode)
 
-    def number(self, mode: Mode) -> int:
-        """Return the number of a mode: the states of its contacts as digits, the first contact being the lowest."""
-        return sum(STATES.index(state) * len(STATES) ** i for i, state in enumerate(mode))
-
     def mode(self, number: int) -> Mode:
-        """Return the mode of a number."""
+        """Return the mode of a number: the states of its contacts as digits, the first contact being the lowest."""
         return tuple(STATES[number // len(STATES) ** i % len(STATES)] for i in range(len(self.contacts)))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import FloatArray
+from ..hybrid.modes import STATES
 from ..methods.event_constants import RESOLUTION, TOGETHER
 from ..methods.step_constants import EPSILON
 from .arguments import IntMatrix, IntVector, Matrix, Vector
@@ -24,8 +25,11 @@ from .mode_candidates import (
 )
 
 __all__ = [
+    "ADDED",
+    "REST",
     "RESTING",
     "ROUNDED",
+    "SIDE",
     "STILL",
     "UNDECIDED",
     "ContactCases",
@@ -35,13 +39,20 @@ __all__ = [
     "gap_allowance",
     "kind_at_end",
     "refused",
+    "set_mode",
     "sign",
     "strikes",
     "touching",
 ]
 
 UNDECIDED = -1
-"""Mode of a contact before the first decision, and `ContactCases.after` without an impact."""
+"""Mode of a contact, and of a case, before the first decision, and `ContactCases.after` without an impact."""
+
+ADDED, SIDE, REST = 4, 2, 3
+"""Parameters that a contact adds to those of the scene, which begin with the direction of slip, and two of their places
+(`dalembert.hybrid.modes.mode_parameters`)."""
+
+_STATES = len(STATES)
 
 RESTING = 1e-7
 """Share of the largest approach speed of a contact so far, below which an impact has no restitution.
@@ -74,12 +85,14 @@ class ContactCases(NamedTuple):
         Times [s].
     x : (k, 2 n_q + n_z)
         Coordinates, rates and first-order states; the rates change.
-    directions, sides : (k, 2 c), (k, c)
-        Directions of slip; signs of normal reactions, or of contacts that open what is added to their guards.
+    p : (k, n_p)
+        Parameters of the scene.
+    added : (k, 4 c)
+        Those that each contact adds: direction of slip (2); sign of the normal reaction, or of a contact that opens
+        what is added to its guard; and slip speed in a plane below which it counts as at rest, negative in phases that
+        do not begin at rest.
     speeds, approach : (k, c)
         Largest slip speed, and largest speed at which the gap closed, so far.
-    rest : (k, c)
-        Slip speed in a plane below which a contact counts as at rest; negative in phases that do not begin at rest.
     flight : (k, c)
         How long each contact has been open [s].
     loads : (k, c)
@@ -90,6 +103,8 @@ class ContactCases(NamedTuple):
         Duration of the whole motion, and of the last phase [s].
     modes, fired : (k, c)
         What each contact does, `UNDECIDED` before the start; guards that have fired, as bits.
+    number : (k,)
+        Number of the mode (`dalembert.hybrid.automaton.HybridAutomaton.mode`), `UNDECIDED` before the start.
     after : (k, c)
         What is known of each contact after an impact, else `UNDECIDED`.
     status : (k,)
@@ -100,11 +115,10 @@ class ContactCases(NamedTuple):
 
     t: Vector
     x: Matrix
-    directions: Matrix
-    sides: Matrix
+    p: Matrix
+    added: Matrix
     speeds: Matrix
     approach: Matrix
-    rest: Matrix
     flight: Matrix
     loads: Matrix
     impacts: IntVector
@@ -112,33 +126,38 @@ class ContactCases(NamedTuple):
     passed: Vector
     modes: IntMatrix
     fired: IntMatrix
+    number: IntVector
     after: IntMatrix
     status: IntVector
     motion: Matrix
 
 
-def contact_cases(t: FloatArray, x: FloatArray, span: FloatArray, contacts: int, states: int = 0) -> ContactCases:
-    """Return cases that start at times t (k,) from x (k, 2 n_q + n_z), which change, with signed spans (k,).
+def contact_cases(
+    t: FloatArray, x: FloatArray, p: FloatArray, span: FloatArray, contacts: int, states: int = 0
+) -> ContactCases:
+    """Return cases before their first decision, in memory of their own.
 
-    `states` is n_z, the number of first-order states.
+    They start at times t (k,) from x (k, 2 n_q + n_z), with parameters p (k, n_p) and signed spans (k,). `states` is
+    n_z, the number of first-order states.
     """
-    k = len(x)
-    ones, zeros, undecided = np.ones((2, k, contacts)), np.zeros((4, k, contacts)), np.full((2, k, contacts), UNDECIDED)
+    t, x, p, span = (np.array(values, dtype=float, order="C") for values in (t, x, p, span))
+    k, nothing = len(x), np.zeros((4, len(x), contacts))
+    undecided = np.full((2, k, contacts), UNDECIDED)
     return ContactCases(
         t=t,
         x=x,
-        directions=np.tile(np.array([1.0, 0.0]), (k, contacts)),
-        sides=ones[0],
-        speeds=zeros[0],
-        approach=zeros[1],
-        rest=ones[1],
-        flight=zeros[2],
-        loads=zeros[3],
+        p=p,
+        added=np.tile([1.0, 0.0, 1.0, 1.0], (k, contacts)),
+        speeds=nothing[0],
+        approach=nothing[1],
+        flight=nothing[2],
+        loads=nothing[3],
         impacts=np.zeros(k, np.int64),
         span=span,
         passed=np.zeros(k),
         modes=undecided[0],
         fired=np.zeros((k, contacts), np.int64),
+        number=np.full(k, UNDECIDED),
         after=undecided[1],
         status=np.zeros(k, np.int64),
         motion=np.zeros((k, (x.shape[1] - states) // 2)),
@@ -146,9 +165,20 @@ def contact_cases(t: FloatArray, x: FloatArray, span: FloatArray, contacts: int,
 
 
 @compiled_subset
+def set_mode(cases: ContactCases, case: int, mode: IntVector) -> None:
+    """Write the mode of a case, the states of its contacts, and its number: these as digits, the first the lowest."""
+    number, digit = 0, 1
+    for i in range(mode.size):
+        cases.modes[case, i] = mode[i]
+        number += digit * mode[i]
+        digit *= _STATES
+    cases.number[case] = number
+
+
+@compiled_subset
 def sign(system: ContactSystem, cases: ContactCases, case: int, i: int) -> float:
     """Return the sign of the normal reaction of a contact, 1 where it has only one."""
-    return cases.sides[case, i] if system.sided[i] != 0 else 1.0
+    return cases.added[case, ADDED * i + SIDE] if system.sided[i] != 0 else 1.0
 
 
 @compiled_subset
@@ -208,7 +238,7 @@ def gap_allowance(system: ContactSystem, cases: ContactCases, case: int, i: int)
     most = RESOLUTION * (_gap_terms(system, cases, case, i) + abs(cases.t[case]) * cases.approach[case, i])
     if system.gap[i] <= most:
         return min(-system.gap[i], most)
-    return cases.sides[case, i] if cases.modes[case, i] == OPEN else 0.0
+    return cases.added[case, ADDED * i + SIDE] if cases.modes[case, i] == OPEN else 0.0
 
 
 @compiled_subset
@@ -231,7 +261,7 @@ def _closed_at_end(system: ContactSystem, cases: ContactCases, case: int, i: int
     if before == UNDECIDED:
         limit = NOISE * max(cases.speeds[case, i], slip_terms(system, i))
     if stopped and system.width[i] > 1:
-        limit = max(limit, _STOPPED * abs(cases.rest[case, i]))
+        limit = max(limit, _STOPPED * abs(cases.added[case, ADDED * i + REST]))
     return closed_kind(system, i, slip_speed(system, i), limit)
 
 

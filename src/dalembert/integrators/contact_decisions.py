@@ -14,6 +14,9 @@ from ..methods.step_constants import EPSILON
 from .arguments import IntVector, Matrix
 from .compiled_subset import compiled_subset, sqrt
 from .contact_cases import (
+    ADDED,
+    REST,
+    SIDE,
     UNDECIDED,
     ContactCases,
     approaches,
@@ -21,6 +24,7 @@ from .contact_cases import (
     gap_allowance,
     kind_at_end,
     refused,
+    set_mode,
     sign,
     strikes,
     touching,
@@ -60,7 +64,7 @@ class DecisionArguments(NamedTuple):
     system, candidates
         The contacts of the scene, and working memory.
     cases : ContactCases
-    wanted : (n,)
+    deciding : (n,)
         The cases to decide; negative numbers are left out.
     values : (n, n_values)
         Outputs of the kernel of the contact data for each of them.
@@ -74,7 +78,7 @@ class DecisionArguments(NamedTuple):
     candidates: Candidates
     cases: ContactCases
     values: Matrix
-    wanted: IntVector
+    deciding: IntVector
     after_impact: IntVector
     tolerance: float
 
@@ -87,7 +91,7 @@ def _remember(system: ContactSystem, pick: Candidates, cases: ContactCases, case
         sized = sized or system.width[i] > 1 or system.jumping[i] == 1
         sliding += 1 if cases.modes[case, i] == SLIP else 0
         given.mode[i], given.sides[i] = cases.modes[case, i], sign(system, cases, case, i)
-        given.along[i, 0], given.along[i, 1] = cases.directions[case, 2 * i], cases.directions[case, 2 * i + 1]
+        given.along[i, 0], given.along[i, 1] = cases.added[case, ADDED * i], cases.added[case, ADDED * i + 1]
     # where the only slip along a line ends, its guard says so, and no size is needed
     losing = cases.after[case, 0] == UNDECIDED and (sliding > 1 or (sized and sliding > 0))
     if losing:
@@ -198,21 +202,23 @@ def _stopped(system: ContactSystem, pick: Candidates, cases: ContactCases, case:
 @compiled_subset
 def _enter(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> bool:
     """Let a case enter the selected mode; return whether a contact sticks in it."""
-    sticking, best = False, pick.best
+    sticking, best, added = False, pick.best, cases.added
     for j in range(system.coordinates):
         cases.motion[case, j] = best.motion[j]
     for i in range(system.contacts):
         row = system.constraint[i]
         if row < 0:
-            cases.sides[case, i] = best.sides[i]
+            added[case, ADDED * i + SIDE] = best.sides[i]
         else:
-            cases.sides[case, i] = gap_allowance(system, cases, case, i) if best.mode[i] == OPEN else pick.least[i]
+            opens = best.mode[i] == OPEN
+            added[case, ADDED * i + SIDE] = gap_allowance(system, cases, case, i) if opens else pick.least[i]
             size = terms(system.jacobian[row], best.motion, abs(system.bias[row]))
             if size < _ENORMOUS:
                 cases.loads[case, i] = max(cases.loads[case, i], size)
-        cases.fired[case, i], cases.after[case, i], cases.modes[case, i] = 0, UNDECIDED, best.mode[i]
-        cases.directions[case, 2 * i], cases.directions[case, 2 * i + 1] = best.along[i, 0], best.along[i, 1]
+        cases.fired[case, i], cases.after[case, i] = 0, UNDECIDED
+        added[case, ADDED * i], added[case, ADDED * i + 1] = best.along[i, 0], best.along[i, 1]
         sticking = sticking or best.mode[i] == STICK
+    set_mode(cases, case, best.mode)
     return sticking
 
 
@@ -235,7 +241,7 @@ def _rest_speeds(system: ContactSystem, pick: Candidates, cases: ContactCases, c
         if rest == 0.0:
             rest = max(_REST * slip_terms(system, i), _REST_OF_SPAN * (change * force + moved) * abs(cases.span[case]))
         rest = max(rest, _LEAST_REST * slow_terms(system, cases.x[case], system.row[i]))
-        cases.rest[case, i] = rest if pick.kind[i] == GRIPPED else -rest
+        cases.added[case, ADDED * i + REST] = rest if pick.kind[i] == GRIPPED else -rest
 
 
 @compiled_subset
@@ -280,8 +286,8 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
 def LOOP(arguments: DecisionArguments) -> None:
     """Select the next modes of the marked cases, by their numbers in ``values``."""
     system = arguments.system
-    for place in range(arguments.wanted.size):
-        case = arguments.wanted[place]
+    for place in range(arguments.deciding.size):
+        case = arguments.deciding[place]
         if case < 0:
             continue
         for v in range(system.values.size):

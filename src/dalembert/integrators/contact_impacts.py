@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..methods.status import Status
 from .compiled_subset import compiled_subset, sqrt
-from .contact_cases import RESTING, ROUNDED, STILL, ContactCases
+from .contact_cases import ADDED, RESTING, ROUNDED, SIDE, STILL, ContactCases
 from .contact_forces import load_impact, solve_mode
 from .contact_sizes import NOISE, gap_rate, rate_noise, rate_terms, slip_speed, slip_terms, slow_terms
 from .contact_system import CLOSED, OPEN, SLIP, STICK, ContactSystem, dot, drift, terms
@@ -48,9 +48,10 @@ def strike(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
         cases.x[case, system.coordinates + j] = pick.best.motion[j]
     for i in range(system.contacts):
         cases.after[case, i] = _kind_after(system, pick, cases, case, i)
-        cases.directions[case, 2 * i], cases.directions[case, 2 * i + 1] = pick.best.along[i, 0], pick.best.along[i, 1]
+        along = pick.best.along
+        cases.added[case, ADDED * i], cases.added[case, ADDED * i + 1] = along[i, 0], along[i, 1]
         if system.sided[i] != 0:
-            cases.sides[case, i] = pick.best.sides[i]
+            cases.added[case, ADDED * i + SIDE] = pick.best.sides[i]
     return status
 
 

@@ -2,30 +2,18 @@
 
 from __future__ import annotations
 
-from ..hybrid.modes import STATES
 from ..methods.status import Status
 from .compiled_subset import compiled_subset
 from .contact_decisions import SOON, SOON_IN_A_ROW
 from .phase_tables import JUMPS, CaseTable, PhasePlan, ThreadWorkspace
 
-__all__ = ["ended", "mode_number", "next_history"]
+__all__ = ["ended", "next_history"]
 
 _SUCCESS, _EVENT = int(Status.SUCCESS), int(Status.EVENT)
 _IMPOSSIBLE, _ACCUMULATE = int(Status.CONTACT_IMPOSSIBLE), int(Status.EVENTS_ACCUMULATE)
 _MAX_STEPS = int(Status.MAX_STEPS)
-_STATES = len(STATES)
 _HISTORY, _HISTORIES = 31, 2_147_483_629
 """By which a history is multiplied for each phase, and how many there are."""
-
-
-@compiled_subset
-def mode_number(table: CaseTable, i: int) -> int:
-    """Return the number of the mode of a case (`dalembert.hybrid.automaton.HybridAutomaton.number`)."""
-    number, digit = 0, 1
-    for m in range(table.cases.modes.shape[1]):
-        number += digit * table.cases.modes[i, m]
-        digit *= _STATES
-    return number
 
 
 @compiled_subset
@@ -80,7 +68,7 @@ def ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int
         cases.x[i, m] = space.posed[m, lane]
     for m in range(table.totals.shape[1]):
         table.totals[i, m] = space.totals[place, m]
-    cases.passed[i], cases.t[i] = t - table.begun[i], t
+    cases.passed[i], cases.t[i] = t - table.t0[i], t
     first = place * 3 * plan.runners.events[runner]
     over = _happened(plan, table, space, i, first, t)
     if status == _SUCCESS:
@@ -108,5 +96,5 @@ def ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int
         return False
     if cases.passed[i] != 0.0:
         numbers.phases[i] += 1
-        numbers.history[i] = next_history(numbers.history[i], mode_number(table, i))
+        numbers.history[i] = next_history(numbers.history[i], cases.number[i])
     return not jumps

@@ -16,7 +16,7 @@ from .arguments import place_of
 from .compiled_subset import call_code, call_test, compiled_subset, row, take
 from .event_rules import recorded_after
 from .lane_loop import SweepArguments
-from .phase_ends import ended, mode_number
+from .phase_ends import ended
 from .phase_stops import begin_stops, goes_to, load_case, pass_stops
 from .phase_tables import JUMPS, NOBODY, NOT_BEGUN, CaseTable, PhasePlan, PhaseProgress, ThreadWorkspace
 from .workspace import RUNNING
@@ -43,26 +43,20 @@ _COUNT = place_of(SweepArguments, "shape.cases")
 def _gather(table: CaseTable, space: ThreadWorkspace, size: int) -> None:
     """Write what the chosen cases are made from to the columns of the loop over lanes."""
     gathered, cases = space.gathered, table.cases
-    p, k, n = table.p.shape[1], cases.sides.shape[1], cases.x.shape[1]
+    p, added, last = cases.p.shape[1], cases.added.shape[1], gathered.shape[0] - 1
     for place in range(size):
         i = space.chosen[place]
         following = table.numbers.next[i]
-        gathered[0, place], gathered[1, place] = cases.t[i], table.t1[i]
-        gathered[gathered.shape[0] - 1, place] = 1.0 if table.t1[i] >= cases.t[i] else -1.0
-        if following < table.t_eval.size:
-            gathered[1, place] = table.t_eval[following]
         begin_stops(table, i)
-        gathered[1, place] = goes_to(table, i, gathered[1, place])
+        goal = table.t_eval[following] if following < table.t_eval.size else table.t1[i]
+        gathered[0, place], gathered[1, place] = cases.t[i], goes_to(table, i, goal)
+        gathered[last, place] = 1.0 if table.t1[i] >= cases.t[i] else -1.0
         for m in range(p):
-            gathered[2 + m, place] = table.p[i, m]
-        first = 2 + p
-        for m in range(2 * k):
-            gathered[first + m, place] = cases.directions[i, m]
-        for m in range(k):
-            gathered[first + 2 * k + m, place] = cases.sides[i, m]
-            gathered[first + 3 * k + m, place] = cases.rest[i, m]
-        for m in range(n):
-            gathered[first + 4 * k + m, place] = cases.x[i, m]
+            gathered[2 + m, place] = cases.p[i, m]
+        for m in range(added):
+            gathered[2 + p + m, place] = cases.added[i, m]
+        for m in range(cases.x.shape[1]):
+            gathered[2 + p + added + m, place] = cases.x[i, m]
         for m in range(table.totals.shape[1]):
             space.totals[place, m] = table.totals[i, m]
 
@@ -111,37 +105,36 @@ def _decide(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace) -> None:
     lanes, pending = space.clock.shape[1], True
     while pending:
         for lane in range(lanes):
-            if space.wanted[lane] >= 0:
-                load_case(table, space, space.wanted[lane], lane)
+            if space.deciding[lane] >= 0:
+                load_case(table, space, space.deciding[lane], lane)
         clock, posed, scene = row(space.clock, 0), row(space.posed, 0), row(space.scene, 0)
         call_code(plan.contact_data, clock, posed, scene, 0, row(space.data, 0))
         for lane in range(lanes):
-            if space.wanted[lane] >= 0:
+            if space.deciding[lane] >= 0:
                 for m in range(space.data.shape[0]):
                     space.values[lane, m] = space.data[m, lane]
         call_test(plan.decide, row(space.decision, 0), 0, 0, 0, 0)
         pending = False
         for lane in range(lanes):
-            if space.wanted[lane] >= 0 and space.after_impact[lane] == 0:
-                _go_on(plan, table, space.wanted[lane])
-                space.wanted[lane] = NOBODY
-            pending = pending or space.wanted[lane] >= 0
+            if space.deciding[lane] >= 0 and space.after_impact[lane] == 0:
+                _enter_phase(plan, table, space.deciding[lane])
+                space.deciding[lane] = NOBODY
+            pending = pending or space.deciding[lane] >= 0
 
 
 @compiled_subset
 def _runner(plan: PhasePlan, table: CaseTable, i: int) -> int:
     """Return the runner of the mode of a case; -1 where there is none."""
-    number = mode_number(table, i)
     for runner in range(plan.runners.mode.size):
-        if plan.runners.mode[runner] == number:
+        if plan.runners.mode[runner] == table.cases.number[i]:
             return runner
     return NOBODY
 
 
 @compiled_subset
-def _go_on(plan: PhasePlan, table: CaseTable, i: int) -> None:
+def _enter_phase(plan: PhasePlan, table: CaseTable, i: int) -> None:
     """Put a case into the mode that was selected; a phase that does not begin is not counted."""
-    numbers, table.begun[i], failed = table.numbers, table.cases.t[i], table.cases.status[i] != _SUCCESS
+    numbers, table.t0[i], failed = table.numbers, table.cases.t[i], table.cases.status[i] != _SUCCESS
     for e in range(table.carried.shape[1]):
         table.carried[i, e] = math.nan
     if failed or table.cases.t[i] == table.t1[i]:
@@ -159,14 +152,12 @@ def _log(table: CaseTable, i: int) -> None:
     """Record the start of a phase of the only case."""
     log, numbers, cases, line = table.log, table.numbers, table.cases, table.numbers.logged[i]
     numbers.logged[i] += 1
-    k, n = cases.sides.shape[1], cases.x.shape[1]
-    log[line, 0], log[line, 1] = cases.t[i], float(numbers.soon[i])
-    for m in range(k):
-        log[line, 2 + m] = float(cases.modes[i, m])
-        log[line, 2 + k + 2 * m], log[line, 3 + k + 2 * m] = cases.directions[i, 2 * m], cases.directions[i, 2 * m + 1]
-        log[line, 2 + 3 * k + m], log[line, 2 + 4 * k + m] = cases.sides[i, m], cases.rest[i, m]
+    added, n = cases.added.shape[1], cases.x.shape[1]
+    log[line, 0], log[line, 1] = cases.t[i], float(cases.number[i])
+    for m in range(added):
+        log[line, 2 + m] = cases.added[i, m]
     for m in range(n):
-        log[line, 2 + 5 * k + m] = cases.x[i, m]
+        log[line, 2 + added + m] = cases.x[i, m]
     if line + 1 == log.shape[0]:
         numbers.runner[i] = NOBODY
 
@@ -174,20 +165,18 @@ def _log(table: CaseTable, i: int) -> None:
 @compiled_subset
 def _sample(table: CaseTable, i: int) -> None:
     """Record the samples that a case has reached, those at the present time anew: it may be that of an impact."""
-    numbers, wanted, cases = table.numbers, table.t_eval.size, table.cases
-    forward, number, t = 1.0 if cases.span[i] >= 0.0 else -1.0, mode_number(table, i), cases.t[i]
+    numbers, count, cases, samples = table.numbers, table.t_eval.size, table.cases, table.samples
+    forward, t = 1.0 if cases.span[i] >= 0.0 else -1.0, cases.t[i]
     while numbers.next[i] > 0 and recorded_after(table.t_eval[numbers.next[i] - 1], t, forward):
         numbers.next[i] -= 1
-    while numbers.next[i] < wanted and (table.t_eval[numbers.next[i]] - t) * forward <= 0.0:
-        place = i * wanted + numbers.next[i]
-        table.sampled_t[place], table.sampled_mode[place] = t, number
-        table.sampled_history[place] = numbers.history[i]
+    while numbers.next[i] < count and (table.t_eval[numbers.next[i]] - t) * forward <= 0.0:
+        place = i * count + numbers.next[i]
+        samples.t[place], samples.number[place] = t, cases.number[i]
+        samples.history[place] = numbers.history[i]
         for m in range(cases.x.shape[1]):
-            table.sampled_x[place, m] = cases.x[i, m]
-        for m in range(cases.directions.shape[1]):
-            table.sampled_directions[place, m] = cases.directions[i, m]
-        for m in range(cases.sides.shape[1]):
-            table.sampled_sides[place, m], table.sampled_rest[place, m] = cases.sides[i, m], cases.rest[i, m]
+            samples.x[place, m] = cases.x[i, m]
+        for m in range(cases.added.shape[1]):
+            samples.added[place, m] = cases.added[i, m]
         numbers.next[i] += 1
 
 
@@ -215,13 +204,13 @@ def _conclude(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner:
     if not begins:
         _expand(plan, space, runner, first, size)
     for lane in range(space.clock.shape[1]):
-        space.wanted[lane] = space.reaching[0, lane] = NOBODY
+        space.deciding[lane] = space.reaching[0, lane] = NOBODY
         if lane < here:
             i = space.chosen[first + lane]
             if begins:
                 begin_stops(table, i)
             if begins or ended(plan, table, space, runner, first + lane, lane):
-                space.wanted[lane], deciding = i, True
+                space.deciding[lane], deciding = i, True
             if table.numbers.state[i] == RUNNING:
                 space.reaching[0, lane] = i
     pass_stops(table, space)

@@ -77,8 +77,8 @@ def no_stops() -> StopTable:
 def load_case(table: CaseTable, space: ThreadWorkspace, i: int, lane: int) -> None:
     """Write time, parameters and variables of a case to a lane, as arguments of kernels."""
     space.clock[0, lane] = table.cases.t[i]
-    for m in range(table.p.shape[1]):
-        space.scene[m, lane] = table.p[i, m]
+    for m in range(table.cases.p.shape[1]):
+        space.scene[m, lane] = table.cases.p[i, m]
     for m in range(table.cases.x.shape[1]):
         space.posed[m, lane] = table.cases.x[i, m]
 
@@ -90,7 +90,7 @@ def _write_inputs(table: CaseTable, i: int) -> None:
     for r in range(stops.inputs.places.size):
         for m in range(WIDTH):
             place = stops.inputs.places[r] + m
-            table.p[i, place] = stops.coefficients[place, i]
+            table.cases.p[i, place] = stops.coefficients[place, i]
 
 
 @compiled_subset
@@ -130,7 +130,7 @@ def _reach(table: CaseTable, i: int) -> int:
     while place < stops.first[i + 1] and (stops.times[place] - t) * direction <= close:
         acts += stops.acts[place]
         if not math.isnan(stops.middles[place]):
-            table.p[i, stops.place] = stops.middles[place]
+            table.cases.p[i, stops.place] = stops.middles[place]
         place += 1
     stops.next[i] = place
     if stops.inputs.knots.size > 0 and (stops.edges[i] - t) * direction <= close:
@@ -151,10 +151,10 @@ def pass_stops(table: CaseTable, space: ThreadWorkspace) -> None:
             reaching[1, lane] = _reach(table, reaching[0, lane])
             load_case(table, space, reaching[0, lane], lane)
     for a in range(stops.kernels.size):
-        wanted = False
+        acting = False
         for lane in range(reaching.shape[1]):
-            wanted = wanted or reaching[1, lane] >> a & 1 != 0
-        if not wanted:
+            acting = acting or reaching[1, lane] >> a & 1 != 0
+        if not acting:
             continue
         clock, posed, scene = row(space.clock, 0), row(space.posed, 0), row(space.scene, 0)
         call_code(stops.kernels[a], clock, posed, scene, 0, row(space.acted, 0))

@@ -15,6 +15,7 @@ __all__ = [
     "NOBODY",
     "NOT_BEGUN",
     "CaseNumbers",
+    "CaseSamples",
     "CaseTable",
     "PhasePlan",
     "PhaseProgress",
@@ -70,7 +71,7 @@ class RunnerTable(NamedTuple):
     Attributes
     ----------
     mode : (n,)
-        Number of the mode (`dalembert.hybrid.automaton.HybridAutomaton.number`).
+        Number of the mode, see `ContactCases`.
     size, parameters : (n,)
         Components of the state, and parameters.
     events : (n,)
@@ -119,15 +120,23 @@ class PhasePlan(NamedTuple):
     most_steps: int
 
 
+class CaseSamples(NamedTuple):
+    """Samples, case by case; the attributes are those of `ContactCases`, and the histories of `CaseNumbers`."""
+
+    t: Vector
+    x: Matrix
+    added: Matrix
+    number: IntVector
+    history: IntVector
+
+
 class CaseTable(NamedTuple):
     """All cases, and those of them, in their ``order``, that continue.
 
     Attributes
     ----------
-    t1, begun : (k,)
-        Final times, and when the present phase began [s].
-    p : (k, n_p)
-        Parameters of the scene.
+    t0, t1 : (k,)
+        Times when the present phase began, and final times [s].
     cases : ContactCases
     numbers : CaseNumbers
     occurred : (k, 3 n_asked)
@@ -138,19 +147,17 @@ class CaseTable(NamedTuple):
         Cases that continue, and how many of them threads have taken.
     t_eval : (m,)
         Times of samples [s].
-    sampled_t, sampled_x, sampled_mode, sampled_history, sampled_directions, sampled_sides, sampled_rest
-        Samples, case by case.
+    samples : CaseSamples
     log : (n_lines, n)
-        For a case that is alone, a line for each phase that begins: its time, whether it is too soon, modes,
-        directions, sides and rest speeds of the contacts, coordinates and rates. A full log ends the work.
+        For a case that is alone, a line for each phase that begins: time, number of the mode, parameters that the
+        contacts add, coordinates, rates and first-order states. A full log ends the work.
     stops : StopTable
     carried : (k, n) or (0, 0)
         Where there are stops, signs of the events of a case in its present phase (`EventWorkspace.carried`).
     """
 
+    t0: Vector
     t1: Vector
-    begun: Vector
-    p: Matrix
     cases: ContactCases
     numbers: CaseNumbers
     occurred: Matrix
@@ -158,13 +165,7 @@ class CaseTable(NamedTuple):
     order: IntVector
     turn: IntVector
     t_eval: Vector
-    sampled_t: Vector
-    sampled_x: Matrix
-    sampled_mode: IntVector
-    sampled_history: IntVector
-    sampled_directions: Matrix
-    sampled_sides: Matrix
-    sampled_rest: Matrix
+    samples: CaseSamples
     log: Matrix
     stops: StopTable
     carried: Matrix
@@ -188,7 +189,8 @@ class ThreadWorkspace(NamedTuple):
     Attributes
     ----------
     gathered
-        Start, end, parameters, directions, sides, rest speeds, coordinates and rates of the cases.
+        Start, end, parameters of the scene, those that the contacts add, coordinates, rates and first-order states of
+        the cases, and their directions of time.
     entries, packed_args, turns
         Loops over lanes of the runners, their arguments, and their turns.
     y, ends, happened, totals
@@ -201,7 +203,7 @@ class ThreadWorkspace(NamedTuple):
         The cases at hand.
     clock, states, constants, scene, posed, data
         Arguments and results of kernels, one column a lane.
-    wanted, values, after_impact, decision
+    deciding, values, after_impact, decision
         Arguments of the decisions: cases or -1, one row a lane; packed.
     progress
         See `PhaseProgress`.
@@ -225,7 +227,7 @@ class ThreadWorkspace(NamedTuple):
     scene: Matrix
     posed: Matrix
     data: Matrix
-    wanted: IntVector
+    deciding: IntVector
     values: Matrix
     after_impact: IntVector
     decision: IntMatrix

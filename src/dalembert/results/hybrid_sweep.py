@@ -27,9 +27,8 @@ __all__ = ["HybridSweep", "States"]
 class States:
     """States of cases: times (k,), variables (k, 2 n_q + n_z), the numbers of their cases and modes (-1: none).
 
-    Slip of the contacts: `directions` are (k, n_contacts, 2), `sides` and `rest` speeds (k, n_contacts). Modes are
-    numbered as `dalembert.hybrid.HybridAutomaton` does. `history` (k,) is a number that tells apart the modes of the
-    phases before.
+    Modes are numbered as `dalembert.hybrid.HybridAutomaton` does. `history` (k,) is a number that tells apart the modes
+    of the phases before. `added` (k, 4 n_contacts) are the parameters that the contacts add to those of the scene.
     """
 
     t: FloatArray
@@ -37,17 +36,14 @@ class States:
     case: NDArray[np.intp]
     mode: NDArray[np.intp]
     history: NDArray[np.int64]
-    directions: FloatArray
-    sides: FloatArray
-    rest: FloatArray
+    added: FloatArray
 
     @classmethod
-    def nothing_yet(cls, count: int, size: int, contacts: int) -> States:
-        """Return states to write to, of so many variables each."""
+    def nothing_yet(cls, count: int, size: int, added: int) -> States:
+        """Return states to write to, of so many variables and parameters that contacts add."""
         case, mode, history = np.arange(count), np.full(count, -1), np.zeros(count, np.int64)
-        directions, sides, rest = np.zeros((count, contacts, 2)), *np.ones((2, count, contacts))
         t, x = np.full(count, np.nan), np.full((count, size), np.nan)
-        return cls(t, x, case, mode, history, directions, sides, rest)
+        return cls(t, x, case, mode, history, np.zeros((count, added)))
 
     def part(self, some: NDArray[np.intp]) -> States:
         """Return some of them."""

@@ -11,6 +11,7 @@ import numpy as np
 from ...arrays import FloatArray
 from ...errors import InitialStateError
 from ...hybrid import OPEN, Mode
+from ...integrators.contact_cases import ADDED
 from ...ir.conditions import CONDITION_TIME
 from ...options import TrimOptions
 from ...results.linearization import Linearization
@@ -19,7 +20,7 @@ from .. import inputs as run_input
 from ..input_values import with_inputs
 from ..linearize import linearize
 from ..trim import find_operating_point
-from .evaluate import decided_state
+from .evaluate import decided_cases
 from .given_values import plain_mode, start_state
 
 if TYPE_CHECKING:
@@ -168,18 +169,16 @@ def _decided_mode(
     modes, values = model.modes, dict(given)
     if CONDITION_TIME in values:
         values[CONDITION_TIME] = t
-    c = np.array([[values[name] for name in model.layout.parameters]])
-    state = decided_state(modes.decisions, np.array([t]), x[np.newaxis], c, "no motion goes on from")
-    mode = modes.automaton.mode(int(state.mode_numbers()[0]))
-    added = modes.added(mode, state.directions()[0], state.cases.sides[0], state.cases.rest[0])
-    return mode, state.x[0], values | {name: float(value) for name, value in added.items()}
+    p = np.array([[values[name] for name in model.layout.parameters]])
+    cases = decided_cases(modes.decisions, np.array([t]), x[np.newaxis], p, "no motion goes on from")
+    mode = modes.automaton.mode(int(cases.number[0]))
+    added = modes.added(mode, cases.added[0])
+    return mode, cases.x[0], values | {name: float(value) for name, value in added.items()}
 
 
 def _no_slip(model: HybridModel, mode: Mode) -> dict[str, float]:
     """Return parameters of the model of a mode for positions alone, which do not depend on them."""
-    n = len(mode)
-    added = model.modes.added(mode, np.zeros((n, 2)), np.zeros(n), np.zeros(n))
-    return {name: float(value) for name, value in added.items()}
+    return {name: 0.0 for name in model.modes.added(mode, np.zeros(ADDED * len(mode)))}
 
 
 def _mode_text(model: HybridModel, mode: Mode) -> str:

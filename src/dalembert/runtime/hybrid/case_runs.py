@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...integrators.cases import BlockResult
-from ...integrators.contact_cases import UNDECIDED
+from ...integrators.contact_cases import ADDED, UNDECIDED, contact_cases
 from ...integrators.phase_stops import no_stops
-from ...integrators.phase_tables import JUMPS, NOT_BEGUN, CaseTable, case_numbers
+from ...integrators.phase_tables import JUMPS, NOT_BEGUN, CaseSamples, CaseTable, case_numbers
 from ...ir.program import Layout
 from ...methods.status import RUNNING, Status
 from ...options import StepOptions
@@ -23,7 +23,7 @@ from .mode_models import ModeModels
 from .output_values import OutputValues
 from .phases import PhaseExecutor
 from .reductions import PhaseReductions
-from .state import HybridState
+from .runner_choice import RunnerChoice
 from .stops import Stops
 
 __all__ = ["CaseRuns"]
@@ -63,12 +63,13 @@ class CaseRuns:
 
     Attributes
     ----------
-    state : HybridState
+    cases : ContactCases
         The cases as they are.
     samples : States
         Samples, case by case.
     log : ndarray (n_lines, n)
         Beginnings of the phases of one case.
+    choice : RunnerChoice
     executor : PhaseExecutor
     """
 
@@ -89,37 +90,31 @@ class CaseRuns:
         self.modes, self.layout = modes, layout
         k, n, n_p = len(modes.equations.contacts), len(layout.variables), len(layout.parameters)
         times = np.empty(0) if t_eval is None else np.ascontiguousarray(t_eval, np.float64)
-        t = np.zeros(count)
-        self.state = HybridState.starting(t, np.zeros((count, n)), np.zeros((count, n_p)), t, k, len(layout.states))
-        self.samples = samples = States.nothing_yet(count * len(times), n, k)
-        self.log, self.numbers = np.empty((lines, 2 + 5 * k + n)), case_numbers(count)
+        t, x, p = np.zeros(count), np.zeros((count, n)), np.zeros((count, n_p))
+        self.cases = contact_cases(t, x, p, t, k, len(layout.states))
+        self.samples = samples = States.nothing_yet(count * len(times), n, ADDED * k)
+        self.log, self.numbers = np.empty((lines, 2 + ADDED * k + n)), case_numbers(count)
         self.occurred, self.totals = reductions.nothing_yet(count)
         none = np.zeros(0, np.int64)
         self._table = CaseTable(
+            t0=np.zeros(count),
             t1=np.zeros(count),
-            begun=np.zeros(count),
-            p=self.state.c,
-            cases=self.state.cases,
+            cases=self.cases,
             numbers=self.numbers,
             occurred=self.occurred,
             totals=self.totals,
             order=none,
             turn=none,
             t_eval=times,
-            sampled_t=samples.t,
-            sampled_x=samples.x,
-            sampled_mode=samples.mode,
-            sampled_history=samples.history,
-            sampled_directions=samples.directions.reshape(len(samples.t), 2 * k),
-            sampled_sides=samples.sides,
-            sampled_rest=samples.rest,
+            samples=CaseSamples(samples.t, samples.x, samples.added, samples.mode, samples.history),
             log=self.log,
             stops=no_stops(),
             carried=np.zeros((0, 0)),
         )
-        known = modes, layout, options, threads, reductions, self.state, self._table
-        self.executor = PhaseExecutor(*known, fits=fits, chosen=chosen, recorded=lines > 0)
-        changing = () if threads else (*self.state.cases, *self.numbers, self.occurred)
+        recorded = lines > 0
+        self.choice = RunnerChoice(modes, layout, options, reductions, fits=fits, chosen=chosen, recorded=recorded)
+        self.executor = PhaseExecutor(self.choice, self._table, threads)
+        changing = () if threads else (*self.cases, *self.numbers, self.occurred)
         self._initial = [(values, values.copy()) for values in changing]
 
     def begin(
@@ -148,12 +143,13 @@ class CaseRuns:
         """
         for values, first in self._initial:
             values[...] = first
-        state, table = self.state, self._table
-        state.t[...] = table.begun[...] = t0
-        table.t1[...], state.cases.span[...] = t1, t1 - t0
-        state.x[...], state.c[...] = x, p
+        cases, table = self.cases, self._table
+        cases.t[...] = table.t0[...] = t0
+        table.t1[...], cases.span[...] = t1, t1 - t0
+        cases.x[...], cases.p[...] = x, p
         self.numbers.state[...], self.numbers.runner[...] = RUNNING, NOT_BEGUN
-        self.executor.begin(None if stops is None else stops.table, first_step)
+        self.executor.begin(None if stops is None else stops.table)
+        self.choice.begin(first_step)
 
     @property
     def status(self) -> Status:
@@ -206,29 +202,31 @@ class CaseRuns:
 
     def _jump(self, jumps: EventJumps, some: NDArray[np.intp]) -> None:
         """Map the states of cases in which events have occurred that do so, and begin a phase anew in each."""
-        self.numbers.state[some] = jumps.apply(self.state, self.occurred, some)
+        self.numbers.state[some] = jumps.apply(self.cases, self.occurred, some)
         ended = some[self.numbers.state[some] != RUNNING]
-        self.numbers.phases[ended] -= self.state.cases.passed[ended] != 0.0
+        self.numbers.phases[ended] -= self.cases.passed[ended] != 0.0
         self.numbers.runner[some] = NOT_BEGUN
 
     def _mark_paradoxes(self) -> None:
         """Distinguish failures near Painleve's paradox from others."""
         broken = np.flatnonzero(_BROKEN[self.numbers.state])
         if len(broken):
-            values = OutputValues(self.modes, self.layout, self.state.c)
+            values = OutputValues(self.modes, self.layout, self.cases.p)
             jammed = values.jammed(self.states(broken))
             self.numbers.state[broken[jammed]] = int(Status.CONTACT_IMPOSSIBLE)
 
     def interrupt(self) -> None:
         """Set the status of cases that an interrupt has stopped, or kept from running, and NaN for their results."""
-        some, samples, numbers = self.running(), self.samples, self.numbers
+        some, samples, numbers, cases = self.running(), self.samples, self.numbers, self.cases
         width = len(samples.t) // max(len(numbers.state), 1)
         rows = (some[:, np.newaxis] * width + np.arange(width)).ravel()
         numbers.state[some], numbers.steps[some], numbers.phases[some] = int(Status.INTERRUPTED), 0, 0
-        self.state.t[some], self.state.x[some], self.state.cases.modes[some] = np.nan, np.nan, UNDECIDED
+        cases.t[some], cases.x[some], cases.number[some] = np.nan, np.nan, UNDECIDED
         samples.t[rows], samples.x[rows], samples.mode[rows] = np.nan, np.nan, NO_MODE
         self.occurred[some] = BlockResult.nothing_yet(len(some), self.occurred.shape[1] // 3, ())[0]
 
     def states(self, some: NDArray[np.intp]) -> States:
         """Return the states of some cases as they are."""
-        return self.state.states(some, self.numbers.history[some])
+        cases = self.cases
+        about = cases.number[some], self.numbers.history[some], cases.added[some]
+        return States(cases.t[some], cases.x[some], some, *about)

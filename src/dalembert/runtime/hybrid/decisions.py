@@ -17,7 +17,6 @@ from ...integrators.contact_sizes import gap_noise
 from ...integrators.contact_system import ContactSystem, contact_system
 from ...integrators.mode_candidates import candidates_space
 from ...ir.kernel import Kernel
-from .state import HybridState
 
 __all__ = ["LOOP", "Decisions", "Rows"]
 
@@ -42,7 +41,7 @@ class Decisions:
         self.automaton, self._rows = automaton, rows
 
     def arguments(
-        self, cases: ContactCases, values: FloatArray, wanted: NDArray[np.int64], rtol: float
+        self, cases: ContactCases, values: FloatArray, deciding: NDArray[np.int64], rtol: float
     ) -> DecisionArguments:
         """Return the arguments of the loop, with working memory of their own."""
         system = self.system()
@@ -51,8 +50,8 @@ class Decisions:
             candidates=candidates_space(system),
             cases=cases,
             values=values,
-            wanted=wanted,
-            after_impact=np.zeros(len(wanted), np.int64),
+            deciding=deciding,
+            after_impact=np.zeros(len(deciding), np.int64),
             tolerance=rtol,
         )
 
@@ -60,20 +59,17 @@ class Decisions:
         """Return the numbers of the contacts (k, n_values) at times (k,), states (k, 2 n_q), parameters (k, n_p)."""
         return self._rows(self.automaton.contact_data, t, x, c)
 
-    def decide(self, state: HybridState, wanted: NDArray[np.intp], rtol: float = 0.0) -> None:
-        """Select the next modes of the `wanted` cases: their states, modes and `status` are written.
-
-        `rtol` is the relative tolerance of the integration.
-        """
-        wanted = np.ascontiguousarray(wanted, np.int64)
-        while len(wanted):
-            values = self.values(state.t[wanted], state.x[wanted], state.c[wanted])
-            arguments = self.arguments(state.cases, values, wanted, rtol)
+    def decide(self, cases: ContactCases) -> None:
+        """Select the next modes of cases: their states, modes and ``status`` are written."""
+        deciding = np.arange(len(cases.t))
+        while len(deciding):
+            values = self.values(cases.t[deciding], cases.x[deciding], cases.p[deciding])
+            arguments = self.arguments(cases, values, deciding, 0.0)
             loop_named(LOOP)(arguments)
-            wanted = wanted[arguments.after_impact != 0]
+            deciding = deciding[arguments.after_impact != 0]
 
     def system(self, values: FloatArray | None = None) -> ContactSystem:
-        """Return the contacts with memory of their own, for numbers of the contacts (n_values,)."""
+        """Return the contacts with memory of their own, with numbers of the contacts (n_values,) if they are given."""
         system = contact_system(self.automaton)
         if values is not None:
             system.values[:] = values

@@ -6,12 +6,12 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...errors import InitialStateError, list_names
+from ...integrators.contact_cases import ContactCases, contact_cases
 from ...ir.conditions import CONDITION_TIME
 from ...methods.status import Status
 from .decisions import Decisions
-from .state import HybridState
 
-__all__ = ["decided_state", "evaluate"]
+__all__ = ["decided_cases", "evaluate"]
 
 _STRUCK = 1e-6
 """Share of the rates by which a state may miss what its contacts allow."""
@@ -32,7 +32,7 @@ def evaluate(decisions: Decisions, kernel: str, t: FloatArray, x: FloatArray, p:
         c = c.copy()
         c[:, equations.symbols.parameters.index(CONDITION_TIME)] = t
     if kernel == "accelerations":
-        return decided_state(decisions, t, x, c, "no accelerations belong to").cases.motion
+        return decided_cases(decisions, t, x, c, "no accelerations belong to").motion
     values, n, rows = decisions.values(t, x, np.ascontiguousarray(c)), system.coordinates, len(system.jacobian)
     if kernel == "mass_matrix":
         return values[:, : n * n].reshape(-1, n, n)
@@ -42,8 +42,8 @@ def evaluate(decisions: Decisions, kernel: str, t: FloatArray, x: FloatArray, p:
     return jacobians[:, np.flatnonzero(system.row_owner[: system.constraints] < 0)]
 
 
-def decided_state(decisions: Decisions, t: FloatArray, x: FloatArray, c: FloatArray, what: str) -> HybridState:
-    """Return cases in the modes in which motions go on from states (k, 2 n_q) with parameters (k, n_p).
+def decided_cases(decisions: Decisions, t: FloatArray, x: FloatArray, p: FloatArray, what: str) -> ContactCases:
+    """Return cases in the modes in which motions continue from states (k, 2 n_q) with parameters (k, n_p).
 
     Raises
     ------
@@ -52,13 +52,13 @@ def decided_state(decisions: Decisions, t: FloatArray, x: FloatArray, c: FloatAr
         says what then does not exist.
     """
     equations = decisions.automaton.equations
-    state = HybridState.starting(t, x, c, np.ones(len(t)), len(equations.contacts), len(equations.states))
-    decisions.decide(state, np.arange(len(t)))
+    cases = contact_cases(t, x, p, np.ones(len(t)), len(equations.contacts), len(equations.states))
+    decisions.decide(cases)
     names = equations.symbols.variables
     faults = []
-    for i, status in enumerate(state.cases.status):
+    for i, status in enumerate(cases.status):
         place = ", ".join(f"{name} = {value:.6g}" for name, value in zip(names, x[i], strict=True))
-        jump, size = np.abs(state.x[i] - x[i]), np.max(np.abs(x[i]), initial=0.0)
+        jump, size = np.abs(cases.x[i] - x[i]), np.max(np.abs(x[i]), initial=0.0)
         if status != Status.SUCCESS:
             faults.append(f"at {place}: {Status(int(status)).message}")
         elif np.any(jump > _STRUCK * max(size, 1.0)):
@@ -66,4 +66,4 @@ def decided_state(decisions: Decisions, t: FloatArray, x: FloatArray, c: FloatAr
             faults.append(f"at {place}: a closed contact forbids the rates, and {list_names(moved)} would jump")
     if faults:
         raise InitialStateError(f"{what} a state\n  " + "\n  ".join(faults))
-    return state
+    return cases

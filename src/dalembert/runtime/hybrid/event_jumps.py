@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ...integrators.contact_cases import UNDECIDED
+from ...integrators.contact_cases import UNDECIDED, ContactCases
 from ...integrators.event_code import Event
 from ...integrators.workspace import RUNNING
 from ...ir.conditions import CONDITION_TIME
@@ -18,7 +18,6 @@ from ...ir.interpret import interpret_rows
 from ...methods.status import Status
 from .. import inputs
 from .mode_models import Violation
-from .state import HybridState
 
 if TYPE_CHECKING:
     from ..model import CompiledModel
@@ -52,12 +51,12 @@ class EventJumps:
     def __contains__(self, label: str) -> bool:
         return label in self._codes
 
-    def apply(self, state: HybridState, occurred: FloatArray, some: NDArray[np.intp]) -> NDArray[np.int64]:
+    def apply(self, cases: ContactCases, occurred: FloatArray, some: NDArray[np.intp]) -> NDArray[np.int64]:
         """Map the states of cases by the events that have just occurred in them, whose modes are to be selected then.
 
         Parameters
         ----------
-        state : HybridState
+        cases : ContactCases
         occurred : ndarray (n_case, 3 n_events)
             Number, first and last time of each event.
         some : ndarray (k,)
@@ -71,17 +70,18 @@ class EventJumps:
         """
         status = np.full(len(some), RUNNING, np.int64)
         for i, event in enumerate(self._events):
-            here = (occurred[some, 3 * i + 2] == state.t[some]) & (status == RUNNING)
+            here = (occurred[some, 3 * i + 2] == cases.t[some]) & (status == RUNNING)
             if event.label in self and np.any(here):
-                cases = some[here]
-                x, allowed = self._mapped(event.label, state.t[cases], state.x[cases], state.c[cases])
-                state.x[cases[allowed]] = x[allowed]
+                jumping = some[here]
+                x, allowed = self._mapped(event.label, cases.t[jumping], cases.x[jumping], cases.p[jumping])
+                cases.x[jumping[allowed]] = x[allowed]
                 status[np.flatnonzero(here)[~allowed]] = Status.EVENT_STATE
         for i, event in enumerate(self._events):
             if event.label in self and event.terminal:
                 over = (occurred[some, 3 * i] >= int(event.terminal)) & (status == RUNNING)
                 status[over] = Status.EVENT
-        state.cases.modes[some[status == RUNNING]] = UNDECIDED
+        going = some[status == RUNNING]
+        cases.modes[going], cases.number[going] = UNDECIDED, UNDECIDED
         return status
 
     def motion_state(self, t: FloatArray, x: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:

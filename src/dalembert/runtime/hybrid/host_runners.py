@@ -18,10 +18,9 @@ from ...arrays import FloatArray
 from ...codegen.host_code import HostCode
 from ...codegen.runs import LoopCall
 from ...errors import CapabilityError, list_names
-from ...hybrid import Mode
 from ...integrators.arguments import kind_of, place_of
 from ...integrators.event_code import Event
-from ...integrators.phase_tables import CaseTable
+from ...integrators.phase_tables import CaseTable, ThreadWorkspace
 from ...integrators.sweep_arguments import SweepArguments
 from ...integrators.workspace import OCCURRENCE, LoopProgress
 from ...methods.status import Status
@@ -32,7 +31,7 @@ from .. import inputs
 from ..simulate import simulate_in_own_time
 from ..sweep import begin_sweep
 from .mode_models import ModeModels
-from .mode_runners import GatheredRows, PhaseMemory
+from .mode_runners import GatheredRows
 from .reductions import PhaseReductions
 
 __all__ = ["HostRunner"]
@@ -60,7 +59,8 @@ class HostRunner:
     Parameters
     ----------
     modes : ModeModels
-    mode : Mode
+    number : int
+        Number of the mode.
     events : tuple of Event
         Those of users, which map nothing, then the guards of the mode.
     reductions : PhaseReductions
@@ -86,7 +86,7 @@ class HostRunner:
     def __init__(
         self,
         modes: ModeModels,
-        mode: Mode,
+        number: int,
         events: tuple[Event, ...],
         reductions: PhaseReductions,
         method: str,
@@ -94,7 +94,8 @@ class HostRunner:
         first_step: Callable[[], float | None],
         left: dict[int, tuple[float, dict[str, float]]],
     ) -> None:
-        self.mode, self.model, self.events, self.method = mode, modes.model(mode).uncut, events, method
+        self.number, self.mode = number, (mode := modes.automaton.mode(number))
+        self.model, self.events, self.method = modes.model(mode).uncut, events, method
         self.runs: list[Trajectory] = []
         self.taken = ""
         self._impulses, self._expansion = modes.impulses(mode), modes.expansion(mode)
@@ -116,22 +117,22 @@ class HostRunner:
         self.runs.clear()
 
     def call(
-        self, rows: GatheredRows, memory: PhaseMemory, table: CaseTable, turn: NDArray[np.int64], recorded: bool
+        self, rows: GatheredRows, space: ThreadWorkspace, table: CaseTable, turn: NDArray[np.int64], recorded: bool
     ) -> LoopCall:
-        """Return the call that runs the cases that are gathered in a memory; see `ModeRunner.call`."""
+        """Return the call that runs the cases that are gathered in the memory of a thread; see `ModeRunner.call`."""
 
         def run(packed: int, *others: int) -> int:
             count = ctypes.c_int64.from_address(packed + 8 * _COUNT).value
-            group = self._group(rows, memory, count, len(table.stops.first) > 0)
+            group = self._group(rows, space, count, len(table.stops.first) > 0)
             if self._impulses is not None:
                 self._pass_jumps(group)
             if recorded:
-                self._simulate(group, memory)
+                self._simulate(group, space)
             else:
-                self._sweep(group, memory)
+                self._sweep(group, space)
             if group.carried is not None:
                 n = len(self.events)
-                memory.carried[: count * n] = group.carried[:, :n].ravel()
+                space.carried[: count * n] = group.carried[:, :n].ravel()
             return 0
 
         code, nothing = HostCode(run), np.empty((0, 0))
@@ -139,17 +140,17 @@ class HostRunner:
             code.address, np.zeros(_WORDS, np.int64), LoopProgress(), nothing, np.zeros((1, OCCURRENCE)), code
         )
 
-    def _group(self, rows: GatheredRows, memory: PhaseMemory, count: int, stops: bool) -> _Group:
+    def _group(self, rows: GatheredRows, space: ThreadWorkspace, count: int, stops: bool) -> _Group:
         """Return the cases that are gathered."""
-        values, names = memory.gathered[:, :count].copy(), self.model.layout.parameters
+        values, names = space.gathered[:, :count].copy(), self.model.layout.parameters
         p = {name: values[rows.parameters[name]] for name in names if name in rows.parameters}
         x = {name: values[row] for name, row in rows.states.items()}
         carried = None
         if stops:
             n = len(self.events)
             carried = np.full((count, max(n, self._width)), np.nan)
-            carried[:, :n] = memory.carried[: count * n].reshape(count, n)
-        return _Group(memory.chosen[:count].copy(), values[0], values[1], p, x, carried)
+            carried[:, :n] = space.carried[: count * n].reshape(count, n)
+        return _Group(space.chosen[:count].copy(), values[0], values[1], p, x, carried)
 
     @property
     def _width(self) -> int:
@@ -179,13 +180,13 @@ class HostRunner:
         for k, kind in enumerate(kinds):
             yield kind, np.flatnonzero(places.ravel() == k)
 
-    def _happened(self, memory: PhaseMemory, count: int) -> FloatArray:
+    def _happened(self, space: ThreadWorkspace, count: int) -> FloatArray:
         """Return what happened (k, 3 n_events), a view."""
-        return memory.happened[: count * 3 * len(self.events)].reshape(count, -1)
+        return space.happened[: count * 3 * len(self.events)].reshape(count, -1)
 
-    def _sweep(self, group: _Group, memory: PhaseMemory) -> None:
+    def _sweep(self, group: _Group, space: ThreadWorkspace) -> None:
         """Run cases, and write how they end."""
-        happened = self._happened(memory, len(group.t0))
+        happened = self._happened(space, len(group.t0))
         for counts, some in self._alike(happened[:, : 3 * self._requested : 3]):
             own = self._options
             options = SweepOptions(
@@ -207,11 +208,11 @@ class HostRunner:
             if group.carried is not None:
                 group.carried[some] = carried
             happened[some] = self._counted_on(happened[some], run)
-            y = memory.y[: len(happened) * self.size].reshape(len(happened), -1)
+            y = space.y[: len(happened) * self.size].reshape(len(happened), -1)
             y[some] = self._variables(run, p)
-            memory.ends[some] = np.column_stack([run.t, run.status, run.steps])
-            memory.totals[some] = self._reductions.keep(memory.totals[some], run.reduced, run.t - group.t0[some])
-        self._leave(group, memory)
+            space.ends[some] = np.column_stack([run.t, run.status, run.steps])
+            space.totals[some] = self._reductions.keep(space.totals[some], run.reduced, run.t - group.t0[some])
+        self._leave(group, space)
 
     def _variables(self, run: Sweep, p: Mapping[str, FloatArray]) -> FloatArray:
         """Return the variables (k, 2 n_q + n_z) in which cases end, of parameters by name."""
@@ -230,9 +231,9 @@ class HostRunner:
             own[:, 2] = np.where(record.count > 0, record.last, own[:, 2])
         return happened
 
-    def _simulate(self, group: _Group, memory: PhaseMemory) -> None:
+    def _simulate(self, group: _Group, space: ThreadWorkspace) -> None:
         """Run and record the only case, and write how it ends."""
-        own, happened, t1 = self._options, self._happened(memory, 1)[0], float(group.t1[0])
+        own, happened, t1 = self._options, self._happened(space, 1)[0], float(group.t1[0])
         options = SimulateOptions(
             method=self.method,
             rtol=own.rtol,
@@ -252,20 +253,20 @@ class HostRunner:
             if len(record):
                 first = record.t[0] if np.isnan(happened[3 * i + 1]) else happened[3 * i + 1]
                 happened[3 * i : 3 * i + 3] = happened[3 * i] + len(record), first, record.t[-1]
-        memory.y[: self.size] = run.variables[-1]
-        memory.ends[0] = t, run.status, run.stats.steps + run.stats.rejected
+        space.y[: self.size] = run.variables[-1]
+        space.ends[0] = t, run.status, run.stats.steps + run.stats.rejected
         self.taken = run.stats.method
         self.runs.append(run)
-        self._leave(group, memory)
+        self._leave(group, space)
 
     # -- jumps of prescribed velocities ----------------------------------------------------
 
-    def _leave(self, group: _Group, memory: PhaseMemory) -> None:
+    def _leave(self, group: _Group, space: ThreadWorkspace) -> None:
         """Store the parameters of cases that go on."""
         if self._impulses is None:
             return
         for place, i in enumerate(group.cases.tolist()):
-            t, status, _ = memory.ends[place]
+            t, status, _ = space.ends[place]
             if status in (Status.SUCCESS, Status.EVENT):  # a guard may fire at the very stop
                 own = {name: float(values[place]) for name, values in group.p.items() if name in self._scene}
                 self._left[i] = float(t), own

@@ -121,17 +121,11 @@ class ModeModels:
         """Return the kernel of coordinates and rates in a mode."""
         return derived_once(self._expansions, mode, lambda: coordinates_kernel(self.model(mode).stages.reduced))
 
-    def added(self, mode: Mode, directions: FloatArray, sides: FloatArray, rest: FloatArray) -> dict[str, Any]:
-        """Return the parameters of a mode.
-
-        They follow from directions (..., n_contacts, 2), sides and rest speeds (..., n_contacts) of the contacts.
-        """
-        values: dict[str, Any] = {}
-        for i, (contact, state) in enumerate(zip(self.equations.contacts, mode, strict=True)):
-            own = directions[..., i, 0], directions[..., i, 1], sides[..., i], rest[..., i]
-            names = mode_parameters(contact, state)
-            values |= {name: value for name, value in zip(names, own, strict=True) if name}
-        return values
+    def added(self, mode: Mode, values: FloatArray) -> dict[str, Any]:
+        """Return the parameters that contacts add in a mode by name, of `ContactCases.added` (..., 4 n_contacts)."""
+        contacts = zip(self.equations.contacts, mode, strict=True)
+        names = [name for contact, state in contacts for name in mode_parameters(contact, state)]
+        return {name: values[..., i] for i, name in enumerate(names) if name}
 
     def named(self, mode: Mode) -> dict[str, str]:
         """Return what each contact does in a mode."""

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, final
+from typing import final
 
 import numpy as np
 
 from ...arrays import FloatArray
 from ...hybrid import Mode
-from ...hybrid.modes import STATES
 from ...integrators.step_records import ENDED_AT, START_AT
 from ...interrupts import check
 from ...ir.program import Layout
@@ -24,9 +23,6 @@ from .mode_runners import ModeRunner
 from .reductions import PhaseReductions
 from .request import MotionRequest
 from .stops import Stops
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["MotionRecorder", "RecordedPhase", "recorder_of"]
 
@@ -49,8 +45,8 @@ class RecordedPhase:
     mode : Mode
     x : ndarray (2 n_q + n_z,)
         Coordinates, rates and first-order states where it begins.
-    directions, sides, rest : ndarray (n_contacts, 2), (n_contacts,), (n_contacts,)
-        Directions of slip, signs of normal reactions and rest speeds.
+    added : ndarray (4 n_contacts,)
+        Parameters that the contacts add (`ContactCases.added`).
     runner : ModeRunner, HostRunner or None
         What ran it; None where it took no time.
     rows : list of ndarray (k, ...)
@@ -67,9 +63,7 @@ class RecordedPhase:
     t1: float
     mode: Mode
     x: FloatArray
-    directions: FloatArray
-    sides: FloatArray
-    rest: FloatArray
+    added: FloatArray
     runner: ModeRunner | HostRunner | None = None
     rows: list[FloatArray] = field(default_factory=list)
     runs: list[Trajectory] = field(default_factory=list)
@@ -84,7 +78,7 @@ class RecordedPhase:
     def parameters(self, modes: ModeModels, given: Mapping[str, float]) -> list[float]:
         """Return the parameters of the model of its mode."""
         layout = modes.model(self.mode).layout
-        values = {**layout.defaults, **given, **modes.added(self.mode, self.directions, self.sides, self.rest)}
+        values = {**layout.defaults, **given, **modes.added(self.mode, self.added)}
         return [float(values[name]) for name in layout.parameters]
 
 
@@ -133,7 +127,7 @@ class MotionRecorder:
         self, modes: ModeModels, layout: Layout, options: SimulateOptions, reductions: PhaseReductions
     ) -> None:
         self.case = CaseRuns(modes, layout, options, reductions, lines=_LINES, fits=True)
-        self._contacts, self.note = len(modes.equations.contacts), ""
+        self.note = ""
         self._phases: list[RecordedPhase] = []
         self._rows: list[tuple[ModeRunner, FloatArray]] = []
         self._runs: list[tuple[HostRunner, Trajectory]] = []
@@ -151,11 +145,14 @@ class MotionRecorder:
 
     def _take(self) -> None:
         """Take what the loop has recorded so far."""
-        numbers, executor = self.case.numbers, self.case.executor
+        numbers, runners, calls = self.case.numbers, self.case.choice.runners, self.case.executor.calls
         if numbers.logged[0]:
-            self._take_lines(self.case.log[: int(numbers.logged[0])].copy())
+            width, automaton = self.case.cases.added.shape[1], self.case.modes.automaton
+            for line in self.case.log[: int(numbers.logged[0])].copy():
+                t, mode = line[0].item(), automaton.mode(int(line[1]))
+                self._phases.append(RecordedPhase(t, t, mode, x=line[2 + width :], added=line[2 : 2 + width]))
             numbers.logged[0] = 0
-        for runner, call in zip(executor.runners, executor.calls, strict=False):
+        for runner, call in zip(runners, calls, strict=False):
             if isinstance(runner, HostRunner):
                 self._runs += [(runner, run) for run in runner.runs]
                 runner.runs.clear()
@@ -169,17 +166,8 @@ class MotionRecorder:
                 self._occurrences.append(call.occurrences[1 : 1 + occurred].copy())
                 call.occurrences[0, 0] = 0.0
 
-    def _take_lines(self, lines: FloatArray) -> None:
-        """Take lines of the log (n, ...): beginnings of phases."""
-        k, first = self._contacts, 2
-        modes = [tuple(STATES[number] for number in row) for row in lines[:, first : first + k].astype(int).tolist()]
-        directions = lines[:, first + k : first + 3 * k].reshape(len(lines), k, 2)
-        sides, rest = lines[:, first + 3 * k : first + 4 * k], lines[:, first + 4 * k : first + 5 * k]
-        for i, (t, mode) in enumerate(zip(lines[:, 0].tolist(), modes, strict=True)):
-            self._phases.append(RecordedPhase(t, t, mode, lines[i, first + 5 * k :], directions[i], sides[i], rest[i]))
-
     def _jumped(self) -> None:
-        self._phases[-1].after = self.case.state.x[0].copy()
+        self._phases[-1].after = self.case.cases.x[0].copy()
 
     def _sort(self) -> None:
         """Give every phase its end, its steps, and what occurred in it."""
@@ -187,7 +175,7 @@ class MotionRecorder:
             return
         for phase, following in zip(self._phases, self._phases[1:], strict=False):
             phase.t1 = following.t0
-        self._phases[-1].t1 = float(self.case.state.t[0])
+        self._phases[-1].t1 = float(self.case.cases.t[0])
         forward = 1.0 if self._phases[-1].t1 >= self._phases[0].t0 else -1.0
         begins = forward * np.array([phase.t0 for phase in self._phases])
         for runner, recorded in self._rows:

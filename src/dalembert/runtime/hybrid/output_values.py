@@ -105,5 +105,5 @@ class OutputValues:
             ends, forward = self.ends
             last = states.t == ends[states.case]
             own |= given.columns(states.t, states.case, forward[states.case] != last)
-        columns = {**own, **self.modes.added(mode, states.directions, states.sides, states.rest)}
+        columns = {**own, **self.modes.added(mode, states.added)}
         return np.array([columns[name] for name in layout.parameters]).T.reshape(len(states.t), len(layout.parameters))

@@ -37,6 +37,6 @@ def prepared(modes: ModeModels, layout: Layout, t_span: tuple[float, float], opt
         stops = stops_of(modes, layout, options.inputs, p[np.newaxis], spans) if stopping else None
         case.begin(*t_span, x, p, stops)
         case.run()
-        return case.state.x[0].copy(), case.status
+        return case.cases.x[0].copy(), case.status
 
     return PreparedStates(run)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...errors import InitialStateError
+from ...integrators.contact_cases import ContactCases
 from ...methods.status import Status
 from ...options import SimulateOptions
 from ...results.events import EventRecord, EventRecords
@@ -23,7 +24,6 @@ from .motion_recorder import RecordedPhase, recorder_of
 from .phase_motions import trajectories
 from .request import MotionRequest
 from .start_faults import start_error
-from .state import HybridState
 from .stops import stops_of
 
 __all__ = ["simulate"]
@@ -45,7 +45,7 @@ def simulate(modes: ModeModels, request: MotionRequest[SimulateOptions]) -> Hybr
     stops = stops_of(modes, request.layout, options.inputs, request.p, spans, options.t_eval)
     with recorder_of(modes, request) as recorder:
         phases, case = recorder.run(request, stops), recorder.case
-        status, now, seconds = case.status, case.state, case.executor.compile_seconds
+        status, now, seconds = case.status, case.cases, case.choice.compile_seconds
         if status is Status.INITIAL_STATE:
             _refuse(modes, request, phases, now)
         kept = _kept(phases, status)
@@ -154,7 +154,7 @@ def _statistics(
 
 
 def _refuse(
-    modes: ModeModels, request: MotionRequest[SimulateOptions], phases: Sequence[RecordedPhase], now: HybridState
+    modes: ModeModels, request: MotionRequest[SimulateOptions], phases: Sequence[RecordedPhase], now: ContactCases
 ) -> None:
     """Raise what is wrong with the start of a motion, or of its last phase.
 
@@ -170,7 +170,7 @@ def _refuse(
     raise start_error(modes, now) or InitialStateError("the initial state contradicts the contacts")
 
 
-def _note(modes: ModeModels, phases: Sequence[RecordedPhase], now: HybridState, status: Status) -> str:
+def _note(modes: ModeModels, phases: Sequence[RecordedPhase], now: ContactCases, status: Status) -> str:
     """Return where a motion ended whose contacts let it go no further, and what they did; nothing for others."""
     values = zip(modes.equations.symbols.variables, now.x[0], strict=True)
     where = f"at t = {float(now.t[0]):.6g} with {', '.join(f'{name} = {value:.6g}' for name, value in values)}"
@@ -187,9 +187,9 @@ def _changing(before: Mapping[str, str], after: Mapping[str, str]) -> list[str]:
     return [name for name in before if before[name] != after.get(name)] or list(before)
 
 
-def _start(modes: ModeModels, request: MotionRequest[SimulateOptions], now: HybridState) -> Part:
+def _start(modes: ModeModels, request: MotionRequest[SimulateOptions], now: ContactCases) -> Part:
     """Return the start of a motion that cannot continue, in the mode in which all touching contacts slip."""
-    gaps, noise = modes.decisions.gaps(modes.decisions.values(now.t, now.x, now.c)[0], now.x[0])
+    gaps, noise = modes.decisions.gaps(modes.decisions.values(now.t, now.x, now.p)[0], now.x[0])
     mode, t = modes.automaton.sliding_mode(np.flatnonzero(gaps > noise).tolist()), float(request.t0[0])
     model = modes.model(mode)
     initial = dict(zip(model.layout.variables, now.x[0].tolist(), strict=True))

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from ...errors import InitialStateError, ValueInputError
+from ...integrators.contact_cases import ContactCases
 from ...integrators.contact_system import opening_power
 from .mode_models import ModeModels
-from .state import HybridState
 
 __all__ = ["start_error"]
 
 
-def start_error(modes: ModeModels, now: HybridState) -> Exception | None:
+def start_error(modes: ModeModels, cases: ContactCases) -> Exception | None:
     """Return what is wrong with the start of a motion, None where nothing is."""
     decisions = modes.decisions
-    system = decisions.system(decisions.values(now.t, now.x, now.c)[0])
+    system = decisions.system(decisions.values(cases.t, cases.x, cases.p)[0])
     mu, static, e = system.mu, system.mu_static, system.restitution
     faults = []
     for i, contact in enumerate(modes.equations.contacts):

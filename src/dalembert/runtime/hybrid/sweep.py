@@ -75,17 +75,17 @@ def _results(
     seconds: float,
 ) -> HybridSweep:
     """Return the results of cases that have been run."""
-    numbers, options, methods, automaton = runs.numbers, request.options, runs.executor.methods, modes.automaton
+    numbers, options, methods, automaton = runs.numbers, request.options, runs.choice.methods, modes.automaton
     assert options.threads is not None
     stats = SweepStatistics(
         method=", ".join(dict.fromkeys(methods.values())),
         threads=options.threads,
         steps=int(numbers.steps.sum()),
-        compile_seconds=runs.executor.compile_seconds,
-        run_seconds=seconds - runs.executor.compile_seconds,
+        compile_seconds=runs.choice.compile_seconds,
+        run_seconds=seconds - runs.choice.compile_seconds,
         rtol=options.rtol,
         atol=options.atol,
-        methods={(automaton.number(mode), options.rtol): method for mode, method in methods.items()},
+        methods={(number, options.rtol): method for number, method in methods.items()},
     )
     last, samples = runs.states(np.arange(len(request.t0))), None if options.t_eval is None else runs.samples
     if samples is not None:
