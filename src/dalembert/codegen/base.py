@@ -88,7 +88,7 @@ class Engine(ABC):
         """Return the text of what runs by a method at these tolerances; nothing where it is the module's own text."""
         return ""
 
-    def course(self, problem: IntegrationProblem) -> Any:
+    def constants_along(self, problem: IntegrationProblem) -> Any:
         """Return the constants along a run: those of the problem, or of its segments where they change."""
         if problem.inputs is None:
             return problem.constants
@@ -181,11 +181,11 @@ class Engine(ABC):
         return {}  # with the kernels, so that no other can have their numbers
 
     @property
-    def uncut(self) -> Engine:
+    def for_segments(self) -> Engine:
         """The engine for a segment of a run, which ignores knots, breaks and controllers."""
         return self
 
-    def begun(self, problem: IntegrationProblem) -> IntegrationProblem:
+    def after_start(self, problem: IntegrationProblem) -> IntegrationProblem:
         """Return a problem that events will cut into parts, after the actions at its start."""
         return problem
 

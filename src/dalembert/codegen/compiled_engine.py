@@ -190,8 +190,8 @@ class CompiledEngine(Engine):
         return fitting(problem, method, self._rates(problem), self.integrate, self._operations)
 
     def _rates(self, problem: IntegrationProblem) -> Rates:
-        course = self.course(problem)
-        return lambda t, y: interpret_rows(self._program.kernel("rhs"), t, y, constants_at(course, t))
+        c = self.constants_along(problem)
+        return lambda t, y: interpret_rows(self._program.kernel("rhs"), t, y, constants_at(c, t))
 
     @property
     def _operations(self) -> int:

@@ -53,8 +53,8 @@ def watched_case(
         return blocks_between_knots(blocks, part) if watch.reads_inputs else blocks(part)
 
     watch = block.watch
-    problem = engine.begun(problem)
-    constants = engine.course(problem)
+    problem = engine.after_start(problem)
+    constants = engine.constants_along(problem)
     watched = block.watch.watched(constants)
     own, carried = replace(problem, t_eval=None, dense=True), None if block.carried is None else block.carried[i]
     solution, occurrences = integrate_watched(step_blocks, own, watched, carried)

@@ -39,12 +39,12 @@ class KernelValues:
         self, program: Program, constants: Constants, t: FloatArray, y: FloatArray, wrapped: FloatArray | None
     ) -> None:
         self._program, self._layout = program, program.layout
-        self._course, self._t, self._y, self._wrapped = constants, t, y, wrapped
+        self._constants, self._t, self._y, self._wrapped = constants, t, y, wrapped
 
     @property
     def constants(self) -> FloatArray:
         """The constants (n_c,), or (n_t, n_c) where they change along the motion."""
-        return constants_at(self._course, self._t)
+        return constants_at(self._constants, self._t)
 
     @cached_property
     def expanded(self) -> tuple[FloatArray, FloatArray]:

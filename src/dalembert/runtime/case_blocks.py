@@ -58,15 +58,15 @@ def begin_cases(engine: Engine, cases: Cases, settings: Settings) -> Waiting:
 
     A case that fails is a status; an interrupt keeps what is finished.
     """
-    count, wanted = cases.count, 0 if settings.t_eval is None else len(settings.t_eval)
+    count, samples = cases.count, 0 if settings.t_eval is None else len(settings.t_eval)
     size = len(cases.program.layout.state)
     watch = settings.watch
-    result = BlockResult.empty(count, size, wanted, 0 if watch is None else watch.reported)
+    result = BlockResult.empty(count, size, samples, 0 if watch is None else watch.reported)
     if watch is not None:
         result = replace(result, totals=np.full((count, len(watch.plan)), np.nan))
     result.ends[:, 1] = float(Status.INTERRUPTED)
     threads = settings.threads if engine.parallel else 1
-    waiting = None if wanted else _whole(engine, cases, settings, result, threads)
+    waiting = None if samples else _whole(engine, cases, settings, result, threads)
     if waiting is not None:
         return waiting
     return lambda stop=False: _interrupted(result) if stop else _in_blocks(engine, cases, settings, result, threads)

@@ -19,10 +19,11 @@ from ..integrators.problem import IntegrationProblem
 from ..ir.interpret import interpret, interpret_rows
 from ..ir.program import DIRECTION, Layout, Program
 from ..methods.status import Status
+from ..options import SweepOptions
 from ..processors import available_threads
 from ..reduction.starting import Start
 from ..results.sampler import CaseSet, case_set
-from ..values import array_of, times_of, traced_note, whole
+from ..values import array_of, traced_note
 from . import inputs
 from .input_values import GivenInputs
 from .symbol_assumptions import ROUNDING, contradicts, refuse_contradictions
@@ -262,19 +263,8 @@ def spans_of(t_span: Any) -> tuple[FloatArray, FloatArray]:
     return first, last
 
 
-def agreed(
-    cases: Cases,
-    *,
-    t_eval: Any,
-    method: str,
-    rtol: float,
-    atol: float,
-    max_step: float,
-    max_steps: int,
-    threads: int | None,
-    progress: bool,
-) -> Settings:
-    """Return the settings of a sweep, checked as those of a single run are.
+def agreed(cases: Cases, options: SweepOptions, method: str) -> Settings:
+    """Return the settings of a sweep by a method, checked as those of a single run are.
 
     Raises
     ------
@@ -284,24 +274,20 @@ def agreed(
     for name, ends in cases.span.items():
         if ends.ndim != 1 or not ends.size:
             raise ValueInputError(f"the {name} of t_span has shape {ends.shape}; give one time, or one for each case")
-    times = None if t_eval is None else times_of("t_eval", t_eval)
+    times = options.t_eval
     if times is not None and any(len(ends) > 1 for ends in cases.span.values()):
         raise OptionError("t_eval is common to all cases; give one t_span for all of them, or no t_eval")
-    count = available_threads() if threads is None else whole("threads", threads)
-    if count < 1:
-        raise OptionError(f"threads must be at least 1, not {threads!r}")
+    limits = {name: getattr(options, name) for name in ("rtol", "atol", "max_step", "max_steps")}
     IntegrationProblem(
         t0=_finite(cases.span["start"]),
         t1=_finite(cases.span["end"]),
         y0=np.zeros(0),
         constants=np.zeros(0),
-        rtol=rtol,
-        atol=atol,
         t_eval=times,
-        max_step=max_step,
-        max_steps=max_steps,
+        **limits,
     )
-    return Settings(times, method, rtol, atol, max_step, max_steps, count, progress)
+    threads = available_threads() if options.threads is None else options.threads
+    return Settings(times, method, **limits, threads=threads, progress=options.progress)
 
 
 def _finite(times: FloatArray) -> float:

@@ -55,7 +55,7 @@ def moved_breaks(program: Program, wrt: tuple[str, ...], c: FloatArray, t0: floa
 
 
 def refuse_jumps_at(
-    program: Program, times: FloatArray, solution: Solution, course: Constants, size: int, wrt: tuple[str, ...]
+    program: Program, times: FloatArray, solution: Solution, c: Constants, size: int, wrt: tuple[str, ...]
 ) -> None:
     """Refuse a run (its first `size` components are the state) whose rates jump at times which it recorded.
 
@@ -71,15 +71,13 @@ def refuse_jumps_at(
         if not len(here):
             continue
         y, near = solution.y[here[:1]], np.array([t, np.nextafter(t, -forward * np.inf)])
-        sides = [
-            interpret_rows(program.kernel("rhs"), near[:1], y, constants_at(course, near[i : i + 1])) for i in (0, 1)
-        ]
+        sides = [interpret_rows(program.kernel("rhs"), near[:1], y, constants_at(c, near[i : i + 1])) for i in (0, 1)]
         if _differ(sides[0][0, :size], sides[1][0, :size]):
             raise OptionError(_message(float(t), wrt, "at a time that depends on it"))
 
 
 def refuse_jumps_between(
-    program: Program, kernel: Kernel, solution: Solution, course: Constants, size: int, wrt: tuple[str, ...]
+    program: Program, kernel: Kernel, solution: Solution, c: Constants, size: int, wrt: tuple[str, ...]
 ) -> None:
     """Refuse a run with continuous output in which decisions change strictly within the span, and rates jump there.
 
@@ -95,7 +93,7 @@ def refuse_jumps_between(
     shares = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0])
     times = np.unique((knots[:-1, np.newaxis] + np.diff(knots)[:, np.newaxis] * shares).ravel())
     y = dense(times)
-    made = interpret_rows(kernel, times, y, constants_at(course, times))
+    made = interpret_rows(kernel, times, y, constants_at(c, times))
     changes = np.flatnonzero(np.any(made[1:] != made[:-1], axis=1))
     for i in changes:
         low, high, first = times[i], times[i + 1], made[i]
@@ -104,14 +102,14 @@ def refuse_jumps_between(
             if middle in (low, high):
                 break
             at = np.array([middle])
-            if np.any(interpret_rows(kernel, at, dense(at), constants_at(course, at))[0] != first):
+            if np.any(interpret_rows(kernel, at, dense(at), constants_at(c, at))[0] != first):
                 high = middle
             else:
                 low = middle
         sides = np.array([low, high])
         if low <= times[0] or high >= times[-1]:
             continue
-        rates = interpret_rows(program.kernel("rhs"), sides, dense(sides), constants_at(course, sides[:1]))[:, :size]
+        rates = interpret_rows(program.kernel("rhs"), sides, dense(sides), constants_at(c, sides[:1]))[:, :size]
         if _differ(rates[0], rates[1]):
             raise OptionError(_message(float(high), wrt, "in a state that depends on it"))
 

@@ -107,12 +107,12 @@ class CompiledModel(Model["Trajectory", "Sweep"]):
         return cls(stages, engine_of(compiled, derived.start), compiled.methods, dropped, derived, variants)
 
     @once_property
-    def uncut(self) -> CompiledModel:
+    def for_segments(self) -> CompiledModel:
         """The model for parts of runs that end where functions of time break, and between acts of controllers."""
         program = replace(self.stages.program, conditions=None)
         stages = replace(self.stages, program=program)
-        variants = Variants(self.stages, self.dropped, lambda *compiled: CompiledModel.of(*compiled).uncut)
-        return replace(self, stages=stages, engine=self.engine.uncut, variants=variants)
+        variants = Variants(self.stages, self.dropped, lambda *compiled: CompiledModel.of(*compiled).for_segments)
+        return replace(self, stages=stages, engine=self.engine.for_segments, variants=variants)
 
     # -- what was compiled -----------------------------------------------------------------
 

@@ -20,8 +20,8 @@ __all__ = ["Record"]
 class Record:
     """Gathers blocks of steps with continuous output to one solution without."""
 
-    def __init__(self, program: Program, problem: IntegrationProblem, course: Constants) -> None:
-        self._program, self._problem, self._course = program, problem, course
+    def __init__(self, program: Program, problem: IntegrationProblem, c: Constants) -> None:
+        self._program, self._problem, self._constants = program, problem, c
         self._times: list[FloatArray] = []
         self._states: list[FloatArray] = []
         self._steps = self._rejected = self._evaluations = 0
@@ -45,7 +45,7 @@ class Record:
             forward = 1.0 if self._problem.t1 >= self._problem.t0 else -1.0
             rest = t_eval[self._wanted :]
             inside = rest[(rest - self._end) * forward <= 0.0]
-            states = projected(self._program, self._course, inside, part.dense(inside))
+            states = projected(self._program, self._constants, inside, part.dense(inside))
             for k in (0, -1):
                 states[inside == part.t[k]] = part.y[k]
             self._times.append(inside)

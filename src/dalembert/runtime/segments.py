@@ -81,15 +81,15 @@ class SegmentedEngine(Engine):
         schedule = self.sampling.schedules(problem.constants[np.newaxis])[0]
         return found.cut(*self.sampling.instants(schedule, problem.t0, problem.t1, problem.sampled, requested))
 
-    def begun(self, problem: IntegrationProblem) -> IntegrationProblem:
-        """See `Engine.begun`."""
+    def after_start(self, problem: IntegrationProblem) -> IntegrationProblem:
+        """See `Engine.after_start`."""
         if self.sampling is None:
             return problem
         clock = problem.sampled or SamplingClock(problem.t0, requested=problem.t_eval)
         own = replace(problem, sampled=clock)
-        return self._begun(own, self.segments(own), clock)[0]
+        return self._started(own, self.segments(own), clock)[0]
 
-    def _begun(
+    def _started(
         self, problem: IntegrationProblem, segments: Segments, clock: SamplingClock | None = None
     ) -> tuple[IntegrationProblem, Landing | None]:
         """Return a problem after the actions of controllers at its start, and the actions at its breaks, in order.
@@ -128,12 +128,12 @@ class SegmentedEngine(Engine):
         return found if problem.inputs is None else replace(found, inputs=problem.inputs)
 
     @property
-    def uncut(self) -> Engine:
-        """See `Engine.uncut`."""
+    def for_segments(self) -> Engine:
+        """See `Engine.for_segments`."""
         return self.inner
 
-    def course(self, problem: IntegrationProblem) -> Segments:
-        """See `Engine.course`."""
+    def constants_along(self, problem: IntegrationProblem) -> Segments:
+        """See `Engine.constants_along`."""
         return self.segments(problem)
 
     def accept_as_static(self, kind: type) -> None:
@@ -182,8 +182,8 @@ class SegmentedEngine(Engine):
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """See `Engine.integrate`."""
         run, segments = self._following(partial(self.inner.integrate, method=method)), self.segments(problem)
-        begun, landing = self._begun(problem, segments)
-        return chained(run, begun, segments, landing, right=self.sampling is not None)
+        started, landing = self._started(problem, segments)
+        return chained(run, started, segments, landing, right=self.sampling is not None)
 
     def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
         """See `Engine.integrate_automatic`: a method that proves unfit in one segment is not tried in the others."""
@@ -197,14 +197,14 @@ class SegmentedEngine(Engine):
             return solution
 
         segments = self.segments(problem)
-        begun, landing = self._begun(problem, segments)
-        found = chained(self._following(run), begun, segments, landing, right=self.sampling is not None)
+        started, landing = self._started(problem, segments)
+        found = chained(self._following(run), started, segments, landing, right=self.sampling is not None)
         return found, taken, notes
 
     def step_blocks(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
         """See `Engine.step_blocks`; none of them reaches beyond its segment."""
         segments = self.segments(problem)
-        problem, landing = self._begun(problem, segments, problem.sampled)
+        problem, landing = self._started(problem, segments, problem.sampled)
         parts = parts_of(replace(problem, t_eval=None), segments)
 
         def step_blocks(part: IntegrationProblem) -> Iterator[Solution]:

@@ -54,9 +54,9 @@ def integrate(
         model.engine.prepare(problem, method)
     compiled = time.perf_counter() - ready
     solution, occurrences, method, note = _integrated(model, problem, method, watch, automatic, carried)
-    solution, beyond = ended_outside(model.derived.tables, problem, solution, model.engine.course(problem))
+    solution, beyond = ended_outside(model.derived.tables, problem, solution, model.engine.constants_along(problem))
     solution, where = _ended_where_singular(model, problem, method, solution)
-    notes = [note, beyond, where, lost_directions(model, solution, model.engine.course(problem))]
+    notes = [note, beyond, where, lost_directions(model, solution, model.engine.constants_along(problem))]
     if model.dropped:
         solution, broken = _ended_where_constraints_matter(model, problem, solution)
         notes = [model.note, *notes, broken]
@@ -71,7 +71,7 @@ def integrate(
         rtol=problem.rtol,
         atol=problem.atol,
     )
-    program, c = model.stages.program, model.engine.course(problem)
+    program, c = model.stages.program, model.engine.constants_along(problem)
     run = Trajectory(program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
     run.ended_at(solution.end)
     if model.derived.signed:
@@ -110,9 +110,9 @@ def _integrated(
 def _searched(model: CompiledModel, problem: IntegrationProblem, method: str) -> tuple[Solution, str]:
     """Integrate one problem without continuous output, ended where it crosses a lost rank, and a note on that."""
     program, enforced = model.stages.program, model.derived.enforced
-    record, where, span = Record(program, problem, model.engine.course(problem)), "", (problem.t0, problem.t1)
+    record, where, span = Record(program, problem, model.engine.constants_along(problem)), "", (problem.t0, problem.t1)
     for part in model.engine.step_blocks(replace(problem, t_eval=None, dense=True), method):
-        found, where = checked_run(program, part, model.engine.course(problem), enforced, part, span)
+        found, where = checked_run(program, part, model.engine.constants_along(problem), enforced, part, span)
         record.add(found)
         if found.status is Status.SINGULAR_CONFIGURATION:
             break
@@ -134,10 +134,10 @@ def _watched(
         blocks = partial(engine.step_blocks, method=method)
         return blocks_between_knots(blocks, part) if watch.reads_inputs else blocks(part)
 
-    problem = engine.begun(problem)
+    problem = engine.after_start(problem)
     # guards of modes are evaluated in every phase, so that compiling them pays
     rows = engine.rows if watch.smooth else interpret_rows
-    return integrate_watched(step_blocks, problem, watch.watched(engine.course(problem), rows), carried)
+    return integrate_watched(step_blocks, problem, watch.watched(engine.constants_along(problem), rows), carried)
 
 
 def _ended_where_singular(
@@ -147,7 +147,7 @@ def _ended_where_singular(
     program, enforced, gimbals = model.stages.program, model.derived.enforced, model.derived.gimbals
     if gimbals is None and not enforced:
         return solution, ""
-    c, steps = model.engine.course(problem), _steps(model, problem, method, solution)
+    c, steps = model.engine.constants_along(problem), _steps(model, problem, method, solution)
     span = problem.t0, problem.t1
     if gimbals is not None:
         solution, where = locked(program, gimbals, solution, c, steps, span)
@@ -168,8 +168,8 @@ def _ended_where_constraints_matter(
     """Return a run ended where constraints that were dropped no longer follow from the others, and where that is."""
     tolerance = max(1e3 * (problem.rtol + problem.atol), 1e-6)
     left_out, span = model.stages.reduced.left_out, (problem.t0, problem.t1)
-    course = model.engine.course(problem)
-    return still_redundant(model.stages.program, solution, course, left_out, tolerance, span)
+    c = model.engine.constants_along(problem)
+    return still_redundant(model.stages.program, solution, c, left_out, tolerance, span)
 
 
 def _steps(model: CompiledModel, problem: IntegrationProblem, method: str, solution: Solution) -> Solution:

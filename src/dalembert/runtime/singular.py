@@ -125,9 +125,9 @@ def check_cases(
         requested = block.t_eval[(block.t_eval - solution.t[-1]) * forward <= 0.0]
         times = forward * np.union1d(forward * solution.t, forward * requested)
         states = solution.y if solution.dense is None else solution.dense(times)
-        course = engine.course(problem)
+        c = engine.constants_along(problem)
         found, _ = checked_run(
-            program, replace(solution, t=times, y=states), course, enforced, solution, (problem.t0, problem.t1)
+            program, replace(solution, t=times, y=states), c, enforced, solution, (problem.t0, problem.t1)
         )
         if found.status is not Status.SINGULAR_CONFIGURATION:
             continue
@@ -146,7 +146,7 @@ def _alone(engine: Engine, method: str, block: CaseBlock, problem: IntegrationPr
     from ..integrators.chaining import blocks_between_knots
     from ..integrators.events import integrate_watched
 
-    watched, blocks = block.watch.watched(engine.course(problem)), partial(engine.step_blocks, method=method)
+    watched, blocks = block.watch.watched(engine.constants_along(problem)), partial(engine.step_blocks, method=method)
     between = partial(blocks_between_knots, blocks) if block.watch.reads_inputs else blocks
     return integrate_watched(between, problem, watched)[0]
 

@@ -192,17 +192,7 @@ def _settings(model: CompiledModel, cases: Cases, options: SweepOptions, method:
     OptionError, ValueInputError
         For options that make no sense with these cases, or with each other.
     """
-    settings = agreed(
-        cases,
-        t_eval=options.t_eval,
-        method=method,
-        rtol=options.rtol,
-        atol=options.atol,
-        max_step=options.max_step,
-        max_steps=options.max_steps,
-        threads=options.threads,
-        progress=options.progress,
-    )
+    settings = agreed(cases, options, method)
     watch = model.derived.events(options.events, options.reduce)
     if watch is not None and options.error_estimate:
         raise OptionError(NO_ESTIMATE)

@@ -58,7 +58,7 @@ def table_range(program: Program) -> TableRange | None:
 
 
 def ended_outside(
-    found: TableRange | None, problem: IntegrationProblem, solution: Solution, course: Constants
+    found: TableRange | None, problem: IntegrationProblem, solution: Solution, c: Constants
 ) -> tuple[Solution, str]:
     """Return a run that failed at an end of a table with the status that says so, and which table it is."""
     if found is None or solution.status not in _FAILED:
@@ -67,7 +67,7 @@ def ended_outside(
     if solution.end is not None and solution.last is not None:
         t, y = solution.end, solution.last
     times = np.array([float(t)])
-    values, met = found.outside(times, y[np.newaxis], constants_at(course, times))
+    values, met = found.outside(times, y[np.newaxis], constants_at(c, times))
     places = np.flatnonzero(met[0])
     if not len(places):
         return solution, ""

@@ -63,7 +63,7 @@ class Variation:
     start: Kernel
     engine: Engine
 
-    def _solved(self, problem: IntegrationProblem, method: str, course: Constants) -> Solution:
+    def _solved(self, problem: IntegrationProblem, method: str, c: Constants) -> Solution:
         """Return the solution of a problem, unless its rates jump where what is differentiated by moves that."""
         if not len(problem.y0):
             return prescribed(problem)
@@ -76,9 +76,9 @@ class Variation:
         problem = replace(problem, t_eval=requested, dense=problem.dense or jumping is not None)
         self.engine.prepare(problem, method)
         solution = self.engine.integrate(problem, method)
-        refuse_jumps_at(self.program, moved, solution, course, size, self.wrt)
+        refuse_jumps_at(self.program, moved, solution, c, size, self.wrt)
         if jumping is not None:
-            refuse_jumps_between(self.program, jumping, solution, course, size, self.wrt)
+            refuse_jumps_between(self.program, jumping, solution, c, size, self.wrt)
         return solution
 
     def run(
@@ -106,12 +106,12 @@ class Variation:
         else:
             first = start.T.ravel()
         varied = replace(problem, y0=np.concatenate([problem.y0, first]), constants=c)
-        course = self.engine.course(varied)
-        solution = self._solved(varied, method, course)
+        c = self.engine.constants_along(varied)
+        solution = self._solved(varied, method, c)
         if problem.t_eval is not None:
             asked = np.isin(solution.t, problem.t_eval)
             solution = replace(solution, t=solution.t[asked], y=solution.y[asked], wrapped=None)
-        out = interpret_rows(self.program.kernel("outputs"), solution.t, solution.y, constants_at(course, solution.t))
+        out = interpret_rows(self.program.kernel("outputs"), solution.t, solution.y, constants_at(c, solution.t))
         count = len(self.of)
         table = out[:, count:].reshape(len(out), len(self.wrt), count)
         return Sensitivity(

@@ -147,7 +147,7 @@ def _gaps(
         return None
     x = np.array([[values.get(name, 0.0) for name in layout.variables]])
     c = np.array([[given[name] for name in layout.parameters]])
-    return decisions.gaps(decisions.values(np.array([t]), x, c)[0], x[0])
+    return decisions.gaps(np.array([t]), x, c)
 
 
 def _penetrates(model: HybridModel, t: float, values: Mapping[str, float], given: Mapping[str, float]) -> bool:

@@ -13,16 +13,12 @@ from ...integrators.cases import BlockResult
 from ...integrators.contact_cases import ADDED, UNDECIDED, contact_cases
 from ...integrators.phase_stops import no_stops
 from ...integrators.phase_tables import JUMPS, NOT_BEGUN, CaseSamples, CaseTable, case_numbers
-from ...ir.program import Layout
 from ...methods.status import RUNNING, Status
-from ...options import StepOptions
 from ...results.case_results import NO_MODE
 from ...results.hybrid_sweep import States
 from .event_jumps import EventJumps
-from .mode_models import ModeModels
 from .output_values import OutputValues
 from .phases import PhaseExecutor
-from .reductions import PhaseReductions
 from .runner_choice import RunnerChoice
 from .stops import Stops
 
@@ -30,6 +26,10 @@ __all__ = ["CaseRuns"]
 
 _BROKEN = np.isin(np.arange(max(Status) + 2), (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.MAX_STEPS))
 """Whether a run with a status may have ended in Painleve's paradox, by status; the last is for RUNNING, which is -1."""
+
+
+_LINES = 256
+"""Phases after which a run that is recorded returns to Python."""
 
 
 @final
@@ -41,25 +41,14 @@ class CaseRuns:
 
     Parameters
     ----------
-    modes : ModeModels
-    layout : Layout
-        Of the scene.
-    options : StepOptions
-        Method, tolerances, largest step and number of steps.
-    reductions : PhaseReductions
-        What users watch.
+    choice : RunnerChoice
+        The runners of the modes.
     count : int
         Number of cases.
     threads : int
         0 for one case that runs in the thread that calls, and may begin again and again.
     t_eval : ndarray (m,) or None
         Times of samples [s].
-    lines : int
-        Lines of the log of phases; 0: there is none, and no step is recorded.
-    fits : bool
-        Whether "auto" looks at the motions to find a method that fits.
-    chosen : callable, optional
-        Returns the method for the number of a mode, given the one that would be taken.
 
     Attributes
     ----------
@@ -68,33 +57,21 @@ class CaseRuns:
     samples : States
         Samples, case by case.
     log : ndarray (n_lines, n)
-        Beginnings of the phases of one case.
-    choice : RunnerChoice
+        Beginnings of the phases of a case that is recorded.
     executor : PhaseExecutor
     """
 
     def __init__(
-        self,
-        modes: ModeModels,
-        layout: Layout,
-        options: StepOptions,
-        reductions: PhaseReductions,
-        count: int = 1,
-        *,
-        threads: int = 0,
-        t_eval: FloatArray | None = None,
-        lines: int = 0,
-        fits: bool = False,
-        chosen: Callable[[int, str], str] | None = None,
+        self, choice: RunnerChoice, count: int = 1, *, threads: int = 0, t_eval: FloatArray | None = None
     ) -> None:
-        self.modes, self.layout = modes, layout
-        k, n, n_p = len(modes.equations.contacts), len(layout.variables), len(layout.parameters)
+        self.choice, layout, lines = choice, choice.layout, _LINES if choice.recorded else 0
+        k, n, n_p = len(choice.modes.equations.contacts), len(layout.variables), len(layout.parameters)
         times = np.empty(0) if t_eval is None else np.ascontiguousarray(t_eval, np.float64)
         t, x, p = np.zeros(count), np.zeros((count, n)), np.zeros((count, n_p))
         self.cases = contact_cases(t, x, p, t, k, len(layout.states))
         self.samples = samples = States.nothing_yet(count * len(times), n, ADDED * k)
         self.log, self.numbers = np.empty((lines, 2 + ADDED * k + n)), case_numbers(count)
-        self.occurred, self.totals = reductions.nothing_yet(count)
+        self.occurred, self.totals = choice.reductions.nothing_yet(count)
         none = np.zeros(0, np.int64)
         self._table = CaseTable(
             t0=np.zeros(count),
@@ -111,9 +88,7 @@ class CaseRuns:
             stops=no_stops(),
             carried=np.zeros((0, 0)),
         )
-        recorded = lines > 0
-        self.choice = RunnerChoice(modes, layout, options, reductions, fits=fits, chosen=chosen, recorded=recorded)
-        self.executor = PhaseExecutor(self.choice, self._table, threads)
+        self.executor = PhaseExecutor(choice, self._table, threads)
         changing = () if threads else (*self.cases, *self.numbers, self.occurred)
         self._initial = [(values, values.copy()) for values in changing]
 
@@ -211,7 +186,7 @@ class CaseRuns:
         """Distinguish failures near Painleve's paradox from others."""
         broken = np.flatnonzero(_BROKEN[self.numbers.state])
         if len(broken):
-            values = OutputValues(self.modes, self.layout, self.cases.p)
+            values = OutputValues(self.choice.modes, self.choice.layout, self.cases.p)
             jammed = values.jammed(self.states(broken))
             self.numbers.state[broken[jammed]] = int(Status.CONTACT_IMPOSSIBLE)
 

@@ -75,13 +75,13 @@ class Decisions:
             system.values[:] = values
         return system
 
-    def gaps(self, values: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the gaps (n_contacts,), and the sizes below which they count as zero, at one state.
+    def gaps(self, t: FloatArray, x: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the gaps (n_contacts,) of one case, and the sizes below which they count as zero.
 
-        From the numbers of the contacts (n,) and coordinates, rates and first-order states x (2 n_q + n_z,); of
-        contacts that never open both are zero.
+        Times are (1,), coordinates, rates and first-order states (1, 2 n_q + n_z), and parameters (1, n_p). Of contacts
+        that never open both are zero.
         """
-        system = self.system(values)
+        system = self.system(self.values(t, x, p)[0])
         opens = system.constraint >= 0
-        noise = [gap_noise(system, x, i) if opens[i] else 0.0 for i in range(system.contacts)]
+        noise = [gap_noise(system, x[0], i) if opens[i] else 0.0 for i in range(system.contacts)]
         return np.where(opens, system.gap, 0.0), np.array(noise)

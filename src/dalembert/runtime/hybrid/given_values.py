@@ -147,25 +147,16 @@ def run_cases(
     model = modes.model(_starting_mode(modes, layout, known))
     program = model.stages.program
     cases = Cases(program, model.derived.start, t_span, initial, parameters)
-    settings = agreed(
-        cases,
-        t_eval=options.t_eval,
-        method=model.choose_method(options.method, options.rtol, options.atol, many=True),
-        rtol=options.rtol,
-        atol=options.atol,
-        max_step=options.max_step,
-        max_steps=options.max_steps,
-        threads=options.threads,
-        progress=options.progress,
-    )
+    settings = agreed(cases, options, model.choose_method(options.method, options.rtol, options.atol, many=True))
     block, status = cases.block(slice(0, cases.count), settings)
-    columns = {n: cases.parameters[n] for n in layout.parameters}
-    p = np.column_stack([np.broadcast_to(columns[n], cases.count) for n in columns]) if columns else None
+    columns, p = {name: cases.parameters[name] for name in layout.parameters}, np.zeros((cases.count, 0))
+    if columns:
+        p = np.column_stack([np.broadcast_to(values, cases.count) for values in columns.values()])
     request = MotionRequest(
         t0=block.spans[:, 0],
         t1=block.spans[:, 1],
         x=interpret_rows(program.kernel("expand"), block.spans[:, 0], block.y, block.c),
-        p=np.zeros((cases.count, 0)) if p is None else p,
+        p=p,
         status=status.astype(np.int64),
         options=replace(options, t_eval=settings.t_eval, threads=settings.threads),
         reductions=PhaseReductions(table, events),

@@ -95,7 +95,7 @@ class HostRunner:
         left: dict[int, tuple[float, dict[str, float]]],
     ) -> None:
         self.number, self.mode = number, (mode := modes.automaton.mode(number))
-        self.model, self.events, self.method = modes.model(mode).uncut, events, method
+        self.model, self.events, self.method = modes.model(mode).for_segments, events, method
         self.runs: list[Trajectory] = []
         self.taken = ""
         self._impulses, self._expansion = modes.impulses(mode), modes.expansion(mode)
@@ -233,17 +233,10 @@ class HostRunner:
 
     def _simulate(self, group: _Group, space: ThreadWorkspace) -> None:
         """Run and record the only case, and write how it ends."""
-        own, happened, t1 = self._options, self._happened(space, 1)[0], float(group.t1[0])
-        options = SimulateOptions(
-            method=self.method,
-            rtol=own.rtol,
-            atol=own.atol,
-            max_step=own.max_step,
-            max_steps=own.max_steps,
-            events=self._events(happened[: 3 * self._requested : 3]),
-            first_step=self._first_step(),
-            dense=isinstance(own, SimulateOptions) and own.dense,
-        )
+        assert isinstance(self._options, SimulateOptions)
+        happened, t1 = self._happened(space, 1)[0], float(group.t1[0])
+        events = self._events(happened[: 3 * self._requested : 3])
+        options = replace(self._options, method=self.method, events=events, first_step=self._first_step())
         x, p = ({name: float(values[0]) for name, values in table.items()} for table in (group.x, group.p))
         carried = None if group.carried is None else group.carried[0]
         run = simulate_in_own_time(self.model, (float(group.t0[0]), t1), x, p, options, carried)

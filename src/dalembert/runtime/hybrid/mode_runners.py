@@ -106,7 +106,7 @@ class ModeRunner:
         happened = space.happened[: 3 * k * len(self.events)].reshape(k, -1)
         y = space.y[: k * self.size].reshape(k, self.size)
         result = BlockResult(y, space.ends, np.empty((k, 0, self.size)), happened, space.totals)
-        engine = model.engine.uncut
+        engine = model.engine.for_segments
         run = engine.sweeper(columns, self.method, result, np.empty((0, 0)), k)
         assert run is not None and run.call is not None
         return run.call(turn)

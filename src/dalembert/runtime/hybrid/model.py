@@ -176,8 +176,8 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
         """
         lines = [f"{self.name}: contacts {list_names(self.contacts)}; a model for each mode, compiled when it is met"]
         for mode, model in self._models.items():
-            told = ", ".join(f"{name}: {state}" for name, state in self.modes.named(mode).items())
-            lines += ["", f"mode {told}", model.explain(passes=passes)]
+            states = ", ".join(f"{name}: {state}" for name, state in self.modes.named(mode).items())
+            lines += ["", f"mode {states}", model.explain(passes=passes)]
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:

@@ -13,24 +13,20 @@ from ...arrays import FloatArray
 from ...hybrid import Mode
 from ...integrators.step_records import ENDED_AT, START_AT
 from ...interrupts import check
-from ...ir.program import Layout
 from ...options import SimulateOptions
 from ...results.trajectory import Trajectory
 from .case_runs import CaseRuns
 from .host_runners import HostRunner
 from .mode_models import ModeModels
 from .mode_runners import ModeRunner
-from .reductions import PhaseReductions
 from .request import MotionRequest
+from .runner_choice import RunnerChoice
 from .stops import Stops
 
 __all__ = ["MotionRecorder", "RecordedPhase", "recorder_of"]
 
 _MOST_KEPT = 16
 """Sets of options and events whose recorders are kept."""
-
-_LINES = 256
-"""Phases after which the loop returns to Python."""
 
 
 @final
@@ -96,7 +92,7 @@ def recorder_of(modes: ModeModels, request: MotionRequest[SimulateOptions]) -> I
         recorder = kept.pop()
     except IndexError:
         own = replace(options, dense=dense, t_eval=None, events=(), inputs=None, progress=False, error_estimate=False)
-        recorder = MotionRecorder(modes, request.layout, own, events)
+        recorder = MotionRecorder(RunnerChoice(modes, request.layout, own, events, fits=True, recorded=True))
     yield recorder
     kept.append(recorder)
 
@@ -107,13 +103,8 @@ class MotionRecorder:
 
     Parameters
     ----------
-    modes : ModeModels
-    layout : Layout
-        Of the scene.
-    options : SimulateOptions
-        Method, tolerances, largest step, number of steps, and whether the motion is to be evaluated later.
-    reductions : PhaseReductions
-        The events that users watch.
+    choice : RunnerChoice
+        Runners of one motion that is recorded.
 
     Attributes
     ----------
@@ -123,10 +114,8 @@ class MotionRecorder:
         What Python noted of its end.
     """
 
-    def __init__(
-        self, modes: ModeModels, layout: Layout, options: SimulateOptions, reductions: PhaseReductions
-    ) -> None:
-        self.case = CaseRuns(modes, layout, options, reductions, lines=_LINES, fits=True)
+    def __init__(self, choice: RunnerChoice) -> None:
+        self.case = CaseRuns(choice)
         self.note = ""
         self._phases: list[RecordedPhase] = []
         self._rows: list[tuple[ModeRunner, FloatArray]] = []
@@ -147,7 +136,7 @@ class MotionRecorder:
         """Take what the loop has recorded so far."""
         numbers, runners, calls = self.case.numbers, self.case.choice.runners, self.case.executor.calls
         if numbers.logged[0]:
-            width, automaton = self.case.cases.added.shape[1], self.case.modes.automaton
+            width, automaton = self.case.cases.added.shape[1], self.case.choice.modes.automaton
             for line in self.case.log[: int(numbers.logged[0])].copy():
                 t, mode = line[0].item(), automaton.mode(int(line[1]))
                 self._phases.append(RecordedPhase(t, t, mode, x=line[2 + width :], added=line[2 : 2 + width]))

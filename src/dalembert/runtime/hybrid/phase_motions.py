@@ -61,14 +61,14 @@ def trajectories(
         p = np.array([phases[i].parameters(modes, request.parameters) for i in some]).reshape(len(some), -1)
         c: Iterable[Constants] = inputs.prepare_rows(model.stages.program, p) if stops is None else ()
         if stops is not None:
-            c = [_course(model, phases[i], own, stops) for i, own in zip(some, p, strict=True)]
+            c = [_constants_along(model, phases[i], own, stops) for i, own in zip(some, p, strict=True)]
         for row, i in zip(c, some, strict=True):
             ended = status if i == len(phases) - 1 else Status.SUCCESS
             found[i] = _trajectory(modes, model, phases[i], row, ended, labels, dense, acts)
     return [motion for motion in found if motion is not None]
 
 
-def _course(model: CompiledModel, phase: RecordedPhase, p: FloatArray, stops: Stops) -> Segments:
+def _constants_along(model: CompiledModel, phase: RecordedPhase, p: FloatArray, stops: Stops) -> Segments:
     """Return the constants along a phase, for the parameters (n_p,) of the model of its mode."""
     program, breaks = model.stages.program, stops.breaks
     edges = np.array([phase.t0, phase.t1])

@@ -14,6 +14,7 @@ from ...options import PrepareOptions
 from .case_runs import CaseRuns
 from .mode_models import ModeModels
 from .reductions import PhaseReductions
+from .runner_choice import RunnerChoice
 from .stops import stops_of
 
 __all__ = ["prepared"]
@@ -33,7 +34,7 @@ def prepared(modes: ModeModels, layout: Layout, t_span: tuple[float, float], opt
             return np.full_like(x, np.nan), Status.NON_FINITE
         case = own.get(get_ident())
         if case is None:
-            case = own[get_ident()] = CaseRuns(modes, layout, options, PhaseReductions({}, ()))
+            case = own[get_ident()] = CaseRuns(RunnerChoice(modes, layout, options, PhaseReductions({}, ())))
         stops = stops_of(modes, layout, options.inputs, p[np.newaxis], spans) if stopping else None
         case.begin(*t_span, x, p, stops)
         case.run()

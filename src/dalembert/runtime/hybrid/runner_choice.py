@@ -62,12 +62,12 @@ class RunnerChoice:
         options: StepOptions,
         reductions: PhaseReductions,
         *,
-        fits: bool,
-        chosen: Callable[[int, str], str] | None,
-        recorded: bool,
+        fits: bool = False,
+        chosen: Callable[[int, str], str] | None = None,
+        recorded: bool = False,
     ) -> None:
         self.modes, self.options, self.reductions, self.recorded = modes, options, reductions, recorded
-        self.parameters, self.rows = layout.parameters, GatheredRows.of(layout, modes.equations.contacts)
+        self.layout, self.rows = layout, GatheredRows.of(layout, modes.equations.contacts)
         self.runners: list[ModeRunner | HostRunner] = []
         self.served = np.zeros(0, np.int64)
         self.parallel, self.compile_seconds = modes.engine().parallel, 0.0
@@ -165,7 +165,8 @@ class RunnerChoice:
         """Return the first, the middle and the last of some cases; None where a symbol excludes a value of theirs."""
         some = some[sorted({0, len(some) // 2, len(some) - 1})]
         model, own = self.modes.model(mode), table.cases
-        columns = dict(zip(self.parameters, own.p[some].T, strict=True)) | self.modes.added(mode, own.added[some])
+        columns = dict(zip(self.layout.parameters, own.p[some].T, strict=True))
+        columns |= self.modes.added(mode, own.added[some])
         given = {name: columns[name] for name in model.layout.parameters if name in columns}
         initial = dict(zip(self.rows.states, own.x[some].T, strict=True))
         try:

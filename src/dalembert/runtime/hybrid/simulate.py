@@ -166,7 +166,7 @@ def _refuse(
         model = modes.model(phase.mode)
         own = dict(zip(model.layout.parameters, phase.parameters(modes, request.parameters), strict=True))
         x = dict(zip(model.layout.variables, phase.x.tolist(), strict=True))
-        model.uncut.state(x, own, t=phase.t0)
+        model.for_segments.state(x, own, t=phase.t0)
     raise start_error(modes, now) or InitialStateError("the initial state contradicts the contacts")
 
 
@@ -189,7 +189,7 @@ def _changing(before: Mapping[str, str], after: Mapping[str, str]) -> list[str]:
 
 def _start(modes: ModeModels, request: MotionRequest[SimulateOptions], now: ContactCases) -> Part:
     """Return the start of a motion that cannot continue, in the mode in which all touching contacts slip."""
-    gaps, noise = modes.decisions.gaps(modes.decisions.values(now.t, now.x, now.p)[0], now.x[0])
+    gaps, noise = modes.decisions.gaps(now.t, now.x, now.p)
     mode, t = modes.automaton.sliding_mode(np.flatnonzero(gaps > noise).tolist()), float(request.t0[0])
     model = modes.model(mode)
     initial = dict(zip(model.layout.variables, now.x[0].tolist(), strict=True))

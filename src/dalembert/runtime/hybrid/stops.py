@@ -49,7 +49,7 @@ def stops_of(
     given: GivenInputs | None,
     p: FloatArray,
     spans: tuple[FloatArray, FloatArray],
-    wanted: FloatArray | None = None,
+    t_eval: FloatArray | None = None,
     *,
     many: bool = False,
 ) -> Stops | None:
@@ -66,7 +66,7 @@ def stops_of(
         Parameters.
     spans : (ndarray, ndarray)
         Starts and ends (k,) [s].
-    wanted : ndarray (n_t,) or None
+    t_eval : ndarray (n_t,) or None
         Times to record [s].
     many : bool
         Whether cases with invalid periods are marked.
@@ -84,7 +84,7 @@ def stops_of(
         return None
     k = len(p)
     senseless = np.zeros(k, np.bool_)
-    lists = _stop_lists(breaks, sampling, p, spans, wanted, senseless if many else None)
+    lists = _stop_lists(breaks, sampling, p, spans, t_eval, senseless if many else None)
     sizes = [len(times) for times, _, _ in lists]
     actions = () if sampling is None else sampling.kernels.actions
     codes = [] if sampling is None else [_action_code(modes, sampling, action) for action in actions]
@@ -148,7 +148,7 @@ def _stop_lists(
     sampling: Sampling | None,
     p: FloatArray,
     spans: tuple[FloatArray, FloatArray],
-    wanted: FloatArray | None,
+    t_eval: FloatArray | None,
     senseless: NDArray[np.bool_] | None,
 ) -> _Lists:
     """Return for each case times, times at which conditions are decided from there on, and which controllers act.
@@ -172,7 +172,7 @@ def _stop_lists(
             instants, acts = np.zeros(0), np.zeros(0, np.int64)
             if sampling is not None and acting:
                 try:
-                    instants, acts = sampling.instants(schedule, t0, t1, None, wanted)
+                    instants, acts = sampling.instants(schedule, t0, t1, None, t_eval)
                 except NoInstants:
                     if senseless is None:
                         raise

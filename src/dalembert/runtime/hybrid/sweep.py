@@ -17,6 +17,7 @@ from .case_runs import CaseRuns
 from .mode_models import ModeModels
 from .output_values import OutputValues
 from .request import MotionRequest
+from .runner_choice import RunnerChoice
 from .stops import Stops, stops_of
 
 __all__ = ["sweep"]
@@ -39,17 +40,9 @@ def sweep(
     spans, count = (request.t0, request.t1), len(request.t0)
     stops = stops_of(modes, layout, options.inputs, request.p, spans, options.t_eval, many=True)
     assert options.threads is not None
-    runs = CaseRuns(
-        modes,
-        layout,
-        options,
-        request.reductions,
-        count,
-        threads=options.threads,
-        t_eval=options.t_eval,
-        fits=options.fits,
-        chosen=None if options.chosen is None else options.method_chosen,
-    )
+    chosen = None if options.chosen is None else options.method_chosen
+    choice = RunnerChoice(modes, layout, options, request.reductions, fits=options.fits, chosen=chosen)
+    runs = CaseRuns(choice, count, threads=options.threads, t_eval=options.t_eval)
     runs.begin(*spans, request.x, request.p, stops)
     status = runs.numbers.state
     status[:] = request.status

@@ -87,9 +87,9 @@ class Store:
     def create(cls, where: Any, rows: int, attributes: Mapping[str, Any]) -> Store:
         """Begin a store without arrays."""
         zarr, _ = packages()
-        told = {**attributes, CHUNK: rows}
-        group = zarr.create_group(where, attributes=told, overwrite=False)
-        group.create_group(_PROGRESS, attributes=told)
+        described = {**attributes, CHUNK: rows}
+        group = zarr.create_group(where, attributes=described, overwrite=False)
+        group.create_group(_PROGRESS, attributes=described)
         return cls(where, group, rows)
 
     @classmethod

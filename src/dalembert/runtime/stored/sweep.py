@@ -105,8 +105,8 @@ def _laid_out(
         coordinates = sorted(set(map(str, pilot.coords)) & set(columns))
         rows = int(min(max(1, most(columns) // request.row), request.shape[0]))
         store = Store.create(where.to, rows, {**attributes, COORDINATES: coordinates})
-    told = {str(name): dict(values.attrs) for name, values in pilot.variables.items() if values.attrs}
-    store.lay_out(request, StoreLayout(columns, _coordinates(request, pilot), told))
+    labels = {str(name): dict(values.attrs) for name, values in pilot.variables.items() if values.attrs}
+    store.lay_out(request, StoreLayout(columns, _coordinates(request, pilot), labels))
     return store
 
 
@@ -183,8 +183,13 @@ def _attributes(model: SweptModel, request: Request, options: SweepOptions, pilo
     known = {name: pilot.attrs[name] for name in ("scene", "formulation", "method", "parameters", "dalembert_version")}
     tolerances = {"rtol": options.rtol, "atol": options.atol}
     versions = {"python_version": platform.python_version(), "numpy_version": np.__version__}
-    told = {**known, **tolerances, **versions, "scene_digest": parts["scene"]}
-    return {**told, DIGEST: whole_digest, "dalembert_parts": parts, _MACHINE: machine(names_of(model.model.backend))}
+    attributes = {**known, **tolerances, **versions, "scene_digest": parts["scene"]}
+    return {
+        **attributes,
+        DIGEST: whole_digest,
+        "dalembert_parts": parts,
+        _MACHINE: machine(names_of(model.model.backend)),
+    }
 
 
 def _plain(value: Any) -> str:
