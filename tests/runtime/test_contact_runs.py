@@ -12,7 +12,7 @@ from sympy.physics.mechanics import dynamicsymbols
 import dalembert as da
 from dalembert.errors import OptionError
 from dalembert.methods.status import Status
-from dalembert.runtime.hybrid import motion_recorder, phases
+from dalembert.runtime.hybrid import case_runs, runner_choice
 from hard_cases.contacts import corner_plate, incline_scene, table_oscillator
 
 TIME = dynamicsymbols._t
@@ -113,7 +113,7 @@ def test_reductions_do_not_depend_on_who_runs_the_phases(monkeypatch):
     expected = swept(threads=1)
     np.testing.assert_array_equal(swept(threads=2), expected)
     np.testing.assert_allclose(swept(t_eval=np.linspace(0, 3, 7)), expected, rtol=1e-9, atol=1e-10)
-    monkeypatch.setattr(phases, "runs_unchecked", lambda model: False)
+    monkeypatch.setattr(runner_choice, "runs_unchecked", lambda model: False)
     np.testing.assert_allclose(swept(), expected, rtol=1e-12, atol=1e-13)
 
 
@@ -257,7 +257,7 @@ def test_a_prepared_run_with_jumps_in_time_and_late_starts():
 def test_a_ball_between_the_ground_and_a_shelf(monkeypatch, method, compiled):
     """Thrown up to a shelf that sends it back with half its speed; the case ends at the third bump."""
     if not compiled:
-        monkeypatch.setattr(phases, "runs_unchecked", lambda model: False)
+        monkeypatch.setattr(runner_choice, "runs_unchecked", lambda model: False)
     yd = y.diff()
     shelf = da.Event(y - 1, direction=1, apply={yd: -yd / 2}, name="shelf", terminal=3)
     start = {"x": 0.0, "y": 0.0, "x_dot": 0.0, "y_dot": [12.0, 10.0, 8.0, 5.0]}
@@ -366,7 +366,7 @@ def test_records_longer_than_their_arrays(monkeypatch):
     np.testing.assert_allclose(run.events["tick"].t, np.arange(1, 892) * math.pi / 2000, rtol=1e-12)
     np.testing.assert_array_equal(np.unique(run.events["tick"].direction), [-1, 1])
     np.testing.assert_allclose(run.events["tick"]["x"], 0.5 * run.events["tick"].t, rtol=1e-12)
-    monkeypatch.setattr(motion_recorder, "_LINES", 3)
+    monkeypatch.setattr(case_runs, "_LINES", 3)
     short = ball().simulate((0, 1.4), DROPPED, {**BALL, "e": 0.6}, rtol=3e-8)
     plain = ball().simulate((0, 1.4), DROPPED, {**BALL, "e": 0.6})
     assert [phase.modes for phase in short.phases] == [phase.modes for phase in plain.phases]

@@ -10,7 +10,7 @@ import dalembert as da
 from dalembert.codegen import BACKENDS
 from dalembert.errors import CapabilityError, InitialStateError, OptionError, ValueInputError
 from dalembert.methods.status import Status
-from dalembert.runtime.hybrid import host_runners, phases
+from dalembert.runtime.hybrid import host_runners, runner_choice
 
 t = dynamicsymbols._t
 x, y, u, v, count = dynamicsymbols("x y u v count")
@@ -349,7 +349,7 @@ def test_modes_of_which_python_runs_some(way, by_python, monkeypatch):
     for name in ("simulate_in_own_time", "begin_sweep"):
         own = getattr(host_runners, name)
         monkeypatch.setattr(host_runners, name, lambda *about, own=own: calls.append(own) or own(*about))
-    monkeypatch.setattr(phases, "runs_unchecked", lambda model: by_python not in model.stages.mode)
+    monkeypatch.setattr(runner_choice, "runs_unchecked", lambda model: by_python not in model.stages.mode)
     options = {"method": "taylor", "max_steps": 99_999, **given, **TIGHT}  # no recorder is kept for these
     times = np.linspace(0, 1.2, 49)
     expected = pulled(times)

@@ -11,7 +11,7 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 from dalembert.errors import OptionError
-from dalembert.runtime.hybrid import phases
+from dalembert.runtime.hybrid import runner_choice
 from hard_cases.contacts import corner_plate
 
 zarr = pytest.importorskip("zarr")
@@ -107,7 +107,7 @@ def test_methods_are_chosen_once_for_all_cases(tmp_path, monkeypatch):
         return replace(settings, method="dop853")
 
     with monkeypatch.context() as patched:
-        patched.setattr(phases, "fitted", fitting)
+        patched.setattr(runner_choice, "fitted", fitting)
         stored = plate().sweep((0, 2), TILTED, PLATE, to=tmp_path / "s.zarr", chunk=20)
     assert looked and len(looked) == len(set(looked))
     assert_same(stored, plate().sweep((0, 2), TILTED, PLATE, method="dop853"))

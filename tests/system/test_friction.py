@@ -13,7 +13,7 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 from dalembert.methods.status import Status
-from dalembert.runtime.hybrid import host_runners, phases
+from dalembert.runtime.hybrid import host_runners, phases, runner_choice
 from dalembert.runtime.hybrid import sweep as hybrid_sweep
 from hard_cases.contact_case import contact_reference
 from hard_cases.contacts import corner_plate, incline_scene, loose_plate, table_oscillator
@@ -317,7 +317,7 @@ def test_phases_of_compiled_code_are_those_that_python_runs(monkeypatch):
         return model.simulate((0, 6), at_angle(0.5), p, rtol=1e-11, atol=1e-13, **options)
 
     with monkeypatch.context() as patched:
-        patched.setattr(phases, "runs_unchecked", lambda model: False)
+        patched.setattr(runner_choice, "runs_unchecked", lambda model: False)
         expected, watched = simulated(max_steps=99_999), simulated(events=events, max_steps=99_999)
     monkeypatch.setattr(host_runners, "simulate_in_own_time", None)
     times = np.linspace(0, 6, 50)
@@ -362,7 +362,7 @@ def test_sweeps_of_compiled_code_are_those_that_python_runs_to_the_last_bit(monk
         return model.sweep((0, 5), at_angle(0.5), {**PLATE, "mu": mu}, rtol=1e-9, atol=1e-11, **options)
 
     with monkeypatch.context() as patched:
-        patched.setattr(phases, "runs_unchecked", lambda model: False)
+        patched.setattr(runner_choice, "runs_unchecked", lambda model: False)
         expected, sampled = swept(), swept(**many)
     monkeypatch.setattr(host_runners, "begin_sweep", None)
     found = [swept(threads=threads) for threads in (1, 2)]
