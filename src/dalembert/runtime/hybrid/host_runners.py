@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from ...arrays import FloatArray
 from ...codegen.host_code import HostCode
 from ...codegen.runs import LoopCall
-from ...errors import CapabilityError, list_names
 from ...integrators.arguments import kind_of, place_of
 from ...integrators.event_code import Event
 from ...integrators.phase_tables import CaseTable, ThreadWorkspace
@@ -27,29 +26,16 @@ from ...methods.status import Status
 from ...options import SimulateOptions, StepOptions, SweepOptions
 from ...results.sweep import Sweep
 from ...results.trajectory import Trajectory
-from .. import inputs
 from ..simulate import simulate_in_own_time
 from ..sweep import begin_sweep
 from .mode_models import ModeModels
 from .mode_runners import GatheredRows
 from .reductions import PhaseReductions
+from .velocity_jumps import CaseGroup, velocity_jumps
 
 __all__ = ["HostRunner"]
 
 _WORDS, _COUNT = len(kind_of(SweepArguments).words), place_of(SweepArguments, "shape.cases")
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class _Group:
-    """Cases that begin a part of a phase: numbers, spans, parameters and variables by name, and signs of events."""
-
-    cases: NDArray[np.int64]
-    t0: FloatArray
-    t1: FloatArray
-    p: Mapping[str, FloatArray]
-    x: dict[str, FloatArray]
-    carried: FloatArray | None
 
 
 @final
@@ -98,12 +84,10 @@ class HostRunner:
         self.model, self.events, self.method = modes.model(mode).for_segments, events, method
         self.runs: list[Trajectory] = []
         self.taken = ""
-        self._impulses, self._expansion = modes.impulses(mode), modes.expansion(mode)
-        self._contact_rows = {} if self._impulses is None else modes.contact_rows(mode)
+        self._jumps, self._expansion = velocity_jumps(modes, mode, left), modes.expansion(mode)
         self._reductions, self._options, self._first_step = reductions, options, first_step
         self._requested = len(reductions.events)
         self._numbered = np.array([int(event.terminal) > 1 for event in events[: self._requested]], np.bool_)
-        self._left, self._scene = left, {*modes.equations.symbols.parameters}
         self._counted: dict[bytes, tuple[Event, ...]] = {}
 
     @property
@@ -113,7 +97,8 @@ class HostRunner:
 
     def forget(self) -> None:
         """Forget earlier motions."""
-        self._left.clear()
+        if self._jumps is not None:
+            self._jumps.left.clear()
         self.runs.clear()
 
     def call(
@@ -124,12 +109,14 @@ class HostRunner:
         def run(packed: int, *others: int) -> int:
             count = ctypes.c_int64.from_address(packed + 8 * _COUNT).value
             group = self._group(rows, space, count, len(table.stops.first) > 0)
-            if self._impulses is not None:
-                self._pass_jumps(group)
+            if self._jumps is not None:
+                self._jumps.apply(group)
             if recorded:
                 self._simulate(group, space)
             else:
                 self._sweep(group, space)
+            if self._jumps is not None:
+                self._jumps.leave(group, space.ends)
             if group.carried is not None:
                 n = len(self.events)
                 space.carried[: count * n] = group.carried[:, :n].ravel()
@@ -140,7 +127,7 @@ class HostRunner:
             code.address, np.zeros(_WORDS, np.int64), LoopProgress(), nothing, np.zeros((1, OCCURRENCE)), code
         )
 
-    def _group(self, rows: GatheredRows, space: ThreadWorkspace, count: int, stops: bool) -> _Group:
+    def _group(self, rows: GatheredRows, space: ThreadWorkspace, count: int, stops: bool) -> CaseGroup:
         """Return the cases that are gathered."""
         values, names = space.gathered[:, :count].copy(), self.model.layout.parameters
         p = {name: values[rows.parameters[name]] for name in names if name in rows.parameters}
@@ -150,7 +137,7 @@ class HostRunner:
             n = len(self.events)
             carried = np.full((count, max(n, self._width)), np.nan)
             carried[:, :n] = space.carried[: count * n].reshape(count, n)
-        return _Group(space.chosen[:count].copy(), values[0], values[1], p, x, carried)
+        return CaseGroup(space.chosen[:count].copy(), values[0], values[1], p, x, carried)
 
     @property
     def _width(self) -> int:
@@ -184,7 +171,7 @@ class HostRunner:
         """Return what happened (k, 3 n_events), a view."""
         return space.happened[: count * 3 * len(self.events)].reshape(count, -1)
 
-    def _sweep(self, group: _Group, space: ThreadWorkspace) -> None:
+    def _sweep(self, group: CaseGroup, space: ThreadWorkspace) -> None:
         """Run cases, and write how they end."""
         happened = self._happened(space, len(group.t0))
         for counts, some in self._alike(happened[:, : 3 * self._requested : 3]):
@@ -212,7 +199,6 @@ class HostRunner:
             y[some] = self._variables(run, p)
             space.ends[some] = np.column_stack([run.t, run.status, run.steps])
             space.totals[some] = self._reductions.keep(space.totals[some], run.reduced, run.t - group.t0[some])
-        self._leave(group, space)
 
     def _variables(self, run: Sweep, p: Mapping[str, FloatArray]) -> FloatArray:
         """Return the variables (k, 2 n_q + n_z) in which cases end, of parameters by name."""
@@ -231,7 +217,7 @@ class HostRunner:
             own[:, 2] = np.where(record.count > 0, record.last, own[:, 2])
         return happened
 
-    def _simulate(self, group: _Group, space: ThreadWorkspace) -> None:
+    def _simulate(self, group: CaseGroup, space: ThreadWorkspace) -> None:
         """Run and record the only case, and write how it ends."""
         assert isinstance(self._options, SimulateOptions)
         happened, t1 = self._happened(space, 1)[0], float(group.t1[0])
@@ -250,44 +236,3 @@ class HostRunner:
         space.ends[0] = t, run.status, run.stats.steps + run.stats.rejected
         self.taken = run.stats.method
         self.runs.append(run)
-        self._leave(group, space)
-
-    # -- jumps of prescribed velocities ----------------------------------------------------
-
-    def _leave(self, group: _Group, space: ThreadWorkspace) -> None:
-        """Store the parameters of cases that go on."""
-        if self._impulses is None:
-            return
-        for place, i in enumerate(group.cases.tolist()):
-            t, status, _ = space.ends[place]
-            if status in (Status.SUCCESS, Status.EVENT):  # a guard may fire at the very stop
-                own = {name: float(values[place]) for name, values in group.p.items() if name in self._scene}
-                self._left[i] = float(t), own
-
-    def _pass_jumps(self, group: _Group) -> None:
-        """Let the rates of cases jump whose parameters have changed since their last run."""
-        assert self._impulses is not None
-        program, n = self.model.stages.program, len(self.model.layout.coordinates)
-        for place, i in enumerate(group.cases.tolist()):
-            t, own = self._left.pop(i, (np.nan, {}))
-            if t != group.t0[place]:
-                continue
-            now = {name: float(group.p[name][place]) for name in self.model.layout.parameters}
-            p = np.array([[own.get(name, value), value] for name, value in now.items()]).T
-            x = np.array([values[place] for values in group.x.values()])
-            before, after = inputs.prepare_rows(program, p)
-            found = self._impulses.rates(t, x, before, after)
-            if found is not None:
-                self._refuse_impacts(t, self._impulses.broken(t, x, before, after, list(self._contact_rows)))
-            for name, rate in zip(list(group.x)[n : 2 * n], [] if found is None else found, strict=False):
-                group.x[name][place] = rate
-
-    def _refuse_impacts(self, t: float, broken: list[int]) -> None:
-        """Refuse a jump of prescribed velocities that strikes, opens or drags contacts."""
-        if broken:
-            what = list_names([self._contact_rows[i] for i in broken])
-            raise CapabilityError(
-                f"at t = {t:g} a prescribed velocity jumps, and with it {what}, while the contact is closed: impacts of"
-                " surfaces that are set in motion at once are not computed. Let the velocity change in a short time,"
-                " such as by a ramp"
-            )

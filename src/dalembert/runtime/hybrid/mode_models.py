@@ -11,7 +11,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...codegen.base import Engine
-from ...hybrid import OPEN, STICK, HybridAutomaton, Mode
+from ...hybrid import OPEN, HybridAutomaton, Mode
 from ...hybrid.modes import mode_parameters
 from ...integrators.breakpoints import CaseBreaks
 from ...integrators.event_code import Event, armed
@@ -135,19 +135,6 @@ class ModeModels:
         """Return the jumps of rates of a mode; None where no prescribed velocity can jump."""
         stages = self.model(mode).stages
         return impulses_of(stages.equations, stages.program)
-
-    def contact_rows(self, mode: Mode) -> dict[int, str]:
-        """Return the rows of a mode's constraints that contacts hold, each with what jumps where it does."""
-        labels = [row.label for row in self.model(mode).stages.equations.constraints]
-        found: dict[int, str] = {}
-        for contact, state in zip(self.equations.contacts, mode, strict=True):
-            if contact.gap is not None and contact.constraint is not None and state != OPEN:
-                own = self.equations.constraints[contact.constraint].label
-                found |= {labels.index(own): f"the rate of the gap of {contact.name!r}"} if own in labels else {}
-            if state == STICK:
-                what = f"the slip velocity of {contact.name!r}"
-                found |= {labels.index(slip.label): what for slip in contact.slips if slip.label in labels}
-        return found
 
     def violation(self, mode: Mode) -> Violation:
         """Return what tells the violation of the scene's constraints (n_t, n_c) from a motion in a mode."""
