@@ -20,7 +20,6 @@ from .. import inputs as run_input
 from ..input_values import with_inputs
 from ..linearize import linearize
 from ..trim import find_operating_point
-from .evaluate import decided_cases
 from .given_values import plain_mode, start_state
 
 if TYPE_CHECKING:
@@ -170,7 +169,7 @@ def _decided_mode(
     if CONDITION_TIME in values:
         values[CONDITION_TIME] = t
     p = np.array([[values[name] for name in model.layout.parameters]])
-    cases = decided_cases(modes.decisions, np.array([t]), x[np.newaxis], p, "no motion goes on from")
+    cases = modes.decisions.at_states(np.array([t]), x[np.newaxis], p, "no motion goes on from")
     mode = modes.automaton.mode(int(cases.number[0]))
     added = modes.added(mode, cases.added[0])
     return mode, cases.x[0], values | {name: float(value) for name, value in added.items()}

@@ -42,7 +42,6 @@ from ..interface.traced import hybrid_solve_fn
 from ..model import CompiledModel
 from .at_state import assemble_open, linearize_mode, trim_mode
 from .decisions import Decisions
-from .evaluate import evaluate
 from .given_values import moving_events, plain_mode, refuse_open_gains, run_cases, run_motion, start_state
 from .mode_models import ModeModels
 from .prepare import prepared
@@ -205,7 +204,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
         return self.several.automaton.equations
 
     def _outputs(self, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray:
-        return evaluate(self.modes.decisions, kernel, t, x, p)
+        return self.modes.decisions.evaluate(kernel, t, x, p)
 
     def _depends_on_states(self, kernel: str) -> bool:
         return kernel in ("forcing", "accelerations", "constraint_jacobian")

@@ -23,7 +23,6 @@ from .mode_models import ModeModels
 from .motion_recorder import RecordedPhase, recorder_of
 from .phase_motions import trajectories
 from .request import MotionRequest
-from .start_faults import start_error
 from .stops import stops_of
 
 __all__ = ["simulate"]
@@ -167,7 +166,7 @@ def _refuse(
         own = dict(zip(model.layout.parameters, phase.parameters(modes, request.parameters), strict=True))
         x = dict(zip(model.layout.variables, phase.x.tolist(), strict=True))
         model.for_segments.state(x, own, t=phase.t0)
-    raise start_error(modes, now) or InitialStateError("the initial state contradicts the contacts")
+    raise modes.decisions.start_error(now) or InitialStateError("the initial state contradicts the contacts")
 
 
 def _note(modes: ModeModels, phases: Sequence[RecordedPhase], now: ContactCases, status: Status) -> str:
