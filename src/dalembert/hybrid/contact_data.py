@@ -10,7 +10,10 @@ from ..ir.kernel import Kernel
 from ..mechanics.equations import EquationsOfMotion
 from ..transforms.lower_kernels import lower_kernel
 
-__all__ = ["contact_data"]
+__all__ = ["NUMBERS", "contact_data"]
+
+NUMBERS = "gap", "mu", "mu_static", "restitution", "regularization"
+"""Numbers of each contact, in the order of the outputs."""
 
 
 def contact_data(equations: EquationsOfMotion) -> Kernel:
@@ -31,7 +34,7 @@ def contact_data(equations: EquationsOfMotion) -> Kernel:
         terms = (a * b for a, b in zip(row.jacobian, equations.qdot, strict=True))
         nodes.append(equations.graph.sum(terms) + row.drift)
     nodes += [row[i] for i in range(len(equations.symbols.unknowns)) for row in equations.reactions]
-    for name in ("gap", "mu", "mu_static", "restitution", "regularization"):
+    for name in NUMBERS:
         numbers = [getattr(contact, name) for contact in equations.contacts]
         nodes += [equations.graph.zero if node is None else node for node in numbers]
     inputs: dict[Node, tuple[str, int | None]] = {graph.input(equations.symbols.time): ("t", None)}

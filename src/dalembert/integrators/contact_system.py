@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..arrays import FloatArray
+from ..hybrid.contact_data import NUMBERS
 from ..hybrid.modes import STATES
 from ..ir.conditions import CONDITION_TIME
 from .arguments import IntVector, Matrix, Record, Vector
@@ -199,43 +200,21 @@ class ContactSystem(NamedTuple):
 
 def contact_system(automaton: HybridAutomaton) -> ContactSystem:
     """Return the contacts of a scene, with memory of their own."""
-    equations, contacts = automaton.equations, automaton.contacts
-    n, m, k, u = len(equations.q), len(equations.constraints), len(contacts), len(equations.symbols.unknowns)
-    ends = np.cumsum([0, *(len(contact.slips) for contact in contacts)])
-    s, r = int(ends[-1]), m + int(ends[-1])
-    values, data = _views((n, n), (n,), (r, n), (r,), (r,), (u, n), *[(k,)] * 5)
-    solution, parts = _views((n,), (k,), (k,), (s,))
-    row_owner, owner = np.full(r, -1), np.full(u, -1)
-    for i, contact in enumerate(contacts):
-        row_owner[m + ends[i] : m + ends[i + 1]] = owner[contact.normal] = i
-        owner[list(contact.tangential)] = -2
-        if contact.constraint is not None:
-            row_owner[contact.constraint] = i
-    size = max(n + m, u, s, 1)
-
-    def column(values: list[int]) -> IntVector:
-        return np.array(values, np.int64)
-
+    equations, k = automaton.equations, len(automaton.contacts)
+    n, m, u = len(equations.q), len(equations.constraints), len(equations.symbols.unknowns)
+    s = sum(len(contact.slips) for contact in automaton.contacts)
+    r, size, one_each = m + s, max(n + m, u, s, 1), dict.fromkeys(NUMBERS, (k,))
+    motion = {"mass": (n, n), "forcing": (n,), "jacobian": (r, n), "bias": (r,), "velocity": (r,), "power": (u, n)}
+    values, numbers = _views(**motion, **one_each)
+    solution, solved = _views(motion=(n,), press=(k,), opening=(k,), slip=(s,))
     return ContactSystem(
-        n,
-        m,
-        k,
-        s,
-        constraint=column([-1 if c.constraint is None else c.constraint for c in contacts]),
-        sense=column([c.sense for c in contacts]),
-        normal=column([c.normal for c in contacts]),
-        first=ends[:-1].astype(np.int64),
-        row=(m + ends[:-1]).astype(np.int64),
-        width=column([len(c.slips) for c in contacts]),
-        closed=column([STATES.index(automaton.states(i)[0]) for i in range(k)]),
-        sided=column([int(c.constraint is None and len(c.tangential) > 0) for c in contacts]),
-        jumping=column([int(_may_jump(equations, contact)) for contact in contacts]),
-        tangential=column([unknown for c in contacts for unknown in c.tangential]),
-        row_owner=row_owner,
-        owner=owner,
-        angle=column([int(name in equations.angles) for name in equations.symbols.coordinates]),
+        coordinates=n,
+        constraints=m,
+        contacts=k,
+        slips=s,
+        **_topology(automaton),
         values=values,
-        **dict(zip(ContactSystem._fields[18:29], data, strict=True)),
+        **numbers,
         rates=np.zeros(n),
         load=np.zeros(n),
         demand=np.zeros(r),
@@ -252,11 +231,39 @@ def contact_system(automaton: HybridAutomaton) -> ContactSystem:
         columns=np.zeros(u, np.int64),
         column=np.zeros(k, np.int64),
         solution=solution,
-        **dict(zip(("motion", "press", "opening", "slip"), parts, strict=True)),
+        **solved,
         free=np.zeros((s, s)),
         solved=Solved(),
         dense=dense_workspace(size),
     )
+
+
+def _topology(automaton: HybridAutomaton) -> dict[str, IntVector]:
+    """Return by name what `ContactSystem` holds of constraints, reactions and slip velocities of the contacts."""
+    equations, contacts = automaton.equations, automaton.contacts
+    m, ends = len(equations.constraints), np.cumsum([0, *(len(contact.slips) for contact in contacts)])
+    row_owner, owner = np.full(m + ends[-1], -1), np.full(len(equations.symbols.unknowns), -1)
+    for i, contact in enumerate(contacts):
+        row_owner[m + ends[i] : m + ends[i + 1]] = owner[contact.normal] = i
+        owner[list(contact.tangential)] = -2
+        if contact.constraint is not None:
+            row_owner[contact.constraint] = i
+    columns = {
+        "constraint": [-1 if c.constraint is None else c.constraint for c in contacts],
+        "sense": [c.sense for c in contacts],
+        "normal": [c.normal for c in contacts],
+        "first": ends[:-1],
+        "row": m + ends[:-1],
+        "width": [len(c.slips) for c in contacts],
+        "closed": [STATES.index(automaton.states(i)[0]) for i in range(len(contacts))],
+        "sided": [c.constraint is None and len(c.tangential) > 0 for c in contacts],
+        "jumping": [_may_jump(equations, contact) for contact in contacts],
+        "tangential": [unknown for c in contacts for unknown in c.tangential],
+        "row_owner": row_owner,
+        "owner": owner,
+        "angle": [name in equations.angles for name in equations.symbols.coordinates],
+    }
+    return {name: np.array(column, np.int64) for name, column in columns.items()}
 
 
 def _may_jump(equations: EquationsOfMotion, contact: ContactRow) -> bool:
@@ -267,12 +274,12 @@ def _may_jump(equations: EquationsOfMotion, contact: ContactRow) -> bool:
     return any(node.deps & decided for slip in contact.slips for node in (slip.drift, *slip.jacobian))
 
 
-def _views(*shapes: tuple[int, ...]) -> tuple[FloatArray, list[FloatArray]]:
-    """Return memory for arrays one after the other, and these, which are views of it."""
-    sizes = [int(np.prod(shape)) for shape in shapes]
+def _views(**shapes: tuple[int, ...]) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Return memory for arrays one after the other, and these by name, which are views of it."""
+    sizes = [int(np.prod(shape)) for shape in shapes.values()]
     memory = np.zeros(sum(sizes))
     parts = np.split(memory, np.cumsum(sizes)[:-1])
-    return memory, [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
+    return memory, {name: part.reshape(shapes[name]) for name, part in zip(shapes, parts, strict=True)}
 
 
 @compiled_subset

@@ -107,6 +107,7 @@ def run_motion(
     if times is not None and not (np.all(np.isfinite(times)) and np.all((times - t0) * (times - t1) <= 0.0)):
         raise ValueInputError(f"t_eval must lie within t_span = ({t0:g}, {t1:g})")
     request = MotionRequest(
+        modes=modes,
         t0=np.array([t0]),
         t1=np.array([t1]),
         x=start_state(modes, layout, t0, values, given)[np.newaxis],
@@ -118,12 +119,12 @@ def run_motion(
         layout=layout,
     )
     with run_meter(t0, t1, options.progress) as show:
-        run = simulate(modes, request)
+        run = simulate(request)
         show(run.t_end)
     if not options.error_estimate:
         return run
     finer = replace(_tighter(options), dense=True, t_eval=None)
-    return run.with_twin(simulate(modes, replace(request, options=finer)))
+    return run.with_twin(simulate(replace(request, options=finer)))
 
 
 def run_cases(
@@ -153,6 +154,7 @@ def run_cases(
     if columns:
         p = np.column_stack([np.broadcast_to(values, cases.count) for values in columns.values()])
     request = MotionRequest(
+        modes=modes,
         t0=block.spans[:, 0],
         t1=block.spans[:, 1],
         x=interpret_rows(program.kernel("expand"), block.spans[:, 0], block.y, block.c),
@@ -164,11 +166,11 @@ def run_cases(
         layout=layout,
     )
     varied = cases.initial, columns
-    run = sweep(modes, request, varied)
+    run = sweep(request, varied)
     if not options.error_estimate:
         return run
     stop = bool(np.any(run.status == Status.INTERRUPTED))
-    return run.with_twin(sweep(modes, replace(request, options=_tighter(request.options)), varied, stop))
+    return run.with_twin(sweep(replace(request, options=_tighter(request.options)), varied, stop))
 
 
 def _jumps(modes: ModeModels, layout: Layout, events: Sequence[Event]) -> EventJumps:

@@ -79,9 +79,9 @@ class RecordedPhase:
 
 
 @contextmanager
-def recorder_of(modes: ModeModels, request: MotionRequest[SimulateOptions]) -> Iterator[MotionRecorder]:
+def recorder_of(request: MotionRequest[SimulateOptions]) -> Iterator[MotionRecorder]:
     """Context with a recorder for a request, which is kept for the next one with the same options and events."""
-    options, events = request.options, request.reductions
+    options, events, modes = request.options, request.reductions, request.modes
     dense = options.dense or options.t_eval is not None
     steps = options.method, options.rtol, options.atol, options.max_step, options.max_steps, dense
     key = repr((*steps, events.requested))

@@ -34,7 +34,6 @@ __all__ = ["trajectories"]
 
 
 def trajectories(
-    modes: ModeModels,
     phases: Sequence[RecordedPhase],
     request: MotionRequest[SimulateOptions],
     status: Status,
@@ -44,7 +43,6 @@ def trajectories(
 
     Parameters
     ----------
-    modes : ModeModels
     phases : sequence of RecordedPhase
     request : MotionRequest
     status : Status
@@ -52,6 +50,7 @@ def trajectories(
     stops : Stops or None
         Where constants change, and controllers act, within phases.
     """
+    modes = request.modes
     dense, labels = request.options.dense or request.options.t_eval is not None, request.labels
     acts = stops is not None and stops.acts
     found = [joined_runs(phase.runs, labels, right=acts) if phase.runs else None for phase in phases]

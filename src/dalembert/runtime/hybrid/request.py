@@ -13,7 +13,9 @@ from ...arrays import FloatArray
 from ...ir.program import Layout
 from ...options import SimulateOptions, SweepOptions
 from .event_jumps import EventJumps
+from .mode_models import ModeModels
 from .reductions import PhaseReductions
+from .stops import Stops, stops_of
 
 __all__ = ["MotionRequest"]
 
@@ -27,6 +29,7 @@ class MotionRequest(Generic[OptionsT]):
 
     Attributes
     ----------
+    modes : ModeModels
     t0, t1 : ndarray (k,)
         Spans [s].
     x : ndarray (k, 2 n_q + n_z)
@@ -45,6 +48,7 @@ class MotionRequest(Generic[OptionsT]):
         Of the scene, with the requested outputs.
     """
 
+    modes: ModeModels
     t0: FloatArray
     t1: FloatArray
     x: FloatArray
@@ -59,6 +63,11 @@ class MotionRequest(Generic[OptionsT]):
     def parameters(self) -> dict[str, float]:
         """Parameters of the first case by name."""
         return dict(zip(self.layout.parameters, self.p[0].tolist(), strict=True))
+
+    def stops(self, *, many: bool = False) -> Stops | None:
+        """Return where the cases stop, see `stops_of`; None where they do not."""
+        options, spans = self.options, (self.t0, self.t1)
+        return stops_of(self.modes, self.layout, options.inputs, self.p, spans, options.t_eval, many=many)
 
     @property
     def labels(self) -> list[str]:

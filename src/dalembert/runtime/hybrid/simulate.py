@@ -23,7 +23,6 @@ from .mode_models import ModeModels
 from .motion_recorder import RecordedPhase, recorder_of
 from .phase_motions import trajectories
 from .request import MotionRequest
-from .stops import stops_of
 
 __all__ = ["simulate"]
 
@@ -31,7 +30,7 @@ _SAME = 1e-9
 """Share of a state by which the state after an impact differs at least."""
 
 
-def simulate(modes: ModeModels, request: MotionRequest[SimulateOptions]) -> HybridTrajectory:
+def simulate(request: MotionRequest[SimulateOptions]) -> HybridTrajectory:
     """Return the requested motion.
 
     Raises
@@ -39,19 +38,16 @@ def simulate(modes: ModeModels, request: MotionRequest[SimulateOptions]) -> Hybr
     ValueInputError, InitialStateError
         For starts that the contacts forbid.
     """
-    options, begin = request.options, time.perf_counter()
-    spans = request.t0, request.t1
-    stops = stops_of(modes, request.layout, options.inputs, request.p, spans, options.t_eval)
-    with recorder_of(modes, request) as recorder:
+    options, modes, begin = request.options, request.modes, time.perf_counter()
+    stops = request.stops()
+    with recorder_of(request) as recorder:
         phases, case = recorder.run(request, stops), recorder.case
         status, now, seconds = case.status, case.cases, case.choice.compile_seconds
         if status is Status.INITIAL_STATE:
-            _refuse(modes, request, phases, now)
+            _refuse(request, phases, now)
         kept = _kept(phases, status)
-        runs = trajectories(modes, kept, request, status, stops)
-        parts = [_part(modes, phase, run) for phase, run in zip(kept, runs, strict=True)] or [
-            _start(modes, request, now)
-        ]
+        runs = trajectories(kept, request, status, stops)
+        parts = [_part(modes, phase, run) for phase, run in zip(kept, runs, strict=True)] or [_start(request, now)]
         note = _note(modes, phases, now, status) or recorder.note
         end = now.x[0].copy()
     stats = _statistics(parts, options, note, (seconds, time.perf_counter() - begin - seconds))
@@ -152,15 +148,14 @@ def _statistics(
 # -- motions that cannot continue --------------------------------------------------------------
 
 
-def _refuse(
-    modes: ModeModels, request: MotionRequest[SimulateOptions], phases: Sequence[RecordedPhase], now: ContactCases
-) -> None:
+def _refuse(request: MotionRequest[SimulateOptions], phases: Sequence[RecordedPhase], now: ContactCases) -> None:
     """Raise what is wrong with the start of a motion, or of its last phase.
 
     Raises
     ------
     ValueInputError, InitialStateError
     """
+    modes = request.modes
     for phase in phases[-1:]:
         model = modes.model(phase.mode)
         own = dict(zip(model.layout.parameters, phase.parameters(modes, request.parameters), strict=True))
@@ -186,8 +181,9 @@ def _changing(before: Mapping[str, str], after: Mapping[str, str]) -> list[str]:
     return [name for name in before if before[name] != after.get(name)] or list(before)
 
 
-def _start(modes: ModeModels, request: MotionRequest[SimulateOptions], now: ContactCases) -> Part:
+def _start(request: MotionRequest[SimulateOptions], now: ContactCases) -> Part:
     """Return the start of a motion that cannot continue, in the mode in which all touching contacts slip."""
+    modes = request.modes
     gaps, noise = modes.decisions.gaps(now.t, now.x, now.p)
     mode, t = modes.automaton.sliding_mode(np.flatnonzero(gaps > noise).tolist()), float(request.t0[0])
     model = modes.model(mode)

@@ -14,11 +14,10 @@ from ...results.case_results import SweepStatistics
 from ...results.hybrid_sweep import HybridSweep
 from ..symbol_assumptions import warn_of_motion
 from .case_runs import CaseRuns
-from .mode_models import ModeModels
 from .output_values import OutputValues
 from .request import MotionRequest
 from .runner_choice import RunnerChoice
-from .stops import Stops, stops_of
+from .stops import Stops
 
 __all__ = ["sweep"]
 
@@ -27,7 +26,6 @@ _BETWEEN_LOOKS = 1024
 
 
 def sweep(
-    modes: ModeModels,
     request: MotionRequest[SweepOptions],
     varied: tuple[dict[str, FloatArray], dict[str, FloatArray]],
     stop: bool = False,
@@ -36,14 +34,14 @@ def sweep(
 
     `varied` are initial values and parameters as they were given.
     """
-    begin, options, layout = time.perf_counter(), request.options, request.layout
-    spans, count = (request.t0, request.t1), len(request.t0)
-    stops = stops_of(modes, layout, options.inputs, request.p, spans, options.t_eval, many=True)
+    begin, options, count = time.perf_counter(), request.options, len(request.t0)
+    stops = request.stops(many=True)
     assert options.threads is not None
     chosen = None if options.chosen is None else options.method_chosen
-    choice = RunnerChoice(modes, layout, options, request.reductions, fits=options.fits, chosen=chosen)
+    about = request.modes, request.layout, options, request.reductions
+    choice = RunnerChoice(*about, fits=options.fits, chosen=chosen)
     runs = CaseRuns(choice, count, threads=options.threads, t_eval=options.t_eval)
-    runs.begin(*spans, request.x, request.p, stops)
+    runs.begin(request.t0, request.t1, request.x, request.p, stops)
     status = runs.numbers.state
     status[:] = request.status
     if stops is not None:
@@ -56,11 +54,10 @@ def sweep(
             runs.run(request.jumps, together=_BETWEEN_LOOKS if options.progress else None, advance=advance)
         except KeyboardInterrupt:
             runs.interrupt()
-    return _results(modes, request, runs, stops, varied, time.perf_counter() - begin)
+    return _results(request, runs, stops, varied, time.perf_counter() - begin)
 
 
 def _results(
-    modes: ModeModels,
     request: MotionRequest[SweepOptions],
     runs: CaseRuns,
     stops: Stops | None,
@@ -68,7 +65,7 @@ def _results(
     seconds: float,
 ) -> HybridSweep:
     """Return the results of cases that have been run."""
-    numbers, options, methods, automaton = runs.numbers, request.options, runs.choice.methods, modes.automaton
+    numbers, options, methods, modes = runs.numbers, request.options, runs.choice.methods, request.modes
     assert options.threads is not None
     stats = SweepStatistics(
         method=", ".join(dict.fromkeys(methods.values())),
@@ -96,7 +93,7 @@ def _results(
         (last, samples),
         numbers.phases + (last.mode >= 0),
         [contact.name for contact in modes.equations.contacts],
-        {int(n): modes.named(automaton.mode(int(n))) for n in np.unique(met[met >= 0])},
+        {int(n): modes.named(modes.automaton.mode(int(n))) for n in np.unique(met[met >= 0])},
         value,
     )
     warn_of_motion(request.layout.assumptions, request.layout.coordinates, run.t, run._final)
