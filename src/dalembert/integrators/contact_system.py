@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -207,14 +207,14 @@ def contact_system(automaton: HybridAutomaton) -> ContactSystem:
     motion = {"mass": (n, n), "forcing": (n,), "jacobian": (r, n), "bias": (r,), "velocity": (r,), "power": (u, n)}
     values, numbers = _views(**motion, **one_each)
     solution, solved = _views(motion=(n,), press=(k,), opening=(k,), slip=(s,))
+    named: dict[str, Any] = {**_topology(automaton), **numbers, **solved}
     return ContactSystem(
         coordinates=n,
         constraints=m,
         contacts=k,
         slips=s,
-        **_topology(automaton),
+        **named,
         values=values,
-        **numbers,
         rates=np.zeros(n),
         load=np.zeros(n),
         demand=np.zeros(r),
@@ -231,7 +231,6 @@ def contact_system(automaton: HybridAutomaton) -> ContactSystem:
         columns=np.zeros(u, np.int64),
         column=np.zeros(k, np.int64),
         solution=solution,
-        **solved,
         free=np.zeros((s, s)),
         solved=Solved(),
         dense=dense_workspace(size),
