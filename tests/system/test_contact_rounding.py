@@ -148,3 +148,48 @@ def test_slips_do_not_depend_on_the_frame(far_belt, speed, place, method):
     slips = np.sqrt(2.0) * (np.pi - np.arctan(2.0 * np.sqrt(2.0)))
     assert run.success and [phase.modes["belt"] for phase in run.phases] == ["stick", "slip"] * 3
     np.testing.assert_allclose([phase.t0 for phase in run.phases][:3], [0.0, 5.0, 5.0 + slips], atol=1e-5)
+
+
+def incline(plane):
+    """Return the model of a block on a rough incline, x uphill, with friction along x or in the plane."""
+    m, g, mu, tilt = sp.symbols("m g mu tilt", positive=True)
+    x, y, z = dynamicsymbols("x y z")
+    N, O = ReferenceFrame("N"), Point("O")
+    block = O.locatenew("P", x * N.x + (y * N.y if plane else 0) + z * N.z)
+    scene = da.Scene("incline", frame=N, origin=O, coordinates=[x, y, z] if plane else [x, z])
+    scene.add_bodies(Particle("block", block, m))
+    scene.apply_uniform_gravity(-g * (sp.cos(tilt) * N.z + sp.sin(tilt) * N.x))
+    press, along, across = da.unknowns("R T U")
+    force = press * N.z + along * N.x + (across * N.y if plane else 0)
+    scene.add_joints(da.Joint("floor", body="block", at=block, force=force))
+    scene.add_contacts(da.UnilateralContact(press, gap=z, name="floor"))
+    scene.add_friction(da.CoulombFriction(press, (along, across) if plane else along, mu=mu, name="floor"))
+    return da.compile_model(scene)
+
+
+@pytest.mark.parametrize("plane", [False, True])
+def test_a_block_that_stops_where_its_weight_is_the_slip_limit_stays(plane):
+    """With mu = tan(tilt) it stays, and its mass decides nothing; its deceleration is 2 g sin(tilt) before."""
+    model, start = incline(plane), dict.fromkeys(("x", "y", "z", "x_dot", "y_dot", "z_dot"), 0.0)
+    start = {name: start[name] for name in model.layout.variables}
+    for tilt in (0.3, 0.5, np.arctan(0.3)):
+        masses = np.outer(10.0 ** np.arange(-6, 7), [1.0, 1.7, 3.7]).ravel()
+        p = {"m": 1.0, "g": 9.81, "tilt": tilt, "mu": np.tan(tilt)}
+        for speed, phases in ((-0.0, ["stick"]), (1.0, ["slip", "stick"])):
+            for mass in masses:
+                run = model.simulate((0, 1), start | {"x_dot": speed}, p | {"m": mass}, rtol=1e-10, atol=1e-12)
+                assert run.success and [phase.modes["floor"] for phase in run.phases] == phases, (tilt, mass, speed)
+                assert run["x_dot"][-1] == 0.0
+                np.testing.assert_allclose(run["x"][-1], speed**2 / (4 * 9.81 * np.sin(tilt)), rtol=1e-9)
+            sweep = model.sweep((0, 1), start | {"x_dot": speed}, p | {"m": masses}, rtol=1e-10, atol=1e-12)
+            assert sweep.success.all() and (sweep.phases == len(phases)).all() and not sweep["x_dot"].any()
+
+
+@pytest.mark.parametrize("share", [1e-12, 1e-8])
+def test_a_block_just_beyond_the_slip_limit_slides(share):
+    """What is beyond rounding decides: a share of the friction force accelerates it downhill."""
+    model, start = incline(False), {"x": 0.0, "z": 0.0, "x_dot": 0.0, "z_dot": 0.0}
+    p = {"m": 2.54, "g": 9.81, "tilt": 0.3}
+    run = model.simulate((0, 1), start, p | {"mu": np.tan(0.3) * (1.0 - share)})
+    assert [phase.modes["floor"] for phase in run.phases] == ["slip"]
+    np.testing.assert_allclose(run["x_dot"][-1], -9.81 * np.sin(0.3) * share, rtol=1e-3)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 
 from ..methods.status import Status
+from ..methods.step_constants import EPSILON
 from .compiled_subset import compiled_subset, sqrt
 from .contact_forces import compliance, shift_forces, solve_mode
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertial_size
@@ -34,6 +35,10 @@ __all__ = ["ROUNDING", "select_mode"]
 
 ROUNDING = 1e-9
 """Share of the forces, or rates, within which a comparison may go either way."""
+
+_TIED = 64.0 * EPSILON
+"""Share of a friction force up to which rounding decides whether it is beyond its limit: the contact sticks, and the
+guard of its phase fires at once where the force grows."""
 
 _GRAZING = 1e-6
 """Share of the motion within which slip that friction has just failed to hold may seem to go backwards."""
@@ -177,8 +182,8 @@ def _law(system: ContactSystem, pick: Candidates, i: int, force: float) -> float
             used += system.forces[r, 0] * system.forces[r, 0]
         if turned(pick, i):
             press = max(press, 0.0)  # it is zero, and its sign is rounding
-        limit = (system.mu[i] if pick.slides[i] != 0 else system.mu_static[i]) * press
-        least = min(least, _share(limit - sqrt(used), force, pick.least[i]))
+        limit, used = (system.mu[i] if pick.slides[i] != 0 else system.mu_static[i]) * press, sqrt(used)
+        least = min(least, _share(limit - used, force, max(pick.least[i], _TIED * (abs(limit) + used))))
     if state == SLIP and rests(system, pick, i):
         share = _forward(system, pick, i)
         if broken(pick, i) != 0 and share >= -_GRAZING:
