@@ -193,3 +193,13 @@ def test_a_block_just_beyond_the_slip_limit_slides(share):
     run = model.simulate((0, 1), start, p | {"mu": np.tan(0.3) * (1.0 - share)})
     assert [phase.modes["floor"] for phase in run.phases] == ["slip"]
     np.testing.assert_allclose(run["x_dot"][-1], -9.81 * np.sin(0.3) * share, rtol=1e-3)
+
+
+def test_a_block_at_rest_up_to_rounding_sticks():
+    """Speeds that rounding leaves are shares of the positions in the span; what is beyond slips."""
+    model, p = incline(False), {"m": 2.0, "tilt": 0.3, "mu": 0.5}
+    for metre in (1e-6, 1.0, 1e6):
+        for speed, phases in ((1e-48, ["stick"]), (-1e-17, ["stick"]), (1e-12, ["slip", "stick"])):
+            start = {"x": 0.3 * metre, "z": 0.0, "x_dot": speed * metre, "z_dot": -1e-3 * abs(speed) * metre}
+            run = model.simulate((0, 1.5), start, p | {"g": 9.81 * metre}, atol=1e-10 * min(metre, 1.0))
+            assert run.success and [phase.modes["floor"] for phase in run.phases] == phases, (metre, speed)

@@ -12,8 +12,8 @@ from ..methods.event_constants import RESOLUTION, TOGETHER
 from ..methods.step_constants import EPSILON
 from .arguments import IntMatrix, IntVector, Matrix, Vector
 from .compiled_subset import compiled_subset
-from .contact_sizes import NOISE, gap_noise, gap_rate, rate_noise, slip_speed, slip_terms
-from .contact_system import OPEN, STICK, ContactSystem, opening_power, terms
+from .contact_sizes import NOISE, gap_noise, gap_rate, position_terms, rate_noise, slip_speed, slip_terms
+from .contact_system import OPEN, STICK, ContactSystem, inertial_size, opening_power, terms
 from .mode_candidates import (
     BREAK_UP,
     FREE,
@@ -213,6 +213,33 @@ def _rounding_of_rate(system: ContactSystem, cases: ContactCases, case: int, i: 
 
 
 @compiled_subset
+def _rounding_of_rest(system: ContactSystem, cases: ContactCases, case: int, row: int) -> float:
+    """Return what rounding leaves of the rate of a gap, or of a slip velocity, of a body at rest.
+
+    It is what rounding of positions amounts to in the whole span, and no more than that of the speeds that the given
+    forces cause in it.
+    """
+    slopes, span = system.jacobian[row], max(abs(cases.span[case]), 1e-300)
+    pushed = inertial_size(system, slopes) * inertial_size(system, system.forcing) * span
+    return ROUNDED * min(position_terms(system, cases.x[case], row, 0.0) / span, pushed)
+
+
+@compiled_subset
+def _slip_at_rest(system: ContactSystem, cases: ContactCases, case: int, i: int) -> float:
+    """Return the slip speed of a contact up to which it is at rest where nothing is known of the motion before."""
+    least = NOISE * slip_terms(system, i)
+    for row in range(system.row[i], system.row[i] + system.width[i]):
+        least = max(least, _rounding_of_rest(system, cases, case, row))
+    return least
+
+
+@compiled_subset
+def _rate_at_start(system: ContactSystem, cases: ContactCases, case: int, i: int) -> float:
+    """Return the rate of a gap up to which it is zero where nothing is known of the motion before."""
+    return max(rate_noise(system, i), _rounding_of_rest(system, cases, case, system.constraint[i]))
+
+
+@compiled_subset
 def approaches(system: ContactSystem, cases: ContactCases, case: int, i: int) -> bool:
     """Return whether the gap of a contact closes, beyond rounding."""
     return -gap_rate(system, i) > _rounding_of_rate(system, cases, case, i)
@@ -259,7 +286,7 @@ def _closed_at_end(system: ContactSystem, cases: ContactCases, case: int, i: int
         return closed_kind(system, i, 0.0, 0.0)
     limit = NOISE * cases.speeds[case, i]
     if before == UNDECIDED:
-        limit = NOISE * max(cases.speeds[case, i], slip_terms(system, i))
+        limit = max(limit, _slip_at_rest(system, cases, case, i))
     if stopped and system.width[i] > 1:
         limit = max(limit, _STOPPED * abs(cases.added[case, ADDED * i + REST]))
     return closed_kind(system, i, slip_speed(system, i), limit)
@@ -271,12 +298,13 @@ def kind_at_end(system: ContactSystem, cases: ContactCases, case: int, i: int) -
     fired, before = cases.fired[case, i], cases.modes[case, i]
     if system.constraint[i] < 0 or not (before == UNDECIDED or before == OPEN):
         return LIFTING if fired & LIFT != 0 else _closed_at_end(system, cases, case, i)
-    free, noise = system.gap[i] > gap_noise(system, cases.x[case], i), rate_noise(system, i)
     if before == OPEN:  # of a body that has come to rest, rates are what rounding left of them
         free, noise = (
             fired & MEET == 0 and not arrives(system, cases, case, i),
             _rounding_of_rate(system, cases, case, i),
         )
+    else:
+        free, noise = system.gap[i] > gap_noise(system, cases.x[case], i), _rate_at_start(system, cases, case, i)
     if free or (gap_rate(system, i) > noise and (before == UNDECIDED or not _unresolved(system, cases, case, i))):
         return FREE
     return _closed_at_end(system, cases, case, i)
@@ -302,4 +330,5 @@ def strikes(system: ContactSystem, cases: ContactCases, case: int, i: int, begin
     cases.approach[case, i] = largest
     if begins and before == OPEN and _unresolved(system, cases, case, i):
         return False
-    return speed > max(rate_noise(system, i), (RESTING if begins else STILL) * largest)
+    noise = _rate_at_start(system, cases, case, i) if before == UNDECIDED else rate_noise(system, i)
+    return speed > max(noise, (RESTING if begins else STILL) * largest)

@@ -6,7 +6,17 @@ from ..arrays import FloatArray
 from .compiled_subset import compiled_subset, sqrt
 from .contact_system import ContactSystem, drift, inertial_terms, terms
 
-__all__ = ["NOISE", "gap_noise", "gap_rate", "rate_noise", "rate_terms", "slip_speed", "slip_terms", "slow_terms"]
+__all__ = [
+    "NOISE",
+    "gap_noise",
+    "gap_rate",
+    "position_terms",
+    "rate_noise",
+    "rate_terms",
+    "slip_speed",
+    "slip_terms",
+    "slow_terms",
+]
 
 NOISE = 1e-8
 """Share of a velocity, or of a position, below which it counts as zero."""
@@ -38,13 +48,19 @@ def _length_size(system: ContactSystem, x: FloatArray) -> float:
 
 
 @compiled_subset
-def gap_noise(system: ContactSystem, x: FloatArray, i: int) -> float:
-    """Return the size below which the gap of a contact counts as zero at a start; x as before."""
-    total, length = abs(system.gap[i]), _length_size(system, x)
+def position_terms(system: ContactSystem, x: FloatArray, row: int, total: float) -> float:
+    """Return the sizes of what coordinates add to a gap, or to a way slipped, added to a total; x as before."""
+    length = _length_size(system, x)
     for j in range(system.coordinates):
         size = 1.0 if system.angle[j] != 0 else length
-        total += abs(system.jacobian[system.constraint[i], j]) * max(abs(x[j]), size)
-    return NOISE * total
+        total += abs(system.jacobian[row, j]) * max(abs(x[j]), size)
+    return total
+
+
+@compiled_subset
+def gap_noise(system: ContactSystem, x: FloatArray, i: int) -> float:
+    """Return the size below which the gap of a contact counts as zero at a start; x as before."""
+    return NOISE * position_terms(system, x, system.constraint[i], abs(system.gap[i]))
 
 
 @compiled_subset

@@ -132,3 +132,12 @@ def test_a_block_that_came_to_rest_slides_when_an_event_sets_it_in_motion(backen
     sweep = made.sweep((0.0, 2.0), start | {"x": np.zeros(3)}, numbers, events=[kick])
     assert merged(run) == [("slip",), ("stick",), ("slip",), ("stick",)]
     np.testing.assert_allclose([run["x"][-1], *sweep["x"]], 0.75, rtol=0, atol=1e-9)
+
+
+def test_a_rod_at_rest_up_to_rounding_stays_at_rest_after_an_event():
+    """The event scales rates of 1e-31 to 1e-48, which are neither an impact nor slip."""
+    problem = runs.Problem(drawn("events", 13))
+    for rtol in (1e-6, 1e-8, 1e-10):
+        run = problem.simulated(rtol)
+        assert run.success and len(run.events["kick"]) == 1
+        assert merged(run) == [("stick", "stick", "open")], rtol
