@@ -60,7 +60,7 @@ CASES = {
     ),
 }
 UNITS = [Units(1e-9), Units(1e-6), Units(1e9), Units(mass=1e-18), Units(time=1e6), Units(1e-6, 1e-15, 1e3)]
-FEET = [Units(1e-6), Units(1e-3), Units(1e-2), Units(1e4), Units(mass=1e-18), Units(time=1e6), Units(1e-6, 1e-15, 1e3)]
+FEET = [*UNITS, Units(1e-8), Units(1e-3), Units(1e-2), Units(1e4)]
 
 
 def _phases(model, name, units, moved=(), end=None):

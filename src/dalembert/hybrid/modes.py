@@ -105,14 +105,17 @@ class _ModeEquations:
 
         Returns, by the name of the contact that holds them, the others that cannot slip while it does not.
         """
-        held = len(self.rows)
+        held, own = len(self.rows), Graph()  # weights are not computed here as forces will be
+        jacobians = [own.adopt(row.jacobian) for row in self.rows]
         self.idle: list[ContactRow] = []
         groups: dict[str, list[ContactRow]] = {}
         owners: list[str] = []
         for contact, row in ((each, row) for each in sticking for row in each.slips):
-            weights = dependence(self.graph, [list(r.jacobian) for r in self.rows], row.jacobian)
+            slopes = own.adopt(row.jacobian)
+            weights = dependence(own, jacobians, slopes)
             if weights is None:
                 self.rows.append(row)
+                jacobians.append(slopes)
                 owners.append(contact.name)
                 continue
             holding = [owner for owner, weight in zip(owners, weights[held:], strict=True) if not weight.is_zero]

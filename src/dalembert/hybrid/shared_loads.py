@@ -58,7 +58,7 @@ def undetermined_directions(
         return ()
     graph = frictionless.graph
     others = [place for place, number in enumerate(kept) if number not in shared]
-    independent, _ = independent_columns(graph, [[row[place] for place in others] for row in frictionless.reactions])
+    independent, _ = independent_columns([[row[place] for place in others] for row in frictionless.reactions])
     base = [others[i] for i in independent]
     reactions = [[row[place] for place in base] for row in frictionless.reactions]
     solve = reaction_solver(frictionless, reactions)

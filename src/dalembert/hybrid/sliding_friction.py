@@ -176,7 +176,7 @@ def _normals(
 ) -> Callable[[Sequence[Node]], list[Node]]:
     """Return the function from what reactions have to supply to the normal reactions of what slides."""
     graph: Graph = frictionless.graph
-    independent, undetermined = independent_columns(graph, frictionless.reactions)
+    independent, undetermined = independent_columns(frictionless.reactions)
     places = []
     for item in sliding:
         place = list(kept).index(item.contact.normal)

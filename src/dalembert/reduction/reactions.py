@@ -40,7 +40,7 @@ class Requested:
 
 def undetermined_unknowns(equations: EquationsOfMotion) -> tuple[str, ...]:
     """Return the names of the reaction components that no equation determines."""
-    _, free = independent_columns(equations.graph, equations.reactions)
+    _, free = independent_columns(equations.reactions)
     return tuple(equations.symbols.unknowns[i] for i in sorted(free))
 
 
@@ -165,9 +165,14 @@ def _needed_unknowns(equations: EquationsOfMotion, nodes: Mapping[str, Node]) ->
     return [name for name, node in zip(names, equations.unknowns, strict=True) if node.deps & deps]
 
 
-def independent_columns(graph: Graph, matrix: Matrix) -> tuple[list[int], set[int]]:
-    """Return columns that are independent for almost every state, and those whose weight is not determined."""
-    columns = transpose(matrix) if matrix and matrix[0] else []
+def independent_columns(matrix: Matrix) -> tuple[list[int], set[int]]:
+    """Return columns that are independent for almost every state, and those whose weight is not determined.
+
+    A graph of its own decides it: it keeps the form in which a value was computed first, and weights computed here add
+    lengths to angles, so that they lose their digits in small and large units.
+    """
+    graph = Graph()
+    columns = [graph.adopt(column) for column in transpose(matrix)] if matrix and matrix[0] else []
     independent: list[int] = []
     free: set[int] = set()
     for number, column in enumerate(columns):
@@ -191,7 +196,7 @@ def _solve(
     """Return the determined reactions in terms of the state."""
     graph = equations.graph
     size = len(equations.q)
-    independent, _ = independent_columns(graph, equations.reactions)
+    independent, _ = independent_columns(equations.reactions)
     if equations.minimum_norm:
         independent = list(range(len(equations.unknowns)))
     flat = [entry for row in equations.mass_matrix for entry in row] + list(equations.forcing)

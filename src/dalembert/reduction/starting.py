@@ -243,7 +243,7 @@ class _Starting:
         places, names = which
         if not columns:
             self._refuse(complaint[0], names, complaint[1])
-        _, free = independent_columns(self.graph, columns)
+        _, free = independent_columns(columns)
         if free:
             self._refuse(complaint[0], [names[i] for i in sorted(free)], complaint[1])
         rest = self.graph.substitute(residual, dict.fromkeys(missing, self.graph.zero))
