@@ -9,6 +9,7 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 from dalembert.errors import OptionError, UnknownNameError
+from dalembert.methods.status import Status
 
 xarray = pytest.importorskip("xarray")
 
@@ -60,6 +61,14 @@ def test_units_are_on_what_they_are_of(results):
     assert json.loads(run.attrs["parameter_units"]) == {"m": "kg", "b": "m"}
     assert sweep["b"].units == grid["b"].units == "m" and json.loads(grid.attrs["parameter_units"]) == {"m": "kg"}
     assert grid["theta_dot"].units == grid["theta_dot_value"].units == "rad/s"
+
+
+@pytest.mark.parametrize("kind", ["sweep", "grid"])
+def test_the_numbers_of_statuses_are_named(results, kind):
+    status = results[kind]["status"]
+    meanings = dict(zip(status.attrs["flag_values"], status.attrs["flag_meanings"].split(), strict=True))
+    assert meanings == {kind.value: kind.name for kind in Status}
+    assert {meanings[int(number)] for number in np.unique(status)} == {"SUCCESS"}
 
 
 def test_units_of_what_is_not_there(model):

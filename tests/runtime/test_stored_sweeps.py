@@ -267,6 +267,10 @@ def test_what_is_no_store_is_left_alone(model, tmp_path):
     zarr.create_group(tmp_path / "other.zarr")
     with pytest.raises(OptionError, match="a zarr group that no sweep wrote"):
         model.sweep((0, 2), START, MANY, to=tmp_path / "other.zarr")
+    with pytest.raises(OptionError, match=r"notes\.txt' is a file, and a store is a folder; nothing was written"):
+        model.sweep((0, 2), START, MANY, to=tmp_path / "notes.txt")
+    with pytest.raises(OptionError, match="to= takes a path of a folder or a store of zarr, not 3, of type int"):
+        model.sweep((0, 2), START, MANY, to=3)
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 

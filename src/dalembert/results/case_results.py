@@ -16,7 +16,7 @@ from ..errors import UnknownNameError, nesting_named, unknown_name
 from ..ir.program import Layout
 from ..methods.status import Status
 from .estimate import Estimated
-from .labels import attributes, with_units
+from .labels import attributes, flags, with_units
 from .motion import ENERGIES, reaction_hint, xarray_package
 from .named_values import NamedValues
 from .notebook import ranges, summary
@@ -230,7 +230,12 @@ class CaseResults(Estimated):
     def to_xarray(self, units: Mapping[Any, str] | None = None) -> xarray.Dataset:
         """Return the sweep as an ``xarray.Dataset`` over ``case`` or the axes of its grid, and ``time`` if sampled.
 
-        Of an event there are ``name_count``, ``name_first`` and ``name_last``. Attributes are as for a trajectory.
+        Values are those at the samples, or final ones. Where x is an axis or a case's own initial value and a result,
+        too, each has a name of its own: the axis is ``x`` and the result ``x_value``; along ``case``, the result is
+        ``x`` and the initial value ``x_given``. A reduction whose name is taken is ``name_reduced``. Of an event there
+        are ``name_count``, ``name_first`` and ``name_last``, with ``_of_event`` behind a name that is taken. The
+        attributes ``flag_values`` and ``flag_meanings`` of ``status`` have the meaning of its numbers. Other attributes
+        are as for a trajectory.
 
         Parameters
         ----------
@@ -258,8 +263,8 @@ class CaseResults(Estimated):
         for name, values in self._by_name(dict.fromkeys((*layout.variables, *layout.outputs, "energy"))).items():
             key = f"{name}_value" if name in self.axes else name
             data[key] = ((*dims, *times), values.reshape(*shape, *values.shape[1:]))
-        for name, counts in (("status", self.status), ("steps", self.steps), ("t_end", self.t)):
-            data[name] = (dims, counts.reshape(shape))
+        data["status"] = (dims, self.status.reshape(shape), flags([status.name for status in Status]))
+        data |= {name: (dims, counts.reshape(shape)) for name, counts in (("steps", self.steps), ("t_end", self.t))}
         taken = {*data, *coords, *dims}
         for name, values in self.reduced.items():
             data[f"{name}_reduced" if name in taken else name] = (dims, values.reshape(shape))

@@ -15,6 +15,7 @@ from ..hybrid.modes import STATES
 from ..ir.program import Layout
 from .case_results import CaseResults, SweepStatistics
 from .estimate import NamedArrays
+from .labels import flags
 
 if TYPE_CHECKING:
     import xarray
@@ -106,12 +107,11 @@ class HybridSweep(CaseResults):
         found = super().to_xarray(units)
         status, values = found["status"], next(iter(found.data_vars.values()))
         names = ("none", *STATES)
-        meaning = {"flag_values": list(range(len(names))), "flag_meanings": " ".join(names)}
         columns: dict[str, Any] = {"phases": (status.dims, self.phases.reshape(status.shape))}
         for contact in self._contacts:
             words, places = np.unique(self.mode(contact), return_inverse=True)
             codes = np.array([names.index(word) for word in words], np.int8)[places]
-            columns[f"{contact}_mode"] = (values.dims, codes.reshape(values.shape), meaning)
+            columns[f"{contact}_mode"] = (values.dims, codes.reshape(values.shape), flags(names))
         for name, column in columns.items():
             found[f"{name}_of_contacts" if name in {*found.variables, *found.dims} else name] = column
         return found

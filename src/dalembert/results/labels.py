@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..errors import OptionError, UnknownNameError, unknown_name
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .case_results import SweepStatistics
     from .motion import RunStatistics
 
-__all__ = ["attributes", "with_units"]
+__all__ = ["attributes", "flags", "with_units"]
 
 _OTHER_NAMES = ("", "_value", "_given", "_reduced", "_first", "_last")
 """Endings that tell a name of a data set from that of an axis, a result or another reduction; or those of an event."""
@@ -34,6 +34,11 @@ def attributes(
         "parameters": json.dumps(dict(parameters)),
         "dalembert_version": __version__,
     }
+
+
+def flags(names: Sequence[str]) -> dict[str, Any]:
+    """Return the attributes by which the CF conventions name the numbers 0, 1, ... of an array."""
+    return {"flag_values": list(range(len(names))), "flag_meanings": " ".join(names)}
 
 
 def with_units(

@@ -79,7 +79,9 @@ def simulate(
     first_step, max_step : float, optional
         First and largest step [s].
     max_steps : int
-        Attempted steps after which the run ends with a status.
+        Attempted steps, accepted and rejected, after which the run ends with the status MAX_STEPS; on the backend
+        "numpy" accepted ones. A run that is cut at breaks of functions of time, or at acts of controllers, has them
+        for all its parts together.
     dense : bool
         Whether the trajectory can be evaluated between the recorded times.
     error_estimate : bool
@@ -170,8 +172,11 @@ def sweep(
         random cases from `random_cases` or `sobol_cases`.
     t_eval : array_like (n_t,), optional
         Times to record for all cases; without it, final states only.
-    method, rtol, atol, max_step, max_steps
+    method, rtol, atol, max_step
         As for `simulate`.
+    max_steps : int
+        As for `simulate`; but of a case that is cut at breaks or acts of controllers, the attempts within one part
+        count, and then the accepted steps of all parts together.
     threads : int, optional
         Threads to use; by default as many as there are processors.
     progress : bool

@@ -99,11 +99,19 @@ class Store:
         Raises
         ------
         OptionError
-            Where there is something else.
+            Where there is something else, and for what is no place of a store.
         """
         zarr, _ = packages()
         try:
             group = zarr.open_group(where, mode="r+")
+        except TypeError as error:
+            raise OptionError(
+                f"to= takes a path of a folder or a store of zarr, not {where!r}, of type {type(where).__name__}"
+            ) from error
+        except FileExistsError:  # a file, where zarr makes a folder
+            raise OptionError(
+                f"to={str(where)!r} is a file, and a store is a folder; nothing was written. Choose another name"
+            ) from None
         except (FileNotFoundError, zarr.errors.GroupNotFoundError, ValueError):
             group = cls._recovered(where)
             if group is None and isinstance(where, str | Path) and Path(where).exists() and any(Path(where).iterdir()):

@@ -81,7 +81,8 @@ def stored_sweep(model: SweptModel, given: Given, options: SweepOptions, where: 
             store.label(with_units(store.dataset(), where.units, *names))
     except OSError as error:
         raise StoredSweepError(
-            f"the store {str(where.to)!r} could not be laid out: {error}. The same call continues where this one ended"
+            f"the store {str(where.to)!r} could not be laid out: {error}. Make room, or choose a folder that can be"
+            " written; the same call continues where this one ended"
         ) from error
     missing = store.missing(request)
     if missing:
