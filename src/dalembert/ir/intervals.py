@@ -13,13 +13,11 @@ from typing import Any, final
 import numpy as np
 
 from ..arrays import FloatArray
+from .bounds import Bounds, arc_slope, cosine, even, hull, one_plus, plus, reciprocal, root, sine, square, times, wider
 from .interpret import ARRAY_OPERATIONS
 from .tables import array_piece, table_of
 
 __all__ = ["INTERVAL_OPERATIONS", "Interval"]
-
-_SLACK = 4.0 * 2.220446049250313e-16
-_LEAST = 1e-300
 
 
 @final
@@ -33,41 +31,12 @@ class Interval:
     rate_high: FloatArray
 
 
-Bounds = tuple[Any, Any]
-
-
 def _of(value: Any) -> Interval:
     if isinstance(value, Interval):
         return value
     number = np.asarray(value, dtype=float)
     zero = np.zeros_like(number)
     return Interval(number, number, zero, zero)
-
-
-def _wider(low: Any, high: Any) -> Bounds:
-    return low - (_SLACK * np.abs(low) + _LEAST), high + (_SLACK * np.abs(high) + _LEAST)
-
-
-def _plus(a: Bounds, b: Bounds) -> Bounds:
-    return _wider(a[0] + b[0], a[1] + b[1])
-
-
-def _times(a: Bounds, b: Bounds) -> Bounds:
-    products = [x * y for x in a for y in b]
-    products = [np.where(np.isnan(product), 0.0, product) for product in products]  # 0 times infinity
-    lost = np.isnan(a[0]) | np.isnan(a[1]) | np.isnan(b[0]) | np.isnan(b[1])
-    low = np.minimum(np.minimum(products[0], products[1]), np.minimum(products[2], products[3]))
-    high = np.maximum(np.maximum(products[0], products[1]), np.maximum(products[2], products[3]))
-    return _wider(np.where(lost, -np.inf, low), np.where(lost, np.inf, high))
-
-
-def _inverse(b: Bounds) -> Bounds:
-    crosses = ~((b[0] > 0.0) | (b[1] < 0.0))
-    return _wider(np.where(crosses, -np.inf, 1.0 / b[1]), np.where(crosses, np.inf, 1.0 / b[0]))
-
-
-def _hull(a: Bounds, b: Bounds) -> Bounds:
-    return np.minimum(a[0], b[0]), np.maximum(a[1], b[1])
 
 
 def _value(x: Interval) -> Bounds:
@@ -83,7 +52,7 @@ def _made(value: Bounds, rate: Bounds) -> Interval:
 
 
 def _add(a: Interval, b: Interval) -> Interval:
-    return _made(_plus(_value(a), _value(b)), _plus(_rate(a), _rate(b)))
+    return _made(plus(_value(a), _value(b)), plus(_rate(a), _rate(b)))
 
 
 def _neg(a: Interval) -> Interval:
@@ -91,17 +60,17 @@ def _neg(a: Interval) -> Interval:
 
 
 def _mul(a: Interval, b: Interval) -> Interval:
-    rate = _plus(_times(_rate(a), _value(b)), _times(_value(a), _rate(b)))
-    value = _times(_value(a), _value(b))
+    rate = plus(times(_rate(a), _value(b)), times(_value(a), _rate(b)))
+    value = times(_value(a), _value(b))
     if a is b:
         value = np.where((a.low <= 0.0) & (a.high >= 0.0), 0.0, value[0]), value[1]
     return _made(value, rate)
 
 
 def _div(a: Interval, b: Interval) -> Interval:
-    inverse = _inverse(_value(b))
-    value = _times(_value(a), inverse)
-    rate = _times(_plus(_rate(a), _rate(_neg(_made(value, _times(value, _rate(b)))))), inverse)
+    over = reciprocal(_value(b))
+    value = times(_value(a), over)
+    rate = times(plus(_rate(a), _rate(_neg(_made(value, times(value, _rate(b)))))), over)
     return _made(value, rate)
 
 
@@ -113,61 +82,22 @@ def _monotone(function: Callable[[Any], Any], slope: Callable[[Bounds], Bounds])
         low = np.where(np.isnan(low) & ~np.isnan(high), -np.inf, low)
         steep = slope(_value(a))
         steep = np.where(np.isnan(steep[0]), -np.inf, steep[0]), np.where(np.isnan(steep[1]), np.inf, steep[1])
-        return _made(_wider(low, high), _times(steep, _rate(a)))
+        return _made(wider(low, high), times(steep, _rate(a)))
 
     return call
 
 
-def _cosine(a: Bounds) -> Bounds:
-    """Return bounds of the cosine, exact where extrema are within."""
-    low, high = a
-    ends = np.cos(low), np.cos(high)
-    turns = 2.0 * np.pi
-    slack = _SLACK * (np.abs(low) + np.abs(high)) + 1e-15
-    top = np.floor((high + slack) / turns) >= np.ceil((low - slack) / turns)
-    bottom = np.floor((high + slack) / turns - 0.5) >= np.ceil((low - slack) / turns - 0.5)
-    wild = ~np.isfinite(low) | ~np.isfinite(high)
-    least = np.where(bottom | wild, -1.0, np.minimum(*ends) - slack)
-    most = np.where(top | wild, 1.0, np.maximum(*ends) + slack)
-    return np.maximum(least, -1.0), np.minimum(most, 1.0)
-
-
-def _sine(a: Bounds) -> Bounds:
-    return _cosine((a[0] - 0.5 * np.pi, a[1] - 0.5 * np.pi))
-
-
 def _sin(a: Interval) -> Interval:
-    return _made(_sine(_value(a)), _times(_cosine(_value(a)), _rate(a)))
+    return _made(sine(_value(a)), times(cosine(_value(a)), _rate(a)))
 
 
 def _cos(a: Interval) -> Interval:
-    slope = _sine(_value(a))
-    return _made(_cosine(_value(a)), _times((-slope[1], -slope[0]), _rate(a)))
+    slope = sine(_value(a))
+    return _made(cosine(_value(a)), times((-slope[1], -slope[0]), _rate(a)))
 
 
 def _tan(a: Interval) -> Interval:
     return _div(_sin(a), _cos(a))
-
-
-def _square(a: Bounds) -> Bounds:
-    value = _times(a, a)
-    return np.where((a[0] <= 0.0) & (a[1] >= 0.0), 0.0, np.maximum(value[0], 0.0)), value[1]
-
-
-def _one_plus(a: Bounds) -> Bounds:
-    return _plus((1.0, 1.0), a)
-
-
-def _minus(a: Bounds) -> Bounds:
-    return -a[1], -a[0]
-
-
-def _root(a: Bounds) -> Bounds:
-    return np.sqrt(np.maximum(a[0], 0.0)), np.sqrt(np.maximum(a[1], 0.0))
-
-
-def _arc_slope(a: Bounds) -> Bounds:
-    return _inverse(_root(_one_plus(_minus(_square(a)))))
 
 
 def _acos(a: Interval) -> Interval:
@@ -175,20 +105,9 @@ def _acos(a: Interval) -> Interval:
     return _add(_of(half), _neg(_asin(a)))
 
 
-def _even(function: Callable[[Any], Any]) -> Callable[[Bounds], Bounds]:
-    """Return an even function that grows away from zero."""
-
-    def call(a: Bounds) -> Bounds:
-        ends = function(a[0]), function(a[1])
-        within = (a[0] <= 0.0) & (a[1] >= 0.0)
-        return _wider(np.where(within, function(0.0), np.minimum(*ends)), np.maximum(*ends))
-
-    return call
-
-
 def _abs(a: Interval) -> Interval:
     sign = np.where(a.low >= 0.0, 1.0, -1.0), np.where(a.high <= 0.0, -1.0, 1.0)
-    return _made(_even(np.abs)(_value(a)), _times(sign, _rate(a)))
+    return _made(even(np.abs)(_value(a)), times(sign, _rate(a)))
 
 
 def _stepped(function: Callable[[Any], Any]) -> Callable[[Interval], Interval]:
@@ -212,10 +131,10 @@ def _pow(a: Interval, b: Interval) -> Interval:
     low = np.where(odd, np.sign(a.low) * size[0], np.minimum(*size))
     low = np.where(~odd & (a.low <= 0.0) & (a.high >= 0.0), 0.0, low)
     high = np.where(odd, np.sign(a.high) * size[1], np.maximum(*size))
-    value = _wider(low, high)
-    under = _inverse(value)
+    value = wider(low, high)
+    under = reciprocal(value)
     value = np.where(n < 0.0, under[0], value[0]), np.where(n < 0.0, under[1], value[1])
-    rate = _times(_times((n, n), _times(value, _inverse(_value(a)))), _rate(a))
+    rate = times(times((n, n), times(value, reciprocal(_value(a)))), _rate(a))
     chosen = whole & ~(a.low > 0.0)
     parts = zip((*value, *rate), (*_value(positive), *_rate(positive)), strict=True)
     return Interval(*(np.where(chosen, own, other) for own, other in parts))
@@ -234,14 +153,14 @@ def _atan2(y: Interval, x: Interval) -> Interval:
     high = np.where(side, turned.high, np.where(right, ratio.high, np.pi))
     rate_low = np.where(side, turned.rate_low, np.where(right, ratio.rate_low, -np.inf))
     rate_high = np.where(side, turned.rate_high, np.where(right, ratio.rate_high, np.inf))
-    return _made(_wider(low, high), (np.where(known, rate_low, -np.inf), np.where(known, rate_high, np.inf)))
+    return _made(wider(low, high), (np.where(known, rate_low, -np.inf), np.where(known, rate_high, np.inf)))
 
 
 def _extreme(
     function: Callable[[Any, Any], Any], first: Callable[[Interval, Interval], Any]
 ) -> Callable[..., Interval]:
     def call(a: Interval, b: Interval) -> Interval:
-        rate = _hull(_rate(a), _rate(b))
+        rate = hull(_rate(a), _rate(b))
         only_a, only_b = first(a, b), first(b, a)
         rate = tuple(
             np.where(only_a, own, np.where(only_b, other, both))
@@ -260,7 +179,7 @@ def _less(a: Interval, b: Interval) -> Interval:
 
 def _select(c: Interval, a: Interval, b: Interval) -> Interval:
     first, second = (c.low > 0.0) | (c.high < 0.0), (c.low == 0.0) & (c.high == 0.0)
-    whole = (*_hull(_value(a), _value(b)), *_hull(_rate(a), _rate(b)))
+    whole = (*hull(_value(a), _value(b)), *hull(_rate(a), _rate(b)))
     parts = zip((*_value(a), *_rate(a)), (*_value(b), *_rate(b)), whole, strict=True)
     return Interval(*(np.where(first, x, np.where(second, y, z)) for x, y, z in parts))
 
@@ -283,8 +202,8 @@ def _entry(place: Interval, key: Interval, row: Interval) -> Interval:
 
 _exp = _monotone(np.exp, lambda a: (np.exp(a[0]), np.exp(a[1])))
 _log = _monotone(np.log, lambda a: (1.0 / a[1], np.where(a[0] > 0.0, 1.0 / a[0], np.inf)))
-_asin = _monotone(lambda x: np.arcsin(np.clip(x, -1.0, 1.0)), _arc_slope)
-_atan = _monotone(np.arctan, lambda a: _inverse(_one_plus(_square(a))))
+_asin = _monotone(lambda x: np.arcsin(np.clip(x, -1.0, 1.0)), arc_slope)
+_atan = _monotone(np.arctan, lambda a: reciprocal(one_plus(square(a))))
 
 _RULES: dict[str, Callable[..., Interval]] = {
     "add": _add,
@@ -292,7 +211,7 @@ _RULES: dict[str, Callable[..., Interval]] = {
     "mul": _mul,
     "div": _div,
     "neg": _neg,
-    "sqrt": _monotone(np.sqrt, lambda a: _times((0.5, 0.5), _inverse(_root(a)))),
+    "sqrt": _monotone(np.sqrt, lambda a: times((0.5, 0.5), reciprocal(root(a)))),
     "pow": _pow,
     "sin": _sin,
     "cos": _cos,
@@ -303,9 +222,9 @@ _RULES: dict[str, Callable[..., Interval]] = {
     "atan2": _atan2,
     "exp": _exp,
     "log": _log,
-    "sinh": _monotone(np.sinh, _even(np.cosh)),
-    "cosh": lambda a: _made(_even(np.cosh)(_value(a)), _times((np.sinh(a.low), np.sinh(a.high)), _rate(a))),
-    "tanh": _monotone(np.tanh, lambda a: _inverse(_square(_even(np.cosh)(a)))),
+    "sinh": _monotone(np.sinh, even(np.cosh)),
+    "cosh": lambda a: _made(even(np.cosh)(_value(a)), times((np.sinh(a.low), np.sinh(a.high)), _rate(a))),
+    "tanh": _monotone(np.tanh, lambda a: reciprocal(square(even(np.cosh)(a)))),
     "abs": _abs,
     "sign": _stepped(np.sign),
     "floor": _stepped(np.floor),
