@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping
 from fractions import Fraction
 from functools import reduce
 from typing import Any, final
@@ -14,14 +14,14 @@ from sympy.logic.boolalg import And, BooleanFalse, BooleanTrue, Not, Or
 from sympy.physics.vector import dynamicsymbols
 
 from ..errors import TOO_DEEP, list_names
-from ..ir.conditions import CONDITION_TIME, WHOLE, ZERO
 from ..ir.graph import Graph, Node
 from ..naming import unwritable
-from ..transforms.conditions import Condition, condition_on, decide, narrow_conditions
+from ..transforms.conditions import Condition
 from ..transforms.derivatives import tangents
 from .elapsed import ElapsedTime
-from .known_functions import DECIDED, FUNCTIONS, PULSE_OPERATIONS, RECIPROCALS, SUPPORTED, is_exhaustive
+from .known_functions import FUNCTIONS, RECIPROCALS, SUPPORTED, is_exhaustive
 from .tables import TableFunction, outside
+from .time_conditions import TimeConditions
 from .unknowns import Unknown
 
 __all__ = ["ExpressionReader", "short", "symbols_called"]
@@ -81,9 +81,8 @@ class ExpressionReader:
         self.graph, self.clock = graph, clock
         self.timed = False
         self.leaves = dict(leaves)
-        self.time = time
-        self.conditions: dict[Condition, None] = {}
         self.parameters: dict[str, sp.Symbol] = {}
+        self._operations = TimeConditions(graph, time, self.parameters)
         self.unknowns: dict[str, sp.Symbol] = {}
         self.faults: list[str] = []
         self.met: set[Any] = set()
@@ -101,9 +100,8 @@ class ExpressionReader:
         """
         self._place, self._allow_unknowns, self._allow_accelerations = place, unknowns, accelerations
         try:
-            e = (
-                None if isinstance(expression, str | bytes) else sp.sympify(expression)
-            )  # SymPy would run a text as code
+            # SymPy would run a text as code
+            e = None if isinstance(expression, str | bytes) else sp.sympify(expression)
         except (sp.SympifyError, TypeError, ValueError, AttributeError, RecursionError):
             e = None
         if not isinstance(e, sp.Basic):
@@ -117,6 +115,15 @@ class ExpressionReader:
             return self.fault(TOO_DEEP)
         finally:
             self.graph.written = False
+
+    @property
+    def conditions(self) -> dict[Condition, None]:
+        """The conditions on time and parameters alone that were read, in order."""
+        return self._operations.found
+
+    def ignore_conditions(self) -> None:
+        """Read operations with kinks or jumps in time alone like all others from now on."""
+        self._operations = TimeConditions(self.graph, None, self.parameters)
 
     def watch(self, e: Any) -> None:
         """Add the parameters that an expression, read by another reader, needs in elapsed time."""
@@ -230,7 +237,7 @@ class ExpressionReader:
     def _divide(self, top: Node, bottom: Node, e: Any) -> Node:
         if bottom.is_zero:
             return self.fault(f"{e} divides by zero")
-        self._record_pulse("pow", bottom)
+        self._operations.record_pulse("pow", bottom)
         return self.graph.div(top, bottom)
 
     def _power(self, e: Any) -> Node:
@@ -243,7 +250,7 @@ class ExpressionReader:
             if exponent < 0:
                 return self._divide(self.graph.one, self.graph.power(base, -exponent), e)
             if exponent > 2:
-                self._record_pulse("pow", base, float(exponent))
+                self._operations.record_pulse("pow", base, float(exponent))
             return self.graph.power(base, exponent)
         return self.graph.call("pow", base, self._read(e.exp))
 
@@ -268,7 +275,7 @@ class ExpressionReader:
     def _function(self, e: Any) -> Node:
         g, kind = self.graph, e.func
         if kind in FUNCTIONS:
-            return self._call(FUNCTIONS[kind], *(self._read(arg) for arg in e.args))
+            return self._operations.call(FUNCTIONS[kind], *(self._read(arg) for arg in e.args))
         if kind in RECIPROCALS:
             top, bottom = RECIPROCALS[kind]
             argument = self._read(e.args[0])
@@ -276,15 +283,15 @@ class ExpressionReader:
         if kind in (sp.Min, sp.Max):
             name = "min" if kind is sp.Min else "max"
             nodes = [self._read(arg) for arg in sorted(e.args, key=sp.default_sort_key)]
-            return reduce(lambda a, b: self._call(name, a, b), nodes)
+            return reduce(lambda a, b: self._operations.call(name, a, b), nodes)
         if kind is sp.ceiling:
-            return -self._call("floor", -self._read(e.args[0]))
+            return -self._operations.call("floor", -self._read(e.args[0]))
         if kind is sp.Mod:
             number, period = (self._read(arg) for arg in e.args)
-            return number - period * self._call("floor", self._divide(number, period, e))
+            return number - period * self._operations.call("floor", self._divide(number, period, e))
         if kind is sp.Heaviside:
             x, there = self._read(e.args[0]), self._read(e.args[1])
-            below, above = self._call("less", x, g.zero), self._call("less", g.zero, x)
+            below, above = self._operations.call("less", x, g.zero), self._operations.call("less", g.zero, x)
             return g.call("select", above, g.one, g.call("select", below, g.zero, there))
         if kind is sp.Piecewise:
             return self._piecewise(e)
@@ -301,41 +308,6 @@ class ExpressionReader:
         if done != e:
             return self._read(done)
         return self.fault(f"{kind.__name__} cannot be compiled; functions known: {list_names(SUPPORTED)}")
-
-    def _call(self, op: str, *args: Node) -> Node:
-        """Return an operation; one with kinks or jumps in time alone becomes a condition."""
-        graph = self.graph
-        whole = graph.call(op, *args)
-        if op in PULSE_OPERATIONS:
-            self._record_pulse(op, args[0])
-        if op not in DECIDED or self.time is None or not self._prescribed(args):
-            return whole
-        held = graph.substitute(args, {self.time: graph.input(CONDITION_TIME)})
-        kind = WHOLE if op == "floor" else ZERO
-        self.conditions[condition_on(graph, args[0] - args[1] if len(args) > 1 else args[0], kind)] = None
-        if op == "abs":
-            return graph.call("select", graph.call("less", held[0], graph.zero), -args[0], args[0])
-        if op in ("min", "max"):
-            low, high = args if op == "min" else args[::-1]
-            return graph.call("select", graph.call("less", *held), low, high)
-        return graph.call(op, *held)
-
-    def _record_pulse(self, op: str, node: Node, exponent: float = -1.0) -> None:
-        """Record a narrow pulse of an operation on time alone, so that no step passes over it."""
-        if self.time is not None and self._prescribed([node]):
-            found = narrow_conditions(self.graph, op, node, self.time, exponent)
-            self.conditions |= dict.fromkeys(found)
-
-    def _prescribed(self, nodes: Sequence[Node]) -> bool:
-        """Whether nodes depend on time, and on nothing else but parameters."""
-        assert self.time is not None
-        deps = 0
-        for node in nodes:
-            deps |= node.deps
-        if not deps & self.time.deps:
-            return False
-        known = [*self.parameters, *([CONDITION_TIME] if decide(self.conditions) else [])]
-        return not deps & ~(self.time.deps | self.graph.mask(known))
 
     def _piecewise(self, e: Any) -> Node:
         *some, (last, _) = e.args
@@ -361,10 +333,10 @@ class ExpressionReader:
             return g.one - self._condition(e.args[0])
         if isinstance(e, sp.Equality | sp.Unequality):
             a, b = self._read(e.lhs), self._read(e.rhs)
-            same = g.mul(self._call("less_equal", a, b), self._call("less_equal", b, a))
+            same = g.mul(self._operations.call("less_equal", a, b), self._operations.call("less_equal", b, a))
             return same if isinstance(e, sp.Equality) else g.one - same
         if isinstance(e, sp.StrictLessThan | sp.LessThan | sp.StrictGreaterThan | sp.GreaterThan):
             low, high = self._read(e.lts), self._read(e.gts)
             strict = isinstance(e, sp.StrictLessThan | sp.StrictGreaterThan)
-            return self._call("less" if strict else "less_equal", low, high)
+            return self._operations.call("less" if strict else "less_equal", low, high)
         return self.fault(f"the condition {e} cannot be compiled; use <, <=, >, >=, Eq, Ne, And, Or, Not")

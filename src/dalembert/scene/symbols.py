@@ -43,7 +43,7 @@ RESERVED_OUTPUTS = ("energy", "kinetic_energy", "potential_energy")
 def reader_of(scene: Scene) -> ExpressionReader:
     """Return a reader of further expressions in the symbols of a scene that was read before, on a graph of its own."""
     reader = SymbolReader(scene).expressions
-    reader.time = None  # steps do not end at breaks of expressions that are read later
+    reader.ignore_conditions()  # steps do not end at breaks of expressions that are read later
     return reader
 
 

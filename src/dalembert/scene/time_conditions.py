@@ -1,0 +1,71 @@
+"""Conditions on time in expressions: decided at one time within a segment, and recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, final
+
+from ..ir.conditions import CONDITION_TIME, WHOLE, ZERO
+from ..ir.graph import Graph, Node
+from ..transforms.conditions import Condition, condition_on, decide, narrow_conditions
+from .known_functions import DECIDED, PULSE_OPERATIONS
+
+__all__ = ["TimeConditions"]
+
+
+@final
+class TimeConditions:
+    """Operations on a graph, of which those with kinks, jumps or pulses in time alone become conditions.
+
+    Attributes
+    ----------
+    found : dict
+        The conditions, as keys, in the order in which they were met.
+
+    Parameters
+    ----------
+    graph : Graph
+    time : Node or None
+        The input that is time; None for operations that make no conditions.
+    parameters : mapping
+        Parameters by name, to which the owner may add.
+    """
+
+    def __init__(self, graph: Graph, time: Node | None, parameters: Mapping[str, Any]) -> None:
+        self._graph, self._time, self._parameters = graph, time, parameters
+        self.found: dict[Condition, None] = {}
+
+    def call(self, op: str, *args: Node) -> Node:
+        """Return an operation; one with kinks or jumps in time alone becomes a condition."""
+        graph = self._graph
+        whole = graph.call(op, *args)
+        if op in PULSE_OPERATIONS:
+            self.record_pulse(op, args[0])
+        if op not in DECIDED or self._time is None or not self._prescribed(args):
+            return whole
+        held = graph.substitute(args, {self._time: graph.input(CONDITION_TIME)})
+        kind = WHOLE if op == "floor" else ZERO
+        self.found[condition_on(graph, args[0] - args[1] if len(args) > 1 else args[0], kind)] = None
+        if op == "abs":
+            return graph.call("select", graph.call("less", held[0], graph.zero), -args[0], args[0])
+        if op in ("min", "max"):
+            low, high = args if op == "min" else args[::-1]
+            return graph.call("select", graph.call("less", *held), low, high)
+        return graph.call(op, *held)
+
+    def record_pulse(self, op: str, node: Node, exponent: float = -1.0) -> None:
+        """Record a narrow pulse of an operation on time alone, so that no step passes over it."""
+        if self._time is not None and self._prescribed([node]):
+            found = narrow_conditions(self._graph, op, node, self._time, exponent)
+            self.found |= dict.fromkeys(found)
+
+    def _prescribed(self, nodes: Sequence[Node]) -> bool:
+        """Whether nodes depend on time, and on nothing else but parameters."""
+        assert self._time is not None
+        deps = 0
+        for node in nodes:
+            deps |= node.deps
+        if not deps & self._time.deps:
+            return False
+        known = [*self._parameters, *([CONDITION_TIME] if decide(self.found) else [])]
+        return not deps & ~(self._time.deps | self._graph.mask(known))
