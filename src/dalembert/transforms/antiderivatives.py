@@ -8,7 +8,7 @@ branches (`Piecewise`, `Max`, `Abs`) at places where a linear function changes s
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from operator import mul
 from typing import final
@@ -17,6 +17,7 @@ from ..ir.graph import Graph, Node
 from ..ir.sampling import Probe, constant_value, directions, lost_at_zero, match, probe
 from ..ir.zero_tests import vanishes
 from .derivatives import tangents
+from .elementary_antiderivatives import elementary_antiderivative
 
 __all__ = ["Antiderivatives"]
 
@@ -30,36 +31,6 @@ _INNER = 24
 """Inner values that are tried."""
 _SEEDS, _PARALLEL = 4, 1e-5
 """Points at which gradients are compared, and the tolerance: they are differences."""
-
-
-def _unary(g: Graph, name: str, u: Node) -> Node | None:
-    """Return the antiderivative of an elementary function by its argument."""
-    one = g.one
-    table: dict[str, Callable[[], Node]] = {
-        "sin": lambda: -g.cos(u),
-        "cos": lambda: g.sin(u),
-        "tan": lambda: -g.call("log", g.call("abs", g.cos(u))),
-        "exp": lambda: g.call("exp", u),
-        "sinh": lambda: g.call("cosh", u),
-        "cosh": lambda: g.call("sinh", u),
-        "tanh": lambda: g.call("log", g.call("cosh", u)),
-        "log": lambda: u * g.call("log", u) - u,
-        "sqrt": lambda: u * g.call("sqrt", u) * g.const(Fraction(2, 3)),
-        "atan": lambda: u * g.call("atan", u) - g.call("log", one + u * u) / 2,
-        "asin": lambda: u * g.call("asin", u) + g.call("sqrt", one - u * u),
-        "acos": lambda: u * g.call("acos", u) - g.call("sqrt", one - u * u),
-        "abs": lambda: u * g.call("abs", u) / 2,
-        "sign": lambda: g.call("abs", u),
-    }
-    return table[name]() if name in table else None
-
-
-def _named(g: Graph, op: str, args: tuple[Node, ...]) -> Node | None:
-    """Return the antiderivative of an elementary function, or of a table, by its argument."""
-    if op != "table":
-        return _unary(g, op, args[0])
-    x, key, order = args
-    return None if order.number == -1 else g.call("table", x, key, order - 1)
 
 
 def _parallel(pair: tuple[float, float], slopes: Probe) -> bool:
@@ -279,7 +250,7 @@ class Antiderivatives:
         if len(f.args) != 1 and f.op != "table":
             return None
         slope = self._free(self.slope(f.args[0], x), [x])
-        found = None if slope is None else _named(self.graph, f.op, f.args)
+        found = None if slope is None else elementary_antiderivative(self.graph, f.op, f.args)
         return None if found is None or slope is None else found / slope
 
     def _inner(self, f: Node, x: Node, depth: int) -> Node | None:
