@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
@@ -20,6 +21,7 @@ from ...integrators.jax.run_data import Pieces
 from ...integrators.jax.solvers import METHODS
 from ...ir.kernel import Kernel
 from ...ir.program import Program
+from ...methods.tableau import Tableau
 from ...methods.tableaus import TABLEAUS
 from ...once import once
 from ...transforms.nonsmooth import decisions, only_in_branches
@@ -70,6 +72,61 @@ def pieces_with(
     `order` is that of Taylor steps; `constants` are those of a run that has more than the program takes; inputs may be
     functions, with `feedback`, but in Taylor steps.
     """
+    foreign = None
+    if constants is None and feedback is None and program.conditions is None and program.layout.state:
+        foreign = ForeignRuns(program, method)
+    if constants is None:
+        constants = RunConstants(place_of(program))
+    in_blocks = _corrections(program, lambda name: blocked(program.kernel(name)))
+
+    def projections(go: Any) -> Projections:
+        return tuple((correct(go), count) for correct, count in in_blocks)
+
+    if method == "taylor":
+        made = _taylor_pieces(program, order, projections, constants)
+    else:
+        made = _pair_pieces(program, kernels, PAIRS[method], projections, constants, feedback)
+    on_one_row = None if feedback is None else feedback.on_one_row
+    field = cache(partial(_field, program, kernels, method, constants, on_one_row))
+    return replace(made, moved_by=_moved_by(program), field=field, foreign=foreign)
+
+
+def _corrections(program: Program, made: Callable[[str], Any]) -> tuple[tuple[Any, int], ...]:
+    """Return the projections of a program, made from their names, each with the number of its iterations."""
+    return tuple((made(name), count) for name, count in CORRECTIONS.items() if name in program)
+
+
+def _on_rows(program: Program) -> Projections:
+    """Return the projections of many cases."""
+    return _corrections(program, lambda name: compile_kernel(program.kernel(name), JAX))
+
+
+def _taylor_pieces(
+    program: Program, order: int, projections: Callable[[Any], Projections], constants: RunConstants
+) -> Pieces:
+    """Return the pieces of Taylor steps that depend on the method."""
+    known = recurrences(program.kernel("rhs"), step_growth_limited=program.nonanalytic)
+    step, limited = step_kernel(known, order, dense=False), known.step_growth_limited
+    series = _series(series_kernel(known, order))
+    return Pieces(
+        one=TaylorAttempts(_step_of_one(looped(step)), step_growth_limited=limited),
+        one_projections=_corrections(program, lambda name: _on_one_row(looped(program.kernel(name), JAX))),
+        many=TaylorAttempts(compile_kernel(step), step_growth_limited=limited),
+        many_projections=_on_rows(program),
+        steps=SeriesSteps(blocked(program.kernel("rhs")), series, order, projections, constants),
+        decided=_decided(program),
+    )
+
+
+def _pair_pieces(
+    program: Program,
+    kernels: Kernels,
+    tableau: Tableau,
+    projections: Callable[[Any], Projections],
+    constants: RunConstants,
+    feedback: FeedbackKernels | None,
+) -> Pieces:
+    """Return the pieces of a Runge-Kutta pair that depend on the method."""
 
     def one_row(kernel: Function) -> Function:
         return kernel if feedback is None else feedback.on_one_row(kernel)
@@ -77,46 +134,26 @@ def pieces_with(
     def rows(kernel: Function) -> Function:
         return kernel if feedback is None else feedback.on_rows(kernel)
 
-    foreign = None
-    if constants is None and feedback is None and program.conditions is None and program.layout.state:
-        foreign = ForeignRuns(program, method)
-    if constants is None:
-        constants = RunConstants(place_of(program))
-    corrections = {name: count for name, count in CORRECTIONS.items() if name in program}
-    on_rows = tuple((compile_kernel(program.kernel(name), JAX), count) for name, count in corrections.items())
-    in_blocks = [(blocked(program.kernel(name)), count) for name, count in corrections.items()]
-
-    def projections(go: Any) -> Projections:
-        return tuple((correct(go), count) for correct, count in in_blocks)
-
-    moved_by = _moved_by(program)
-    field = cache(partial(_field, program, kernels, method, constants, one_row if feedback else None))
-    if method == "taylor":
-        known = recurrences(program.kernel("rhs"), step_growth_limited=program.nonanalytic)
-        step = step_kernel(known, order, dense=False)
-        taylor = TaylorAttempts(_step_of_one(looped(step)), step_growth_limited=known.step_growth_limited)
-        alone = tuple((_on_one_row(looped(program.kernel(name), JAX)), count) for name, count in corrections.items())
-        series = _series(series_kernel(known, order))
-        taylors = TaylorAttempts(compile_kernel(step), step_growth_limited=known.step_growth_limited)
-        steps = SeriesSteps(blocked(program.kernel("rhs")), series, order, projections, constants)
-        return Pieces(taylor, alone, taylors, on_rows, steps, _decided(program), moved_by, field, foreign)
-    whole = tuple((_on_one_row(_of_one(program, kernels, name)), count) for name, count in corrections.items())
-    rhs, tableau, moved = program.kernel("rhs"), PAIRS[method], bool(corrections) or constants.broken
+    whole = _corrections(program, lambda name: _on_one_row(_of_one(program, kernels, name)))
+    rhs, moved = program.kernel("rhs"), bool(whole) or constants.broken
     limits: tuple[Function | None, ...] = None, None
     if "knots" in program:
         limits = one_row(_knots_of_one(program, kernels)), rows(compile_kernel(program.kernel("knots")))
     rates, length = one_row(_on_one_row(_of_one(program, kernels, "rhs"))), len(rhs.body)
-    one = PairAttempts(rates, tableau, moved=moved, knots=limits[0], operations=length)
-    many = PairAttempts(rows(compile_kernel(rhs, JAX)), tableau, moved=moved, knots=limits[1], operations=length)
     in_turn: InTurn | None = None
     if not moved and not constants.extended and not only_in_branches(rhs):
         sizes = len(program.layout.state), program.layout.constants or len(program.layout.parameters)
         pulling = cache(partial(cotangents_of, rhs, *sizes))
         in_turn = InTurn(tableau, looped(rhs), pulling, whole=len(rhs.body) > _SHORT)
     in_steps, decided = blocked(rhs), _decided(program)
-    steps_of_pair = PairSteps(lambda go: rows(in_steps(go)), tableau, projections, in_turn, constants)
-    decided = None if decided is None else rows(decided)
-    return Pieces(one, whole, many, on_rows, steps_of_pair, decided, moved_by, field, foreign)
+    return Pieces(
+        one=PairAttempts(rates, tableau, moved=moved, knots=limits[0], operations=length),
+        one_projections=whole,
+        many=PairAttempts(rows(compile_kernel(rhs, JAX)), tableau, moved=moved, knots=limits[1], operations=length),
+        many_projections=_on_rows(program),
+        steps=PairSteps(lambda go: rows(in_steps(go)), tableau, projections, in_turn, constants),
+        decided=None if decided is None else rows(decided),
+    )
 
 
 def place_of(program: Program) -> int | None:

@@ -70,35 +70,11 @@ def _advance(
     y: Any,
     limit: Any,
 ) -> _Block:
+    """Return a block of steps from time t and state y (n_y,), of which there are `limit` at most."""
     n = len(y)
-    exponents = jnp.arange(1, order + 1)[:, None]
 
     def body(block: _Block) -> _Block:
-        rest = jnp.abs(span.t1 - block.now)
-        settings = (jnp.minimum(rest, span.max_step), span.direction, span.floor)
-        known = jnp.append(block.state, block.before) if step_growth_limited else block.state
-        values = jnp.stack([jnp.asarray(v, dtype=float) for v in step(block.now, known, span.c, settings)])
-        size, finite = values[n], values[n + 1] == 0.0
-        stuck = (size < smallest_step(block.now, rest)) & (size < rest)
-        now = jnp.where(size == rest, span.t1, block.now + span.direction * size)
-        new = kernels.project(now, values[:n], span.c, span.atol)
-        held = jnp.all(jnp.isfinite(new))
-        status = jnp.where(now == span.t1, int(Status.SUCCESS), RUNNING)
-        status = jnp.where(held, status, int(Status.PROJECTION_FAILED))
-        status = jnp.where(stuck, int(Status.STEP_TOO_SMALL), status)
-        status = jnp.where(finite, status, int(Status.NON_FINITE))
-        moved = finite & ~stuck & held
-        increments = values[n + 2 :].reshape(n, order + 1).T[1:] * (span.direction * size) ** exponents
-        return _Block(
-            block.count + moved,
-            jnp.where(moved, now, block.now),
-            size,
-            jnp.where(moved, new, block.state),
-            status,
-            block.t.at[block.count].set(now),
-            block.y.at[block.count].set(new),
-            block.increments.at[block.count].set(increments),
-        )
+        return _after_step(step, step_growth_limited, kernels, span, block)
 
     start = _Block(
         jnp.array(0),
@@ -111,6 +87,39 @@ def _advance(
         jnp.zeros((BLOCK_STEPS, order, n)),
     )
     return lax.while_loop(lambda block: (block.status == RUNNING) & (block.count < limit), body, start)
+
+
+def _after_step(
+    step: Callable[..., Any], step_growth_limited: bool, kernels: Kernels, span: _Span, block: _Block
+) -> _Block:
+    """Return a block with one step more, or with the status that ends the run."""
+    n, order = len(block.state), block.increments.shape[1]
+    exponents = jnp.arange(1, order + 1)[:, None]
+    rest = jnp.abs(span.t1 - block.now)
+    settings = (jnp.minimum(rest, span.max_step), span.direction, span.floor)
+    known = jnp.append(block.state, block.before) if step_growth_limited else block.state
+    values = jnp.stack([jnp.asarray(v, dtype=float) for v in step(block.now, known, span.c, settings)])
+    size, finite = values[n], values[n + 1] == 0.0
+    stuck = (size < smallest_step(block.now, rest)) & (size < rest)
+    now = jnp.where(size == rest, span.t1, block.now + span.direction * size)
+    new = kernels.project(now, values[:n], span.c, span.atol)
+    held = jnp.all(jnp.isfinite(new))
+    status = jnp.where(now == span.t1, int(Status.SUCCESS), RUNNING)
+    status = jnp.where(held, status, int(Status.PROJECTION_FAILED))
+    status = jnp.where(stuck, int(Status.STEP_TOO_SMALL), status)
+    status = jnp.where(finite, status, int(Status.NON_FINITE))
+    moved = finite & ~stuck & held
+    increments = values[n + 2 :].reshape(n, order + 1).T[1:] * (span.direction * size) ** exponents
+    return _Block(
+        block.count + moved,
+        jnp.where(moved, now, block.now),
+        size,
+        jnp.where(moved, new, block.state),
+        status,
+        block.t.at[block.count].set(now),
+        block.y.at[block.count].set(new),
+        block.increments.at[block.count].set(increments),
+    )
 
 
 @final
