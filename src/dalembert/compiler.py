@@ -83,6 +83,13 @@ def compile_model(
         For a scene that is not complete or contradicts itself.
     FormulationError, OptionError, UnknownNameError, MissingExtraError
         For options that do not exist, or cannot serve the scene.
+
+    Examples
+    --------
+    The pendulum of `Scene`, with its height as a further result::
+
+        model = da.compile_model(scene, outputs={"height": -l * cos(theta)})
+        print(model.explain())
     """
     with compilation_meter(flag("progress", progress)):
         return _compiled(source, CompileOptions(backend, formulation, requested(outputs), cache, gains, orientation))

@@ -62,6 +62,15 @@ class Event:
     ------
     OptionError
         For a direction or a number of occurrences that does not exist.
+
+    Examples
+    --------
+    A pendulum that passes its lowest point, and strikes an elastic stop::
+
+        lowest = da.Event(theta, direction=1, name="lowest")
+        stop = da.Event(theta - 0.5, direction=1, apply={theta.diff(): -theta.diff()}, name="stop")
+        run = model.simulate((0, 10), {theta: 0.2, theta.diff(): 2}, {m: 1, l: 1, g: 9.81}, events=[lowest, stop])
+        run.events["stop"].t, run.events["stop"].before["theta_dot"]
     """
 
     expression: Any

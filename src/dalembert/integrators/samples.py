@@ -151,6 +151,16 @@ def samples(t: Any, values: Any, kind: str = "linear", extrapolate: str = "error
         For knots that do not increase, numbers that are not finite, and arrays of the wrong shape.
     OptionError
         For a kind or an extrapolation that does not exist.
+
+    Examples
+    --------
+    A force on the pendulum of `dalembert.Scene` that grows for a second and fades for another::
+
+        u = dynamicsymbols("u")
+        scene.add_inputs(u)
+        scene.add_loads((P, u * N.x))
+        driven, push = da.compile_model(scene), da.samples([0, 1, 2], [0, 5, 0], kind="linear")
+        driven.simulate((0, 2), {theta: 0, theta.diff(): 0}, {m: 1, l: 1, g: 9.81}, inputs={u: push})
     """
     choices: tuple[tuple[str, Any, tuple[str, ...]], ...] = (
         ("kind", kind, KINDS),

@@ -59,6 +59,13 @@ def grid(**axes: Any) -> Grid:
     ------
     ValueInputError
         For an axis that is not one-dimensional, has no values, or holds what are no numbers.
+
+    Examples
+    --------
+    Two angles at the start and three lengths of the pendulum of `Scene`: six cases, the length fastest::
+
+        axes = da.grid(theta=[0.5, 1.0], l=[1.0, 2.0, 3.0])
+        sweep = model.sweep((0, 10), {theta.diff(): 0}, {m: 1, g: 9.81}, grid=axes)
     """
     values, strange = {}, []
     for name, axis in axes.items():

@@ -43,12 +43,24 @@ class Distribution:
 
 
 def uniform(low: float, high: float) -> Distribution:
-    """Return the uniform distribution between two numbers, for `random_cases` and `sobol_cases`."""
+    """Return the uniform distribution between two numbers, for `random_cases` and `sobol_cases`; see there.
+
+    Raises
+    ------
+    OptionError
+        For what are no finite numbers.
+    """
     return Distribution("uniform", option("low", low), option("high", high))
 
 
 def normal(mean: float, deviation: float) -> Distribution:
-    """Return the normal distribution with a mean and a standard deviation."""
+    """Return the normal distribution with a mean and a standard deviation, for `random_cases` and `sobol_cases`.
+
+    Raises
+    ------
+    OptionError, ValueInputError
+        For what are no finite numbers, and a standard deviation that is negative.
+    """
     if not option("deviation", deviation) >= 0.0:
         raise ValueInputError(f"normal: the standard deviation must not be negative, not {deviation!r}")
     return Distribution("normal", option("mean", mean), option("deviation", deviation))
@@ -158,6 +170,7 @@ def random_cases(count: int, seed: int, **distributions: Distribution) -> CaseSa
     count : int
         Number of cases.
     seed : int
+        A seed gives the same cases each time.
     **distributions : Distribution
         `uniform` or `normal`, of each parameter or initial value that varies.
 
@@ -165,13 +178,23 @@ def random_cases(count: int, seed: int, **distributions: Distribution) -> CaseSa
     ------
     ValueInputError
         For what is no distribution, and counts below 1.
+
+    Examples
+    --------
+    Pendulums of random lengths and angles::
+
+        cases = da.random_cases(1000, 1, l=da.uniform(0.5, 2), theta=da.normal(0, 0.1))
+        sweep = model.sweep((0, 10), {theta.diff(): 0}, {m: 1, g: 9.81}, grid=cases)
     """
     return _sampler(count, seed, "random", distributions)
 
 
 @nesting_named
 def sobol_cases(count: int, seed: int, **distributions: Distribution) -> CaseSampler:
-    """Return the cases of a scrambled Sobol sequence, which fill the space evenly; see `random_cases`."""
+    """Return the cases of a scrambled Sobol sequence, which fill the space evenly.
+
+    Arguments and errors are those of `random_cases`. A count that is a power of two is the most even.
+    """
     return _sampler(count, seed, "sobol", distributions)
 
 

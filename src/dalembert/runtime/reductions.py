@@ -30,27 +30,40 @@ class Reduction:
 
 
 def final_value(expression: Any) -> Reduction:
-    """Return the value at the end of a case, of an expression or a name as in `Event`."""
+    """Return the reduction of a motion to its value at the end, of an expression or a name as in `Event`."""
     return Reduction("final", expression)
 
 
 def minimum(expression: Any) -> Reduction:
-    """Return the least value along the motion, between steps too."""
+    """Return the reduction of a motion to the least value of an expression or a name, between steps too."""
     return Reduction("minimum", expression)
 
 
 def maximum(expression: Any) -> Reduction:
-    """Return the largest value along the motion, between steps too."""
+    """Return the reduction of a motion to the largest value of an expression or a name, between steps too.
+
+    Examples
+    --------
+    The largest angle of each of many pendulums, and when it first was above one::
+
+        kept = {"highest": da.maximum(theta), "above": da.first_crossing(theta - 1, direction=1)}
+        rates = np.linspace(0, 5, 100)
+        sweep = model.sweep((0, 10), {theta: 0, theta.diff(): rates}, {m: 1, l: 1, g: 9.81}, reduce=kept)
+        sweep.reduced["highest"], sweep.reduced["above"]  # arrays over the cases
+    """
     return Reduction("maximum", expression)
 
 
 def mean(expression: Any) -> Reduction:
-    """Return the integral over time divided by the time that the case ran."""
+    """Return the reduction of a motion to the mean over time of an expression or a name as in `Event`."""
     return Reduction("mean", expression)
 
 
 def first_crossing(expression: Any, direction: int = 0) -> Reduction:
-    """Return when an expression first changes its sign [s], NaN where it does not; `direction` as in `Event`."""
+    """Return the reduction of a motion to the time [s] at which an expression first changes its sign.
+
+    It is NaN where that does not happen. Expression and direction are as in `Event`; see `maximum` for an example.
+    """
     return Reduction("first crossing", expression, direction)
 
 

@@ -50,6 +50,14 @@ class CoulombFriction:
         the model is an ordinary one on every backend, and has derivatives.
     name : str, optional
         What results call it; by default, the name of `normal`.
+
+    Examples
+    --------
+    A block, whose point P slides on a floor with the normal N.z::
+
+        X, Z = da.unknowns("X Z")
+        scene.add_joints(da.Joint("floor", body="block", at=P, force=X * N.x + Z * N.z))
+        scene.add_friction(da.CoulombFriction(normal=Z, tangential=X, mu=0.3))
     """
 
     normal: Any
@@ -85,6 +93,14 @@ class UnilateralContact:
         impacts within a finite time the contact stays closed, and the run continues.
     name : str, optional
         What results call it; by default, the name of `normal`. A `CoulombFriction` with the same normal belongs to it.
+
+    Examples
+    --------
+    A ball, whose lowest point P at the height z may touch a floor::
+
+        Z = da.unknowns("Z")
+        scene.add_joints(da.Joint("floor", body="ball", at=P, force=Z * N.z))
+        scene.add_contacts(da.UnilateralContact(normal=Z, gap=z, restitution=0.8))
     """
 
     normal: Any

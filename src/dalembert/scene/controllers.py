@@ -49,6 +49,15 @@ class Controller:
         ``function(t, q, qdot, states, parameters) -> (inputs, states)`` in place of expressions, for single runs only:
         q and qdot are arrays (n_q,), states and parameters mappings of names to numbers, the results sequences in the
         order above or mappings of names to numbers.
+
+    Examples
+    --------
+    A force on the pendulum of `Scene` that is set every 10 ms::
+
+        u, k = dynamicsymbols("u"), symbols("k")
+        scene.add_inputs(u)
+        scene.add_loads((P, u * N.x))
+        scene.add_controllers(da.Controller("brake", period=0.01, inputs={u: -k * theta.diff()}))
     """
 
     name: str

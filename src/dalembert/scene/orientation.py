@@ -91,8 +91,8 @@ def free_orientation(
 
         S = ReferenceFrame("S")
         e = da.free_orientation(scene, S)
-        scene.add_bodies(RigidBody("body", G, S, m, (inertia(S, A, B, C), G)))
-        model.simulate((0, 10), {e[0]: 1, e[1]: 0, e[2]: 0, e[3]: 0, "omega_S_x": 2, ...}, ...)
+        scene.add_bodies(RigidBody("body", O, S, m, (inertia(S, 1, 2, 3), O)))
+        start = {e[0]: 1, e[1]: 0, e[2]: 0, e[3]: 0, "omega_S_x": 0.1, "omega_S_y": 5, "omega_S_z": 0}
     """
     parent = scene.frame if parent is None else parent
     faults = [

@@ -50,6 +50,17 @@ class Scene:
     SceneError
         Only for arguments that are not what the signature says; everything else is checked as a whole
         by `dalembert.compile_model`.
+
+    Examples
+    --------
+    A pendulum::
+
+        theta, (m, l, g) = dynamicsymbols("theta"), symbols("m l g", positive=True)
+        N, O = ReferenceFrame("N"), Point("O")
+        scene = da.Scene("pendulum", frame=N, origin=O, coordinates=[theta])
+        P = O.locatenew("P", l * sin(theta) * N.x - l * cos(theta) * N.y)
+        scene.add_bodies(Particle("bob", P, m))
+        scene.apply_uniform_gravity(-g * N.y)
     """
 
     @nesting_named

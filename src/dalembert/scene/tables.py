@@ -69,6 +69,13 @@ def table(
         For knots that are not increasing, numbers that are not finite, wrong shapes, too few knots.
     ExpressionError
         Where `x` is not an expression.
+
+    Examples
+    --------
+    A spring, whose force was measured, that turns a body of the frame B back::
+
+        torque = da.table(theta, [-2, -1, 0, 1, 2], [-9, -3, 0, 3, 9], kind="cubic")
+        scene.add_loads((B, -torque * N.z))
     """
     if kind not in _KINDS:
         raise OptionError(f"table {name!r}: unknown kind {kind!r}; known: {list_names(_KINDS)}")

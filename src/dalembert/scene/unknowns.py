@@ -35,6 +35,12 @@ def unknowns(names: str) -> Any:
     ------
     OptionError
         For an argument that is no text with names.
+
+    Examples
+    --------
+    ::
+
+        X, Y = da.unknowns("X Y")
     """
     given: Any = names
     if not isinstance(given, str) or not given.strip(" ,"):

@@ -56,6 +56,14 @@ def lagrange(scene: Scene, *, kinetic_energy: Any = None) -> LagrangeView:
     ------
     SceneError
         With every fault of the scene, or the reason why the kinetic energy is refused.
+
+    Examples
+    --------
+    The pendulum of `Scene`::
+
+        view = da.lagrange(scene)
+        print(view)  # the whole derivation; LaTeX in a notebook
+        view.equation(theta), view.equations_of_motion[theta.diff().diff()]
     """
     if not isinstance(scene, Scene):
         raise SceneError(type(scene).__name__, [f"lagrange takes a Scene, not {scene!r}"])

@@ -65,6 +65,13 @@ def sensitivity(
         For input that is wrong.
     CapabilityError
         For controllers that are Python functions, and scenes whose contacts change.
+
+    Examples
+    --------
+    ::
+
+        found = model.sensitivity((0, 10), {theta: 1, theta.diff(): 0}, {m: 1, l: 1, g: 9.81}, wrt=[l, theta])
+        found.jacobian("theta", "l")  # the derivative of the angle by the length, over found.t
     """
     refuse_functions(self._controllers, "sensitivity")
     options = SensitivityOptions(
@@ -130,6 +137,13 @@ def linearize(
         For controllers that are Python functions.
     RunFailedError
         With controllers, where the motion does not reach the end of the period.
+
+    Examples
+    --------
+    ::
+
+        linear = model.linearize(0, {theta: 0, theta.diff(): 0}, {m: 1, l: 1, g: 9.81})
+        linear.A, linear.eigenvalues
     """
     time = option("t", t)
     if self._controllers:

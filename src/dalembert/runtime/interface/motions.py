@@ -107,6 +107,14 @@ def simulate(
     ------
     UnknownNameError, ValueInputError, InitialStateError, OptionError, ExpressionError
         For input that is wrong, each naming what, what is allowed and what to do.
+
+    Examples
+    --------
+    The pendulum of `Scene`::
+
+        run = model.simulate((0, 10), {theta: 1, theta.diff(): 0}, {m: 1, l: 1, g: 9.81}, rtol=1e-9)
+        run["theta"], run["theta_dot"], run["energy"]  # arrays over run.t
+        run(2.5)["theta"]  # at another time
     """
     options = simulate_options(
         method,
@@ -219,6 +227,14 @@ def sweep(
         For input that is wrong for all cases, and for a store that holds something else.
     MissingExtraError, StoredSweepError
         Where `to` is given: without the packages that it needs, and where chunks could not be computed.
+
+    Examples
+    --------
+    The pendulum of `Scene`, from a thousand angles::
+
+        angles = np.linspace(0.1, 3, 1000)
+        sweep = model.sweep((0, 10), {theta: angles, theta.diff(): 0}, {m: 1, l: 1, g: 9.81})
+        sweep.final["theta"], sweep.status  # arrays over the cases
     """
     refuse_functions(self._controllers, "a sweep")
     options = SweepOptions(
@@ -288,6 +304,14 @@ def prepare(
     ------
     OptionError, FormulationError, UnknownNameError
         For options that do not exist, and integrals that are not known or that the formulation cannot keep.
+
+    Examples
+    --------
+    ::
+
+        p = {m: 1, l: 1, g: 9.81}
+        run = model.prepare((0, 10))
+        end = run(model.state({theta: 1, theta.diff(): 0}, p), model.parameter_vector(p))
     """
     refuse_functions(self._controllers, "a prepared run")
     options = PrepareOptions(
