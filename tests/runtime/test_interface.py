@@ -16,10 +16,10 @@ from dalembert.options import (
 )
 from dalembert.runtime.base import Model
 from dalembert.runtime.hybrid import HybridModel
-from dalembert.runtime.interface import derivatives, evaluation, motions, states, traced
+from dalembert.runtime.interface import derivatives, evaluation, motions, states, sweeps, traced
 from dalembert.runtime.model import CompiledModel
 
-MODULES = (derivatives, evaluation, motions, states, traced)
+MODULES = (derivatives, evaluation, motions, states, sweeps, traced)
 FUNCTIONS = {name: getattr(module, name) for module in MODULES for name in module.__all__ if name != "rows_of"}
 LONG = [name for name, function in FUNCTIONS.items() if "Parameters\n" in inspect.getdoc(function)]
 OPTIONS = {

@@ -14,7 +14,7 @@ from ..options import PrepareOptions, SensitivityOptions, SimulateOptions, Store
 from ..scene.model import ControllerModel
 from ..scene.symbol_table import InputSymbol
 from . import inputs as run_input
-from .interface import derivatives, evaluation, motions, states
+from .interface import derivatives, evaluation, motions, states, sweeps
 from .symbol_assumptions import ROUNDING
 from .value_reader import ValueReader
 
@@ -58,7 +58,7 @@ class Model(ABC, Generic[RunT_co, SweepT_co]):
     constraint_jacobian = evaluation.constraint_jacobian
     accelerations = evaluation.accelerations
     simulate = motions.simulate
-    sweep = motions.sweep
+    sweep = sweeps.sweep
     prepare = motions.prepare
     assemble = states.assemble
     sensitivity = derivatives.sensitivity
