@@ -19,6 +19,7 @@ from ..results.motion import RunStatistics
 from ..results.trajectory import Trajectory
 from .constraint_rank import indeterminate
 from .gimbal import locked, remedy
+from .jump_sliding import slid_along
 from .pathway_lengths import lost_directions
 from .recording import Record
 from .singular import checked_run, searched, still_redundant
@@ -56,7 +57,8 @@ def integrate(
     solution, occurrences, method, note = _integrated(model, problem, method, watch, automatic, carried)
     solution, beyond = ended_outside(model.derived.tables, problem, solution, model.engine.constants_along(problem))
     solution, where = _ended_where_singular(model, problem, method, solution)
-    notes = [note, beyond, where, lost_directions(model, solution, model.engine.constants_along(problem))]
+    along = model.engine.constants_along(problem)
+    notes = [note, beyond, where, lost_directions(model, solution, along), slid_along(model, solution, along)]
     if model.dropped:
         solution, broken = _ended_where_constraints_matter(model, problem, solution)
         notes = [model.note, *notes, broken]
