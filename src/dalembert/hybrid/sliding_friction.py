@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import final
 
 from ..errors import RELEASE, ConstraintError
-from ..ir.graph import Graph, Node
+from ..ir.graph import Node
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import ContactRow, EquationsOfMotion
 from ..reduction.reactions import independent_columns, reaction_solver
@@ -175,7 +175,6 @@ def _normals(
     frictionless: EquationsOfMotion, whole: EquationsOfMotion, kept: Sequence[int], sliding: Sequence[SlidingContact]
 ) -> Callable[[Sequence[Node]], list[Node]]:
     """Return the function from what reactions have to supply to the normal reactions of what slides."""
-    graph: Graph = frictionless.graph
     independent, undetermined = independent_columns(frictionless.reactions)
     places = []
     for item in sliding:
