@@ -5,6 +5,8 @@ from pathlib import Path
 from hypothesis import settings
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+# SymPy remembers a thousand results of each function, and derives a fifth faster where it remembers more.
+os.environ.setdefault("SYMPY_CACHE_SIZE", "20000")
 # The first example of a property compiles a model, so that no deadline fits all of them.
 # The same code has the same examples; `pytest --hypothesis-profile=random` draws others.
 settings.register_profile("dalembert", deadline=None, derandomize=True)
