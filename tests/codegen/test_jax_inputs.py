@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import dalembert as da
+from codegen.jax_options import QUICK
 from dalembert.errors import OptionError, UnknownNameError, ValueInputError
 from dalembert.methods.status import Status
 from runtime.test_input_values import driven, forced
@@ -23,7 +24,6 @@ T = np.array([0.1, 0.7, KNOTS[4], 1.9, KNOTS[6]])
 START = {"x": 0.2, "x_dot": -0.1}
 PARAMETERS = {"m": 0.8, "k": 2.0}
 TIGHT = {"rtol": 1e-11, "atol": 1e-13}
-QUICK = {"xla_backend_optimization_level": 0}
 METHODS = {"hold": "dopri8", "linear": "tsit5", "cubic": "taylor"}
 
 

@@ -6,12 +6,12 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
+from codegen.jax_options import QUICK
 from dalembert.errors import OptionError
 
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
 
-QUICK = {"xla_backend_optimization_level": 0}
 JACOBIANS = {"forward": jax.jacfwd, "reverse": jax.jacrev}
 t, x, v = dynamicsymbols._t, dynamicsymbols("x"), dynamicsymbols("x", 1)
 F, T, D, w = sp.symbols("F T D w", positive=True)

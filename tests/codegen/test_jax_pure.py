@@ -1,10 +1,12 @@
 import pickle
+from functools import cache
 
 import numpy as np
 import pytest
 from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
+from codegen.jax_options import QUICK
 from dalembert.errors import OptionError, UnknownNameError, ValueInputError
 from dalembert.methods.status import Status
 from runtime.test_sensitivity import MOTIONS
@@ -26,6 +28,7 @@ def double():
         yield
 
 
+@cache
 def compiled(scene, formulation="minimal", backend="jax"):
     outputs = list(MOTIONS[scene][2])
     return da.compile_model(da.scenes.ALL[scene](), backend=backend, formulation=formulation, outputs=outputs)
@@ -113,8 +116,8 @@ def test_long_right_hand_sides_go_in_blocks(monkeypatch):
         monkeypatch.setattr(pieces, "_LARGEST_AT_ONCE", limit)
         forget()
         solve = compiled("chaplygin_sleigh", "projected").solve_fn(initial, method="tsit5")
-        program = str(jax.make_jaxpr(lambda p, solve=solve: solve(T, initial, p).y)(parameters))
-        found.append((solve(T, initial, parameters).y, program.count("branches=")))
+        run = jax.jit(lambda p, solve=solve: solve(T, initial, p).y, compiler_options=QUICK)
+        found.append((run(parameters), str(run.trace(parameters).jaxpr).count("branches=")))
     forget()
     assert found[0][1] < found[1][1]
     np.testing.assert_allclose(found[0][0], found[1][0], rtol=1e-12, atol=1e-13)
@@ -183,9 +186,9 @@ def test_gradients_one_stage_after_the_other(times, limit, monkeypatch):
         solve = model.solve_fn(method="tsit5", mode=mode, rtol=1e-6, atol=1e-8)
         return lambda y, p: (weights * solve(np.array(times), y, p).y).sum()
 
-    found = jax.jit(jax.grad(value("reverse"), argnums=(0, 1)))(*at)
+    found = jax.jit(jax.grad(value("reverse"), argnums=(0, 1)), compiler_options=QUICK)(*at)
     directions = tuple(np.sin(1.0 + np.arange(len(part))) for part in at)
-    pushed = jax.jit(lambda *at: jax.jvp(value("forward"), at, directions)[1])(*at)
+    pushed = jax.jit(lambda *at: jax.jvp(value("forward"), at, directions)[1], compiler_options=QUICK)(*at)
     assert sum(a @ b for a, b in zip(found, directions, strict=True)) == pytest.approx(float(pushed), rel=1e-9)
     forget()
 
@@ -202,10 +205,12 @@ def test_times_that_are_all_the_first_have_derivatives(limit, monkeypatch):
         return model.solve_fn(method="tsit5")(np.zeros(3), y, p).y
 
     each = np.broadcast_to(np.eye(len(y)), (3, len(y), len(y)))
-    np.testing.assert_array_equal(jax.jacfwd(states)(y), each)
-    np.testing.assert_array_equal(jax.jacrev(states)(y), each)
-    one = jax.grad(lambda y: (states(y) ** 2).sum())(y)  # not vectorised
-    np.testing.assert_array_equal(one, 6.0 * y)
+    for derivative, expected in (
+        (jax.jacfwd(states), each),
+        (jax.jacrev(states), each),
+        (jax.grad(lambda y: (states(y) ** 2).sum()), 6.0 * y),  # not vectorised
+    ):
+        np.testing.assert_array_equal(jax.jit(derivative, compiler_options=QUICK)(y), expected)
     forget()
 
 
@@ -228,15 +233,19 @@ def test_both_modes_alone_and_in_batches_there_and_back(method, formulation):
     def ends(solve):
         return lambda y, p, span: solve(span, y, p).y[-1]
 
-    pushed = jax.jit(jax.vmap(jax.jacfwd(ends(forward), argnums=(0, 1)), (None, None, 0)))(y, p, spans)
-    pulled = jax.jit(jax.vmap(jax.jacrev(ends(reverse), argnums=(0, 1)), (None, None, 0)))(y, p, spans)
-    alone = jax.jit(jax.jacrev(ends(reverse), argnums=(0, 1)))(y, p, spans[3])
+    def over_spans(derivative, solve):
+        every = jax.vmap(derivative(ends(solve), argnums=(0, 1)), (None, None, 0))
+        return jax.jit(every, compiler_options=QUICK)(y, p, spans)
+
+    pushed, pulled = over_spans(jax.jacfwd, forward), over_spans(jax.jacrev, reverse)
+    alone = jax.jit(jax.jacrev(ends(reverse), argnums=(0, 1)), compiler_options=QUICK)(y, p, spans[3])
     for a, b, c in zip(pushed, pulled, alone, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-11, atol=1e-12)
         np.testing.assert_allclose(b[3], c, rtol=1e-10, atol=1e-10)
     np.testing.assert_array_equal(pulled[0][2], np.eye(len(y)))
     np.testing.assert_array_equal(pulled[1][2], np.zeros((len(y), len(p))))
-    inside = jax.jit(jax.jacrev(lambda y, p: reverse(np.array([0.0, 1.0, 2.0]), y, p).y[-1], argnums=(0, 1)))(y, p)
+    over_two = jax.jacrev(lambda y, p: reverse(np.array([0.0, 1.0, 2.0]), y, p).y[-1], argnums=(0, 1))
+    inside = jax.jit(over_two, compiler_options=QUICK)(y, p)
     for a, b in zip(inside, alone, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)
 
