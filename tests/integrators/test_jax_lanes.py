@@ -87,7 +87,12 @@ def test_methods_that_sweeps_take():
 
 
 @pytest.mark.parametrize(
-    ("method", "formulation"), [*((m, "minimal") for m in METHODS), ("dopri8", "projected"), ("taylor", "projected")]
+    ("method", "formulation"),
+    [
+        *((m, "minimal") for m in METHODS),
+        ("dopri8", "projected"),
+        pytest.param("taylor", "projected", marks=pytest.mark.matrix),  # as sweeps are above; XLA takes half a minute
+    ],
 )
 def test_prepared_runs(method, formulation):
     model, parameters = compiled("jax", formulation), {**CASES, "b": 0.3}
