@@ -16,8 +16,8 @@ from ..methods import chebyshev
 from ..methods.chebyshev import COEFFICIENTS, DIVIDED, POINTS, SLOPE_TAIL, SLOPES, TAIL
 from ..methods.event_constants import STEEP
 from .compiled_subset import call_code, compiled_subset, fma, row, square
-from .workspace import BEND, DOUBT, RATE, EventWorkspace
-from .zero_starts import least_doubt, leaves_zero, unresolved
+from .workspace import BEND, DOUBT, LIMIT, RATE, EventWorkspace
+from .zero_starts import least_doubt, leaves_zero, slope_agrees, unresolved
 
 __all__ = ["SERIES", "SLOPE_SERIES", "output_at", "push_halves", "sample", "simple_piece", "transformed"]
 
@@ -123,7 +123,7 @@ def _leaves_flatly(
     twice, tail = _least_size(space.work, 1), abs(space.work[1, 6]) + abs(space.work[1, 7])
     if side != 0.0 and math.isfinite(space.rates[BEND, e]):
         exact, area, nothing = space.rates[BEND, e] * square(high), square(high), True
-        doubt = least_doubt(space.rates[DOUBT, e], abs(bend - exact) / area, tail / area)
+        doubt = least_doubt(space.rates[DOUBT, e], abs(bend - exact) / area, tail / area, space.rates[LIMIT, e])
         space.rates[DOUBT, e], bend = doubt, exact
         for j in range(8):
             nothing = nothing and unresolved(space.values[e, j], high * _POINTS[j], doubt)
@@ -169,9 +169,9 @@ def simple_piece(
             continue
         if fresh and space.zero[lane, e] != 0.0:
             transformed(_ONCE, space, e, 1)
-            if _one_sign(space.work, 1):
-                continue
             slope = space.rates[RATE, e] * h * high
+            if _one_sign(space.work, 1) and slope_agrees(slope, space.values[e, 7], largest):
+                continue
             if abs(slope) <= STEEP * largest:
                 if _leaves_flatly(directions, space, lane, e, largest, high, slope):
                     continue

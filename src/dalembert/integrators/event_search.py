@@ -29,8 +29,8 @@ from .event_rules import (
     zero_level,
 )
 from .event_series import sample_event_series, value_at, zero_of_series
-from .workspace import BEND, DOUBT, RATE, EventKernels, EventWorkspace
-from .zero_starts import bend_from_rates, short_share, unresolved
+from .workspace import BEND, DOUBT, LIMIT, RATE, EventKernels, EventWorkspace
+from .zero_starts import bend_from_rates, error_limit, short_share, unresolved
 
 __all__ = ["BROKEN", "NOTHING", "STOPPED", "count_occurrence", "occur", "scan", "state_at"]
 
@@ -262,21 +262,25 @@ def _find_bends(events: EventKernels, space: EventWorkspace, one: int, t: float,
     """Find the bends of expressions where a step begins, without the errors of its polynomials; -inf is not known."""
     if events.events_with_series > 0:  # these polynomials have no error
         for e in range(events.directions.size):
-            space.rates[BEND, e], space.rates[DOUBT, e] = space.event_series[e, 2], 0.0
+            space.rates[BEND, e], space.rates[DOUBT, e], space.rates[LIMIT, e] = space.event_series[e, 2], 0.0, 0.0
         return
     share = short_share(t, h)
-    for part in range(2):
+    for part in range(3):
         theta = share * (2.0 - part)
         state_at(space, space.series.shape[0], theta, 0)
         space.one_clock[0, 0] = t + theta * h
         call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), one, 0, row(space.one_out, 0))
         for e in range(events.directions.size):
-            rate = space.one_out[0, 3 * e + 1] * h
+            value, rate, slope = space.one_out[0, 3 * e], space.one_out[0, 3 * e + 1] * h, space.rates[RATE, e] * h
             if part == 0:
-                space.rates[BEND, e] = rate
-            else:
-                bend = bend_from_rates(space.rates[RATE, e] * h, rate, space.rates[BEND, e], share)
+                space.rates[BEND, e], space.rates[LIMIT, e] = rate, -value
+            elif part == 1:
+                bend = bend_from_rates(slope, rate, space.rates[BEND, e], share)
                 space.rates[BEND, e] = bend if math.isfinite(bend) else -math.inf
+                space.rates[LIMIT, e] += 8.0 * value - 6.0 * share * slope
+            elif share > 0.0:
+                values = space.rates[LIMIT, e] - 7.0 * value
+                space.rates[LIMIT, e] = error_limit(values, space.rates[BEND, e], space.noise[0, e], share)
 
 
 @compiled_subset

@@ -187,12 +187,13 @@ class _Run:
         starts = None
         if fresh and np.any(self.zero):
 
-            def rates(share: float) -> FloatArray:
+            def near(share: float) -> tuple[FloatArray, FloatArray]:
                 times, y = states(np.array([0]), np.array([share]))
-                return np.asarray(self._noise(float(times[0]), y[0])[0] * sizes[0])
+                begins = self.watched.begins(float(times[0]), y[0])
+                return begins[:, 0], begins[:, 1] * sizes[0]
 
             slopes, sides = np.where(self.zero, rate * sizes[0], np.nan), np.where(self._armed, self.signs, 0.0)
-            starts = ZeroStarts(slopes, sides, short_share(float(knots[0]), float(sizes[0])), rates)
+            starts = ZeroStarts(slopes, sides, short_share(float(knots[0]), float(sizes[0])), near)
         cut = pieces(sample, len(sizes), noise, least, starts)
         if fresh:
             cut.first[0, self.zero] = 0.0

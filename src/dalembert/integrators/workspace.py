@@ -20,6 +20,7 @@ __all__ = [
     "BEND",
     "BOUNDS",
     "DOUBT",
+    "LIMIT",
     "END",
     "FIRST",
     "IDLE",
@@ -56,7 +57,7 @@ ATTEMPTS, REJECTIONS, BEFORE, FIRST = range(4)
 ROUNDING = 16.0 * EPSILON
 """Share of its terms by which a polynomial may miss the end of its step without being corrected."""
 
-RATE, BEND, DOUBT = range(3)
+RATE, BEND, DOUBT, LIMIT = range(4)
 """Rows of ``EventWorkspace.rates``."""
 
 OCCURRENCE = 3
@@ -221,9 +222,9 @@ class EventWorkspace(NamedTuple):
 
     ``event_series`` are those of the events that have any, in the fraction of the step, and ``start_noise`` what
     rounding of the state made of them where each lane began. ``may_change`` are 1 for events that may change their sign
-    in the present step, else 0. ``rates`` belong to its beginning; its rows `BEND` and `DOUBT` are, over the step, the
-    bends of armed events that are zero there, and the errors of bends along its polynomials
-    (`dalembert.integrators.zero_starts`).
+    in the present step, else 0. ``rates`` belong to its beginning; its rows `BEND`, `DOUBT` and `LIMIT` are, over the
+    step, the bends of armed events that are zero there, the errors of bends along its polynomials, and bounds of these
+    errors (`dalembert.integrators.zero_starts`).
 
     ``own`` (lanes, n_c) are the constants of each lane in a row, ``constants`` (lanes * n_c, 8) for eight points.
 
@@ -304,7 +305,7 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         stack=aligned(2 * DEEPEST + 4, 3),
         event_series=aligned(max(events.events_with_series, 1), degree),
         start_noise=aligned(lanes, k),
-        rates=aligned(3, k),
+        rates=aligned(4, k),
         may_change=np.ones((1, k)),
         powers=aligned(1, degree + 1),
         occurrences=np.zeros((0, OCCURRENCE)),

@@ -2,7 +2,8 @@
 
 Near its beginning such an expression is slope x + bend x^2 + r(x) x^3, with x the fraction of the step. Its slope is
 known from the kernel of its rates, r from values along the polynomials of the step. These may be off by E x^2, and so
-may its bend; rates along the polynomials give it without that error, and the difference of both is E.
+may its bend; rates along the polynomials give it without that error, and the difference of both is E. Eight values of an
+expression that oscillates within the step give no bend of it: E is at most a multiple of what values near the start show.
 """
 
 from __future__ import annotations
@@ -16,17 +17,19 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..methods.chebyshev import BEND, DIVIDED, TAIL
-from ..methods.event_constants import BENT, DOUBT, FLAT, RESOLVED, SHORT_SHARE, STEEP
+from ..methods.event_constants import BENT, DOUBT, FLAT, LIKELY, RESOLVED, SHORT_SHARE, STEEP
 from .compiled_subset import compiled_subset, sqrt, square
 
 __all__ = [
     "ZeroStarts",
     "bend_from_rates",
     "deepest_dip",
+    "error_limit",
     "least_doubt",
     "least_sizes",
     "leaves_zero",
     "short_share",
+    "slope_agrees",
     "unresolved",
 ]
 
@@ -44,6 +47,17 @@ def bend_from_rates(first: float, second: float, third: float, share: float) -> 
     It is NaN where there is no share.
     """
     return (4.0 * second - 3.0 * first - third) / (4.0 * share) if share > 0.0 else math.nan
+
+
+@compiled_subset
+def error_limit(values: float, bend: float, noise: float, share: float) -> float:
+    """Return a bound of the error of a bend along polynomials, from values where a step begins.
+
+    `values` are 8 f(s) - f(2 s) - 7 f(0) - 6 s f'(0) of an expression f, for the share s; its half of the second
+    derivative along the polynomials is a quarter of that over s^2. `bend` is the one without their error.
+    """
+    area = square(share)
+    return LIKELY * (abs(0.25 * values / area - bend) + 4.0 * noise / area)
 
 
 @compiled_subset
@@ -89,13 +103,22 @@ def leaves_zero(
 
 
 @compiled_subset
-def least_doubt(doubt: float, error: float, tail: float) -> float:
+def slope_agrees(slope: float, last: float, largest: float) -> bool:
+    """Return whether an expression leaves zero to the side where its values lie.
+
+    It does not where it oscillates between the points.
+    """
+    return slope * last >= 0.0 or abs(slope) <= FLAT * largest
+
+
+@compiled_subset
+def least_doubt(doubt: float, error: float, tail: float, limit: float) -> float:
     """Return the least error of a bend by the polynomials, as pieces tell it that become shorter.
 
     `tail` are the last coefficients of the expression divided by the square of the distance; where they are no small
-    part of the error, the values do not tell the bend.
+    part of the error, the values do not tell the bend. `limit` is the `error_limit`.
     """
-    return min(doubt, error) if tail <= RESOLVED * error else doubt
+    return min(doubt, error, limit) if tail <= RESOLVED * error else doubt
 
 
 @compiled_subset
@@ -123,16 +146,22 @@ class ZeroStarts:
         Rates there over the step; NaN for functions that are not zero there.
     sides : (n,)
         Signs with which functions leave zero, where that is known by construction; 0 for others.
-    share, rates
-        A short share of the step (`short_share`), and the function from such shares to the rates (n,) over the step.
+    share, near
+        A short share of the step (`short_share`), and the function from such shares to the values and rates (n,) over
+        the step.
     """
 
     def __init__(
-        self, slopes: FloatArray, sides: FloatArray, share: float, rates: Callable[[float], FloatArray]
+        self,
+        slopes: FloatArray,
+        sides: FloatArray,
+        share: float,
+        near: Callable[[float], tuple[FloatArray, FloatArray]],
     ) -> None:
-        self._slopes, self._share, self._rates = slopes, share, rates
+        self._slopes, self._share, self._near = slopes, share, near
         self._sides = np.where(np.isnan(slopes), 0.0, sides)
         self._bends: FloatArray | None = None
+        self._limits = np.full(len(slopes), math.inf)
         self._doubts = np.full(len(slopes), math.inf)
 
     def simple(self, values: FloatArray, points: FloatArray, noise: FloatArray, good: NDArray[np.bool_]) -> bool:
@@ -155,9 +184,20 @@ class ZeroStarts:
         flat = np.abs(self._slopes[left]) <= STEEP * np.abs(values[:, left]).max(axis=0)
         if self._bends is not None or not np.any(flat & (self._sides[left] != 0.0)):
             return False
-        rates = self._slopes.tolist(), self._rates(self._share).tolist(), self._rates(2.0 * self._share).tolist()
-        self._bends = np.array([bend_from_rates(a, b, c, self._share) for a, b, c in zip(*rates, strict=True)])
+        self._bends = self._find_bends(noise)
         return all(self._leaves(int(i), values[:, i], points, float(noise[i])) for i in left)
+
+    def _find_bends(self, noise: FloatArray) -> FloatArray:
+        """Return bends without the errors of the polynomials, and set the limits of these errors."""
+        share, slopes = self._share, self._slopes
+        (begin, _), (once, first), (twice, second) = (self._near(x * share) for x in (0.0, 1.0, 2.0))
+        rates = zip(slopes.tolist(), first.tolist(), second.tolist(), strict=True)
+        bends = np.array([bend_from_rates(a, b, c, share) for a, b, c in rates])
+        values = 8.0 * once - twice - 7.0 * begin - 6.0 * share * slopes
+        if share > 0.0:
+            rows = zip(values.tolist(), bends.tolist(), noise.tolist(), strict=True)
+            self._limits = np.array([error_limit(*row, share) for row in rows])
+        return bends
 
     def _leaves(self, i: int, values: FloatArray, points: FloatArray, noise: float) -> bool:
         """Return whether a piece need not be cut for a function that is zero where it begins."""
@@ -167,11 +207,11 @@ class ZeroStarts:
             once, twice, thrice = (float(least_sizes(part)[0]) for part in series)
             bend, largest = float(BEND @ (values - slope * points)), float(np.abs(values).max())
         if once > 0.0 or abs(slope) * high > STEEP * largest:
-            return once > 0.0
+            return once > 0.0 and slope_agrees(slope * high, last, largest)
         if self._bends is not None and self._sides[i] != 0.0 and math.isfinite(self._bends[i]):
             exact = float(self._bends[i]) * high * high
             error, tail = abs(bend - exact) / (high * high), float(series[1][0, -2:].sum()) / (high * high)
-            doubt = self._doubts[i] = least_doubt(self._doubts[i], error, tail)
+            doubt = self._doubts[i] = least_doubt(self._doubts[i], error, tail, self._limits[i])
             bend = exact
             if all(unresolved(v, x, doubt) for v, x in zip(values.tolist(), points.tolist(), strict=True)):
                 return True

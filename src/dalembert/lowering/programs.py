@@ -57,7 +57,7 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
     for name, nodes in on_scene.items():
         if name == "energy" and equations.load_energy.potential is not None:
             kernels.append(_energies(equations, scene, records))
-        elif nodes:
+        elif nodes or name == "initial":  # a mode may prescribe the whole motion
             kernels.append(lower_kernel(graph, name, nodes, scene, records=records))
     if system.stages is not None:
         whole = common | {node: ("y", i) for i, node in enumerate(system.stages.inputs)}

@@ -36,6 +36,9 @@ DOUBT, RESOLVED = 2.0, 0.01
 """Multiple of the error of a polynomial's second derivative up to which it may have made a value near its beginning;
 and the share of that error up to which the last coefficients may be, for the error to be known."""
 
+LIKELY = 4.0
+"""Multiple of the error of a polynomial's second derivative where a step begins, up to which it may be elsewhere."""
+
 DEEPEST = 44
 """Halvings of a step after which a piece is taken as it is: two zeros closer than that are none."""
 

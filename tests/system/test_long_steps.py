@@ -1,0 +1,76 @@
+"""Expressions that oscillate many times within one step: in free flight steps are as long as the span."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy as sp
+from scipy.optimize import brentq
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+
+import dalembert as da
+
+TIME = dynamicsymbols._t
+G, AMPLITUDE, RATE = 9.81, 0.02, 20.0
+y, (m, e) = dynamicsymbols("y"), sp.symbols("m e", positive=True)
+
+
+def floor(t):
+    return AMPLITUDE * np.sin(RATE * t)
+
+
+@cache
+def shaken():
+    """A ball over a floor that moves as A sin(w t)."""
+    frame, origin = ReferenceFrame("N"), Point("O")
+    ball = origin.locatenew("P", y * frame.y)
+    scene = da.Scene("shaken", frame=frame, origin=origin, coordinates=[y])
+    scene.add_bodies(Particle("ball", ball, m))
+    scene.apply_uniform_gravity(-G * frame.y)
+    normal = da.unknowns("normal")
+    scene.add_joints(da.Joint("floor", body="ball", at=ball, force=normal * frame.y))
+    gap = y - sp.Float(AMPLITUDE) * sp.sin(sp.Float(RATE) * TIME)
+    scene.add_contacts(da.UnilateralContact(normal, gap=gap, restitution=e, name="floor"))
+    return da.compile_model(scene, outputs=["normal"])
+
+
+def impacts(restitution, height, end, most):
+    """Return the times of the first impacts of a ball dropped at time zero, and when the ball comes to rest or None."""
+    t, place, speed, found = 0.0, height, 0.0, []
+    while len(found) < most:
+
+        def gap(s, t=t, place=place, speed=speed):
+            return place + speed * (s - t) - G / 2 * (s - t) ** 2 - floor(s)
+
+        relative = speed - AMPLITUDE * RATE * np.cos(RATE * t)
+        grid = t + np.concatenate([np.geomspace(0.01, 1, 60) * max(relative, 1e-3) / 20.0, np.arange(1e-3, end, 1e-3)])
+        below = np.flatnonzero(gap(grid) < 0)
+        if grid[below[0]] > end:
+            break
+        hit = brentq(gap, grid[below[0] - 1] if below[0] else t, grid[below[0]], xtol=1e-15)
+        moving = AMPLITUDE * RATE * np.cos(RATE * hit)
+        place, speed, t = floor(hit), moving - restitution * (speed - G * (hit - t) - moving), hit
+        found.append(hit)
+    return found
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+@pytest.mark.parametrize("restitution", [0.1, 0.2, 0.3, 0.5])
+def test_a_ball_does_not_fall_through_a_floor_that_shakes(method, restitution):
+    """The flights after the impacts begin at a gap of zero, and the floor oscillates ten times in what is left."""
+    run = shaken().simulate((0, 3), {y: 0.5, y.diff(): 0}, {m: 0.3, e: restitution}, method=method, rtol=1e-10)
+    assert run.success
+    assert run.phases[-1].modes == {"floor": "closed"}
+    expected = impacts(restitution, 0.5, 3.0, 5)
+    np.testing.assert_allclose([phase.t0 for phase in run.phases][1:6], expected, rtol=0, atol=1e-8)
+    assert run["y"][-1] == pytest.approx(floor(3.0), abs=1e-12)
+    assert run["normal"][-1] == pytest.approx(0.3 * (G - AMPLITUDE * RATE**2 * np.sin(RATE * 3.0)), rel=1e-9)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_outputs_of_cases_whose_whole_motion_is_prescribed_at_the_end(method):
+    sweep = shaken().sweep((0, 3), {y: 0.5, y.diff(): 0}, {m: 0.3, e: np.array([0.3, 0.8])}, method=method)
+    assert sweep.mode("floor").tolist() == ["closed", "open"]
+    expected = 0.3 * (G - AMPLITUDE * RATE**2 * np.sin(RATE * 3.0))
+    np.testing.assert_allclose(sweep.final["normal"], [expected, 0.0], rtol=1e-9)
+    assert sweep.final["y"][0] == pytest.approx(floor(3.0), abs=1e-12)
