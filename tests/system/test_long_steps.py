@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from scipy.optimize import brentq
-from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
 
@@ -74,3 +74,77 @@ def test_outputs_of_cases_whose_whole_motion_is_prescribed_at_the_end(method):
     expected = 0.3 * (G - AMPLITUDE * RATE**2 * np.sin(RATE * 3.0))
     np.testing.assert_allclose(sweep.final["normal"], [expected, 0.0], rtol=1e-9)
     assert sweep.final["y"][0] == pytest.approx(floor(3.0), abs=1e-12)
+
+
+phase, rate, level = sp.symbols("phase rate level", real=True)
+NUMBERS = {
+    rate: np.geomspace(10, 100, 100),
+    phase: np.linspace(0, 6, 100),
+    level: np.tile([0.3, 0.7, 0.9, 0.99], 25),
+}
+ABOVE = da.Event(y + sp.sin(rate * TIME + phase) - level, name="crossed")
+END = 8.0
+
+
+@cache
+def drifting():
+    """A particle that keeps its velocity: one step takes it to the end."""
+    frame, origin = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("drifting", frame=frame, origin=origin, coordinates=[y])
+    scene.add_bodies(Particle("particle", origin.locatenew("P", y * frame.y), m))
+    return da.compile_model(scene)
+
+
+def crossings(case):
+    """Return the times at which sin(rate t + phase) passes the level."""
+    w, begin, top = (NUMBERS[name][case] for name in (rate, phase, level))
+    turns, angle = 2 * np.pi * np.arange(-1, int(w * END)), np.arcsin(top)
+    times = (np.concatenate([angle + turns, np.pi - angle + turns]) - begin) / w
+    return np.sort(times[(times > 0) & (times < END)])
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+@pytest.mark.parametrize("case", [2, 30, 51, 67, 83, 95, 99])
+def test_no_event_is_missed_in_a_step_that_has_many(method, case):
+    values = {m: 1, **{name: numbers[case] for name, numbers in NUMBERS.items()}}
+    run = drifting().simulate((0, END), {y: 0, y.diff(): 0}, values, method=method, events=[ABOVE])
+    np.testing.assert_allclose(run.events["crossed"].t, crossings(case), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_no_event_of_a_sweep_is_missed_in_a_step_that_has_many(method):
+    sweep = drifting().sweep((0, END), {y: 0, y.diff(): 0}, {m: 1, **NUMBERS}, method=method, events=[ABOVE])
+    found, expected = sweep.events["crossed"], [crossings(case) for case in range(100)]
+    np.testing.assert_array_equal(found.count, [len(times) for times in expected])
+    np.testing.assert_allclose(found.first, [times[0] for times in expected], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.last, [times[-1] for times in expected], rtol=0, atol=1e-9)
+
+
+@cache
+def tumbling():
+    """A rod of length 2 that falls on a floor, which stops its ends without friction or restitution."""
+    frame, origin = ReferenceFrame("N"), Point("O")
+    theta = dynamicsymbols("theta")
+    rod = frame.orientnew("R", "Axis", (theta, frame.z))
+    centre = origin.locatenew("G", y * frame.y)
+    scene = da.Scene("tumbling", frame=frame, origin=origin, coordinates=[y, theta])
+    scene.add_bodies(RigidBody("rod", centre, rod, 1, (inertia(rod, 0, 0, sp.Rational(1, 3)), centre)))
+    scene.apply_uniform_gravity(-G * frame.y)
+    for name, side in (("left", -1), ("right", 1)):
+        end, normal = centre.locatenew(name, side * rod.x), da.unknowns(f"N_{name}")
+        scene.add_joints(da.Joint(name, body="rod", at=end, force=normal * frame.y))
+        scene.add_contacts(da.UnilateralContact(normal, gap=y + side * sp.sin(theta), name=name))
+    return da.compile_model(scene)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_a_rod_that_tumbles_fast_meets_the_floor(method):
+    """The first end that comes down ends the flight, of up to 90 radians in one step."""
+    speeds, heights = np.linspace(5, 60, 12), np.tile([3.0, 5.0, 12.0], 4)
+    grid = np.linspace(0, 1.6, 160_001)
+    for spin, height in zip(speeds, heights, strict=True):
+        model, start = tumbling(), {"y": height, "y_dot": 0, "theta": 0.1, "theta_dot": spin}
+        run = model.simulate((0, 1.6), start, {}, method=method, rtol=1e-9)
+        gap = height - G / 2 * grid**2 - abs(np.sin(0.1 + spin * grid))
+        met = grid[np.argmax(gap < 0)] if np.any(gap < 0) else 1.6
+        assert run.phases[0].t1 == pytest.approx(met, abs=1.1e-5)

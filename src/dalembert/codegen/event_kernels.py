@@ -49,7 +49,7 @@ def event_kernels(
     if with_series:
         signs = series_signs_kernel(with_series, n + with_series, degree)
     else:
-        signs = step_signs_kernel(values, step)
+        signs = step_signs_kernel(values, step, code.oscillating)
     running = code.running
     return EventKernels(
         step_signs=steps.extra_kernel(signs, lanes),
@@ -70,6 +70,7 @@ def event_kernels(
         kinds=np.array([KINDS.index(kind) for kind in code.kinds], np.int64),
         read=_components(running),
         events_with_series=with_series,
+        oscillating=int(code.oscillating),
     )
 
 

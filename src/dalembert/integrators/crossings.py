@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..methods.chebyshev import COEFFICIENTS, COUNT, POINTS, SLOPE_TAIL, SLOPES
+from ..methods.chebyshev import BETWEEN, CHECKS, COEFFICIENTS, COUNT, MISSED, POINTS, SLOPE_TAIL, SLOPES
 from ..methods.event_constants import BUDGET, DEEPEST, ROOT_PRECISION, ROOT_TRIES
 from .zero_starts import ZeroStarts, least_sizes
 
@@ -55,7 +55,15 @@ class Crossing:
     seen: bool
 
 
-def pieces(sample: Sample, count: int, noise: FloatArray, least: FloatArray, starts: ZeroStarts | None) -> Pieces:
+def pieces(
+    sample: Sample,
+    count: int,
+    noise: FloatArray,
+    least: FloatArray,
+    starts: ZeroStarts | None,
+    *,
+    oscillating: bool = False,
+) -> Pieces:
     """Cut steps into pieces on which every function is monotone or keeps its sign.
 
     Parameters
@@ -70,6 +78,8 @@ def pieces(sample: Sample, count: int, noise: FloatArray, least: FloatArray, sta
         Length below which a piece is not cut, as a fraction of each step (count,).
     starts
         Functions that are zero where the first step begins, if there are any; they need not be monotone there.
+    oscillating
+        Whether the functions may oscillate between eight points: then pieces are simple by the values between, too.
     """
     step, low, high = np.arange(count), np.zeros(count), np.ones(count)
     done: list[tuple[NDArray[Any], ...]] = []
@@ -82,6 +92,16 @@ def pieces(sample: Sample, count: int, noise: FloatArray, least: FloatArray, sta
         if starts is not None:
             for i in np.flatnonzero((step == 0) & (low == 0.0) & ~simple):
                 simple[i] = starts.simple(values[i], high[i] * POINTS, noise, good[i])
+        if oscillating:
+            some = np.flatnonzero(simple & finite)
+            if len(some):
+                theta = low[some, np.newaxis] + (high - low)[some, np.newaxis] * CHECKS
+                between = sample(np.repeat(step[some], COUNT), theta.ravel()).reshape(len(some), COUNT, -1)
+                resolved = _resolved(values[some], between, noise)
+                if starts is not None:
+                    for i in np.flatnonzero((step[some] == 0) & (low[some] == 0.0)):
+                        starts.keep_sides(resolved[i], values[some[i], -1], between[i], high[some[i]] * CHECKS, noise)
+                simple[some] = np.all(resolved, axis=1)
         budget -= len(step)
         if depth == DEEPEST or budget < 0:
             simple[:] = True
@@ -102,17 +122,26 @@ def pieces(sample: Sample, count: int, noise: FloatArray, least: FloatArray, sta
     return found
 
 
-def _good(values: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
-    """Return which functions a piece need not be cut for (k, n)."""
+def _good(values: FloatArray, noise: FloatArray, missed: FloatArray | float = 0.0) -> NDArray[np.bool_]:
+    """Return which functions a piece need not be cut for (k, n); `missed` (k, n) is what their polynomials miss."""
     with np.errstate(all="ignore"):
         series = np.abs(np.einsum("kj,ijn->ikn", COEFFICIENTS, values))
         slopes = np.abs(np.einsum("kj,ijn->ikn", SLOPES, values))
         tail = series[:, -2:].sum(axis=1)
-        one_sign = least_sizes(series) > 0.0
-        monotone = slopes[:, 0] > slopes[:, 1:].sum(axis=1) + SLOPE_TAIL * tail
+        one_sign = least_sizes(series) > MISSED * missed
+        monotone = slopes[:, 0] > slopes[:, 1:].sum(axis=1) + SLOPE_TAIL * (tail + missed)
         nothing = np.abs(values).max(axis=1) <= noise
     lost = ~np.isfinite(values).any(axis=1)
     return np.asarray(one_sign | monotone | nothing | lost)
+
+
+def _resolved(values: FloatArray, between: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
+    """Return which functions (k, n) are simple on pieces by their values between the points, too."""
+    with np.errstate(all="ignore"):
+        missed = np.abs(between - np.einsum("kj,ijn->ikn", BETWEEN, values)).max(axis=1)
+        largest = np.maximum(np.abs(values).max(axis=1), np.abs(between).max(axis=1))
+    nothing = ~np.isfinite(missed) | (largest <= noise)
+    return np.asarray(_good(values, noise, np.where(nothing, 0.0, missed)) | nothing)
 
 
 @final

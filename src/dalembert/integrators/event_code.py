@@ -14,6 +14,7 @@ from ..errors import OptionError, nesting_named
 from ..ir.input_parameters import WIDTH, coefficient_places
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
+from ..ir.ops import OSCILLATING_OPERATIONS
 from ..ir.program import Program
 from ..methods.status import Status
 from ..reduction.event_functions import EventFunctions
@@ -187,6 +188,14 @@ class EventCode:
         hidden = {place + i for place in places for i in range(WIDTH)}
         return any(load.array == "c" and load.index in hidden for kernel in kernels for load in kernel.loads)
 
+    @cached_property
+    def oscillating(self) -> bool:
+        """Whether watched expressions may oscillate within a step, however smooth the motion is.
+
+        In free flight a step is as long as the span, and sin(theta) goes through many periods in it.
+        """
+        return any(line.op in OSCILLATING_OPERATIONS for line in self.watch.values.body)
+
     @property
     def along(self) -> bool:
         """Whether anything has to be watched along the motions, and not only at their ends."""
@@ -274,6 +283,7 @@ class EventCode:
             begins=begins,
             settle=lambda t, y: projected(program, c, t, y),
             rules=rules,
+            oscillating=self.oscillating,
             during=(lambda t0, t1: self.watched(_during(c, t0, t1), rows)) if isinstance(c, Segments) else None,
         )
 

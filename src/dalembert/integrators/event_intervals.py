@@ -13,15 +13,25 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..methods import chebyshev
-from ..methods.chebyshev import COEFFICIENTS, DIVIDED, POINTS, SLOPE_TAIL, SLOPES, TAIL
-from ..methods.event_constants import STEEP
+from ..methods.chebyshev import COEFFICIENTS, DIVIDED, MISSED, POINTS, SLOPE_TAIL, SLOPES, TAIL
+from ..methods.event_constants import BENT, STEEP
 from .compiled_subset import call_code, compiled_subset, fma, row, square
-from .workspace import BEND, DOUBT, LIMIT, RATE, EventWorkspace
+from .workspace import BEND, DOUBT, LIMIT, RATE, EventKernels, EventWorkspace
 from .zero_starts import least_doubt, leaves_zero, slope_agrees, unresolved
 
-__all__ = ["SERIES", "SLOPE_SERIES", "output_at", "push_halves", "sample", "simple_piece", "transformed"]
+__all__ = [
+    "SERIES",
+    "SLOPE_SERIES",
+    "output_at",
+    "push_halves",
+    "resolved_piece",
+    "sample",
+    "simple_piece",
+    "transformed",
+]
 
-_POINTS = POINTS.copy()
+_POINTS, _CHECKS = POINTS.copy(), chebyshev.CHECKS.copy()
+_BETWEEN = np.ascontiguousarray(chebyshev.BETWEEN.T)
 SERIES = np.ascontiguousarray(COEFFICIENTS.T)
 SLOPE_SERIES = np.ascontiguousarray(SLOPES.T)
 _ONCE, _TWICE, _THRICE = (np.ascontiguousarray(matrix.T) for matrix in DIVIDED)
@@ -39,11 +49,12 @@ def sample(
     h: float,
     low: float,
     width: float,
+    points: FloatArray,
 ) -> None:
-    """Evaluate all expressions at the eight points of a piece of the step, into ``values``."""
+    """Evaluate all expressions at eight points of a piece of the step, fractions of it, into ``values``."""
     degree, work = space.series.shape[1] - 1, space.work
     for j in range(8):
-        work[_THETA, j] = low + width * _POINTS[j]
+        work[_THETA, j] = low + width * points[j]
         space.clock[0, j] = t + work[_THETA, j] * h
     for u in range(used.size):
         m = used[u]
@@ -98,11 +109,11 @@ def _one_sign(work: FloatArray, i: int) -> bool:
 
 
 @compiled_subset
-def _monotone(work: FloatArray) -> bool:
+def _monotone(work: FloatArray, missed: float) -> bool:
     rest = 0.0
     for k in range(1, 8):
         rest += abs(work[1, k])
-    return abs(work[1, 0]) > rest + SLOPE_TAIL * (abs(work[0, 6]) + abs(work[0, 7]))
+    return abs(work[1, 0]) > rest + SLOPE_TAIL * (abs(work[0, 6]) + abs(work[0, 7]) + missed)
 
 
 @compiled_subset
@@ -176,9 +187,64 @@ def simple_piece(
                 if _leaves_flatly(directions, space, lane, e, largest, high, slope):
                     continue
         transformed(SLOPE_SERIES, space, e, 1)
-        if not _monotone(space.work):
+        if not _monotone(space.work, 0.0):
             simple = False
     return simple, finite
+
+
+@compiled_subset
+def resolved_piece(
+    events: EventKernels,
+    space: EventWorkspace,
+    lane: int,
+    many: int,
+    t: float,
+    h: float,
+    low: float,
+    width: float,
+    fresh: bool,
+) -> bool:
+    """Return whether a simple piece is simple by the values between its points, too.
+
+    Expressions that oscillate there are missed by eight points. ``fresh`` is that of `simple_piece`.
+    """
+    count = events.directions.size
+    for e in range(count):
+        for j in range(8):
+            space.between[e, j] = space.values[e, j]
+    sample(events.values, events.used, space, many, t, h, low, width, _CHECKS)
+    for e in range(count):
+        for j in range(8):
+            space.between[e, j], space.values[e, j] = space.values[e, j], space.between[e, j]
+    resolved = True
+    for e in range(count):
+        if space.may_change[0, e] != 0.0:
+            resolved = resolved and _resolved(space, lane, e, fresh, low + width)
+    return resolved
+
+
+@compiled_subset
+def _resolved(space: EventWorkspace, lane: int, e: int, fresh: bool, high: float) -> bool:
+    """Return whether the values ``between`` do not contradict that an expression is simple on a piece."""
+    last, largest, missed = space.values[e, 7], 0.0, 0.0
+    transformed(_BETWEEN, space, e, 2)
+    for j in range(8):
+        largest = max(largest, abs(space.values[e, j]), abs(space.between[e, j]))
+        missed = max(missed, abs(space.between[e, j] - space.work[2, j]))
+    if not math.isfinite(largest) or not math.isfinite(missed) or largest <= space.noise[0, e]:
+        return True
+    if fresh and space.zero[lane, e] != 0.0:
+        same = True
+        for j in range(8):
+            value, theta = space.between[e, j], high * _CHECKS[j]
+            crossed = value * last < 0.0 and abs(value) > max(space.noise[0, e], BENT * largest)
+            same = same and not (crossed and not unresolved(value, theta, space.rates[DOUBT, e]))
+        return same
+    transformed(SERIES, space, e, 0)
+    if _least_size(space.work, 0) > MISSED * missed:
+        return True
+    transformed(SLOPE_SERIES, space, e, 1)
+    return _monotone(space.work, missed)
 
 
 @compiled_subset

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from ..arrays import FloatArray
+from ..methods.chebyshev import POINTS
 from ..methods.event_constants import (
     BUDGET,
     COARSE,
@@ -21,7 +22,7 @@ from ..methods.event_constants import (
 )
 from ..methods.step_constants import EPSILON
 from .compiled_subset import call_code, compiled_subset, fma, row, square
-from .event_intervals import push_halves, sample, simple_piece
+from .event_intervals import push_halves, resolved_piece, sample, simple_piece
 from .event_rules import (
     change_counts,
     happens_together,
@@ -35,6 +36,7 @@ from .zero_starts import bend_from_rates, error_limit, short_share, unresolved
 __all__ = ["BROKEN", "NOTHING", "STOPPED", "count_occurrence", "occur", "scan", "state_at"]
 
 NOTHING, STOPPED, BROKEN = 0, 1, 2
+_POINTS = POINTS.copy()
 
 
 @compiled_subset
@@ -223,8 +225,10 @@ def scan(
             if events.events_with_series > 0:
                 sample_event_series(space, low, high - low)
             else:
-                sample(events.values, events.used, space, many, t, h, low, high - low)
+                sample(events.values, events.used, space, many, t, h, low, high - low, _POINTS)
             simple, finite = simple_piece(events.directions, space, lane, fresh and low == 0.0, high, h)
+            if simple and finite and events.oscillating != 0 and depth < deepest and high - low > least:
+                simple = resolved_piece(events, space, lane, many, t, h, low, high - low, fresh and low == 0.0)
             if not simple and fresh and low == 0.0 and _wants_bends(events, space):
                 _find_bends(events, space, one, t, h)
                 height += 1  # the same piece once more

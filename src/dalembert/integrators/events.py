@@ -194,7 +194,7 @@ class _Run:
 
             slopes, sides = np.where(self.zero, rate * sizes[0], np.nan), np.where(self._armed, self.signs, 0.0)
             starts = ZeroStarts(slopes, sides, short_share(float(knots[0]), float(sizes[0])), near)
-        cut = pieces(sample, len(sizes), noise, least, starts)
+        cut = pieces(sample, len(sizes), noise, least, starts, oscillating=watched.oscillating)
         if fresh:
             cut.first[0, self.zero] = 0.0
         broken = int(np.argmin(cut.finite)) if not np.all(cut.finite) else None

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..arrays import FloatArray
-from ..methods.chebyshev import BEND_TAIL, BENDS, CLOSE, INTEGRAL, NEGLIGIBLE, SLOPE_TAIL, SMOOTH, TAIL
+from ..methods.chebyshev import BEND_TAIL, BENDS, CLOSE, INTEGRAL, NEGLIGIBLE, POINTS, SLOPE_TAIL, SMOOTH, TAIL
 from ..methods.event_constants import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
 from .compiled_subset import compiled_subset, fma
 from .event_intervals import SERIES, SLOPE_SERIES, output_at, push_halves, sample, transformed
@@ -18,6 +18,7 @@ __all__ = ["accumulate", "advance"]
 
 MINIMUM, MAXIMUM, MEAN = 0, 1, 2
 _BENDS = np.ascontiguousarray(BENDS.T)
+_POINTS = POINTS.copy()
 _INTEGRAL = INTEGRAL.copy()
 
 
@@ -58,7 +59,7 @@ def accumulate(
         budget -= DEEP_COST if depth >= deep else 1
         if budget < 0:
             deepest = COARSE
-        sample(events.running, events.read, space, many, t, h, low, high - low)
+        sample(events.running, events.read, space, many, t, h, low, high - low, _POINTS)
         transformed(SERIES, space, e, 0)
         if kind == MEAN:
             settled, mean = _mean_of_piece(space.work, depth >= deepest)

@@ -52,6 +52,8 @@ class Watched:
         From times and interpolated states to states on the constraints.
     rules
         One an expression.
+    oscillating
+        Whether expressions may oscillate within a step.
     during
         From two times to what is watched on a block of steps between them, where that differs: expressions may jump
         where blocks end.
@@ -61,6 +63,7 @@ class Watched:
     begins: Callable[[float, FloatArray], FloatArray]
     settle: Callable[[FloatArray, FloatArray], FloatArray]
     rules: Sequence[Rule]
+    oscillating: bool = False
     during: Callable[[float, float], Watched] | None = None
 
 

@@ -20,10 +20,10 @@ __all__ = [
     "BEND",
     "BOUNDS",
     "DOUBT",
-    "LIMIT",
     "END",
     "FIRST",
     "IDLE",
+    "LIMIT",
     "LONG_ENDS",
     "NEXT",
     "NOW",
@@ -187,7 +187,7 @@ class EventKernels(NamedTuple):
     state.
 
     ``events_with_series`` is 0, or the number of events: then all of these end the case, and a step writes their series
-    too.
+    too. ``oscillating`` is 1 where expressions may oscillate within a step, however smooth the motion is.
     """
 
     step_signs: Address
@@ -208,6 +208,7 @@ class EventKernels(NamedTuple):
     kinds: IntVector
     read: IntVector
     events_with_series: int = 0
+    oscillating: int = 0
 
 
 @once
@@ -225,6 +226,8 @@ class EventWorkspace(NamedTuple):
     in the present step, else 0. ``rates`` belong to its beginning; its rows `BEND`, `DOUBT` and `LIMIT` are, over the
     step, the bends of armed events that are zero there, the errors of bends along its polynomials, and bounds of these
     errors (`dalembert.integrators.zero_starts`).
+
+    ``values`` are those of expressions at the points of a piece of a step, ``between`` those between these points.
 
     ``own`` (lanes, n_c) are the constants of each lane in a row, ``constants`` (lanes * n_c, 8) for eight points.
 
@@ -245,6 +248,7 @@ class EventWorkspace(NamedTuple):
     out: Matrix
     series: Matrix
     values: Matrix
+    between: Matrix
     ends: Matrix
     noise: Matrix
     one_clock: Matrix
@@ -285,6 +289,7 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         out=aligned(k, POINT_LANES),
         series=aligned(n, degree + 1),
         values=aligned(k, POINT_LANES),
+        between=aligned(k, POINT_LANES),
         ends=aligned(2, k),
         noise=aligned(1, k),
         one_clock=aligned(1, 1),

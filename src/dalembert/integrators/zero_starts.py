@@ -2,8 +2,8 @@
 
 Near its beginning such an expression is slope x + bend x^2 + r(x) x^3, with x the fraction of the step. Its slope is
 known from the kernel of its rates, r from values along the polynomials of the step. These may be off by E x^2, and so
-may its bend; rates along the polynomials give it without that error, and the difference of both is E. Eight values of an
-expression that oscillates within the step give no bend of it: E is at most a multiple of what values near the start show.
+may its bend; rates along the polynomials give it without that error, and the difference of both is E. Eight values of
+an expression that oscillates within the step do not give its bend: E is bounded by what values near the start show.
 """
 
 from __future__ import annotations
@@ -186,6 +186,21 @@ class ZeroStarts:
             return False
         self._bends = self._find_bends(noise)
         return all(self._leaves(int(i), values[:, i], points, float(noise[i])) for i in left)
+
+    def keep_sides(
+        self,
+        resolved: NDArray[np.bool_],
+        last: FloatArray,
+        between: FloatArray,
+        points: FloatArray,
+        noise: FloatArray,
+    ) -> None:
+        """Set which functions (n,) that begin in zero have no value (8, n) at points between beyond the other side."""
+        largest = np.maximum(np.abs(between).max(axis=0), np.abs(last))
+        for i in np.flatnonzero(~np.isnan(self._slopes)):
+            beyond = (between[:, i] * last[i] < 0.0) & (np.abs(between[:, i]) > max(noise[i], BENT * largest[i]))
+            places = zip(between[beyond, i].tolist(), points[beyond].tolist(), strict=True)
+            resolved[i] = all(unresolved(value, x, self._doubts[i]) for value, x in places)
 
     def _find_bends(self, noise: FloatArray) -> FloatArray:
         """Return bends without the errors of the polynomials, and set the limits of these errors."""

@@ -14,7 +14,15 @@ from dataclasses import dataclass
 
 from . import ieee, tables
 
-__all__ = ["ALL_OPERATIONS", "GRAPH_OPERATIONS", "OPERATIONS", "STEP_OPERATIONS", "TABLE_OPERATIONS", "Operation"]
+__all__ = [
+    "ALL_OPERATIONS",
+    "GRAPH_OPERATIONS",
+    "OPERATIONS",
+    "OSCILLATING_OPERATIONS",
+    "STEP_OPERATIONS",
+    "TABLE_OPERATIONS",
+    "Operation",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +112,9 @@ TABLE_OPERATIONS: dict[str, Operation] = {
 entries in place of ``table``, which at random points is a function of which nothing is known."""
 
 GRAPH_OPERATIONS: dict[str, Operation] = OPERATIONS | TABLE_OPERATIONS
+
+OSCILLATING_OPERATIONS = frozenset({"sin", "cos", "tan", *TABLE_OPERATIONS})
+"""Operations that may oscillate while their operand only grows."""
 """Everything that a graph may contain."""
 
 ALL_OPERATIONS: dict[str, Operation] = GRAPH_OPERATIONS | STEP_OPERATIONS

@@ -10,11 +10,14 @@ __all__ = [
     "BEND",
     "BENDS",
     "BEND_TAIL",
+    "BETWEEN",
+    "CHECKS",
     "CLOSE",
     "COEFFICIENTS",
     "COUNT",
     "DIVIDED",
     "INTEGRAL",
+    "MISSED",
     "NEGLIGIBLE",
     "POINTS",
     "SLOPES",
@@ -42,6 +45,18 @@ COEFFICIENTS: FloatArray = (
     2.0 / (COUNT - 1) * np.cos(np.outer(np.arange(COUNT), _ANGLES[::-1])) * _HALVES * _HALVES[:, np.newaxis]
 )
 """From values at the points to Chebyshev coefficients."""
+
+
+CHECKS: FloatArray = np.array([*(0.5 - 0.5 * np.cos(_ANGLES[1:] - 0.5 * _ANGLES[1])), 1.5 - 0.5 * np.sqrt(5.0)])
+"""Points between those of an interval, as many: a function that oscillates leaves its polynomial there."""
+
+
+BETWEEN: FloatArray = np.polynomial.chebyshev.chebvander(2.0 * CHECKS - 1.0, COUNT - 1) @ COEFFICIENTS
+"""From values at the points to those of their polynomial at the points between them."""
+
+
+MISSED = 4.0
+"""Multiple of the largest difference of a function and its polynomial between the points that it may have elsewhere."""
 
 
 SLOPES: FloatArray = np.array([[*np.polynomial.chebyshev.chebder(row), 0.0] for row in np.eye(COUNT)]).T @ COEFFICIENTS

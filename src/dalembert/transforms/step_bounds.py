@@ -6,20 +6,35 @@ code. Most steps pass these cheap tests; the others are examined one by one.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import final
 
 from ..arrays import FloatArray
 from ..ir.kernel import Kernel, Load, Operand
 from ..ir.lines import Lines
-from ..methods.chebyshev import COEFFICIENTS, INTEGRAL, NEGLIGIBLE, POINTS, SLOPE_TAIL, SLOPES, SMOOTH, TAIL
+from ..methods.chebyshev import (
+    BETWEEN,
+    CHECKS,
+    COEFFICIENTS,
+    COUNT,
+    INTEGRAL,
+    MISSED,
+    NEGLIGIBLE,
+    POINTS,
+    SLOPE_TAIL,
+    SLOPES,
+    SMOOTH,
+    TAIL,
+)
 from .pipelines import STEP_PASSES
 from .runge_kutta_parts import inlined
 
 __all__ = ["StepShape", "series_signs_kernel", "step_bounds_kernel", "step_signs_kernel"]
 
 _ARGUMENTS = ("t", "y", "c", "s")
+_CHECKED = (1, 3, 5, 7)
+"""Numbers of the points between those of a step at which a test of the whole step looks."""
 
 
 @final
@@ -36,12 +51,22 @@ class StepShape:
     in_time: bool
 
 
-def step_signs_kernel(values: Kernel, shape: StepShape) -> Kernel:
+def step_signs_kernel(values: Kernel, shape: StepShape, oscillating: bool) -> Kernel:
     """Return the kernel of a step's outputs that gives 1 or -1 for expressions of one sign over the step, else 0.
 
-    `values` are the expressions, from time, state and constants.
+    `values` are the expressions, from time, state and constants. If they may be `oscillating` within the step, it
+    looks at more points.
     """
-    return _over_step("step_signs", values, shape, lambda lines, row: [_sign(lines, _series(lines, COEFFICIENTS, row))])
+    checked = _CHECKED if oscillating else ()
+
+    def finish(lines: Lines, row: list[Operand]) -> list[Operand]:
+        series, missed = _series(lines, COEFFICIENTS, row[:COUNT]), 0.0
+        polynomial = _series(lines, BETWEEN[list(checked)], row[:COUNT])
+        for value, expected in zip(row[COUNT:], polynomial, strict=True):
+            missed = lines.op("max", missed, lines.op("abs", lines.sub(value, expected)))
+        return [_sign(lines, series, missed)]
+
+    return _over_step("step_signs", values, shape, finish, [*POINTS, *CHECKS[list(checked)]])
 
 
 def series_signs_kernel(count: int, size: int, degree: int) -> Kernel:
@@ -94,9 +119,13 @@ def step_bounds_kernel(values: Kernel, shape: StepShape) -> Kernel:
 
 
 def _over_step(
-    name: str, values: Kernel, shape: StepShape, finish: Callable[[Lines, list[Operand]], list[Operand]]
+    name: str,
+    values: Kernel,
+    shape: StepShape,
+    finish: Callable[[Lines, list[Operand]], list[Operand]],
+    points: Sequence[float] = tuple(POINTS),
 ) -> Kernel:
-    """Return a kernel of a step's outputs; `finish` computes its outputs from the values at the points."""
+    """Return a kernel of a step's outputs; `finish` computes its outputs from the values at points of the step."""
     lines = Lines()
     used = sorted({load.index or 0 for load in values.loads if load.array == "y"})
     loads = [Load("t_", "t", None), Load("size_", "y", shape.size), Load("direction_", "s", 1)]
@@ -110,7 +139,7 @@ def _over_step(
     evaluate = inlined(lines, values)
     width = max(used, default=-1) + 1
     rows: list[list[Operand]] = []
-    for theta in map(float, POINTS):
+    for theta in map(float, points):
         state: list[Operand] = [0.0] * width
         for m, terms in series.items():
             total = terms[-1]
@@ -161,10 +190,11 @@ def _sum(lines: Lines, values: list[Operand]) -> Operand:
     return total
 
 
-def _sign(lines: Lines, series: list[Operand]) -> Operand:
-    """Return the sign of a function with this series, 0 where it may change."""
+def _sign(lines: Lines, series: list[Operand], missed: Operand) -> Operand:
+    """Return the sign of a function with this series, 0 where it may change; `missed` is what the series misses."""
     sizes = _sizes(lines, series)
     rest = _sum(lines, [lines.mul(lines.add(sizes[-1], sizes[-2]), TAIL), *sizes[1:]])
+    rest = lines.add(rest, lines.mul(missed, MISSED))
     sign = lines.op("select", lines.op("less", 0.0, series[0]), 1.0, -1.0)
     return lines.op("select", lines.op("less", rest, sizes[0]), sign, 0.0)
 
