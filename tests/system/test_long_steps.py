@@ -87,12 +87,12 @@ END = 8.0
 
 
 @cache
-def drifting():
+def drifting(backend="llvm"):
     """A particle that keeps its velocity: one step takes it to the end."""
     frame, origin = ReferenceFrame("N"), Point("O")
     scene = da.Scene("drifting", frame=frame, origin=origin, coordinates=[y])
     scene.add_bodies(Particle("particle", origin.locatenew("P", y * frame.y), m))
-    return da.compile_model(scene)
+    return da.compile_model(scene, backend=backend)
 
 
 def crossings(case):
@@ -118,6 +118,24 @@ def test_no_event_of_a_sweep_is_missed_in_a_step_that_has_many(method):
     np.testing.assert_array_equal(found.count, [len(times) for times in expected])
     np.testing.assert_allclose(found.first, [times[0] for times in expected], rtol=0, atol=1e-9)
     np.testing.assert_allclose(found.last, [times[-1] for times in expected], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("backend", ["llvm", "numpy"])
+def test_no_maximum_is_missed_in_a_step_that_has_many(backend):
+    """sin(rate t + phase) + v t is largest where its rate vanishes last, or at the end."""
+    model, speed = drifting(backend), 0.01
+    some = {name: numbers[:: 10 if backend == "numpy" else 1] for name, numbers in NUMBERS.items() if name != level}
+    kept = {"top": da.maximum(y + sp.sin(rate * TIME + phase)), "bottom": da.minimum(sp.sin(rate * TIME + phase) - y)}
+    sweep = model.sweep((0, END), {y: 0, y.diff(): speed}, {m: 1, **some}, reduce=kept)
+    for case, (w, begin) in enumerate(zip(some[rate], some[phase], strict=True)):
+        angles = np.arccos(-speed / w) + 2 * np.pi * np.arange(int(w * END / 6) + 3)
+        times = np.concatenate([[0.0, END], (angles - begin) / w])
+        times = times[(times >= 0) & (times <= END)]
+        assert sweep.reduced["top"][case] == pytest.approx(np.max(speed * times + np.sin(w * times + begin)), abs=1e-9)
+        times = np.concatenate([[0.0, END], (2 * np.pi - np.arccos(speed / w) + angles - angles[0] - begin) / w])
+        times = times[(times >= 0) & (times <= END)]
+        expected = np.min(np.sin(w * times + begin) - speed * times)
+        assert sweep.reduced["bottom"][case] == pytest.approx(expected, abs=1e-9)
 
 
 @cache

@@ -64,13 +64,14 @@ def event_kernels(
         directions=np.array([event.direction for event in code.events], np.int64),
         last=np.array([int(event.terminal) for event in code.events], np.int64),
         used=_components(values),
-        step_bounds=steps.extra_kernel(step_bounds_kernel(running, step), lanes),
+        step_bounds=steps.extra_kernel(step_bounds_kernel(running, step, code.running_oscillates), lanes),
         running=steps.extra_kernel(running, POINT_LANES),
         at=steps.extra_kernel(running, 1),
         kinds=np.array([KINDS.index(kind) for kind in code.kinds], np.int64),
         read=_components(running),
         events_with_series=with_series,
         oscillating=int(code.oscillating),
+        running_oscillates=int(code.running_oscillates),
     )
 
 

@@ -194,7 +194,12 @@ class EventCode:
 
         In free flight a step is as long as the span, and sin(theta) goes through many periods in it.
         """
-        return any(line.op in OSCILLATING_OPERATIONS for line in self.watch.values.body)
+        return _oscillating(self.watch.values)
+
+    @cached_property
+    def running_oscillates(self) -> bool:
+        """Whether so may expressions whose minima, maxima and integrals are taken."""
+        return _oscillating(self.running)
 
     @property
     def along(self) -> bool:
@@ -223,7 +228,8 @@ class EventCode:
 
             return values
 
-        return running_values(JoinedOutput(np.zeros(1), ()) if dense is None else dense, sampled, self.kinds)
+        motion = JoinedOutput(np.zeros(1), ()) if dense is None else dense
+        return running_values(motion, sampled, self.kinds, self.running_oscillates)
 
     def reduced(
         self, spans: FloatArray, ends: FloatArray, y: FloatArray, c: FloatArray, totals: FloatArray, first: FloatArray
@@ -298,6 +304,10 @@ class EventCode:
             return out[:size] if consistent else None
 
         return apply
+
+
+def _oscillating(kernel: Kernel) -> bool:
+    return any(line.op in OSCILLATING_OPERATIONS for line in kernel.body)
 
 
 def _during(c: Constants, t0: float, t1: float) -> FloatArray:

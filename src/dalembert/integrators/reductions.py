@@ -9,6 +9,7 @@ the budget of the step is used up (`dalembert.methods.event_constants.BUDGET`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -17,9 +18,12 @@ from ..arrays import FloatArray
 from ..methods.chebyshev import (
     BEND_TAIL,
     BENDS,
+    BETWEEN,
+    CHECKS,
     CLOSE,
     COEFFICIENTS,
     INTEGRAL,
+    MISSED,
     NEGLIGIBLE,
     POINTS,
     SLOPE_TAIL,
@@ -55,7 +59,9 @@ Sample = Callable[[FloatArray], FloatArray]
 Values = Callable[[int, FloatArray], FloatArray]
 
 
-def running_values(dense: DenseOutput, sampled: Callable[[DenseOutput], Values], kinds: Sequence[str]) -> FloatArray:
+def running_values(
+    dense: DenseOutput, sampled: Callable[[DenseOutput], Values], kinds: Sequence[str], oscillating: bool
+) -> FloatArray:
     """Return minimum, maximum or integral over time (n,), as `kinds` say, of functions along a motion.
 
     Parameters
@@ -66,6 +72,8 @@ def running_values(dense: DenseOutput, sampled: Callable[[DenseOutput], Values],
         From continuous output to a function from a number of a step and fractions of it (k,) to values (k, n).
     kinds
         One of `KINDS` a function.
+    oscillating
+        Whether functions may oscillate between eight points of a step.
     """
     parts = zip(dense.parts, dense.knots[1:], strict=True) if isinstance(dense, JoinedOutput) else [(dense, None)]
     totals = np.array([{"minimum": np.inf, "maximum": -np.inf, "mean": 0.0}[kind] for kind in kinds])
@@ -86,7 +94,7 @@ def running_values(dense: DenseOutput, sampled: Callable[[DenseOutput], Values],
                     totals[i] += h * _integral(sample, till)
                 else:
                     sign = 1.0 if kind == "maximum" else -1.0
-                    totals[i] = sign * _largest(sample, till, sign, sign * totals[i])
+                    totals[i] = sign * _largest(sample, till, sign, sign * totals[i], oscillating)
     return totals
 
 
@@ -107,7 +115,7 @@ def _integral(sample: Sample, till: float) -> float:
     return total
 
 
-def _largest(sample: Sample, till: float, sign: float, best: float) -> float:
+def _largest(sample: Sample, till: float, sign: float, best: float, oscillating: bool) -> float:
     """Return the largest value of sign times a function over a step up to a fraction of it, at least `best`."""
     stack, budget, deepest = [(0.0, till, 0)], BUDGET, DEEPEST
     while stack:
@@ -117,19 +125,27 @@ def _largest(sample: Sample, till: float, sign: float, best: float) -> float:
         values = sign * sample(low + (high - low) * POINTS)
         if not np.all(np.isfinite(values)):
             return np.nan
+        missed = 0.0
+        if oscillating:
+            between = sign * sample(low + (high - low) * CHECKS)
+            missed = float(np.abs(between - BETWEEN @ values).max())
+            if not math.isfinite(missed):
+                return np.nan
+            best = max(best, float(between.max()))
         best = max(best, float(values.max()))
         series, slopes, bends = COEFFICIENTS @ values, SLOPES @ values, BENDS @ values
         varies, tail = np.abs(series[1:]).sum(), np.abs(series[-2:]).sum()
-        if series[0] + varies + TAIL * tail <= best or depth >= deepest:
+        if series[0] + varies + TAIL * tail + MISSED * missed <= best or depth >= deepest:
             continue
-        if abs(slopes[0]) > np.abs(slopes[1:]).sum() + SLOPE_TAIL * tail:
+        if abs(slopes[0]) > np.abs(slopes[1:]).sum() + SLOPE_TAIL * (tail + missed):
             continue
-        if tail <= CLOSE * varies and abs(bends[0]) > np.abs(bends[1:]).sum() + BEND_TAIL * tail:
+        bent = abs(bends[0]) > np.abs(bends[1:]).sum() + BEND_TAIL * (tail + missed)
+        if tail + missed <= CLOSE * varies and bent:
             if bends[0] < 0.0:
                 theta = low + (high - low) * _turning(slopes)
                 best = max(best, sign * float(sample(np.array([theta]))[0]))
             continue
-        if varies + TAIL * tail <= FLAT * abs(best):
+        if varies + TAIL * tail + MISSED * missed <= FLAT * abs(best):
             continue
         middle = 0.5 * (low + high)
         stack += [(middle, high, depth + 1), (low, middle, depth + 1)]

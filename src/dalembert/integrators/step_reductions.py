@@ -7,7 +7,20 @@ import math
 import numpy as np
 
 from ..arrays import FloatArray
-from ..methods.chebyshev import BEND_TAIL, BENDS, CLOSE, INTEGRAL, NEGLIGIBLE, POINTS, SLOPE_TAIL, SMOOTH, TAIL
+from ..methods.chebyshev import (
+    BEND_TAIL,
+    BENDS,
+    BETWEEN,
+    CHECKS,
+    CLOSE,
+    INTEGRAL,
+    MISSED,
+    NEGLIGIBLE,
+    POINTS,
+    SLOPE_TAIL,
+    SMOOTH,
+    TAIL,
+)
 from ..methods.event_constants import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
 from .compiled_subset import compiled_subset, fma
 from .event_intervals import SERIES, SLOPE_SERIES, output_at, push_halves, sample, transformed
@@ -18,7 +31,7 @@ __all__ = ["accumulate", "advance"]
 
 MINIMUM, MAXIMUM, MEAN = 0, 1, 2
 _BENDS = np.ascontiguousarray(BENDS.T)
-_POINTS = POINTS.copy()
+_POINTS, _CHECKS, _BETWEEN = POINTS.copy(), CHECKS.copy(), np.ascontiguousarray(BETWEEN.T)
 _INTEGRAL = INTEGRAL.copy()
 
 
@@ -66,7 +79,13 @@ def accumulate(
             if settled:
                 total += (high - low) * h * mean
         else:
-            settled, best = _largest_in_piece(events, space, one, t, h, low, high, e, sign, best, depth >= deepest)
+            missed = 0.0
+            if events.running_oscillates != 0:
+                best, missed = _look_between(events, space, many, t, h, low, high - low, e, sign, best)
+                if math.isnan(best):
+                    return best
+            last = depth >= deepest
+            settled, best = _largest_in_piece(events, space, one, t, h, low, high, e, sign, best, missed, last)
             if math.isnan(best):
                 return best
         if not settled:
@@ -90,6 +109,39 @@ def _mean_of_piece(work: FloatArray, last: bool) -> tuple[bool, float]:
 
 
 @compiled_subset
+def _look_between(
+    events: EventKernels,
+    space: EventWorkspace,
+    many: int,
+    t: float,
+    h: float,
+    low: float,
+    width: float,
+    e: int,
+    sign: float,
+    best: float,
+) -> tuple[float, float]:
+    """Return the largest value of sign times an expression so far, and what the polynomial of a piece misses.
+
+    They come from values between the points of the piece. NaN stands for a value that is not finite.
+    """
+    transformed(_BETWEEN, space, e, 2)
+    for j in range(8):
+        space.between[e, j] = space.values[e, j]
+    sample(events.running, events.read, space, many, t, h, low, width, _CHECKS)
+    missed = 0.0
+    for j in range(8):
+        value = space.values[e, j]
+        miss = abs(value - space.work[2, j])
+        missed, best = max(missed, miss), max(best, sign * value)
+        if not math.isfinite(miss):
+            best = math.nan
+    for j in range(8):
+        space.values[e, j] = space.between[e, j]
+    return best, missed
+
+
+@compiled_subset
 def _largest_in_piece(
     events: EventKernels,
     space: EventWorkspace,
@@ -101,6 +153,7 @@ def _largest_in_piece(
     e: int,
     sign: float,
     best: float,
+    missed: float,
     last: bool,
 ) -> tuple[bool, float]:
     """Return whether a piece holds no larger value of sign times an expression than the one returned, NaN for NaN."""
@@ -112,7 +165,7 @@ def _largest_in_piece(
     varies, tail = 0.0, abs(work[0, 6]) + abs(work[0, 7])
     for k in range(1, 8):
         varies += abs(work[0, k])
-    if sign * work[0, 0] + varies + TAIL * tail <= best or last:
+    if sign * work[0, 0] + varies + TAIL * tail + MISSED * missed <= best or last:
         return True, best
     transformed(SLOPE_SERIES, space, e, 1)
     transformed(_BENDS, space, e, 2)
@@ -120,14 +173,14 @@ def _largest_in_piece(
     for k in range(1, 8):
         falls += abs(work[1, k])
         turns += abs(work[2, k])
-    if abs(work[1, 0]) > falls + SLOPE_TAIL * tail:
+    if abs(work[1, 0]) > falls + SLOPE_TAIL * (tail + missed):
         return True, best
-    if tail <= CLOSE * varies and abs(work[2, 0]) > turns + BEND_TAIL * tail:
+    if tail + missed <= CLOSE * varies and abs(work[2, 0]) > turns + BEND_TAIL * (tail + missed):
         if sign * work[2, 0] < 0.0:
             theta = low + (high - low) * _turning(work, sign)
             best = max(best, sign * output_at(events.at, events.read, space, 1, one, t, h, theta, e))
         return True, best
-    return varies + TAIL * tail <= FLAT * abs(best), best
+    return varies + TAIL * tail + MISSED * missed <= FLAT * abs(best), best
 
 
 @compiled_subset

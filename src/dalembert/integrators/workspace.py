@@ -187,7 +187,8 @@ class EventKernels(NamedTuple):
     state.
 
     ``events_with_series`` is 0, or the number of events: then all of these end the case, and a step writes their series
-    too. ``oscillating`` is 1 where expressions may oscillate within a step, however smooth the motion is.
+    too. ``oscillating`` is 1 where expressions may oscillate within a step, however smooth the motion is, and
+    ``running_oscillates`` where those of minima and maxima may.
     """
 
     step_signs: Address
@@ -209,6 +210,7 @@ class EventKernels(NamedTuple):
     read: IntVector
     events_with_series: int = 0
     oscillating: int = 0
+    running_oscillates: int = 0
 
 
 @once

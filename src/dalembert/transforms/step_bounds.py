@@ -6,7 +6,7 @@ code. Most steps pass these cheap tests; the others are examined one by one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
@@ -33,7 +33,7 @@ from .runge_kutta_parts import inlined
 __all__ = ["StepShape", "series_signs_kernel", "step_bounds_kernel", "step_signs_kernel"]
 
 _ARGUMENTS = ("t", "y", "c", "s")
-_CHECKED = (1, 3, 5, 7)
+_CHECKED = [1, 3, 5, 7]
 """Numbers of the points between those of a step at which a test of the whole step looks."""
 
 
@@ -57,16 +57,11 @@ def step_signs_kernel(values: Kernel, shape: StepShape, oscillating: bool) -> Ke
     `values` are the expressions, from time, state and constants. If they may be `oscillating` within the step, it
     looks at more points.
     """
-    checked = _CHECKED if oscillating else ()
 
-    def finish(lines: Lines, row: list[Operand]) -> list[Operand]:
-        series, missed = _series(lines, COEFFICIENTS, row[:COUNT]), 0.0
-        polynomial = _series(lines, BETWEEN[list(checked)], row[:COUNT])
-        for value, expected in zip(row[COUNT:], polynomial, strict=True):
-            missed = lines.op("max", missed, lines.op("abs", lines.sub(value, expected)))
-        return [_sign(lines, series, missed)]
+    def finish(lines: Lines, row: list[Operand], missed: Operand) -> list[Operand]:
+        return [_sign(lines, _series(lines, COEFFICIENTS, row), missed)]
 
-    return _over_step("step_signs", values, shape, finish, [*POINTS, *CHECKS[list(checked)]])
+    return _over_step("step_signs", values, shape, finish, oscillating)
 
 
 def series_signs_kernel(count: int, size: int, degree: int) -> Kernel:
@@ -109,23 +104,27 @@ def series_signs_kernel(count: int, size: int, degree: int) -> Kernel:
     return STEP_PASSES(kernel)
 
 
-def step_bounds_kernel(values: Kernel, shape: StepShape) -> Kernel:
+def step_bounds_kernel(values: Kernel, shape: StepShape, oscillating: bool) -> Kernel:
     """Return the kernel of a step's outputs that tests expressions for `dalembert.integrators.reductions`.
 
     For each: its mean over the step, 1 if that is as good as it can be, a lower and an upper bound, its values at the
-    ends, and 1 if it is monotone.
+    ends, and 1 if it is monotone. `oscillating` is that of `step_signs_kernel`.
     """
-    return _over_step("step_bounds", values, shape, _running)
+    return _over_step("step_bounds", values, shape, _running, oscillating)
 
 
 def _over_step(
     name: str,
     values: Kernel,
     shape: StepShape,
-    finish: Callable[[Lines, list[Operand]], list[Operand]],
-    points: Sequence[float] = tuple(POINTS),
+    finish: Callable[[Lines, list[Operand], Operand], list[Operand]],
+    oscillating: bool,
 ) -> Kernel:
-    """Return a kernel of a step's outputs; `finish` computes its outputs from the values at points of the step."""
+    """Return a kernel of a step's outputs.
+
+    `finish` computes its outputs from the values at the points, and from what their polynomial misses between them.
+    """
+    checked = _CHECKED if oscillating else []
     lines = Lines()
     used = sorted({load.index or 0 for load in values.loads if load.array == "y"})
     loads = [Load("t_", "t", None), Load("size_", "y", shape.size), Load("direction_", "s", 1)]
@@ -139,7 +138,7 @@ def _over_step(
     evaluate = inlined(lines, values)
     width = max(used, default=-1) + 1
     rows: list[list[Operand]] = []
-    for theta in map(float, points):
+    for theta in map(float, [*POINTS, *CHECKS[checked]]):
         state: list[Operand] = [0.0] * width
         for m, terms in series.items():
             total = terms[-1]
@@ -147,7 +146,13 @@ def _over_step(
                 total = lines.fma(total, theta, term)
             state[m] = total
         rows.append(evaluate(lines.fma(h, theta, "t_"), state))
-    outputs = [output for column in zip(*rows, strict=True) for output in finish(lines, list(column))]
+    outputs: list[Operand] = []
+    for column in zip(*rows, strict=True):
+        at_points, missed = list(column[:COUNT]), 0.0
+        expected = _series(lines, BETWEEN[checked], at_points)
+        for a, b in zip(column[COUNT:], expected, strict=True):
+            missed = lines.op("max", missed, lines.op("abs", lines.sub(a, b)))
+        outputs += finish(lines, at_points, missed)
     constants = sorted({load.index or 0 for load in values.loads if load.array == "c"})
     loads += [Load(f"c_{index}_", "c", index) for index in constants]
     kernel = Kernel(name, _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs))
@@ -199,7 +204,7 @@ def _sign(lines: Lines, series: list[Operand], missed: Operand) -> Operand:
     return lines.op("select", lines.op("less", rest, sizes[0]), sign, 0.0)
 
 
-def _running(lines: Lines, values: list[Operand]) -> list[Operand]:
+def _running(lines: Lines, values: list[Operand], missed: Operand) -> list[Operand]:
     series, slopes = _series(lines, COEFFICIENTS, values), _series(lines, SLOPES, values)
     sizes, falls = _sizes(lines, series), _sizes(lines, slopes)
     tail = lines.add(sizes[-1], sizes[-2])
@@ -209,7 +214,8 @@ def _running(lines: Lines, values: list[Operand]) -> list[Operand]:
     size, before = _sum(lines, sizes), lines.add(sizes[4], sizes[5])
     smooth = lines.op("less_equal", lines.mul(tail, tail), lines.mul(lines.mul(size, before), SMOOTH))
     smooth = lines.op("max", smooth, lines.op("less_equal", tail, lines.mul(size, NEGLIGIBLE)))
-    reach = lines.fma(tail, TAIL, _sum(lines, sizes[1:]))
+    reach = lines.add(lines.fma(tail, TAIL, _sum(lines, sizes[1:])), lines.mul(missed, MISSED))
     bounds = [lines.sub(series[0], reach), lines.add(series[0], reach)]
-    monotone = lines.op("less", lines.fma(tail, SLOPE_TAIL, _sum(lines, falls[1:])), falls[0])
+    turning = lines.fma(lines.add(tail, missed), SLOPE_TAIL, _sum(lines, falls[1:]))
+    monotone = lines.op("less", turning, falls[0])
     return [mean, smooth, *bounds, values[0], values[-1], monotone]
