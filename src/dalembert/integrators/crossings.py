@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..methods.chebyshev import BETWEEN, CHECKS, COEFFICIENTS, COUNT, MISSED, POINTS, SLOPE_TAIL, SLOPES
+from ..methods.chebyshev import BETWEEN, CHECKS, COEFFICIENTS, CONVERGED, COUNT, MISSED, POINTS, SLOPE_TAIL, SLOPES
 from ..methods.event_constants import BUDGET, DEEPEST, ROOT_PRECISION, ROOT_TRIES
 from .zero_starts import ZeroStarts, least_sizes
 
@@ -93,7 +93,9 @@ def pieces(
             for i in np.flatnonzero((step == 0) & (low == 0.0) & ~simple):
                 simple[i] = starts.simple(values[i], high[i] * POINTS, noise, good[i])
         if oscillating:
-            some = np.flatnonzero(simple & finite)
+            # pieces whose series converge need no further look
+            begins = (step == 0) & (low == 0.0) & (starts is not None)
+            some = np.flatnonzero(simple & finite & (begins | ~_converge(values)))
             if len(some):
                 theta = low[some, np.newaxis] + (high - low)[some, np.newaxis] * CHECKS
                 between = sample(np.repeat(step[some], COUNT), theta.ravel()).reshape(len(some), COUNT, -1)
@@ -133,6 +135,12 @@ def _good(values: FloatArray, noise: FloatArray, missed: FloatArray | float = 0.
         nothing = np.abs(values).max(axis=1) <= noise
     lost = ~np.isfinite(values).any(axis=1)
     return np.asarray(one_sign | monotone | nothing | lost)
+
+
+def _converge(values: FloatArray) -> NDArray[np.bool_]:
+    """Return on which pieces (k,) the series of all functions show no oscillation between the points."""
+    series = np.abs(np.einsum("kj,ijn->ikn", COEFFICIENTS[1:], values))
+    return np.asarray(np.all(series[:, -2:].sum(axis=1) <= CONVERGED * series.sum(axis=1), axis=1))
 
 
 def _resolved(values: FloatArray, between: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..methods import chebyshev
-from ..methods.chebyshev import COEFFICIENTS, DIVIDED, MISSED, POINTS, SLOPE_TAIL, SLOPES, TAIL
+from ..methods.chebyshev import COEFFICIENTS, CONVERGED, DIVIDED, MISSED, POINTS, SLOPE_TAIL, SLOPES, TAIL
 from ..methods.event_constants import BENT, STEEP
 from .compiled_subset import call_code, compiled_subset, fma, row, square
 from .workspace import BEND, DOUBT, LIMIT, RATE, EventKernels, EventWorkspace
@@ -22,6 +22,7 @@ from .zero_starts import least_doubt, leaves_zero, slope_agrees, unresolved
 __all__ = [
     "SERIES",
     "SLOPE_SERIES",
+    "converges",
     "output_at",
     "push_halves",
     "resolved_piece",
@@ -101,6 +102,15 @@ def _least_size(work: FloatArray, i: int) -> float:
     for k in range(1, 8):
         rest += abs(work[i, k])
     return abs(work[i, 0]) - (rest + TAIL * (abs(work[i, 6]) + abs(work[i, 7])))
+
+
+@compiled_subset
+def converges(work: FloatArray) -> bool:
+    """Return whether the series of an expression, in the first row, shows no oscillation between the points."""
+    rest = 0.0
+    for k in range(1, 8):
+        rest += abs(work[0, k])
+    return abs(work[0, 6]) + abs(work[0, 7]) <= CONVERGED * rest
 
 
 @compiled_subset
@@ -206,9 +216,16 @@ def resolved_piece(
 ) -> bool:
     """Return whether a simple piece is simple by the values between its points, too.
 
-    Expressions that oscillate there are missed by eight points. ``fresh`` is that of `simple_piece`.
+    Expressions that oscillate there are missed by eight points, unless their series converge. ``fresh`` is that of
+    `simple_piece`.
     """
-    count = events.directions.size
+    count, resolved = events.directions.size, True
+    for e in range(count):
+        if space.may_change[0, e] != 0.0:
+            transformed(SERIES, space, e, 0)
+            resolved = resolved and converges(space.work) and not (fresh and space.zero[lane, e] != 0.0)
+    if resolved:
+        return True
     for e in range(count):
         for j in range(8):
             space.between[e, j] = space.values[e, j]

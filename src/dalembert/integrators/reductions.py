@@ -22,6 +22,7 @@ from ..methods.chebyshev import (
     CHECKS,
     CLOSE,
     COEFFICIENTS,
+    CONVERGED,
     INTEGRAL,
     MISSED,
     NEGLIGIBLE,
@@ -125,16 +126,15 @@ def _largest(sample: Sample, till: float, sign: float, best: float, oscillating:
         values = sign * sample(low + (high - low) * POINTS)
         if not np.all(np.isfinite(values)):
             return np.nan
-        missed = 0.0
-        if oscillating:
+        series, slopes, bends = COEFFICIENTS @ values, SLOPES @ values, BENDS @ values
+        varies, tail, missed = np.abs(series[1:]).sum(), np.abs(series[-2:]).sum(), 0.0
+        if oscillating and tail > CONVERGED * varies:
             between = sign * sample(low + (high - low) * CHECKS)
             missed = float(np.abs(between - BETWEEN @ values).max())
             if not math.isfinite(missed):
                 return np.nan
             best = max(best, float(between.max()))
         best = max(best, float(values.max()))
-        series, slopes, bends = COEFFICIENTS @ values, SLOPES @ values, BENDS @ values
-        varies, tail = np.abs(series[1:]).sum(), np.abs(series[-2:]).sum()
         if series[0] + varies + TAIL * tail + MISSED * missed <= best or depth >= deepest:
             continue
         if abs(slopes[0]) > np.abs(slopes[1:]).sum() + SLOPE_TAIL * (tail + missed):

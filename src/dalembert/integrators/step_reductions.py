@@ -23,7 +23,7 @@ from ..methods.chebyshev import (
 )
 from ..methods.event_constants import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
 from .compiled_subset import compiled_subset, fma
-from .event_intervals import SERIES, SLOPE_SERIES, output_at, push_halves, sample, transformed
+from .event_intervals import SERIES, SLOPE_SERIES, converges, output_at, push_halves, sample, transformed
 from .reductions import DEEP_IN_MEAN, FLAT, SHALLOW
 from .workspace import BOUNDS, EventKernels, EventWorkspace
 
@@ -80,7 +80,7 @@ def accumulate(
                 total += (high - low) * h * mean
         else:
             missed = 0.0
-            if events.running_oscillates != 0:
+            if events.running_oscillates != 0 and not converges(space.work):
                 best, missed = _look_between(events, space, many, t, h, low, high - low, e, sign, best)
                 if math.isnan(best):
                     return best

@@ -14,6 +14,7 @@ __all__ = [
     "CHECKS",
     "CLOSE",
     "COEFFICIENTS",
+    "CONVERGED",
     "COUNT",
     "DIVIDED",
     "INTEGRAL",
@@ -24,6 +25,7 @@ __all__ = [
     "SLOPE_TAIL",
     "SMOOTH",
     "TAIL",
+    "UNSEEN",
 ]
 
 
@@ -57,6 +59,12 @@ BETWEEN: FloatArray = np.polynomial.chebyshev.chebvander(2.0 * CHECKS - 1.0, COU
 
 MISSED = 4.0
 """Multiple of the largest difference of a function and its polynomial between the points that it may have elsewhere."""
+
+
+CONVERGED, UNSEEN = 1e-3, 1e3
+"""Share of the last two coefficients in all but the first, up to which a function does not oscillate between the
+points, and multiple of all but the first by which it may vary if it does. Of a million sines with 3 to 160 periods,
+none whose values at the points show one sign converges so."""
 
 
 SLOPES: FloatArray = np.array([[*np.polynomial.chebyshev.chebder(row), 0.0] for row in np.eye(COUNT)]).T @ COEFFICIENTS

@@ -14,18 +14,16 @@ from ..arrays import FloatArray
 from ..ir.kernel import Kernel, Load, Operand
 from ..ir.lines import Lines
 from ..methods.chebyshev import (
-    BETWEEN,
-    CHECKS,
     COEFFICIENTS,
-    COUNT,
+    CONVERGED,
     INTEGRAL,
-    MISSED,
     NEGLIGIBLE,
     POINTS,
     SLOPE_TAIL,
     SLOPES,
     SMOOTH,
     TAIL,
+    UNSEEN,
 )
 from .pipelines import STEP_PASSES
 from .runge_kutta_parts import inlined
@@ -33,8 +31,6 @@ from .runge_kutta_parts import inlined
 __all__ = ["StepShape", "series_signs_kernel", "step_bounds_kernel", "step_signs_kernel"]
 
 _ARGUMENTS = ("t", "y", "c", "s")
-_CHECKED = [1, 3, 5, 7]
-"""Numbers of the points between those of a step at which a test of the whole step looks."""
 
 
 @final
@@ -54,14 +50,14 @@ class StepShape:
 def step_signs_kernel(values: Kernel, shape: StepShape, oscillating: bool) -> Kernel:
     """Return the kernel of a step's outputs that gives 1 or -1 for expressions of one sign over the step, else 0.
 
-    `values` are the expressions, from time, state and constants. If they may be `oscillating` within the step, it
-    looks at more points.
+    `values` are the expressions, from time, state and constants. If they may be `oscillating` between the points, their
+    series must converge.
     """
 
-    def finish(lines: Lines, row: list[Operand], missed: Operand) -> list[Operand]:
-        return [_sign(lines, _series(lines, COEFFICIENTS, row), missed)]
+    def finish(lines: Lines, row: list[Operand]) -> list[Operand]:
+        return [_sign(lines, _series(lines, COEFFICIENTS, row), oscillating)]
 
-    return _over_step("step_signs", values, shape, finish, oscillating)
+    return _over_step("step_signs", values, shape, finish)
 
 
 def series_signs_kernel(count: int, size: int, degree: int) -> Kernel:
@@ -110,21 +106,13 @@ def step_bounds_kernel(values: Kernel, shape: StepShape, oscillating: bool) -> K
     For each: its mean over the step, 1 if that is as good as it can be, a lower and an upper bound, its values at the
     ends, and 1 if it is monotone. `oscillating` is that of `step_signs_kernel`.
     """
-    return _over_step("step_bounds", values, shape, _running, oscillating)
+    return _over_step("step_bounds", values, shape, lambda lines, row: _running(lines, row, oscillating))
 
 
 def _over_step(
-    name: str,
-    values: Kernel,
-    shape: StepShape,
-    finish: Callable[[Lines, list[Operand], Operand], list[Operand]],
-    oscillating: bool,
+    name: str, values: Kernel, shape: StepShape, finish: Callable[[Lines, list[Operand]], list[Operand]]
 ) -> Kernel:
-    """Return a kernel of a step's outputs.
-
-    `finish` computes its outputs from the values at the points, and from what their polynomial misses between them.
-    """
-    checked = _CHECKED if oscillating else []
+    """Return a kernel of a step's outputs; `finish` computes its outputs from the values at the points."""
     lines = Lines()
     used = sorted({load.index or 0 for load in values.loads if load.array == "y"})
     loads = [Load("t_", "t", None), Load("size_", "y", shape.size), Load("direction_", "s", 1)]
@@ -138,7 +126,7 @@ def _over_step(
     evaluate = inlined(lines, values)
     width = max(used, default=-1) + 1
     rows: list[list[Operand]] = []
-    for theta in map(float, [*POINTS, *CHECKS[checked]]):
+    for theta in map(float, POINTS):
         state: list[Operand] = [0.0] * width
         for m, terms in series.items():
             total = terms[-1]
@@ -146,13 +134,7 @@ def _over_step(
                 total = lines.fma(total, theta, term)
             state[m] = total
         rows.append(evaluate(lines.fma(h, theta, "t_"), state))
-    outputs: list[Operand] = []
-    for column in zip(*rows, strict=True):
-        at_points, missed = list(column[:COUNT]), 0.0
-        expected = _series(lines, BETWEEN[checked], at_points)
-        for a, b in zip(column[COUNT:], expected, strict=True):
-            missed = lines.op("max", missed, lines.op("abs", lines.sub(a, b)))
-        outputs += finish(lines, at_points, missed)
+    outputs = [output for column in zip(*rows, strict=True) for output in finish(lines, list(column))]
     constants = sorted({load.index or 0 for load in values.loads if load.array == "c"})
     loads += [Load(f"c_{index}_", "c", index) for index in constants]
     kernel = Kernel(name, _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs))
@@ -195,16 +177,23 @@ def _sum(lines: Lines, values: list[Operand]) -> Operand:
     return total
 
 
-def _sign(lines: Lines, series: list[Operand], missed: Operand) -> Operand:
-    """Return the sign of a function with this series, 0 where it may change; `missed` is what the series misses."""
+def _converges(lines: Lines, sizes: list[Operand]) -> Operand:
+    """Return 1 if a series with coefficients of these sizes shows no oscillation between the points."""
+    tail = lines.add(sizes[-1], sizes[-2])
+    return lines.op("less_equal", tail, lines.mul(_sum(lines, sizes[1:]), CONVERGED))
+
+
+def _sign(lines: Lines, series: list[Operand], oscillating: bool) -> Operand:
+    """Return the sign of a function with this series, 0 where it may change."""
     sizes = _sizes(lines, series)
     rest = _sum(lines, [lines.mul(lines.add(sizes[-1], sizes[-2]), TAIL), *sizes[1:]])
-    rest = lines.add(rest, lines.mul(missed, MISSED))
+    if oscillating:
+        rest = lines.op("select", _converges(lines, sizes), rest, lines.mul(rest, UNSEEN))
     sign = lines.op("select", lines.op("less", 0.0, series[0]), 1.0, -1.0)
     return lines.op("select", lines.op("less", rest, sizes[0]), sign, 0.0)
 
 
-def _running(lines: Lines, values: list[Operand], missed: Operand) -> list[Operand]:
+def _running(lines: Lines, values: list[Operand], oscillating: bool) -> list[Operand]:
     series, slopes = _series(lines, COEFFICIENTS, values), _series(lines, SLOPES, values)
     sizes, falls = _sizes(lines, series), _sizes(lines, slopes)
     tail = lines.add(sizes[-1], sizes[-2])
@@ -214,8 +203,11 @@ def _running(lines: Lines, values: list[Operand], missed: Operand) -> list[Opera
     size, before = _sum(lines, sizes), lines.add(sizes[4], sizes[5])
     smooth = lines.op("less_equal", lines.mul(tail, tail), lines.mul(lines.mul(size, before), SMOOTH))
     smooth = lines.op("max", smooth, lines.op("less_equal", tail, lines.mul(size, NEGLIGIBLE)))
-    reach = lines.add(lines.fma(tail, TAIL, _sum(lines, sizes[1:])), lines.mul(missed, MISSED))
+    reach = lines.fma(tail, TAIL, _sum(lines, sizes[1:]))
+    monotone = lines.op("less", lines.fma(tail, SLOPE_TAIL, _sum(lines, falls[1:])), falls[0])
+    if oscillating:
+        converges = _converges(lines, sizes)
+        reach = lines.op("select", converges, reach, lines.mul(reach, UNSEEN))
+        monotone = lines.op("min", monotone, converges)
     bounds = [lines.sub(series[0], reach), lines.add(series[0], reach)]
-    turning = lines.fma(lines.add(tail, missed), SLOPE_TAIL, _sum(lines, falls[1:]))
-    monotone = lines.op("less", turning, falls[0])
     return [mean, smooth, *bounds, values[0], values[-1], monotone]
