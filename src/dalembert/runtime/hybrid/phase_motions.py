@@ -93,40 +93,49 @@ def _trajectory(
     acts: bool,
 ) -> Trajectory:
     """Return the motion of one phase with its constants; where controllers act, behind each instant what follows it."""
-    n, program = len(model.layout.state), model.stages.program
+    n, method = len(model.layout.state), "" if phase.runner is None else phase.runner.method
     rows = phase.steps if phase.rows else np.empty((0, FIRST_AT + 6 * n))
-    polynomials = rows[:, FIRST_AT + 2 * n :].reshape(len(rows), n, -1) if len(rows) else np.empty((0, n, 4))
     if len(rows):
-        first = polynomials[0, :, 0]
+        t, y, output = _recorded(rows, n, phase.t0, method, acts)
     else:
-        begin = np.array([phase.t0])
-        first = modes.states(phase.mode, begin, phase.x[np.newaxis], constants_at(c, begin).reshape(1, -1))[0]
-    t = np.concatenate([[phase.t0], rows[:, ENDED_AT]])
-    y = np.concatenate([first[np.newaxis], rows[:, FIRST_AT + n : FIRST_AT + 2 * n]])
-    if acts and len(rows) > 1:
-        y[1:-1] = polynomials[1:, :, 0]
-    method = "" if phase.runner is None else phase.runner.method
-    if len(rows):
-        output = PiecewisePolynomial(t, partial(_coefficients, rows, polynomials, in_time=method == "taylor"))
-    else:
-        output = PiecewisePolynomial(np.array([phase.t0, phase.t0]), first.reshape(1, 1, n))
+        t = np.array([phase.t0])
+        y = modes.states(phase.mode, t, phase.x[np.newaxis], constants_at(c, t).reshape(1, -1))
+        output = PiecewisePolynomial(np.array([phase.t0, phase.t0]), y.reshape(1, 1, n))
     counted = rows[:, ATTEMPTS_AT]  # anew behind every stop
     attempts = int(counted[np.append(counted[1:] <= counted[:-1], True)].sum()) if len(rows) else 0
     stats = RunStatistics(method, len(rows), attempts - len(rows), attempts, model.stages.compile_seconds, 0.0, "")
-    run = Trajectory(program, c, status, t, y, stats, output if dense else None)
+    run = Trajectory(model.stages.program, c, status, t, y, stats, output if dense else None)
     run.ended_at(phase.t1)
     if model.derived.signed:
         warn_of_motion(model.layout.assumptions, model.derived.signed, run.t, run.__getitem__)
     run.with_monitors(model.monitors).of_scene(model.stages.scene)
-    if not labels:
-        return run
-    found = [(int(e), t, int(sign)) for e, t, sign in phase.occurrences.tolist() if e < len(labels)]
+    return run.with_events(labels, _occurrences(model, phase, c, len(labels), output, y[-1])) if labels else run
+
+
+def _recorded(
+    rows: FloatArray, n: int, t0: float, method: str, acts: bool
+) -> tuple[FloatArray, FloatArray, PiecewisePolynomial]:
+    """Return times, states (k + 1, n) and the continuous output of recorded steps from a start on."""
+    polynomials, t = rows[:, FIRST_AT + 2 * n :].reshape(len(rows), n, -1), np.append(t0, rows[:, ENDED_AT])
+    y = np.concatenate([polynomials[:1, :, 0], rows[:, FIRST_AT + n : FIRST_AT + 2 * n]])
+    if acts:
+        y[1:-1] = polynomials[1:, :, 0]
+    return t, y, PiecewisePolynomial(t, partial(_coefficients, rows, polynomials, in_time=method == "taylor"))
+
+
+def _occurrences(
+    model: CompiledModel, phase: RecordedPhase, c: Constants, count: int, output: PiecewisePolynomial, last: FloatArray
+) -> list[Occurrence]:
+    """Return the occurrences of the first events, `count` in number, in a phase that ends in the state `last`."""
+    found = [(int(e), t, int(sign)) for e, t, sign in phase.occurrences.tolist() if e < count]
+    if not found:
+        return []
     low, high = sorted((phase.t0, phase.t1))
     times = np.clip(np.array([t for _, t, _ in found]), low, high)
-    states = projected(program, c, times, output(times)) if found else np.empty((0, n))
-    states[times == phase.t1] = y[-1]
+    states = projected(model.stages.program, c, times, output(times))
+    states[times == phase.t1] = last
     listed = zip(found, times.tolist(), states, strict=True)
-    return run.with_events(labels, [Occurrence(e, at, own, own, sign) for (e, _, sign), at, own in listed])
+    return [Occurrence(e, at, own, own, sign) for (e, _, sign), at, own in listed]
 
 
 def _coefficients(rows: FloatArray, polynomials: FloatArray, *, in_time: bool) -> FloatArray:
