@@ -116,10 +116,10 @@ class BlockResult:
     def empty(cls, count: int, size: int, n_times: int, events: int = 0, kinds: Sequence[str] = ()) -> BlockResult:
         """Return results of cases that did not run, for a size of states, times to record, events and reductions."""
         y, ends, samples = np.zeros((count, size)), np.zeros((count, 3)), np.full((count, n_times, size), np.nan)
-        return cls(y, ends, samples, *cls.nothing_yet(count, events, kinds))
+        return cls(y, ends, samples, *cls.at_start(count, events, kinds))
 
     @staticmethod
-    def nothing_yet(count: int, events: int, kinds: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+    def at_start(count: int, events: int, kinds: Sequence[str]) -> tuple[FloatArray, FloatArray]:
         """Return the records of events, and minima, maxima and integrals, before the motions."""
         happened = np.full((count, 3 * events), np.nan)
         happened[:, ::3] = 0.0

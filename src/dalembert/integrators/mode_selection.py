@@ -293,7 +293,7 @@ def select_mode(system: ContactSystem, pick: Candidates, known: bool, meets: boo
     """Select the mode of the contacts, which is the best of the candidates; return a status.
 
     The forces and demands are those of `load_accelerations` or `load_impact`. What has just failed to hold, or to
-    push, is taken at its word first; where all contacts together then contradict something, it is tried as well
+    push, is left out first; where all contacts together then contradict something, it is tried as well
     (several contacts may change at one instant, each of them because of the others).
 
     Parameters

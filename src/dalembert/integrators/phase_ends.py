@@ -44,12 +44,12 @@ def _happened(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, i: int,
 @compiled_subset
 def _fire(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, i: int, first: int, t: float) -> bool:
     """Record the guards that have fired; return whether the reactions are no longer determined."""
-    asked, paradox = plan.terminal.size, False
+    requested, paradox = plan.terminal.size, False
     for m in range(table.cases.fired.shape[1]):
         table.cases.fired[i, m] = 0
-    for e in range(asked, plan.runners.events[runner]):
+    for e in range(requested, plan.runners.events[runner]):
         if space.happened[first + 3 * e + 2] == t:
-            guard = plan.runners.first_guard[runner] + e - asked
+            guard = plan.runners.first_guard[runner] + e - requested
             contact, bit = plan.guards[guard, 0], plan.guards[guard, 1]
             if contact < 0:
                 paradox = True

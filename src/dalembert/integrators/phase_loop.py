@@ -18,7 +18,7 @@ from .event_rules import recorded_after
 from .lane_loop import SweepArguments
 from .phase_ends import ended
 from .phase_stops import begin_stops, goes_to, load_case, pass_stops
-from .phase_tables import JUMPS, NOBODY, NOT_BEGUN, CaseTable, PhasePlan, PhaseProgress, ThreadWorkspace
+from .phase_tables import JUMPS, NO_RUNNER, NOT_STARTED, CaseTable, PhasePlan, PhaseProgress, ThreadWorkspace
 from .workspace import RUNNING
 
 __all__ = ["LOOP", "PhaseArguments"]
@@ -64,12 +64,12 @@ def _gather(table: CaseTable, space: ThreadWorkspace, size: int) -> None:
 @compiled_subset
 def _reset(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, size: int) -> None:
     """Begin a run of the gathered cases: events of users continue to be counted, and no guard has fired."""
-    asked, events = 3 * plan.terminal.size, plan.runners.events[runner]
+    requested, events = 3 * plan.terminal.size, plan.runners.events[runner]
     for place in range(size):
         first, i = place * 3 * events, space.chosen[place]
-        for m in range(asked):
+        for m in range(requested):
             space.happened[first + m] = table.occurred[i, m]
-        for m in range(asked, 3 * events, 3):
+        for m in range(requested, 3 * events, 3):
             space.happened[first + m] = 0.0
             space.happened[first + m + 1] = space.happened[first + m + 2] = math.nan
         if table.carried.shape[0] > 0:
@@ -118,7 +118,7 @@ def _decide(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace) -> None:
         for lane in range(lanes):
             if space.deciding[lane] >= 0 and space.after_impact[lane] == 0:
                 _enter_phase(plan, table, space.deciding[lane])
-                space.deciding[lane] = NOBODY
+                space.deciding[lane] = NO_RUNNER
             pending = pending or space.deciding[lane] >= 0
 
 
@@ -128,12 +128,12 @@ def _runner(plan: PhasePlan, table: CaseTable, i: int) -> int:
     for runner in range(plan.runners.mode.size):
         if plan.runners.mode[runner] == table.cases.number[i]:
             return runner
-    return NOBODY
+    return NO_RUNNER
 
 
 @compiled_subset
 def _enter_phase(plan: PhasePlan, table: CaseTable, i: int) -> None:
-    """Put a case into the mode that was selected; a phase that does not begin is not counted."""
+    """Start a phase of a case in the selected mode; one that cannot start is not counted."""
     numbers, table.t0[i], failed = table.numbers, table.cases.t[i], table.cases.status[i] != _SUCCESS
     for e in range(table.carried.shape[1]):
         table.carried[i, e] = math.nan
@@ -159,7 +159,7 @@ def _log(table: CaseTable, i: int) -> None:
     for m in range(n):
         log[line, 2 + added + m] = cases.x[i, m]
     if line + 1 == log.shape[0]:
-        numbers.runner[i] = NOBODY
+        numbers.runner[i] = NO_RUNNER
 
 
 @compiled_subset
@@ -186,10 +186,10 @@ def _sample(table: CaseTable, i: int) -> None:
 @compiled_subset
 def _choose(table: CaseTable, space: ThreadWorkspace, begin: int, end: int) -> int:
     """Choose those of some cases that are to begin, or that continue in one mode, the first found; return how many."""
-    size, runner, numbers = 0, NOBODY, table.numbers
+    size, runner, numbers = 0, NO_RUNNER, table.numbers
     for place in range(begin, end):
         i = table.order[place]
-        able = numbers.runner[i] >= 0 or numbers.runner[i] == NOT_BEGUN
+        able = numbers.runner[i] >= 0 or numbers.runner[i] == NOT_STARTED
         if numbers.state[i] == RUNNING and able and (size == 0 or numbers.runner[i] == runner):
             runner = numbers.runner[i]
             space.chosen[size] = i
@@ -199,12 +199,12 @@ def _choose(table: CaseTable, space: ThreadWorkspace, begin: int, end: int) -> i
 
 @compiled_subset
 def _conclude(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, first: int, size: int) -> None:
-    """Record how a pack of cases ended their runs, if they have begun, and select their next modes."""
-    deciding, begins, here = False, runner == NOT_BEGUN, min(space.clock.shape[1], size - first)
+    """Record how a pack of cases ended their runs, if they had any, and select their next modes."""
+    deciding, begins, here = False, runner == NOT_STARTED, min(space.clock.shape[1], size - first)
     if not begins:
         _expand(plan, space, runner, first, size)
     for lane in range(space.clock.shape[1]):
-        space.deciding[lane] = space.reaching[0, lane] = NOBODY
+        space.deciding[lane] = space.reaching[0, lane] = NO_RUNNER
         if lane < here:
             i = space.chosen[first + lane]
             if begins:
@@ -227,7 +227,7 @@ def _conclude(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner:
 def _run(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace) -> int:
     """Run a phase of the chosen cases, or begin them; return 1 where that has paused, and is to be continued."""
     progress, runner = space.progress, table.numbers.runner[space.chosen[0]]
-    if runner != NOT_BEGUN:
+    if runner != NOT_STARTED:
         if progress.paused == 0:
             _gather(table, space, progress.size)
             _reset(plan, table, space, runner, progress.size)

@@ -67,7 +67,7 @@ class StopTable(NamedTuple):
 
 
 def no_stops() -> StopTable:
-    """Return what stands where no case stops."""
+    """Return a table without stops."""
     none, nothing = np.zeros(0, np.int64), np.zeros(0)
     about = none, nothing, none, nothing, none, nothing, 0, none, none, none
     return StopTable(*about, no_inputs(), np.zeros((0, 0)))
@@ -95,7 +95,7 @@ def _write_inputs(table: CaseTable, i: int) -> None:
 
 @compiled_subset
 def begin_stops(table: CaseTable, i: int) -> None:
-    """Find the next stop of a case, unless that is known, and let its inputs be those from its time on."""
+    """Find the next stop of a case, unless that is known, and take its inputs from its time on."""
     stops, t, forward = table.stops, table.cases.t[i], table.t1[i] >= table.cases.t[i]
     if stops.first.size == 0 or stops.next[i] >= 0:
         return
@@ -123,7 +123,7 @@ def goes_to(table: CaseTable, i: int, goal: float) -> float:
 
 @compiled_subset
 def _reach(table: CaseTable, i: int) -> int:
-    """Let the parameters of a case be those behind the stops at its time; return which controllers act there."""
+    """Give a case the parameters behind the stops at its time; return which controllers act there."""
     stops, t, forward = table.stops, table.cases.t[i], table.t1[i] >= table.cases.t[i]
     direction, close = 1.0 if forward else -1.0, SMALLEST_OF_TIME * abs(t)
     place, acts = stops.next[i], 0

@@ -12,8 +12,8 @@ from .phase_stops import StopTable
 
 __all__ = [
     "JUMPS",
-    "NOBODY",
-    "NOT_BEGUN",
+    "NOT_STARTED",
+    "NO_RUNNER",
     "CaseNumbers",
     "CaseSamples",
     "CaseTable",
@@ -24,9 +24,9 @@ __all__ = [
     "case_numbers",
 ]
 
-NOBODY, NOT_BEGUN, JUMPS = -1, -2, -3
-"""In place of the number of a runner: none has been made yet for the mode; the case is to begin, in a mode that is to
-be selected; an event of a user has occurred that maps its state, and its mode is to be selected after that."""
+NO_RUNNER, NOT_STARTED, JUMPS = -1, -2, -3
+"""In place of the number of a runner: the mode has none yet; the case starts, and its mode is to be selected; an event
+of a user has occurred that maps the state, after which the mode is to be selected."""
 
 
 class CaseNumbers(NamedTuple):
@@ -37,7 +37,7 @@ class CaseNumbers(NamedTuple):
     state : (k,)
         Status, or RUNNING.
     runner : (k,)
-        Number of the runner of its mode, or `NOBODY`, `NOT_BEGUN` or `JUMPS`.
+        Number of the runner of its mode, or `NO_RUNNER`, `NOT_STARTED` or `JUMPS`.
     phases, steps : (k,)
         How many phases that took time others have followed; steps.
     history : (k,)
@@ -104,7 +104,7 @@ class PhasePlan(NamedTuple):
         Rows of ``ThreadWorkspace.gathered`` that hold the parameters of each runner.
     guards : (n_guards, 2)
         Contact of each guard, and the bit that it sets; -1 and 0 for a paradox.
-    terminal, jumps : (n_asked,)
+    terminal, jumps : (n_requested,)
         Of events of users: the occurrence that ends a case (0: none does), and 1 for those that map the state.
     most_steps : int
         Steps of all phases together after which a case ends.
@@ -139,7 +139,7 @@ class CaseTable(NamedTuple):
         Times when the present phase began, and final times [s].
     cases : ContactCases
     numbers : CaseNumbers
-    occurred : (k, 3 n_asked)
+    occurred : (k, 3 n_requested)
         Number, first and last time of each event that users watch.
     totals : (k, n_running)
         Minima, maxima and integrals so far.

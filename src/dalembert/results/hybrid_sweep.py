@@ -40,8 +40,8 @@ class States:
     added: FloatArray
 
     @classmethod
-    def nothing_yet(cls, count: int, size: int, added: int) -> States:
-        """Return states to write to, of so many variables and parameters that contacts add."""
+    def empty(cls, count: int, size: int, added: int) -> States:
+        """Return memory for states, of so many variables and parameters that contacts add."""
         case, mode, history = np.arange(count), np.full(count, -1), np.zeros(count, np.int64)
         t, x = np.full(count, np.nan), np.full((count, size), np.nan)
         return cls(t, x, case, mode, history, np.zeros((count, added)))

@@ -221,7 +221,7 @@ def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, h
         return
     done = here
     if watch is not None:
-        happened, totals = BlockResult.nothing_yet(len(status), len(watch.events), watch.kinds)
+        happened, totals = BlockResult.at_start(len(status), len(watch.events), watch.kinds)
         done = replace(here, happened=happened, totals=totals)
     if np.all(good):
         engine.integrate_block(ready, settings.method, done)
@@ -276,7 +276,7 @@ def _columns_run(
     constants = np.empty((count, cases.program.layout.constants) if reduces or watch is None else (0, 0))
     done = here
     if watch is not None:
-        happened, totals = BlockResult.nothing_yet(count, len(watch.events), watch.kinds)
+        happened, totals = BlockResult.at_start(count, len(watch.events), watch.kinds)
         done = replace(here, happened=happened, totals=totals)
     run = engine.sweeper(columns, settings.method, done, constants, share)
     if run is None or watch is None:

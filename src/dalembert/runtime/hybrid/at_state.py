@@ -44,7 +44,7 @@ def linearize_mode(
     Raises
     ------
     InitialStateError
-        For states that the contacts forbid or do not let go on.
+        For states that the contacts forbid, or from which no motion continues.
     """
     values = run_input.given_values(model.layout, initial)
     given = model.parameter_values(parameters)
@@ -86,7 +86,7 @@ def trim_mode(
     Raises
     ------
     InitialStateError
-        For guesses that the contacts forbid or do not let go on.
+        For guesses that the contacts forbid, or from which no motion continues.
     """
     layout, t = model.layout, options.t
     values = run_input.given_values(layout, guess, plain=True)
@@ -126,7 +126,7 @@ def _on_contacts(
     Raises
     ------
     InitialStateError
-        For guesses that the contacts forbid or do not let go on.
+        For guesses that the contacts forbid, or from which no motion continues.
     """
     modes, slipping, opened = model.modes, plain_mode(model.modes, ""), plain_mode(model.modes, OPEN)
     gaps = _gaps(model, t, values, given)
@@ -163,13 +163,13 @@ def _decided_mode(
     Raises
     ------
     InitialStateError
-        For states that the contacts forbid or do not let go on.
+        For states that the contacts forbid, or from which no motion continues.
     """
     modes, values = model.modes, dict(given)
     if CONDITION_TIME in values:
         values[CONDITION_TIME] = t
     p = np.array([[values[name] for name in model.layout.parameters]])
-    cases = modes.decisions.at_states(np.array([t]), x[np.newaxis], p, "no motion goes on from")
+    cases = modes.decisions.at_states(np.array([t]), x[np.newaxis], p, "no motion continues from")
     mode = modes.automaton.mode(int(cases.number[0]))
     added = modes.added(mode, cases.added[0])
     return mode, cases.x[0], values | {name: float(value) for name, value in added.items()}

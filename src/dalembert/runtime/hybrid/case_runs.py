@@ -12,7 +12,7 @@ from ...arrays import FloatArray
 from ...integrators.cases import BlockResult
 from ...integrators.contact_cases import ADDED, UNDECIDED, contact_cases
 from ...integrators.phase_stops import no_stops
-from ...integrators.phase_tables import JUMPS, NOT_BEGUN, CaseSamples, CaseTable, case_numbers
+from ...integrators.phase_tables import JUMPS, NOT_STARTED, CaseSamples, CaseTable, case_numbers
 from ...methods.status import RUNNING, Status
 from ...results.case_results import NO_MODE
 from ...results.hybrid_sweep import States
@@ -69,9 +69,9 @@ class CaseRuns:
         times = np.empty(0) if t_eval is None else np.ascontiguousarray(t_eval, np.float64)
         t, x, p = np.zeros(count), np.zeros((count, n)), np.zeros((count, n_p))
         self.cases = contact_cases(t, x, p, t, k, len(layout.states))
-        self.samples = samples = States.nothing_yet(count * len(times), n, ADDED * k)
+        self.samples = samples = States.empty(count * len(times), n, ADDED * k)
         self.log, self.numbers = np.empty((lines, 2 + ADDED * k + n)), case_numbers(count)
-        self.occurred, self.totals = choice.reductions.nothing_yet(count)
+        self.occurred, self.totals = choice.reductions.at_start(count)
         none = np.zeros(0, np.int64)
         self._table = CaseTable(
             t0=np.zeros(count),
@@ -122,7 +122,7 @@ class CaseRuns:
         cases.t[...] = table.t0[...] = t0
         table.t1[...], cases.span[...] = t1, t1 - t0
         cases.x[...], cases.p[...] = x, p
-        self.numbers.state[...], self.numbers.runner[...] = RUNNING, NOT_BEGUN
+        self.numbers.state[...], self.numbers.runner[...] = RUNNING, NOT_STARTED
         self.executor.begin(None if stops is None else stops.table)
         self.choice.begin(first_step)
 
@@ -180,7 +180,7 @@ class CaseRuns:
         self.numbers.state[some] = jumps.apply(self.cases, self.occurred, some)
         ended = some[self.numbers.state[some] != RUNNING]
         self.numbers.phases[ended] -= self.cases.passed[ended] != 0.0
-        self.numbers.runner[some] = NOT_BEGUN
+        self.numbers.runner[some] = NOT_STARTED
 
     def _mark_paradoxes(self) -> None:
         """Distinguish failures near Painleve's paradox from others."""
@@ -198,7 +198,7 @@ class CaseRuns:
         numbers.state[some], numbers.steps[some], numbers.phases[some] = int(Status.INTERRUPTED), 0, 0
         cases.t[some], cases.x[some], cases.number[some] = np.nan, np.nan, UNDECIDED
         samples.t[rows], samples.x[rows], samples.mode[rows] = np.nan, np.nan, NO_MODE
-        self.occurred[some] = BlockResult.nothing_yet(len(some), self.occurred.shape[1] // 3, ())[0]
+        self.occurred[some] = BlockResult.at_start(len(some), self.occurred.shape[1] // 3, ())[0]
 
     def states(self, some: NDArray[np.intp]) -> States:
         """Return the states of some cases as they are."""

@@ -45,7 +45,7 @@ def plain_mode(modes: ModeModels, unilateral: str) -> Mode:
 
 
 def refuse_open_gains(modes: ModeModels) -> None:
-    """Raise `OptionError` where modes have gains of the formulation "baumgarte" that nobody gave.
+    """Raise `OptionError` where modes have gains of the formulation "baumgarte" that were not given.
 
     A single run finds them from its steps, of each phase anew; all cases of a sweep must have the same.
     """

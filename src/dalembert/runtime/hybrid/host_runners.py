@@ -149,7 +149,7 @@ class HostRunner:
     # -- runs ------------------------------------------------------------------------------
 
     def _events(self, counts: FloatArray) -> tuple[Event, ...]:
-        """Return the events, those of users with the occurrence that ends a run after so many (n_asked,) before."""
+        """Return the events, those of users with the occurrence that ends a run after so many (n_requested,) before."""
         counts = np.where(self._numbered, counts, 0.0)
         key = counts.tobytes()
         if key not in self._counted:
@@ -159,7 +159,7 @@ class HostRunner:
         return self._counted[key]
 
     def _alike(self, counts: FloatArray) -> Iterator[tuple[FloatArray, NDArray[np.intp]]]:
-        """Yield groups of cases whose runs may be ended by the same occurrences, from counts (k, n_asked)."""
+        """Yield groups of cases whose runs may be ended by the same occurrences, from counts (k, n_requested)."""
         if not np.any(self._numbered):
             yield counts[0], np.arange(len(counts))
             return

@@ -137,7 +137,7 @@ class ModeModels:
         return impulses_of(stages.equations, stages.program)
 
     def violation(self, mode: Mode) -> Violation:
-        """Return what tells the violation of the scene's constraints (n_t, n_c) from a motion in a mode."""
+        """Return the function from a motion in a mode to the violation of the scene's constraints (n_t, n_c)."""
         opened = {c.constraint: c.name for c, s in zip(self.equations.contacts, mode, strict=True) if s == OPEN}
         return Violation(tuple(opened.get(i) for i in range(len(self.equations.constraints))))
 
@@ -145,7 +145,7 @@ class ModeModels:
 @final
 @dataclass(frozen=True)
 class Violation:
-    """Tells the violation of the scene's constraints (n_t, n_c) from a motion in a mode; it can be pickled.
+    """Function from a motion in a mode to the violation of the scene's constraints (n_t, n_c); it can be pickled.
 
     `opened` has for each constraint the name of the contact that is open instead, or None.
     """

@@ -142,7 +142,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
 
     @property
     def formulation(self) -> str:
-        """Name of the formulation that was asked for; each mode has its own, see ``mode(...).formulation``."""
+        """Name of the requested formulation; each mode has its own, see ``mode(...).formulation``."""
         return self.several.options.formulation
 
     @property

@@ -19,7 +19,7 @@ from ...hybrid.automaton import BITS
 from ...integrators.arguments import address_of, pack
 from ...integrators.phase_loop import PhaseArguments
 from ...integrators.phase_stops import StopTable, no_stops
-from ...integrators.phase_tables import NOBODY, CaseTable, PhasePlan, RunnerTable, ThreadWorkspace
+from ...integrators.phase_tables import NO_RUNNER, CaseTable, PhasePlan, RunnerTable, ThreadWorkspace
 from ...interrupts import STOPPED, check, stopped_by
 from ..case_blocks import begin_whole
 from .decisions import LOOP
@@ -92,7 +92,7 @@ class PhaseExecutor:
 
         `paused` is called whenever the loop returns before that. Raises KeyboardInterrupt where Ctrl-C stopped it.
         """
-        unplaced = some[self.table.numbers.runner[some] == NOBODY]
+        unplaced = some[self.table.numbers.runner[some] == NO_RUNNER]
         if len(unplaced):
             self.choice.place(self.table, unplaced)
         order = np.ascontiguousarray(some, np.int64) if self.threads else self._alone

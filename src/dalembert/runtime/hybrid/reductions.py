@@ -52,9 +52,9 @@ class PhaseReductions:
         """Kinds of those that are continued from phase to phase: "minimum", "maximum" or "mean"."""
         return tuple(each.kind for each in self.along.values() if each.kind != "final")
 
-    def nothing_yet(self, count: int) -> tuple[FloatArray, FloatArray]:
+    def at_start(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return what happened (k, 3 n_events), and minima, maxima and integrals (k, n_running), of cases at rest."""
-        return BlockResult.nothing_yet(count, len(self.events), self.kinds)
+        return BlockResult.at_start(count, len(self.events), self.kinds)
 
     def keep(self, totals: FloatArray, reduced: Mapping[str, FloatArray], passed: FloatArray) -> FloatArray:
         """Return minima, maxima and integrals (k, n_running) with what a phase of a duration (k,) reduced to, by name.
@@ -89,7 +89,7 @@ class PhaseReductions:
         begin, status : ndarray (k,)
             Times of their starts [s], and how they ended.
         about : (ndarray, ndarray)
-            What happened, and minima, maxima and integrals, as `nothing_yet` has them.
+            What happened, and minima, maxima and integrals, as `at_start` has them.
         """
         happened, totals = about
         found = np.full((len(last.t), len(self.table)), np.nan)

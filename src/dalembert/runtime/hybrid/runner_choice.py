@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...errors import ValueInputError
 from ...hybrid import Mode
-from ...integrators.phase_tables import NOBODY, CaseTable
+from ...integrators.phase_tables import NO_RUNNER, CaseTable
 from ...ir.program import Layout
 from ...options import StepOptions
 from ..case_blocks import fitted
@@ -50,7 +50,7 @@ class RunnerChoice:
     ----------
     runners : list of ModeRunner or HostRunner
     served : ndarray (n_runners,) of int
-        Number of the mode that each serves; `NOBODY` where another does.
+        Number of the mode that each serves; `NO_RUNNER` where another does.
     rows : GatheredRows
     compile_seconds : float
     """
@@ -109,7 +109,7 @@ class RunnerChoice:
     def _serve(self, serving: dict[int, int]) -> None:
         """Let modes, by number, be served by these runners, by their places, and by no others."""
         self._serving = serving
-        self.served[:] = NOBODY
+        self.served[:] = NO_RUNNER
         for number, place in serving.items():
             self.served[place] = number
 

@@ -165,7 +165,7 @@ def _refuse(request: MotionRequest[SimulateOptions], phases: Sequence[RecordedPh
 
 
 def _note(modes: ModeModels, phases: Sequence[RecordedPhase], now: ContactCases, status: Status) -> str:
-    """Return where a motion ended whose contacts let it go no further, and what they did; nothing for others."""
+    """Return where a motion ended that its contacts stopped, and what they did; nothing for others."""
     values = zip(modes.equations.symbols.variables, now.x[0], strict=True)
     where = f"at t = {float(now.t[0]):.6g} with {', '.join(f'{name} = {value:.6g}' for name, value in values)}"
     if status in (Status.CONTACT_IMPOSSIBLE, Status.CONTACT_AMBIGUOUS):
