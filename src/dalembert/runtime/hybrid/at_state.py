@@ -10,7 +10,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...errors import InitialStateError
-from ...hybrid import OPEN, Mode
+from ...hybrid import Mode
 from ...integrators.contact_cases import ADDED
 from ...ir.conditions import CONDITION_TIME
 from ...options import TrimOptions
@@ -20,7 +20,7 @@ from .. import inputs as run_input
 from ..input_values import with_inputs
 from ..linearize import linearize
 from ..trim import find_operating_point
-from .given_values import plain_mode, start_state
+from .given_values import start_state
 
 if TYPE_CHECKING:
     from .model import HybridModel
@@ -63,8 +63,8 @@ def assemble_open(
     InitialStateError
         For what cannot be assembled.
     """
-    given, slipping = model.parameter_values(parameters), plain_mode(model.modes, "")
-    mode, found = plain_mode(model.modes, OPEN), guess
+    given, slipping = model.parameter_values(parameters), model.modes.closed_mode
+    mode, found = model.modes.open_mode, guess
     for _ in range(len(mode) + 1):
         found_gaps = _gaps(model, t, found, given)
         deep = np.ones(len(mode), np.bool_) if found_gaps is None else found_gaps[0] < -found_gaps[1]
@@ -128,7 +128,7 @@ def _on_contacts(
     InitialStateError
         For guesses that the contacts forbid, or from which no motion continues.
     """
-    modes, slipping, opened = model.modes, plain_mode(model.modes, ""), plain_mode(model.modes, OPEN)
+    modes, slipping, opened = model.modes, model.modes.closed_mode, model.modes.open_mode
     gaps = _gaps(model, t, values, given)
     apart = np.zeros(len(opened), np.bool_) if gaps is None else gaps[0] > gaps[1]
     touching = tuple(o if far else s for s, o, far in zip(slipping, opened, apart, strict=True))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...errors import ExpressionError, OptionError, ValueInputError
-from ...hybrid import CLOSED, OPEN, Mode
+from ...hybrid import Mode
 from ...integrators.event_code import Event, event_list
 from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
@@ -25,23 +25,15 @@ from .. import inputs
 from ..cases import Cases, agreed, with_grid
 from ..reductions import reduction_table
 from ..simulate import NO_ESTIMATE
-from .event_jumps import EventJumps
 from .mode_models import ModeModels
 from .reductions import PhaseReductions
 from .request import MotionRequest
 from .simulate import simulate
 from .sweep import sweep
 
-__all__ = ["moving_events", "plain_mode", "refuse_open_gains", "run_cases", "run_motion", "start_state"]
+__all__ = ["moving_events", "refuse_open_gains", "run_cases", "run_motion", "start_state"]
 
 _O = TypeVar("_O", SimulateOptions, SweepOptions)
-
-
-def plain_mode(modes: ModeModels, unilateral: str) -> Mode:
-    """Return a mode in which all slips, and what can open is open, or closed."""
-    contacts = enumerate(modes.equations.contacts)
-    opened = [i for i, contact in contacts if contact.constraint is not None and unilateral == OPEN]
-    return modes.automaton.sliding_mode(opened)
 
 
 def refuse_open_gains(modes: ModeModels) -> None:
@@ -49,10 +41,10 @@ def refuse_open_gains(modes: ModeModels) -> None:
 
     A single run finds them from its steps, of each phase anew; all cases of a sweep must have the same.
     """
-    program = modes.model(plain_mode(modes, OPEN)).stages.program
+    program = modes.model(modes.open_mode).stages.program
     if program.formulation != Baumgarte.name:
         return
-    if set(modes.model(plain_mode(modes, CLOSED)).layout.defaults) & set(GAINS):
+    if set(modes.model(modes.closed_mode).layout.defaults) & set(GAINS):
         raise OptionError(
             "sweeps and prepared runs of a scene with contacts need the gains of 'baumgarte': give gains=(alpha, beta)"
             " [1/s] to compile_model, or take another formulation"
@@ -115,7 +107,6 @@ def run_motion(
         status=np.array([RUNNING]),
         options=options,
         reductions=PhaseReductions({}, events),
-        jumps=_jumps(modes, layout, events),
         layout=layout,
     )
     with run_meter(t0, t1, options.progress) as show:
@@ -162,7 +153,6 @@ def run_cases(
         status=status.astype(np.int64),
         options=replace(options, t_eval=settings.t_eval, threads=settings.threads),
         reductions=PhaseReductions(table, events),
-        jumps=_jumps(modes, layout, events),
         layout=layout,
     )
     varied = cases.initial, columns
@@ -173,19 +163,13 @@ def run_cases(
     return run.with_twin(sweep(replace(request, options=_tighter(request.options)), varied, stop))
 
 
-def _jumps(modes: ModeModels, layout: Layout, events: Sequence[Event]) -> EventJumps:
-    """Return the maps of events."""
-    opened = plain_mode(modes, OPEN)
-    return EventJumps(modes.model(opened), modes.violation(opened), events, layout.parameters)
-
-
 def _starting_mode(modes: ModeModels, layout: Layout, given: Iterable[str]) -> Mode:
     """Return the mode whose model starts from given values: all contacts close where these leave something out."""
     known = set(given)
     for entry in modes.equations.symbols.entries:
         if known.issuperset((*entry.names, *entry.needs)):
             known |= set(entry.targets)
-    return plain_mode(modes, OPEN if known.issuperset((*layout.coordinates, *layout.rates)) else CLOSED)
+    return modes.open_mode if known.issuperset((*layout.coordinates, *layout.rates)) else modes.closed_mode
 
 
 def _tighter(options: _O) -> _O:

@@ -127,6 +127,17 @@ class ModeModels:
         names = [name for contact, state in contacts for name in mode_parameters(contact, state)]
         return {name: values[..., i] for i, name in enumerate(names) if name}
 
+    @cached_property
+    def open_mode(self) -> Mode:
+        """The mode in which contacts that can open are open, and all others slip."""
+        contacts = enumerate(self.equations.contacts)
+        return self.automaton.sliding_mode([i for i, contact in contacts if contact.constraint is not None])
+
+    @cached_property
+    def closed_mode(self) -> Mode:
+        """The mode in which all contacts are closed and slip."""
+        return self.automaton.sliding_mode([])
+
     def named(self, mode: Mode) -> dict[str, str]:
         """Return what each contact does in a mode."""
         return {contact.name: state for contact, state in zip(self.equations.contacts, mode, strict=True)}

@@ -11,7 +11,7 @@ from ...arrays import FloatArray
 from ...codegen.base import Engine
 from ...codegen.runs import Prepared
 from ...errors import CapabilityError, OptionError, list_names
-from ...hybrid import CLOSED, OPEN, Mode
+from ...hybrid import OPEN, Mode
 from ...ir.conditions import CONDITION_TIME
 from ...ir.kernel import Kernel
 from ...ir.program import Layout
@@ -42,7 +42,7 @@ from ..interface.traced import hybrid_solve_fn
 from ..model import CompiledModel
 from .at_state import assemble_open, linearize_mode, trim_mode
 from .decisions import Decisions
-from .given_values import moving_events, plain_mode, refuse_open_gains, run_cases, run_motion, start_state
+from .given_values import moving_events, refuse_open_gains, run_cases, run_motion, start_state
 from .mode_models import ModeModels
 from .prepare import prepared
 
@@ -79,7 +79,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
         object.__setattr__(self, "modes", modes)
         object.__setattr__(self, "contacts", tuple(contact.name for contact in self._equations.contacts))
         layout = replace(
-            self._model(plain_mode(modes, OPEN)).layout,
+            self._model(modes.open_mode).layout,
             parameters=symbols.parameters,
             unknowns=symbols.unknowns,
             outputs=tuple(str(output) for output in self.several.options.outputs),
@@ -100,7 +100,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
         return self._engine().rows(kernel, t, y, c)
 
     def _engine(self) -> Engine:
-        return self._model(plain_mode(self.modes, OPEN)).engine
+        return self._model(self.modes.open_mode).engine
 
     def mode(self, **states: str) -> CompiledModel:
         """Return the model of one mode: an ordinary one, without events.
@@ -215,7 +215,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
 
     @property
     def _starting_model(self) -> CompiledModel:
-        return self._model(plain_mode(self.modes, CLOSED))
+        return self._model(self.modes.closed_mode)
 
     @property
     def _prepared_layout(self) -> Layout:
@@ -237,7 +237,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
 
     def _check_watched(self, events: Any, reduce: Any) -> None:
         moving_events(self.layout, events)
-        self._model(plain_mode(self.modes, OPEN)).derived.events(events, reduce)
+        self._model(self.modes.open_mode).derived.events(events, reduce)
 
     def _sweep_in_own_time(
         self, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
@@ -259,7 +259,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
         self._refuse(options.project_invariants)
         run_input.warn_below_floor(options.rtol, options.atol)
         refuse_open_gains(self.modes)
-        opened = self._model(plain_mode(self.modes, OPEN))
+        opened = self._model(self.modes.open_mode)
         method = opened.choose_method(options.method, options.rtol, options.atol, many=True)
         return method, prepared(self.modes, self.layout, t_span, options)
 

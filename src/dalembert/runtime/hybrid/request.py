@@ -42,8 +42,6 @@ class MotionRequest(Generic[OptionsT]):
         As `simulate` or `sweep` was given them, with checked `t_eval` and `threads`.
     reductions : PhaseReductions
         With the events that users watch.
-    jumps : EventJumps
-        Of the events that map the state.
     layout : Layout
         Of the scene, with the requested outputs.
     """
@@ -56,7 +54,6 @@ class MotionRequest(Generic[OptionsT]):
     status: NDArray[np.int64]
     options: OptionsT
     reductions: PhaseReductions
-    jumps: EventJumps
     layout: Layout
 
     @cached_property
@@ -68,6 +65,12 @@ class MotionRequest(Generic[OptionsT]):
         """Return where the cases stop, see `stops_of`; None where they do not."""
         options, spans = self.options, (self.t0, self.t1)
         return stops_of(self.modes, self.layout, options.inputs, self.p, spans, options.t_eval, many=many)
+
+    @cached_property
+    def jumps(self) -> EventJumps:
+        """Maps of the state by the events that users watch."""
+        opened, events = self.modes.open_mode, self.reductions.requested
+        return EventJumps(self.modes.model(opened), self.modes.violation(opened), events, self.layout.parameters)
 
     @property
     def labels(self) -> list[str]:

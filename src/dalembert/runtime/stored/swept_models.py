@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING, Any, Self, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...hybrid import OPEN
 from ...methods.status import Status
 from ...options import SweepOptions
 from ..cases import Cases, spans_of
 from ..event_parameters import with_event_parameters
-from ..hybrid.given_values import plain_mode
 from ..input_values import GivenInputs, read_inputs
 from ..sweep import sweep
 from .request import Part, Request
@@ -141,7 +139,7 @@ class ContactModel(SweptModel):
     def text(self) -> str:
         """The program with all contacts open, the numbers that decide on modes, and what the outputs are."""
         modes, options = self.model.modes, self.model.several.options
-        program = modes.model(plain_mode(modes, OPEN)).stages.program
+        program = modes.model(modes.open_mode).stages.program
         return f"{program}\n{modes.automaton.contact_data}\n{options.formulation} {options.outputs!r}"
 
     def with_event_parameters(self, parameters: Mapping[Any, Any], options: SweepOptions) -> ContactModel:
