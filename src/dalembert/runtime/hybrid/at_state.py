@@ -48,7 +48,7 @@ def linearize_mode(
     """
     values = run_input.given_values(model.layout, initial)
     given = model.parameter_values(parameters)
-    mode, x, given = _decided_mode(model, t, start_state(model.modes, model.layout, t, values, given), given)
+    mode, x, given = _decided_mode(model, t, start_state(model.modes, t, values, given), given)
     start = dict(zip(model.layout.variables, x.tolist(), strict=True))
     return linearize(model.modes.model(mode), t, start, given, states, outputs)
 
@@ -133,7 +133,7 @@ def _on_contacts(
     apart = np.zeros(len(opened), np.bool_) if gaps is None else gaps[0] > gaps[1]
     touching = tuple(o if far else s for s, o, far in zip(slipping, opened, apart, strict=True))
     values = values | modes.model(touching).assemble(values, given | _no_slip(model, touching), t=t)
-    mode, _, own = _decided_mode(model, t, start_state(modes, model.layout, t, values, given), given)
+    mode, _, own = _decided_mode(model, t, start_state(modes, t, values, given), given)
     return values, mode, own
 
 

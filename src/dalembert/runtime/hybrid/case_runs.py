@@ -64,7 +64,7 @@ class CaseRuns:
     def __init__(
         self, choice: RunnerChoice, count: int = 1, *, threads: int = 0, t_eval: FloatArray | None = None
     ) -> None:
-        self.choice, layout, lines = choice, choice.layout, _LINES if choice.recorded else 0
+        self.choice, layout, lines = choice, choice.modes.layout, _LINES if choice.recorded else 0
         k, n, n_p = len(choice.modes.equations.contacts), len(layout.variables), len(layout.parameters)
         times = np.empty(0) if t_eval is None else np.ascontiguousarray(t_eval, np.float64)
         t, x, p = np.zeros(count), np.zeros((count, n)), np.zeros((count, n_p))
@@ -186,7 +186,7 @@ class CaseRuns:
         """Distinguish failures near Painleve's paradox from others."""
         broken = np.flatnonzero(_BROKEN[self.numbers.state])
         if len(broken):
-            values = OutputValues(self.choice.modes, self.choice.layout, self.cases.p)
+            values = OutputValues(self.choice.modes, self.cases.p)
             jammed = values.jammed(self.states(broken))
             self.numbers.state[broken[jammed]] = int(Status.CONTACT_IMPOSSIBLE)
 

@@ -73,17 +73,16 @@ def moving_events(layout: Layout, events: Any) -> tuple[Event, ...]:
 
 
 def start_state(
-    modes: ModeModels, layout: Layout, t: float, values: Mapping[str, float], parameters: Mapping[str, float]
+    modes: ModeModels, t: float, values: Mapping[str, float], parameters: Mapping[str, float]
 ) -> FloatArray:
     """Return consistent coordinates, rates and first-order states (2 n_q + n_z,)."""
-    model = modes.model(_starting_mode(modes, layout, values))
+    model = modes.model(_starting_mode(modes, values))
     y = model.state(values, parameters, t=t)
     return model.expand(t, y, parameters)
 
 
 def run_motion(
     modes: ModeModels,
-    layout: Layout,
     t_span: tuple[float, float],
     values: Mapping[str, float],
     p: FloatArray,
@@ -92,7 +91,7 @@ def run_motion(
 ) -> HybridTrajectory:
     """Return one trajectory from initial values by name and parameters p (n_p,); see `HybridModel.simulate`."""
     (t0, t1), times = t_span, options.t_eval
-    given = dict(zip(layout.parameters, p.tolist(), strict=True))
+    given = dict(zip(modes.layout.parameters, p.tolist(), strict=True))
     inputs.warn_below_floor(options.rtol, options.atol)
     if events and options.error_estimate:
         raise OptionError(NO_ESTIMATE)
@@ -102,12 +101,11 @@ def run_motion(
         modes=modes,
         t0=np.array([t0]),
         t1=np.array([t1]),
-        x=start_state(modes, layout, t0, values, given)[np.newaxis],
+        x=start_state(modes, t0, values, given)[np.newaxis],
         p=p[np.newaxis],
         status=np.array([RUNNING]),
         options=options,
         reductions=PhaseReductions({}, events),
-        layout=layout,
     )
     with run_meter(t0, t1, options.progress) as show:
         run = simulate(request)
@@ -120,7 +118,6 @@ def run_motion(
 
 def run_cases(
     modes: ModeModels,
-    layout: Layout,
     t_span: tuple[Any, Any],
     initial: Mapping[Any, Any],
     parameters: Mapping[Any, Any],
@@ -130,13 +127,14 @@ def run_cases(
     """Return the results of many cases; see `HybridModel.sweep`."""
     inputs.warn_below_floor(options.rtol, options.atol)
     refuse_open_gains(modes)
+    layout = modes.layout
     table = reduction_table(options.reduce, layout.aliases)
     if (events or table) and options.error_estimate:
         raise OptionError(NO_ESTIMATE)
     if options.grid is not None:
         initial, parameters = with_grid(layout, options.grid, initial, parameters)
     known = {layout.aliases.get(str(key), str(key)) for key in initial}
-    model = modes.model(_starting_mode(modes, layout, known))
+    model = modes.model(_starting_mode(modes, known))
     program = model.stages.program
     cases = Cases(program, model.derived.start, t_span, initial, parameters)
     settings = agreed(cases, options, model.choose_method(options.method, options.rtol, options.atol, many=True))
@@ -153,7 +151,6 @@ def run_cases(
         status=status.astype(np.int64),
         options=replace(options, t_eval=settings.t_eval, threads=settings.threads),
         reductions=PhaseReductions(table, events),
-        layout=layout,
     )
     varied = cases.initial, columns
     run = sweep(request, varied)
@@ -163,13 +160,13 @@ def run_cases(
     return run.with_twin(sweep(replace(request, options=_tighter(request.options)), varied, stop))
 
 
-def _starting_mode(modes: ModeModels, layout: Layout, given: Iterable[str]) -> Mode:
+def _starting_mode(modes: ModeModels, given: Iterable[str]) -> Mode:
     """Return the mode whose model starts from given values: all contacts close where these leave something out."""
     known = set(given)
     for entry in modes.equations.symbols.entries:
         if known.issuperset((*entry.names, *entry.needs)):
             known |= set(entry.targets)
-    return modes.open_mode if known.issuperset((*layout.coordinates, *layout.rates)) else modes.closed_mode
+    return modes.open_mode if known.issuperset((*modes.layout.coordinates, *modes.layout.rates)) else modes.closed_mode
 
 
 def _tighter(options: _O) -> _O:

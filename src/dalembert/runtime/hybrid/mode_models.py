@@ -15,7 +15,7 @@ from ...hybrid import OPEN, HybridAutomaton, Mode
 from ...hybrid.modes import mode_parameters
 from ...integrators.breakpoints import CaseBreaks
 from ...integrators.event_code import Event, armed
-from ...ir.conditions import Conditions
+from ...ir.conditions import CONDITION_TIME, Conditions
 from ...ir.kernel import Kernel
 from ...ir.program import Layout
 from ...mechanics.equations import EquationsOfMotion, Guard
@@ -47,6 +47,8 @@ class ModeModels:
         Returns the model of a mode, compiled when it is first needed.
     engine : callable
         Returns the engine that evaluates kernels which belong to no mode.
+    outputs : tuple of str
+        Requested outputs.
     recorders : dict of str to list of MotionRecorder
         Recorders of single runs that are not in use, by options and events.
     """
@@ -55,6 +57,7 @@ class ModeModels:
     decisions: Decisions
     model: Callable[[Mode], CompiledModel]
     engine: Callable[[], Engine]
+    outputs: tuple[str, ...]
     recorders: dict[str, list[Any]] = field(default_factory=dict, init=False)
     _guards: dict[Mode, list[Guard]] = field(default_factory=dict, init=False)
     _expansions: dict[Mode, Kernel] = field(default_factory=dict, init=False)
@@ -63,6 +66,18 @@ class ModeModels:
     def equations(self) -> EquationsOfMotion:
         """The equations of the scene, of no mode."""
         return self.automaton.equations
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Names of the scene, of no mode."""
+        symbols = self.equations.symbols
+        return replace(
+            self.model(self.open_mode).layout,
+            parameters=symbols.parameters,
+            unknowns=symbols.unknowns,
+            outputs=self.outputs,
+            defaults={CONDITION_TIME: 0.0} if CONDITION_TIME in symbols.parameters else {},
+        )
 
     @cached_property
     def conditions(self) -> Conditions | None:
@@ -85,13 +100,14 @@ class ModeModels:
     def _sampling(self) -> SamplingKernels | None:
         return sampling_kernels(SampledVariables(self.equations))
 
-    def sampling(self, layout: Layout) -> Sampling | None:
-        """Return the controllers on coordinates, rates and first-order states, for the layout of the scene."""
+    @property
+    def sampling(self) -> Sampling | None:
+        """The controllers on coordinates, rates and first-order states."""
         if not self.equations.controllers:
             return None
         kernels = self._sampling
         assert kernels is not None
-        return Sampling(replace(layout, state=layout.variables), kernels, None)
+        return Sampling(replace(self.layout, state=self.layout.variables), kernels, None)
 
     def guards(self, mode: Mode) -> list[Guard]:
         """Return what can end a mode; what is constant along its motions cannot."""

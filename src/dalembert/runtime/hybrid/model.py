@@ -12,7 +12,6 @@ from ...codegen.base import Engine
 from ...codegen.runs import Prepared
 from ...errors import CapabilityError, OptionError, list_names
 from ...hybrid import OPEN, Mode
-from ...ir.conditions import CONDITION_TIME
 from ...ir.kernel import Kernel
 from ...ir.program import Layout
 from ...mechanics.equations import EquationsOfMotion
@@ -74,18 +73,11 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
     _variants: dict[tuple[Any, ...], HybridModel] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
-        automaton, symbols = self.several.automaton, self._equations.symbols
-        modes = ModeModels(automaton, Decisions(automaton, self._rows), self._model, self._engine)
+        automaton, outputs = self.several.automaton, tuple(str(output) for output in self.several.options.outputs)
+        modes = ModeModels(automaton, Decisions(automaton, self._rows), self._model, self._engine, outputs)
         object.__setattr__(self, "modes", modes)
         object.__setattr__(self, "contacts", tuple(contact.name for contact in self._equations.contacts))
-        layout = replace(
-            self._model(modes.open_mode).layout,
-            parameters=symbols.parameters,
-            unknowns=symbols.unknowns,
-            outputs=tuple(str(output) for output in self.several.options.outputs),
-            defaults={CONDITION_TIME: 0.0} if CONDITION_TIME in symbols.parameters else {},
-        )
-        object.__setattr__(self, "layout", layout)
+        object.__setattr__(self, "layout", modes.layout)
 
     solve_fn = hybrid_solve_fn
 
@@ -211,7 +203,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
 
     def _state(self, t: float, initial: Given, parameters: Given) -> FloatArray:
         values = run_input.given_values(self.layout, initial)
-        return start_state(self.modes, self.layout, t, values, self.parameter_values(parameters))
+        return start_state(self.modes, t, values, self.parameter_values(parameters))
 
     @property
     def _starting_model(self) -> CompiledModel:
@@ -227,7 +219,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
         self._refuse(options.project_invariants)
         p, values = self.parameter_vector(parameters), run_input.given_values(self.layout, initial)
         events = moving_events(self.layout, options.events)
-        return run_motion(self.modes, self.layout, t_span, values, p, options, events)
+        return run_motion(self.modes, t_span, values, p, options, events)
 
     def _with_parameters(self, symbols: tuple[Any, ...]) -> HybridModel:
         return self._variant(("parameters", symbols), lambda: self.several.scene.with_parameters(symbols))
@@ -244,7 +236,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
     ) -> HybridSweep:
         self._refuse(options.project_invariants)
         events = moving_events(self.layout, options.events)
-        return run_cases(self.modes, self.layout, t_span, initial, parameters, options, events)
+        return run_cases(self.modes, t_span, initial, parameters, options, events)
 
     def _stored_sweep(
         self, given: tuple[Any, Given, Given, Given | None], options: SweepOptions, to: StoreOptions
@@ -261,7 +253,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
         refuse_open_gains(self.modes)
         opened = self._model(self.modes.open_mode)
         method = opened.choose_method(options.method, options.rtol, options.atol, many=True)
-        return method, prepared(self.modes, self.layout, t_span, options)
+        return method, prepared(self.modes, t_span, options)
 
     def _linearize(
         self, t: float, initial: Given, parameters: Given, states: Sequence[str] | None, outputs: Any

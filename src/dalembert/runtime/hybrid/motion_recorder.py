@@ -92,7 +92,7 @@ def recorder_of(request: MotionRequest[SimulateOptions]) -> Iterator[MotionRecor
         recorder = kept.pop()
     except IndexError:
         own = replace(options, dense=dense, t_eval=None, events=(), inputs=None, progress=False, error_estimate=False)
-        recorder = MotionRecorder(RunnerChoice(modes, request.layout, own, events, fits=True, recorded=True))
+        recorder = MotionRecorder(RunnerChoice(modes, own, events, fits=True, recorded=True))
     yield recorder
     kept.append(recorder)
 

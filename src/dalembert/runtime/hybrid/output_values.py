@@ -12,7 +12,6 @@ from ...arrays import FloatArray
 from ...hybrid import SLIP, Mode
 from ...ir.conditions import CONDITION_TIME
 from ...ir.interpret import interpret_rows
-from ...ir.program import Layout
 from ...results.hybrid_sweep import States
 from ...results.motion import ENERGIES
 from .. import inputs
@@ -36,8 +35,6 @@ class OutputValues:
     Attributes
     ----------
     modes : ModeModels
-    layout : Layout
-        Of the scene.
     p : ndarray (k, n_p)
         Parameters of the cases.
     stops : Stops or None
@@ -47,14 +44,13 @@ class OutputValues:
     """
 
     modes: ModeModels
-    layout: Layout
     p: FloatArray
     stops: Stops | None = None
     ends: tuple[FloatArray, NDArray[np.bool_]] | None = None
 
     def __call__(self, key: str, states: States) -> FloatArray:
         """Return something by name at states (k,)."""
-        layout = self.layout
+        layout = self.modes.layout
         name, names = layout.aliases.get(key, key), layout.variables
         if name in names:
             return states.x[:, names.index(name)]
@@ -97,7 +93,7 @@ class OutputValues:
     def _rows(self, mode: Mode, states: States) -> FloatArray:
         """Return the parameters (k, n_p) of a mode's model at some states."""
         layout = self.modes.model(mode).layout
-        own = {name: self.p[states.case, i] for i, name in enumerate(self.layout.parameters)}
+        own = {name: self.p[states.case, i] for i, name in enumerate(self.modes.layout.parameters)}
         breaks, given = (None, None) if self.stops is None else (self.stops.breaks, self.stops.inputs)
         if breaks is not None and breaks.place is not None:
             own[CONDITION_TIME] = breaks.middles(states.case, states.t)

@@ -8,7 +8,6 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...codegen.runs import Final, Prepared, PreparedStates
-from ...ir.program import Layout
 from ...methods.status import Status
 from ...options import PrepareOptions
 from .case_runs import CaseRuns
@@ -20,7 +19,7 @@ from .stops import stops_of
 __all__ = ["prepared"]
 
 
-def prepared(modes: ModeModels, layout: Layout, t_span: tuple[float, float], options: PrepareOptions) -> Prepared:
+def prepared(modes: ModeModels, t_span: tuple[float, float], options: PrepareOptions) -> Prepared:
     """Return a function from variables (2 n_q + n_z,) and parameters of the scene (n_p,) to the final variables.
 
     Every thread keeps its memory.
@@ -34,8 +33,8 @@ def prepared(modes: ModeModels, layout: Layout, t_span: tuple[float, float], opt
             return np.full_like(x, np.nan), Status.NON_FINITE
         case = own.get(get_ident())
         if case is None:
-            case = own[get_ident()] = CaseRuns(RunnerChoice(modes, layout, options, PhaseReductions({}, ())))
-        stops = stops_of(modes, layout, options.inputs, p[np.newaxis], spans) if stopping else None
+            case = own[get_ident()] = CaseRuns(RunnerChoice(modes, options, PhaseReductions({}, ())))
+        stops = stops_of(modes, options.inputs, p[np.newaxis], spans) if stopping else None
         case.begin(*t_span, x, p, stops)
         case.run()
         return case.cases.x[0].copy(), case.status

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ...ir.program import Layout
 from ...options import SimulateOptions, SweepOptions
 from .event_jumps import EventJumps
 from .mode_models import ModeModels
@@ -42,8 +41,6 @@ class MotionRequest(Generic[OptionsT]):
         As `simulate` or `sweep` was given them, with checked `t_eval` and `threads`.
     reductions : PhaseReductions
         With the events that users watch.
-    layout : Layout
-        Of the scene, with the requested outputs.
     """
 
     modes: ModeModels
@@ -54,23 +51,22 @@ class MotionRequest(Generic[OptionsT]):
     status: NDArray[np.int64]
     options: OptionsT
     reductions: PhaseReductions
-    layout: Layout
 
     @cached_property
     def parameters(self) -> dict[str, float]:
         """Parameters of the first case by name."""
-        return dict(zip(self.layout.parameters, self.p[0].tolist(), strict=True))
+        return dict(zip(self.modes.layout.parameters, self.p[0].tolist(), strict=True))
 
     def stops(self, *, many: bool = False) -> Stops | None:
         """Return where the cases stop, see `stops_of`; None where they do not."""
         options, spans = self.options, (self.t0, self.t1)
-        return stops_of(self.modes, self.layout, options.inputs, self.p, spans, options.t_eval, many=many)
+        return stops_of(self.modes, options.inputs, self.p, spans, options.t_eval, many=many)
 
     @cached_property
     def jumps(self) -> EventJumps:
         """Maps of the state by the events that users watch."""
         opened, events = self.modes.open_mode, self.reductions.requested
-        return EventJumps(self.modes.model(opened), self.modes.violation(opened), events, self.layout.parameters)
+        return EventJumps(self.modes.model(opened), self.modes.violation(opened), events, self.modes.layout.parameters)
 
     @property
     def labels(self) -> list[str]:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from ...errors import ValueInputError
 from ...hybrid import Mode
 from ...integrators.phase_tables import NO_RUNNER, CaseTable
-from ...ir.program import Layout
 from ...options import StepOptions
 from ..case_blocks import fitted
 from ..cases import Cases, Settings
@@ -33,8 +32,6 @@ class RunnerChoice:
     Parameters
     ----------
     modes : ModeModels
-    layout : Layout
-        Of the scene.
     options : StepOptions
         Method, tolerances, largest step and number of steps.
     reductions : PhaseReductions
@@ -58,7 +55,6 @@ class RunnerChoice:
     def __init__(
         self,
         modes: ModeModels,
-        layout: Layout,
         options: StepOptions,
         reductions: PhaseReductions,
         *,
@@ -67,7 +63,7 @@ class RunnerChoice:
         recorded: bool = False,
     ) -> None:
         self.modes, self.options, self.reductions, self.recorded = modes, options, reductions, recorded
-        self.layout, self.rows = layout, GatheredRows.of(layout, modes.equations.contacts)
+        self.rows = GatheredRows.of(modes.layout, modes.equations.contacts)
         self.runners: list[ModeRunner | HostRunner] = []
         self.served = np.zeros(0, np.int64)
         self.parallel, self.compile_seconds = modes.engine().parallel, 0.0
@@ -165,7 +161,7 @@ class RunnerChoice:
         """Return the first, the middle and the last of some cases; None where a symbol excludes a value of theirs."""
         some = some[sorted({0, len(some) // 2, len(some) - 1})]
         model, own = self.modes.model(mode), table.cases
-        columns = dict(zip(self.layout.parameters, own.p[some].T, strict=True))
+        columns = dict(zip(self.modes.layout.parameters, own.p[some].T, strict=True))
         columns |= self.modes.added(mode, own.added[some])
         given = {name: columns[name] for name in model.layout.parameters if name in columns}
         initial = dict(zip(self.rows.states, own.x[some].T, strict=True))

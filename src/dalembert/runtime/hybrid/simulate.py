@@ -60,7 +60,7 @@ def simulate(request: MotionRequest[SimulateOptions]) -> HybridTrajectory:
         whole.append(_after_jump(parts[-1], request, after))
 
     def make(some: Sequence[Part]) -> HybridTrajectory:
-        about = status, stats, modes.equations.name, request.layout
+        about = status, stats, modes.equations.name, modes.layout
         return HybridTrajectory(some, [part.phase for part in parts], None, whole, *about)
 
     run, times = make(whole), options.t_eval

@@ -13,7 +13,6 @@ from ...codegen.host_code import HostCode, columns_at
 from ...integrators.breakpoints import CaseBreaks
 from ...integrators.input_steps import no_inputs
 from ...integrators.phase_stops import BEFORE_START, StopTable
-from ...ir.program import Layout
 from ...reduction.sampling_kernels import Action
 from ..input_values import GivenInputs
 from ..sampling import NoInstants, Sampling
@@ -45,7 +44,6 @@ class Stops:
 
 def stops_of(
     modes: ModeModels,
-    layout: Layout,
     given: GivenInputs | None,
     p: FloatArray,
     spans: tuple[FloatArray, FloatArray],
@@ -58,8 +56,6 @@ def stops_of(
     Parameters
     ----------
     modes : ModeModels
-    layout : Layout
-        Of the scene.
     given : GivenInputs or None
         Values of inputs.
     p : ndarray (k, n_p)
@@ -78,8 +74,8 @@ def stops_of(
     NoInstants
         For periods that make no sense, unless there are `many` cases.
     """
-    breaks, sampling = modes.breaks(p, *spans), modes.sampling(layout)
-    records = None if given is None else given.records(layout)
+    breaks, sampling = modes.breaks(p, *spans), modes.sampling
+    records = None if given is None else given.records(modes.layout)
     if breaks is None and sampling is None and records is None:
         return None
     k = len(p)

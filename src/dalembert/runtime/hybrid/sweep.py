@@ -38,8 +38,7 @@ def sweep(
     stops = request.stops(many=True)
     assert options.threads is not None
     chosen = None if options.chosen is None else options.method_chosen
-    about = request.modes, request.layout, options, request.reductions
-    choice = RunnerChoice(*about, fits=options.fits, chosen=chosen)
+    choice = RunnerChoice(request.modes, options, request.reductions, fits=options.fits, chosen=chosen)
     runs = CaseRuns(choice, count, threads=options.threads, t_eval=options.t_eval)
     runs.begin(request.t0, request.t1, request.x, request.p, stops)
     status = runs.numbers.state
@@ -81,10 +80,10 @@ def _results(
     if samples is not None:
         samples.case[:] = np.repeat(last.case, len(options.t_eval))
     met = last.mode if samples is None else np.concatenate([last.mode, samples.mode])
-    value = OutputValues(modes, request.layout, request.p, stops, (request.t1, request.t1 >= request.t0))
+    value = OutputValues(modes, request.p, stops, (request.t1, request.t1 >= request.t0))
     run = HybridSweep(
         modes.equations.name,
-        request.layout,
+        modes.layout,
         varied,
         np.column_stack([last.t, numbers.state.astype(float), numbers.steps.astype(float)]),
         options.t_eval,
@@ -96,7 +95,7 @@ def _results(
         {int(n): modes.named(modes.automaton.mode(int(n))) for n in np.unique(met[met >= 0])},
         value,
     )
-    warn_of_motion(request.layout.assumptions, request.layout.coordinates, run.t, run._final)
+    warn_of_motion(modes.layout.assumptions, modes.layout.coordinates, run.t, run._final)
     about, labels = (runs.occurred, runs.totals), request.labels
     reduced = request.reductions.results(value, last, request.t0, numbers.state, about)
     return run.with_events(labels, runs.occurred[:, : 3 * len(labels)], list(request.reductions.table), reduced)
