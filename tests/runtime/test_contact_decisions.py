@@ -117,3 +117,12 @@ def test_states_have_one_number_in_the_equations_and_in_compiled_code():
     from dalembert.integrators import contact_system
 
     assert [getattr(contact_system, state.upper()) for state in STATES] == list(range(len(STATES)))
+
+
+def test_guards_have_the_same_bits_in_the_automaton_and_in_compiled_code():
+    from dalembert.hybrid.automaton import BITS, TRANSITIONS
+
+    breaks = {"BREAK_UP": ("break", 1), "BREAK_DOWN": ("break", -1), "BREAK_PLANE": ("break", 0)}
+    named = {kind.upper(): (kind, 0) for kind in TRANSITIONS if kind not in ("break", "paradox")} | breaks
+    assert {guard: getattr(rules, name) for name, guard in named.items()} == BITS
+    assert sorted(BITS.values()) == [1 << bit for bit in range(len(BITS))]
