@@ -63,7 +63,7 @@ def _gather(table: CaseTable, space: ThreadWorkspace, size: int) -> None:
 
 @compiled_subset
 def _reset(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, size: int) -> None:
-    """Begin a run of the gathered cases: events of users continue to be counted, and no guard has fired."""
+    """Prepare a run of the gathered cases: events of users continue to be counted, and no guard has fired."""
     requested, events = 3 * plan.terminal.size, plan.runners.events[runner]
     for place in range(size):
         first, i = place * 3 * events, space.chosen[place]
@@ -200,39 +200,39 @@ def _choose(table: CaseTable, space: ThreadWorkspace, begin: int, end: int) -> i
 @compiled_subset
 def _conclude(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, first: int, size: int) -> None:
     """Record how a pack of cases ended their runs, if they had any, and select their next modes."""
-    deciding, begins, here = False, runner == NOT_STARTED, min(space.clock.shape[1], size - first)
-    if not begins:
+    changes, starts, here = False, runner == NOT_STARTED, min(space.clock.shape[1], size - first)
+    if not starts:
         _expand(plan, space, runner, first, size)
     for lane in range(space.clock.shape[1]):
         space.deciding[lane] = space.reaching[0, lane] = NO_RUNNER
         if lane < here:
             i = space.chosen[first + lane]
-            if begins:
+            if starts:
                 begin_stops(table, i)
-            if begins or ended(plan, table, space, runner, first + lane, lane):
-                space.deciding[lane], deciding = i, True
+            if starts or ended(plan, table, space, runner, first + lane, lane):
+                space.deciding[lane], changes = i, True
             if table.numbers.state[i] == RUNNING:
                 space.reaching[0, lane] = i
     pass_stops(table, space)
-    if deciding:
+    if changes:
         _decide(plan, table, space)
     for lane in range(here):
         i = space.chosen[first + lane]
         running = table.numbers.state[i] == RUNNING and table.numbers.runner[i] != JUMPS
-        if begins or running or table.numbers.state[i] == _SUCCESS:
+        if starts or running or table.numbers.state[i] == _SUCCESS:
             _sample(table, i)
 
 
 @compiled_subset
 def _run(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace) -> int:
-    """Run a phase of the chosen cases, or begin them; return 1 where that has paused, and is to be continued."""
+    """Run a phase of the chosen cases, or start them; return 1 where that has paused, and is to be continued."""
     progress, runner = space.progress, table.numbers.runner[space.chosen[0]]
     if runner != NOT_STARTED:
         if progress.paused == 0:
             _gather(table, space, progress.size)
             _reset(plan, table, space, runner, progress.size)
         paused = call_test(space.entries[runner], row(space.packed_args, runner), 0, 0, 0, 0)
-        if space.turns[runner] >= STOPPED or paused != 0:  # what a run leaves that was stopped is nothing to go by
+        if space.turns[runner] >= STOPPED or paused != 0:  # a run that was stopped leaves no valid results
             return 1
     first = 0
     while first < progress.size:
@@ -242,8 +242,16 @@ def _run(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace) -> int:
 
 
 @compiled_subset
+def _take(table: CaseTable, progress: PhaseProgress, share: int) -> bool:
+    """Take the next cases; return whether there are any."""
+    progress.first = take(table.turn, share)
+    progress.last = min(progress.first + share, table.order.size)
+    return progress.first < table.order.size
+
+
+@compiled_subset
 def LOOP(arguments: PhaseArguments) -> int:
-    """Carry cases on until all have ended, or have no runner; return 1 where a phase has paused."""
+    """Run cases until all have ended, or have no runner; return 1 where a phase has paused."""
     plan, table, space = arguments.plan, arguments.table, arguments.space
     share, progress = space.gathered.shape[1], space.progress
     while progress.paused != 0 or _take(table, progress, share):
@@ -256,11 +264,3 @@ def LOOP(arguments: PhaseArguments) -> int:
             if progress.paused != 0:
                 return 1
     return 0
-
-
-@compiled_subset
-def _take(table: CaseTable, progress: PhaseProgress, share: int) -> bool:
-    """Take the next cases; return whether there are any."""
-    progress.first = take(table.turn, share)
-    progress.last = min(progress.first + share, table.order.size)
-    return progress.first < table.order.size

@@ -39,7 +39,7 @@ class CaseNumbers(NamedTuple):
     runner : (k,)
         Number of the runner of its mode, or `NO_RUNNER`, `NOT_STARTED` or `JUMPS`.
     phases, steps : (k,)
-        How many phases that took time others have followed; steps.
+        Phases that took time and that others have followed; steps.
     history : (k,)
         A hash of the modes of the phases that took time, in their order.
     soon : (k,)
