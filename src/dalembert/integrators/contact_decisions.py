@@ -13,24 +13,10 @@ from ..methods.status import Status
 from ..methods.step_constants import EPSILON
 from .arguments import IntVector, Matrix
 from .compiled_subset import compiled_subset, sqrt
-from .contact_cases import (
-    ADDED,
-    REST,
-    SIDE,
-    UNDECIDED,
-    ContactCases,
-    approaches,
-    arrives,
-    gap_allowance,
-    kind_at_end,
-    refused,
-    set_mode,
-    sign,
-    strikes,
-    touching,
-)
+from .contact_cases import ADDED, REST, SIDE, UNDECIDED, ContactCases, set_mode
 from .contact_forces import compliance, load_accelerations, solve_mode
 from .contact_impacts import hold, moves_in_mode, strike
+from .contact_kinds import approaches, arrives, gap_allowance, kind_at_end, refused, sign, strikes, touching
 from .contact_sizes import slip_speed, slip_terms, slow_terms
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, dot, inertial_terms, opening_power, terms
 from .mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, TURN, Candidates

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from ..methods.status import Status
 from .compiled_subset import compiled_subset, sqrt
-from .contact_cases import ADDED, RESTING, ROUNDED, SIDE, STILL, ContactCases
+from .contact_cases import ADDED, SIDE, ContactCases
 from .contact_forces import load_impact, solve_mode
+from .contact_kinds import RESTING, ROUNDED, STILL
 from .contact_sizes import NOISE, gap_rate, rate_noise, rate_terms, slip_speed, slip_terms, slow_terms
 from .contact_system import CLOSED, OPEN, SLIP, STICK, ContactSystem, dot, drift, terms
 from .mode_candidates import FREE, GRIPPED, HOVERING, LIFTING, SLIDING, Candidates, closed_kind
