@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
+from ...codegen.base import Engine
 from ...codegen.llvm.loops import loop_named
 from ...errors import InitialStateError, ValueInputError, list_names
 from ...hybrid import HybridAutomaton
@@ -18,18 +19,14 @@ from ...integrators.contact_sizes import gap_noise
 from ...integrators.contact_system import ContactSystem, contact_system, opening_power
 from ...integrators.mode_candidates import candidates_space
 from ...ir.conditions import CONDITION_TIME
-from ...ir.kernel import Kernel
 from ...methods.status import Status
 
-__all__ = ["LOOP", "Decisions", "Rows"]
+__all__ = ["LOOP", "Decisions"]
 
 LOOP = "contact_decisions"
 
 _STRUCK = 1e-6
 """Share of the rates by which a state may miss what its contacts allow."""
-
-Rows = Callable[[Kernel, FloatArray, FloatArray, FloatArray], FloatArray]
-"""Outputs (k, n) of a kernel at times (k,), states (k, n_y) and constants (k, n_c)."""
 
 
 @final
@@ -39,12 +36,12 @@ class Decisions:
     Parameters
     ----------
     automaton : HybridAutomaton
-    rows : callable
-        Evaluates the kernel of the contact data.
+    engine : callable
+        Returns the engine that evaluates the contact data.
     """
 
-    def __init__(self, automaton: HybridAutomaton, rows: Rows) -> None:
-        self.automaton, self._rows = automaton, rows
+    def __init__(self, automaton: HybridAutomaton, engine: Callable[[], Engine]) -> None:
+        self.automaton, self._engine = automaton, engine
 
     def arguments(
         self, cases: ContactCases, values: FloatArray, deciding: NDArray[np.int64], rtol: float
@@ -63,7 +60,7 @@ class Decisions:
 
     def values(self, t: FloatArray, x: FloatArray, c: FloatArray) -> FloatArray:
         """Return the numbers of the contacts (k, n_values) at times (k,), states (k, 2 n_q), parameters (k, n_p)."""
-        return self._rows(self.automaton.contact_data, t, x, c)
+        return self._engine().rows(self.automaton.contact_data, t, x, c)
 
     def decide(self, cases: ContactCases) -> None:
         """Select the next modes of cases: their states, modes and ``status`` are written."""

@@ -42,11 +42,8 @@ class ModeModels:
     Attributes
     ----------
     automaton : HybridAutomaton
-    decisions : Decisions
     model : callable
         Returns the model of a mode, compiled when it is first needed.
-    engine : callable
-        Returns the engine that evaluates kernels which belong to no mode.
     outputs : tuple of str
         Requested outputs.
     recorders : dict of str to list of MotionRecorder
@@ -54,13 +51,20 @@ class ModeModels:
     """
 
     automaton: HybridAutomaton
-    decisions: Decisions
     model: Callable[[Mode], CompiledModel]
-    engine: Callable[[], Engine]
     outputs: tuple[str, ...]
     recorders: dict[str, list[Any]] = field(default_factory=dict, init=False)
     _guards: dict[Mode, list[Guard]] = field(default_factory=dict, init=False)
     _expansions: dict[Mode, Kernel] = field(default_factory=dict, init=False)
+
+    def engine(self) -> Engine:
+        """Return the engine that evaluates kernels which belong to no mode."""
+        return self.model(self.open_mode).engine
+
+    @cached_property
+    def decisions(self) -> Decisions:
+        """Mode selection and impacts."""
+        return Decisions(self.automaton, self.engine)
 
     @property
     def equations(self) -> EquationsOfMotion:

@@ -12,7 +12,6 @@ from ...codegen.base import Engine
 from ...codegen.runs import Prepared
 from ...errors import CapabilityError, OptionError, list_names
 from ...hybrid import OPEN, Mode
-from ...ir.kernel import Kernel
 from ...ir.program import Layout
 from ...mechanics.equations import EquationsOfMotion
 from ...once import derived_once
@@ -40,7 +39,6 @@ from ..input_values import GivenInputs
 from ..interface.traced import hybrid_solve_fn
 from ..model import CompiledModel
 from .at_state import assemble_open, linearize_mode, trim_mode
-from .decisions import Decisions
 from .given_values import moving_events, refuse_open_gains, run_cases, run_motion, start_state
 from .mode_models import ModeModels
 from .prepare import prepared
@@ -74,7 +72,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
 
     def __post_init__(self) -> None:
         automaton, outputs = self.several.automaton, tuple(str(output) for output in self.several.options.outputs)
-        modes = ModeModels(automaton, Decisions(automaton, self._rows), self._model, self._engine, outputs)
+        modes = ModeModels(automaton, self._model, outputs)
         object.__setattr__(self, "modes", modes)
         object.__setattr__(self, "contacts", tuple(contact.name for contact in self._equations.contacts))
         object.__setattr__(self, "layout", modes.layout)
@@ -86,13 +84,6 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
     def _model(self, mode: Mode) -> CompiledModel:
         """Return the model of a mode, compiled when it is first needed."""
         return derived_once(self._models, mode, lambda: CompiledModel.of(compile_mode(self.several, mode)))
-
-    def _rows(self, kernel: Kernel, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
-        """Return the outputs of a kernel that belongs to no mode, by the engine of one of them."""
-        return self._engine().rows(kernel, t, y, c)
-
-    def _engine(self) -> Engine:
-        return self._model(self.modes.open_mode).engine
 
     def mode(self, **states: str) -> CompiledModel:
         """Return the model of one mode: an ordinary one, without events.
@@ -312,7 +303,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
     @property
     def traced_engine(self) -> Engine:
         """An engine of the backend, which makes traced functions."""
-        return self._engine()
+        return self.modes.engine()
 
     def _variant(self, key: tuple[Any, ...], scene: Callable[[], Scene]) -> HybridModel:
         return derived_once(self._variants, key, lambda: compile_hybrid(scene(), self.several.options))
