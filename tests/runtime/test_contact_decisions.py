@@ -52,7 +52,7 @@ def test_the_selected_mode_has_the_motion_of_its_own_equations_and_breaks_no_law
     for i in good[:40]:
         selected = model.modes.automaton.mode(int(cases.number[i]))
         assert [STATES.index(state) for state in selected] == cases.modes[i].tolist()
-        own = model._model(selected)
+        own = model.modes.model(selected)
         added = model.modes.added(selected, cases.added[i])
         values = dict(zip(model.layout.parameters, p[i].tolist(), strict=True))
         values |= {key: float(value) for key, value in added.items()}

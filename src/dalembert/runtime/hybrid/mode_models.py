@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 import numpy as np
 
@@ -20,16 +19,15 @@ from ...ir.kernel import Kernel
 from ...ir.program import Layout
 from ...mechanics.equations import EquationsOfMotion, Guard
 from ...once import derived_once, derived_property
+from ...pipeline import SeveralModes, compile_mode
 from ...reduction.event_functions import coordinates_kernel
 from ...reduction.sampling_kernels import SampledVariables, SamplingKernels, sampling_kernels
 from ...reduction.time_conditions import decided
 from ...results.trajectory import Trajectory
 from ..impulses import Impulses, impulses_of
+from ..model import CompiledModel
 from ..sampling import Sampling
 from .decisions import Decisions
-
-if TYPE_CHECKING:
-    from ..model import CompiledModel
 
 __all__ = ["ModeModels", "Violation"]
 
@@ -41,21 +39,27 @@ class ModeModels:
 
     Attributes
     ----------
-    automaton : HybridAutomaton
-    model : callable
-        Returns the model of a mode, compiled when it is first needed.
-    outputs : tuple of str
-        Requested outputs.
+    several : SeveralModes
+    compiled : dict of Mode to CompiledModel
+        The models that have been needed so far.
     recorders : dict of str to list of MotionRecorder
         Recorders of single runs that are not in use, by options and events.
     """
 
-    automaton: HybridAutomaton
-    model: Callable[[Mode], CompiledModel]
-    outputs: tuple[str, ...]
+    several: SeveralModes
+    compiled: dict[Mode, CompiledModel] = field(default_factory=dict, init=False)
     recorders: dict[str, list[Any]] = field(default_factory=dict, init=False)
     _guards: dict[Mode, list[Guard]] = field(default_factory=dict, init=False)
     _expansions: dict[Mode, Kernel] = field(default_factory=dict, init=False)
+
+    @property
+    def automaton(self) -> HybridAutomaton:
+        """Modes, guards and transitions."""
+        return self.several.automaton
+
+    def model(self, mode: Mode) -> CompiledModel:
+        """Return the model of a mode, compiled when it is first needed."""
+        return derived_once(self.compiled, mode, lambda: CompiledModel.of(compile_mode(self.several, mode)))
 
     def engine(self) -> Engine:
         """Return the engine that evaluates kernels which belong to no mode."""
@@ -79,7 +83,7 @@ class ModeModels:
             self.model(self.open_mode).layout,
             parameters=symbols.parameters,
             unknowns=symbols.unknowns,
-            outputs=self.outputs,
+            outputs=tuple(str(output) for output in self.several.options.outputs),
             defaults={CONDITION_TIME: 0.0} if CONDITION_TIME in symbols.parameters else {},
         )
 

@@ -11,7 +11,7 @@ from ...arrays import FloatArray
 from ...codegen.base import Engine
 from ...codegen.runs import Prepared
 from ...errors import CapabilityError, OptionError, list_names
-from ...hybrid import OPEN, Mode
+from ...hybrid import OPEN
 from ...ir.program import Layout
 from ...mechanics.equations import EquationsOfMotion
 from ...once import derived_once
@@ -24,7 +24,7 @@ from ...options import (
     SweepOptions,
     TrimOptions,
 )
-from ...pipeline import SeveralModes, compile_mode, compile_stages
+from ...pipeline import SeveralModes, compile_stages
 from ...results.discrete_linearization import DiscreteLinearization
 from ...results.hybrid import HybridTrajectory
 from ...results.hybrid_sweep import HybridSweep
@@ -67,12 +67,10 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
     modes: ModeModels = field(init=False)
     layout: Layout = field(init=False)
     contacts: tuple[str, ...] = field(init=False)
-    _models: dict[Mode, CompiledModel] = field(init=False, default_factory=dict)
     _variants: dict[tuple[Any, ...], HybridModel] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
-        automaton, outputs = self.several.automaton, tuple(str(output) for output in self.several.options.outputs)
-        modes = ModeModels(automaton, self._model, outputs)
+        modes = ModeModels(self.several)
         object.__setattr__(self, "modes", modes)
         object.__setattr__(self, "contacts", tuple(contact.name for contact in self._equations.contacts))
         object.__setattr__(self, "layout", modes.layout)
@@ -80,10 +78,6 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
     solve_fn = hybrid_solve_fn
 
     # -- what it is made of ----------------------------------------------------------------
-
-    def _model(self, mode: Mode) -> CompiledModel:
-        """Return the model of a mode, compiled when it is first needed."""
-        return derived_once(self._models, mode, lambda: CompiledModel.of(compile_mode(self.several, mode)))
 
     def mode(self, **states: str) -> CompiledModel:
         """Return the model of one mode: an ordinary one, without events.
@@ -111,7 +105,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
             if state not in able:
                 raise OptionError(f"contact {contact.name!r} cannot be {state!r}; it can be: {list_names(able)}")
             mode.append(state)
-        return self._model(tuple(mode))
+        return self.modes.model(tuple(mode))
 
     @property
     def name(self) -> str:
@@ -131,13 +125,13 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
     @property
     def methods(self) -> tuple[str, ...]:
         """Integration methods that serve every mode compiled so far; "auto" takes each mode's first."""
-        every = [model.methods for model in self._models.values()]
+        every = [model.methods for model in self.modes.compiled.values()]
         return tuple(name for name in every[0] if all(name in methods for methods in every))
 
     @property
     def source(self) -> str:
         """The generated code of the modes compiled so far."""
-        titled = (f"# mode {self.modes.named(mode)}\n\n{model.source}" for mode, model in self._models.items())
+        titled = (f"# mode {self.modes.named(mode)}\n\n{model.source}" for mode, model in self.modes.compiled.items())
         return "\n\n".join(titled)
 
     @property
@@ -157,7 +151,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
         With `passes`, each mode lists the passes that made its program, as `CompiledModel.explain` does.
         """
         lines = [f"{self.name}: contacts {list_names(self.contacts)}; a model for each mode, compiled when it is met"]
-        for mode, model in self._models.items():
+        for mode, model in self.modes.compiled.items():
             states = ", ".join(f"{name}: {state}" for name, state in self.modes.named(mode).items())
             lines += ["", f"mode {states}", model.explain(passes=passes)]
         return "\n".join(lines)
@@ -198,7 +192,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
 
     @property
     def _starting_model(self) -> CompiledModel:
-        return self._model(self.modes.closed_mode)
+        return self.modes.model(self.modes.closed_mode)
 
     @property
     def _prepared_layout(self) -> Layout:
@@ -220,7 +214,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
 
     def _check_watched(self, events: Any, reduce: Any) -> None:
         moving_events(self.layout, events)
-        self._model(self.modes.open_mode).derived.events(events, reduce)
+        self.modes.model(self.modes.open_mode).derived.events(events, reduce)
 
     def _sweep_in_own_time(
         self, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
@@ -242,7 +236,7 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
         self._refuse(options.project_invariants)
         run_input.warn_below_floor(options.rtol, options.atol)
         refuse_open_gains(self.modes)
-        opened = self._model(self.modes.open_mode)
+        opened = self.modes.model(self.modes.open_mode)
         method = opened.choose_method(options.method, options.rtol, options.atol, many=True)
         return method, prepared(self.modes, t_span, options)
 
