@@ -6,6 +6,7 @@ are refused.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, cast
 
 import numpy as np
@@ -13,7 +14,18 @@ import numpy as np
 from .arrays import FloatArray
 from .errors import OptionError, ValueInputError
 
-__all__ = ["array_of", "flag", "listed", "number", "option", "times_of", "tolerances", "traced_note", "whole"]
+__all__ = [
+    "array_of",
+    "common_rows",
+    "flag",
+    "listed",
+    "number",
+    "option",
+    "times_of",
+    "tolerances",
+    "traced_note",
+    "whole",
+]
 
 _REAL = "biuf"
 _EXACT = 1 << 53
@@ -169,3 +181,18 @@ def times_of(name: str, value: Any) -> FloatArray:
     if times.ndim > 1:
         raise ValueInputError(f"{name} has shape {times.shape}; give one time, or a list of them")
     return times
+
+
+def common_rows(sizes: Mapping[str, int]) -> int:
+    """Return the number of rows that arrays of states have in common; one row serves all.
+
+    Raises
+    ------
+    ValueInputError
+        For numbers of rows that differ, by name.
+    """
+    counts = set(sizes.values()) - {1}
+    if len(counts) > 1:
+        counted = ", ".join(f"{name}: {size}" for name, size in sizes.items())
+        raise ValueInputError(f"arrays of states must have as many rows as each other, or one; given are {counted}")
+    return counts.pop() if counts else 1

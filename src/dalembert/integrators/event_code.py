@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..errors import OptionError, nesting_named
 from ..ir.input_parameters import WIDTH, coefficient_places
-from ..ir.interpret import interpret_rows
+from ..ir.interpret import interpret_rows, rows_of_columns
 from ..ir.kernel import Kernel
 from ..ir.ops import OSCILLATING_OPERATIONS
 from ..ir.program import Program
@@ -261,9 +261,7 @@ class EventCode:
             else:
                 extreme = np.minimum if kind == "minimum" else np.maximum
                 columns.append(extreme(totals[:, number], last[:, number]))
-        out = np.empty((len(t), len(columns)))
-        for i, column in enumerate(columns):
-            out[:, i] = column
+        out = rows_of_columns(columns, len(t))
         out[~np.isin(ends[:, 1], (Status.SUCCESS, Status.EVENT))] = np.nan
         return out
 

@@ -13,7 +13,7 @@ from .kernel import Kernel
 from .ops import ALL_OPERATIONS
 from .tables import array_entry, array_piece
 
-__all__ = ["ARRAY_OPERATIONS", "interpret", "interpret_rows"]
+__all__ = ["ARRAY_OPERATIONS", "interpret", "interpret_rows", "rows_of_columns"]
 
 
 def interpret(
@@ -155,7 +155,12 @@ def interpret_rows(
     """Return the outputs (k, n_out) of a kernel at times t (k,), states y (k, n) and constants c (n_c,) or (k, n_c)."""
     with np.errstate(all="ignore"):
         columns = _tape(kernel)({"t": t, "y": y.T, "c": c.T})
-    out = np.empty((len(t), len(columns)))
+    return rows_of_columns(columns, len(t))
+
+
+def rows_of_columns(columns: Sequence[Any], count: int) -> NDArray[np.float64]:
+    """Return columns, each an array (count,) or one number for all rows, as an array (count, len(columns))."""
+    out = np.empty((count, len(columns)))
     for i, column in enumerate(columns):
         out[:, i] = column
     return out

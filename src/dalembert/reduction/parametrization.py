@@ -114,6 +114,17 @@ class _Holonomic:
     pivots: tuple[tuple[str, Node], ...]
 
 
+def _add_solution(
+    graph: Graph, solved: dict[int, Node], number: int, unknown: Node, expression: Node, slope: Node
+) -> None:
+    """Solve an expression that vanishes, affine in `unknown` with a slope, and substitute it in what is solved."""
+    rest = graph.substitute([expression], {unknown: graph.zero})[0]
+    value = -rest / slope
+    for i, old in solved.items():
+        solved[i] = graph.substitute([old], {unknown: value})[0]
+    solved[number] = value
+
+
 def _solve_holonomic(equations: EquationsOfMotion) -> _Holonomic:
     graph, q = equations.graph, equations.q
     solved: dict[int, Node] = {}
@@ -130,11 +141,7 @@ def _solve_holonomic(equations: EquationsOfMotion) -> _Holonomic:
         number, slope = pivot
         if slope.number is None:
             pivots.append((row.label, slope))
-        rest = graph.substitute([residual], {q[number]: graph.zero})[0]
-        value = -rest / slope
-        for i, old in solved.items():
-            solved[i] = graph.substitute([old], {q[number]: value})[0]
-        solved[number] = value
+        _add_solution(graph, solved, number, q[number], residual, slope)
     coordinates = tuple(solved.get(i, node) for i, node in enumerate(q))
     flow = dict(zip(q, equations.qdot, strict=True)) | {equations.time: graph.one}
     rates = list(equations.qdot)
@@ -275,11 +282,7 @@ def _solve_nonholonomic(
         number, slope = best
         if slope.number is None:
             pivots.append((row.label, slope))
-        rest = graph.substitute([velocity], {speeds[number]: graph.zero})[0]
-        value = -rest / slope
-        for i, old in solved.items():
-            solved[i] = graph.substitute([old], {speeds[number]: value})[0]
-        solved[number] = value
+        _add_solution(graph, solved, number, speeds[number], velocity, slope)
     independent = [speed for i, speed in speeds.items() if i not in solved]
     return {i: _linear(graph, value, independent) for i, value in solved.items()}, pivots
 

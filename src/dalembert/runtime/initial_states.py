@@ -22,10 +22,15 @@ def directed(values: Mapping[str, float], t0: float, t1: float) -> Mapping[str, 
     return values if t1 >= t0 else {**values, DIRECTION: -1.0}
 
 
+def _started(start: Start, t: float, values: Mapping[str, float], c: FloatArray) -> FloatArray:
+    """Return the state at a start, and behind it the pairs of its checks, with constants or parameters c."""
+    given = [float(values[name]) for name in start.given]
+    return np.array(interpret(start.kernel, {"t": float(t), "y": given, "c": c.tolist()}), dtype=float)
+
+
 def vanishing_pivots(start: Start, t: float, values: Mapping[str, float], p: FloatArray) -> list[str]:
     """Return the labels of constraints that a formulation divides by something that vanishes at parameters p (n_p,)."""
-    given = [float(values[name]) for name in start.given]
-    out = np.array(interpret(start.kernel, {"t": float(t), "y": given, "c": p.tolist()}), dtype=float)
+    out = _started(start, t, values, p)
     return _lost_pivots(start, out[len(out) - 2 * len(start.labels) :].reshape(-1, 2))
 
 
@@ -56,8 +61,7 @@ def initial_state(start: Start, t: float, values: Mapping[str, float], c: FloatA
         When the parameters make the mass matrix singular.
     """
     size = len(program.layout.state)
-    given = [float(values[name]) for name in start.given]
-    out = np.array(interpret(start.kernel, {"t": float(t), "y": given, "c": c.tolist()}), dtype=float)
+    out = _started(start, t, values, c)
     y, checks = out[:size], out[size:].reshape(-1, 2)
     _refuse_missing(start, checks)
     lost = _lost_pivots(start, checks)

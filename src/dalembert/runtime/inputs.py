@@ -17,7 +17,7 @@ from ..errors import (
     unknown_name,
     warn_caller,
 )
-from ..ir.interpret import ARRAY_OPERATIONS, interpret
+from ..ir.interpret import ARRAY_OPERATIONS, interpret, rows_of_columns
 from ..ir.program import Layout, Program
 from ..values import listed, number, traced_note
 from .symbol_assumptions import ROUNDING, refuse_contradictions
@@ -201,10 +201,7 @@ def prepare_rows(program: Program, p: FloatArray) -> FloatArray:
     """Return the constants (k, n_c) of parameters p (k, n_p); values that are not finite are kept."""
     with np.errstate(all="ignore"):
         columns = interpret(program.kernel("prepare"), {"p": p.T}, ARRAY_OPERATIONS)
-    c = np.empty((len(p), len(columns)))
-    for i, column in enumerate(columns):
-        c[:, i] = column
-    return c
+    return rows_of_columns(columns, len(p))
 
 
 def constants(program: Program, p: FloatArray) -> FloatArray:

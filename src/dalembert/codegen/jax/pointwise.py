@@ -14,6 +14,7 @@ from ...integrators.jax.precision import precision_of
 from ...ir.program import Program, representative
 from ...once import once
 from ...scene.symbol_table import InputSymbol
+from ...values import common_rows
 from .arguments import parameters_of, vector
 from .modules import kernels_of
 from .run_inputs import inputs_of, parameters_at
@@ -59,13 +60,9 @@ def _over_rows(function: Callable[..., Any], arguments: Mapping[str, tuple[Any, 
         For numbers of rows that differ; one row serves all.
     """
     sizes = {name: len(value) for name, (value, rank) in arguments.items() if jnp.ndim(value) > rank}
-    counts = set(sizes.values()) - {1}
-    if len(counts) > 1:
-        counted = ", ".join(f"{name}: {size}" for name, size in sizes.items())
-        raise ValueInputError(f"arrays of states must have as many rows as each other, or one; given are {counted}")
     if not sizes:
         return function(*(value for value, _ in arguments.values()))
-    count = counts.pop() if counts else 1
+    count = common_rows(sizes)
     axes = [0 if sizes.get(name) == count else None for name in arguments]
     values = [value[0] if sizes.get(name, count) != count else value for name, (value, _) in arguments.items()]
     return jax.vmap(function, axes)(*values)

@@ -11,7 +11,7 @@ from ...arrays import FloatArray
 from ...errors import UnknownNameError, ValueInputError, list_names, nesting_named
 from ...integrators.samples import Samples
 from ...ir.input_parameters import coefficient_places
-from ...values import array_of, times_of
+from ...values import array_of, common_rows, times_of
 from .. import inputs as run_input
 from ..input_values import read_inputs
 from ..symbol_assumptions import ROUNDING, refuse_contradictions, rows_that_contradict
@@ -118,12 +118,7 @@ def _evaluate(
     z = _states(self, states)
     single = q.ndim == 1 and qdot.ndim == 1 and z.ndim == 1 and np.ndim(t) == 0
     q, qdot, z = np.atleast_2d(q), np.atleast_2d(qdot), np.atleast_2d(z)
-    sizes = {"q": len(q), "qdot": len(qdot), "t": len(at), "states": len(z)}
-    counts = set(sizes.values()) - {1}
-    if len(counts) > 1:
-        counted = ", ".join(f"{name}: {size}" for name, size in sizes.items())
-        raise ValueInputError(f"arrays of states must have as many rows as each other, or one; given are {counted}")
-    count = counts.pop() if counts else 1
+    count = common_rows({"q": len(q), "qdot": len(qdot), "t": len(at), "states": len(z)})
     y = np.empty((count, 2 * size + z.shape[1]))
     y[:, :size], y[:, size : 2 * size], y[:, 2 * size :] = q, qdot, z
     times = np.ascontiguousarray(np.broadcast_to(at, (count,)))
