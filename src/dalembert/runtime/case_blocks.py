@@ -18,7 +18,8 @@ from ..interrupts import STOPPED, check, stopped_by
 from ..methods.status import Status
 from ..once import once
 from ..progress import meter
-from .cases import Cases, Settings, single_problem
+from .case_settings import Settings
+from .cases import Cases, single_problem
 
 if TYPE_CHECKING:
     from concurrent.futures import Future, ThreadPoolExecutor

@@ -16,7 +16,8 @@ from ..reduction.baumgarte import GAINS
 from . import inputs
 
 if TYPE_CHECKING:
-    from .cases import Cases, Settings
+    from .case_settings import Settings
+    from .cases import Cases
 
 __all__ = ["give_gains", "with_gains"]
 

@@ -20,7 +20,8 @@ from ..results.sampler import CaseSet
 from ..results.sweep import Sweep
 from . import inputs
 from .case_blocks import begin_cases, fitted
-from .cases import Cases, Settings, agreed, single_problem, spans_of, with_grid
+from .case_settings import Settings, common_settings
+from .cases import Cases, single_problem, spans_of, with_grid
 from .constraint_choice import divisible_model, independent_model
 from .constraint_rank import unlike
 from .elapsed import begins_elsewhere, elapsed_times, far, in_elapsed_time, offset_columns
@@ -192,7 +193,7 @@ def _settings(model: CompiledModel, cases: Cases, options: SweepOptions, method:
     OptionError, ValueInputError
         For options that make no sense with these cases, or with each other.
     """
-    settings = agreed(cases, options, method)
+    settings = common_settings(cases, options, method)
     watch = model.derived.events(options.events, options.reduce)
     if watch is not None and options.error_estimate:
         raise OptionError(NO_ESTIMATE)

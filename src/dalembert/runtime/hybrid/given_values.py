@@ -22,7 +22,8 @@ from ...results.estimate import TIGHTER
 from ...results.hybrid import HybridTrajectory
 from ...results.hybrid_sweep import HybridSweep
 from .. import inputs
-from ..cases import Cases, agreed, with_grid
+from ..case_settings import common_settings
+from ..cases import Cases, with_grid
 from ..reductions import reduction_table
 from ..simulate import NO_ESTIMATE
 from .mode_models import ModeModels
@@ -137,7 +138,9 @@ def run_cases(
     model = modes.model(_starting_mode(modes, known))
     program = model.stages.program
     cases = Cases(program, model.derived.start, t_span, initial, parameters)
-    settings = agreed(cases, options, model.choose_method(options.method, options.rtol, options.atol, many=True))
+    settings = common_settings(
+        cases, options, model.choose_method(options.method, options.rtol, options.atol, many=True)
+    )
     block, status = cases.block(slice(0, cases.count), settings)
     columns, p = {name: cases.parameters[name] for name in layout.parameters}, np.zeros((cases.count, 0))
     if columns:

@@ -15,7 +15,8 @@ from ...hybrid import Mode
 from ...integrators.phase_tables import NO_RUNNER, CaseTable
 from ...options import StepOptions
 from ..case_blocks import fitted
-from ..cases import Cases, Settings
+from ..case_settings import Settings
+from ..cases import Cases
 from ..sweep import runs_unchecked
 from .host_runners import HostRunner
 from .mode_models import ModeModels
