@@ -86,7 +86,7 @@ def test_inputs_with_other_knots_in_positions_and_in_loads():
         "v": da.samples(KNOTS[1::2], VALUES[::2]),
     }
     times = np.array([0.31, 0.6, 2.9])
-    with pytest.raises(ValueInputError, match="'u' go on beyond their knots"):
+    with pytest.raises(ValueInputError, match="'u' continue beyond their knots"):
         solve_fn("dopri8", driven, tuple(start))(times, start, p, inputs=inputs)
     inputs["u"] = da.samples(KNOTS, VALUES / 4.0, "cubic")
     solve = solve_fn("dopri8", driven, tuple(start))

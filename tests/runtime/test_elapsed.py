@@ -80,7 +80,7 @@ def test_backwards_and_the_times_as_they_were_given(spring):
     assert np.array_equal(run.to_xarray().time, wanted)
     with pytest.raises(OptionError, match=r"t_eval must lie between t0 = 1700000000"):
         spring.simulate((LATE, LATE + 2), START, {"k": 4.0}, t_eval=[1.0])
-    with pytest.raises(OptionError, match="where the run has been"):
+    with pytest.raises(OptionError, match="which the run covers"):
         run(LATE + 1.0)
 
 

@@ -50,7 +50,7 @@ def consistent(run, end):
     if run.can_evaluate:
         assert run(0.9 * end).t_end == run.t_end
         assert run([]).q.shape == (0, len(run.coordinates))
-        with pytest.raises(OptionError, match="where the run has been"):
+        with pytest.raises(OptionError, match="which the run covers"):
             run(end + 0.5)
 
 

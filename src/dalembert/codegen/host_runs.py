@@ -24,7 +24,7 @@ class HostRun(NamedTuple):
     Attributes
     ----------
     rows : ndarray (k, n_t, n)
-        State, coordinates, rates and outputs at times, NaN where runs did not come.
+        State, coordinates, rates and outputs at times, NaN where runs did not reach them.
     end : ndarray (k, n)
         The same where they ended.
     numbers : ndarray (k, 3)

@@ -54,7 +54,7 @@ class DenseOutput(ABC):
         low, high = min(first, last), max(first, last)
         slack = 4.0 * np.finfo(float).eps * max(abs(low), abs(high))
         if not np.all((times >= low - slack) & (times <= high + slack)):
-            raise OptionError(f"times must lie between {low!r} and {high!r}, where the run has been")
+            raise OptionError(f"times must lie between {low!r} and {high!r}, which the run covers")
         sign = -1.0 if last < first else 1.0
         step = np.searchsorted(sign * self.knots, sign * times, side="right") - 1
         return np.clip(step, 0, len(self.knots) - 2)

@@ -29,7 +29,7 @@ def refuse_samples(symbol: InputSymbol, record: Samples, low: float, high: float
         return
     refuse_kind(symbol, record)
     raise ValueInputError(
-        f"the samples of input {name!r} go on beyond their knots ({knots}) by extrapolate={record.extrapolate!r},"
+        f"the samples of input {name!r} continue beyond their knots ({knots}) by extrapolate={record.extrapolate!r},"
         f" where their rate jumps, and {symbol.where} depends on them: velocities would jump. Give samples of the"
         " whole span, or extrapolate='linear'"
     )

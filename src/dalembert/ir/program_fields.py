@@ -13,7 +13,7 @@ from .notation import Reader, literal_text, word
 __all__ = ["LAYOUT_FIELDS", "PROGRAM_FIELDS", "field_lines", "read_fields"]
 
 _WIDTH, _INDENT = 100, 16
-"""Columns up to which a list goes on in one line, and the column that values begin at."""
+"""Columns up to which a list continues on one line, and the column that values begin at."""
 
 
 @final

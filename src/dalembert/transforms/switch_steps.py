@@ -6,7 +6,7 @@ zero is found as the knot of a table is (`table_steps`): by steps of Newton's ki
 the second derivative over the whole step. So no passage is too slow or too short to be seen.
 
 A step goes past the zero by a time in which nothing happens that counts. No step is shorter than the time in which the
-rates change the state by about the tolerance, so that a motion that is pushed back and forth across a jump goes on.
+rates change the state by about the tolerance, so that a motion that is pushed back and forth across a jump continues.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = ["as_at_start", "before_switches"]
 
 _ROUNDS = 4
 _BEYOND, _NEAREST = 1e-4, 1e-13
-"""Change of the state while a step goes on past a zero, in tolerances, and the least of it: behind the zero of a root
+"""Change of the state while a step continues past a zero, in tolerances, and the least of it: behind the zero of a root
 of Max(0, x) coefficients grow by its inverse from order to order, and must not overflow."""
 _SHORTEST = 3.0
 """Change of the state in the shortest step, in tolerances."""

@@ -104,8 +104,8 @@ class ForeignRuns:
         """Return the function that runs a sweep, compiled once for all limits.
 
         It is one of rows (t, y, c, limits) as `run_sweep` has them, and returns how the runs went, and states (k, n_t,
-        n_y) at times between ends, by shorter `steps`, NaN where a run did not come. Taylor steps have the order of the
-        `limits` given here.
+        n_y) at times between ends, by shorter `steps`, NaN where a run did not reach them. Taylor steps have the order
+        of the `limits` given here.
         """
         run = _Run(self.program, self.method, limits)
 

@@ -67,7 +67,7 @@ class Solve:
     that are too short.
 
     The function has the precision of the process: double where ``jax_enable_x64`` is on, else single, in all of it.
-    In single precision tolerances are 1e-5 and 1e-7 unless others are asked for, at least 1e-6 and 1e-8 (with a
+    In single precision tolerances are 1e-5 and 1e-7 unless others are given, at least 1e-6 and 1e-8 (with a
     warning); what it does not serve is refused.
 
     Parameters

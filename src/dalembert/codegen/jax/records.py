@@ -133,7 +133,7 @@ def _spline_slopes(t: Any, v: Any) -> Any:
 def out_of_reach(symbol: InputSymbol, record: Samples, t: Any) -> tuple[Any, Any]:
     """Return whether the knots of a record are in no order, and whether a run along times t goes beyond them.
 
-    Beyond is also where the record goes on, but not as smoothly as the input stands.
+    Beyond is also where the record continues, but not as smoothly as the input stands.
     """
     knots, t = (jax.lax.stop_gradient(jnp.asarray(value, dtype=float)) for value in (record.t, t))
     lost = ~(jnp.all(knots[1:] > knots[:-1]) & jnp.all(jnp.isfinite(knots)))

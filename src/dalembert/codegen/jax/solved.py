@@ -181,6 +181,6 @@ def _raise_failed(formulation: str, method: str, statuses: FloatArray) -> tuple[
         who = "the run" if count == 1 else f"{len(failed)} of {count} runs failed: number {failed[0]}"
         raise RunFailedError(
             f"{who} failed with the status {first}: {first.message_for((formulation,), method)} Without throw=True the"
-            " result holds this status, and NaN where the run did not come"
+            " result holds this status, and NaN at times that it did not reach"
         )
     return (np.ones(len(statuses)),)

@@ -1,4 +1,4 @@
-"""How XLA is told to compile long straight-line code."""
+"""Options of XLA for compiling long straight-line code."""
 
 from __future__ import annotations
 

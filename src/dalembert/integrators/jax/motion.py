@@ -98,7 +98,7 @@ class Motion:
         return self._pieces.decided is not None or bool(self._pieces.moved_by)
 
     def states(self, path: Path, t: Any, c: Any) -> Any:
-        """Return the states (n_t, n_y) at times t (n_t,) since the start of a run, NaN where it did not come.
+        """Return the states (n_t, n_y) at times t (n_t,) since the start of a run, NaN where it did not reach them.
 
         They are ends of shorter steps of the same method, and change with the times as those with their sizes do.
         """

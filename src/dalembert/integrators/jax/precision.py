@@ -27,7 +27,7 @@ class Precision:
     jump : float
         Share of the rates that counts as a jump.
     rtol, atol : float
-        Tolerances of traced runs unless others are asked for.
+        Tolerances of traced runs unless others are given.
     least_rtol, least_atol : float
         Tolerances below which rounding makes the error, so that steps get shorter while errors do not.
     """

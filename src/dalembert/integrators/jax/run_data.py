@@ -110,7 +110,7 @@ class Limits:
 
 @final
 class Reached(NamedTuple):
-    """States (n_t, n_y) of a run, NaN where it did not come, its status, its accepted steps, and its attempts."""
+    """States (n_t, n_y) of a run, NaN at times not reached, its status, its accepted steps, and its attempts."""
 
     y: Any
     status: Any
