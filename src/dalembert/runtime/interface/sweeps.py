@@ -91,8 +91,8 @@ def sweep(
     project_invariants : bool, str or sequence of str
         First integrals to keep, as for `simulate`: those that are conserved in the first case that can start.
     to : str, Path or zarr store, optional
-        A store in which the results are kept, chunk by chunk (needs the extra ``dask``). The same call continues where an
-        earlier one ended.
+        A store in which the results are kept, chunk by chunk (needs the extra ``dask``). The same call continues where
+        an earlier one ended.
     chunk : int, optional
         Cases of a chunk; by default as many as take some seconds or 128 MiB.
     client : distributed.Client, optional
