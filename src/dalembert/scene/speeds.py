@@ -64,15 +64,10 @@ def read_speeds(
                 " of each. For a body in quaternions, use dalembert.free_orientation"
             )
             continue
-        block = [rows[r] for r in members]
         try:
-            u_of_rates = _solved(reader, block, [inputs[i] for i in held], rates)
-            rates_of_u = _solved(reader, block, [rates[i] for i in moved], inputs)
-        except SingularMatrix:
-            fault(f"the kinematic equations of {mine} do not give speeds from rates, or rates from speeds")
-            continue
-        except ArithmeticError:
-            fault(f"the kinematic equations of {mine} are not affine in speeds and rates")
+            u_of_rates, rates_of_u = _both_ways(reader, [rows[r] for r in members], (inputs, held), (rates, moved))
+        except ArithmeticError as reason:
+            fault(f"the kinematic equations of {mine} {reason}")
             continue
         named = tuple(names[i] for i in held)
         targets = tuple(rate_name(coordinates[i].func.__name__) for i in moved)
@@ -87,6 +82,31 @@ def read_speeds(
         )
         entries.append(Entry(named, needs, targets, tuple(rates_of_u)))
     return tuple(groups), tuple(entries), aliases
+
+
+def _both_ways(
+    reader: ExpressionReader,
+    block: Sequence[Node],
+    speeds: tuple[Sequence[Node], Sequence[int]],
+    rates: tuple[Sequence[Node], Sequence[int]],
+) -> tuple[list[Node], list[Node]]:
+    """Return speeds from rates, and rates from speeds; of each, all are given with the numbers of those to solve for.
+
+    Raises
+    ------
+    ArithmeticError
+        For equations that do not give them, with the reason.
+    """
+    (inputs, held), (moving, moved) = speeds, rates
+    try:
+        return (
+            _solved(reader, block, [inputs[i] for i in held], moving),
+            _solved(reader, block, [moving[i] for i in moved], inputs),
+        )
+    except SingularMatrix:
+        raise ArithmeticError("do not give speeds from rates, or rates from speeds") from None
+    except ArithmeticError:
+        raise ArithmeticError("are not affine in speeds and rates") from None
 
 
 def _blocks(reader: ExpressionReader, rows: Sequence[Node], names: Sequence[str]) -> list[list[int]]:
