@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
@@ -135,18 +136,26 @@ class CompiledEngine(Engine):
         if method == "taylor":
             from ..integrators import taylor_runs as series
 
-            solution = series.integrate(self._taylor(problem), problem)
+            solution = series.integrate(self._taylor(problem), self._with_sides(problem))
             assert solution is not None
             return solution
         if method == "radau":
             from ..integrators import implicit_loop as implicit
 
-            return implicit.integrate(self._implicit, problem, self._multipliers(problem))
+            return implicit.integrate(self._implicit, self._with_sides(problem), self._multipliers(problem))
         from ..integrators import explicit_loop as explicit
 
-        run = explicit.integrate(self._explicit, pair_named(method, bounded=problem.bounded), problem)
+        pair = pair_named(method, bounded=problem.bounded)
+        run = explicit.integrate(self._explicit, pair, self._with_sides(problem))
         assert isinstance(run, Solution)
         return run
+
+    def _with_sides(self, problem: IntegrationProblem) -> IntegrationProblem:
+        """Return a problem whose inputs have the code of `Program.knot_sides` for one lane."""
+        inputs = problem.inputs
+        if inputs is None or inputs.sides is None:
+            return problem
+        return replace(problem, inputs=inputs.compiled(lambda sides: self.steps.kernel(sides.name)))
 
     def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
         """See `Engine.integrate_automatic`: a run that proves stiff is repeated by "radau"."""
@@ -164,13 +173,13 @@ class CompiledEngine(Engine):
         if method == "taylor":
             from ..integrators import taylor_runs as series
 
-            solution = series.integrate(self._taylor(problem), problem, watch)
+            solution = series.integrate(self._taylor(problem), self._with_sides(problem), watch)
             return self._implicit_run(problem, reason) if solution is None else (solution, method, "")
         if method != "dop853":
             return super().integrate_automatic(problem, method)
         from ..integrators import explicit_loop as explicit
 
-        tried = explicit.integrate(self._explicit, pair_named(method), problem, stop_if_stiff=True)
+        tried = explicit.integrate(self._explicit, pair_named(method), self._with_sides(problem), stop_if_stiff=True)
         if isinstance(tried, Solution):
             return tried, method, ""
         if watch(tried.t, tried.y, tried.step):
@@ -235,6 +244,8 @@ class CompiledEngine(Engine):
         nothing_each_step = nothing_each_step and not cases.recorded
         advance = advance_lanes(lanes) if nothing_each_step and not projected else 0
         prepare, start = self.steps.prepare(lanes), self.steps.start(cases.start, lanes)
+        if cases.inputs is not None:
+            cases = replace(cases, inputs=cases.inputs.compiled(lambda sides: self.steps.kernel(sides.name, lanes)))
         sizes = lanes, n, self._sizes["prepare"], stepper.degree, stepper.memory
         shape = SweepShape(*sizes, share, dense, with_series)
         return case_run(
@@ -259,7 +270,7 @@ class CompiledEngine(Engine):
         sizes = (self._sizes["rhs"], self._parameters, self._sizes["prepare"])
         stepper = self._steppers.stepper(method, (problem.rtol, problem.atol), 1, dense=False)
         codes = self.steps.prepare(), *stepper.codes, *self._steppers.projections(1)
-        return prepared_run(codes, sizes, stepper.memory, stepper.settings, problem, self.steps)
+        return prepared_run(codes, sizes, stepper.memory, stepper.settings, self._with_sides(problem), self.steps)
 
     def foreign(
         self, method: str, tolerances: tuple[float, float], limits: tuple[float, int], version: tuple[int, int]

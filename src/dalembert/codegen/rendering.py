@@ -106,6 +106,7 @@ _MEANING = {
     "prepare": "Constants c from parameters p",
     "rhs": "Rate of the state",
     "knots": "Largest size of the next step, forward and backward, at knots of tables",
+    "knot_sides": "State on the sides of knots that the motion goes to, forward and backward, and where there is none",
     "expand": "q and q_dot from the state",
     "outputs": "Requested outputs from the state",
     "project_position": "Correction of the state onto the position constraints",

@@ -37,7 +37,8 @@ def growing_step_blocks(
         size = min(2 * size, LONGEST_BLOCK)
         if solution.steps:
             step = abs(float(solution.t[-1] - solution.t[-2]))
-            problem = replace(problem, t0=float(solution.t[-1]), y0=solution.y[-1], first_step=step)
+            y0 = solution.y[-1] if solution.last is None else solution.last  # that behind a knot
+            problem = replace(problem, t0=float(solution.t[-1]), y0=y0, first_step=step)
 
 
 def watched_case(

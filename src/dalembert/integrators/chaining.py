@@ -8,15 +8,60 @@ from dataclasses import replace
 import numpy as np
 
 from ..arrays import FloatArray
+from ..ir.interpret import interpret
+from ..ir.kernel import Kernel
 from ..methods.status import Status
 from .dense_output import DenseOutput, JoinedOutput, PiecewisePolynomial
 from .problem import IntegrationProblem, Solution, prescribed
 from .segments import KnotSegments, Segments
 
-__all__ = ["Landing", "between_knots", "blocks_between_knots", "chained", "chained_blocks", "joined", "parts_of"]
+__all__ = [
+    "Landing",
+    "between_knots",
+    "blocks_between_knots",
+    "chained",
+    "chained_blocks",
+    "in_turn",
+    "joined",
+    "parts_of",
+    "side_landing",
+]
 
 Landing = Callable[[float, FloatArray, FloatArray, FloatArray], FloatArray]
 """From a time, a state (n_y,) and the constants (n_c,) before and after it to the state after it."""
+
+
+def side_landing(sides: Kernel | None, forward: bool) -> Landing | None:
+    """Return the move of a state to the sides of knots of tables that its motion goes to, forwards or backwards in time.
+
+    `sides` is `Program.knot_sides`; None where that is None.
+    """
+    if sides is None:
+        return None
+
+    def landing(t: float, y: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
+        found = interpret(sides, {"t": t, "y": y.tolist(), "c": after.tolist()})
+        return np.array(found[: len(y)] if forward else found[len(y) : 2 * len(y)])
+
+    return landing
+
+
+def in_turn(*landings: Landing | None) -> Landing | None:
+    """Return several landings as one, each on the state that the one before it gives; None without any."""
+    present = [landing for landing in landings if landing is not None]
+    if len(present) < 2:
+        return present[0] if present else None
+
+    def landing(t: float, y: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
+        for one in present:
+            y = one(t, y, before, after)
+        return y
+
+    return landing
+
+
+def _side_landing(problem: IntegrationProblem) -> Landing | None:
+    return None if problem.inputs is None else side_landing(problem.inputs.sides, problem.t1 >= problem.t0)
 
 
 def parts_of(problem: IntegrationProblem, segments: Segments | KnotSegments) -> Iterator[IntegrationProblem]:
@@ -52,7 +97,7 @@ def between_knots(integrate: Callable[[IntegrationProblem], Solution]) -> Callab
             return integrate(problem)
         segments = KnotSegments(problem)
         whole = replace(problem, constants=segments.of(0), inputs=None)
-        return integrate(whole) if len(segments) == 1 else chained(integrate, problem, segments, None)
+        return integrate(whole) if len(segments) == 1 else chained(integrate, problem, segments, _side_landing(problem))
 
     return run
 
@@ -64,8 +109,9 @@ def blocks_between_knots(
     if problem.inputs is None:
         yield from step_blocks(problem)
         return
-    parts = parts_of(replace(problem, t_eval=None), KnotSegments(problem))
-    yield from chained_blocks(parts, problem, step_blocks, None)
+    segments = KnotSegments(problem)
+    parts = parts_of(replace(problem, t_eval=None), segments)
+    yield from chained_blocks(parts, problem, step_blocks, _side_landing(problem), lambda k: segments.of(k))
 
 
 def chained_blocks(

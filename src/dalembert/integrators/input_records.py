@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..ir.input_parameters import WIDTH
+from ..ir.kernel import Kernel
 from ..methods.step_constants import SMALLEST_OF_TIME
 from .arguments import address_of
 from .input_steps import InputTable
@@ -34,12 +36,22 @@ class InputRecords:
         Time [s] at which the clock of the run is zero, or that of each case.
     rows : ndarray (n_case,) or None
         Which rows of records and shifts belong to the cases; None where row i is that of case i.
+    sides : Kernel or None
+        `Program.knot_sides`: the kernel of the state with which a motion goes on at a knot, None where it is the same.
+    sides_code : int
+        Address of that kernel as code for the lanes of a loop.
     """
 
     records: tuple[Samples, ...]
     places: tuple[int, ...]
     shift: FloatArray
     rows: NDArray[np.int64] | None = None
+    sides: Kernel | None = None
+    sides_code: int = 0
+
+    def compiled(self, code: Callable[[Kernel], int]) -> InputRecords:
+        """Return the records with the address of the kernel of sides, which is code as long as its owner lives."""
+        return self if self.sides is None else replace(self, sides_code=code(self.sides))
 
     def part(self, cases: slice | IntArray, count: int) -> InputRecords:
         """Return the records of some of so many cases."""
@@ -112,4 +124,6 @@ class InputRecords:
             edges=np.zeros((count, lanes)),
             ends=np.zeros((1, lanes)),
             remembered=np.zeros((remembered, lanes)),
+            sides=self.sides_code,
+            sided=np.zeros((0 if self.sides is None else len(self.sides.outputs), lanes)),
         )

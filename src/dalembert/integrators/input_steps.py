@@ -12,10 +12,10 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..methods.step_constants import SMALLEST_OF_TIME
-from .arguments import IntMatrix, IntVector, Matrix
-from .compiled_subset import compiled_subset, element
+from .arguments import Address, IntMatrix, IntVector, Matrix
+from .compiled_subset import call_code, compiled_subset, element, row
 
-__all__ = ["CUBIC", "HOLD", "LINEAR", "InputTable", "begin_inputs", "no_inputs", "pass_knots"]
+__all__ = ["CUBIC", "HOLD", "LINEAR", "InputTable", "begin_inputs", "no_inputs", "pass_knots", "take_sides"]
 
 HOLD, LINEAR, CUBIC = range(3)
 """Kinds of records."""
@@ -44,6 +44,11 @@ class InputTable(NamedTuple):
         End of the case; a piece may end before.
     remembered : (m, lanes)
         Is overwritten.
+    sides : address
+        `Program.knot_sides` as code for so many lanes: the state with which a motion goes on at a knot; 0 where it is
+        the same.
+    sided : (k, lanes)
+        Gets the outputs of that.
     """
 
     knots: IntVector
@@ -62,12 +67,16 @@ class InputTable(NamedTuple):
     edges: Matrix
     ends: Matrix
     remembered: Matrix
+    sides: Address
+    sided: Matrix
 
 
 def no_inputs() -> InputTable:
     """Return the table of a run without records."""
     none = np.zeros(0, np.int64)
-    return InputTable(*(none,) * 10, np.zeros(2, np.int64), none, np.zeros((0, 1), np.int64), *(np.zeros((0, 1)),) * 3)
+    nothing = np.zeros((0, 1))
+    pieces = np.zeros((0, 1), np.int64)
+    return InputTable(*(none,) * 10, np.zeros(2, np.int64), none, pieces, *(nothing,) * 3, 0, nothing)
 
 
 @compiled_subset
@@ -118,6 +127,22 @@ def pass_knots(inputs: InputTable, constants: FloatArray, lane: int, case: int, 
 
 
 @compiled_subset
+def take_sides(
+    inputs: InputTable, clock: FloatArray, states: FloatArray, place: int, constants: FloatArray, n: int, forward: bool
+) -> None:
+    """Move the first `n` components of ``states[place]`` to the sides of knots of tables that the motion goes to.
+
+    ``clock`` (1, 1) holds the time, ``constants`` (n_c, 1) are those of the pieces that begin there.
+    """
+    if inputs.sides == 0:
+        return
+    call_code(inputs.sides, row(clock, 0), row(states, place), row(constants, 0), 0, row(inputs.sided, 0))
+    first = 0 if forward else n
+    for m in range(n):
+        states[place, m] = inputs.sided[first + m, 0]
+
+
+@compiled_subset
 def _row(inputs: InputTable, case: int) -> int:
     """Return the number of the row that belongs to a case."""
     return inputs.rows[case] if inputs.rows.size > 0 else case
@@ -137,20 +162,20 @@ def _load(inputs: InputTable, constants: FloatArray, r: int, lane: int, number: 
     """Write knot and coefficients of the present piece of a record into the constants of a lane."""
     knots, kind, place = inputs.knots[r], inputs.kinds[r], inputs.places[r]
     piece, last = inputs.pieces[r, lane], inputs.counts[r] - 1
-    values, slopes, row = inputs.values[r], inputs.slopes[r], inputs.strides[r] * number
+    values, slopes, offset = inputs.values[r], inputs.slopes[r], inputs.strides[r] * number
     at, left = max(piece, 0), min(max(piece, 0), last - 1)
     inside = 0 <= piece and piece < last
     goes_on = inside or inputs.beyond[r] != 0
-    knot, value = element(knots, at), element(values, row + at)
+    knot, value = element(knots, at), element(values, offset + at)
     rate, bend, twist = 0.0, 0.0, 0.0
     if kind != HOLD and last > 0 and goes_on:
         width = element(knots, left + 1) - element(knots, left)
-        slope = (element(values, row + left + 1) - element(values, row + left)) / width
+        slope = (element(values, offset + left + 1) - element(values, offset + left)) / width
         rate = slope
         if kind == CUBIC:
-            rate = element(slopes, row + at)
+            rate = element(slopes, offset + at)
             if inside:
-                second = (rate + element(slopes, row + at + 1) - 2.0 * slope) / width
+                second = (rate + element(slopes, offset + at + 1) - 2.0 * slope) / width
                 bend, twist = (slope - rate) / width - second, second / width
     constants[place, lane], constants[place + 1, lane] = knot - shift, value
     constants[place + 2, lane], constants[place + 3, lane], constants[place + 4, lane] = rate, bend, twist

@@ -35,6 +35,8 @@ def pass_lane_knots(arguments: SweepArguments) -> int:
         if _passes(arguments, lane):
             passed += 1 << lane
     moved = passed
+    if passed != 0 and arguments.inputs.sides != 0:
+        _take_lane_sides(arguments, passed)
     if passed == 0 or shape.memory <= CONTROLS:
         return moved
     old, remembered = state.progress.old, arguments.inputs.remembered  # slopes that were carried are of other inputs
@@ -46,6 +48,20 @@ def pass_lane_knots(arguments: SweepArguments) -> int:
         for m in range(shape.n + 2 + CONTROLS, shape.n + 2 + shape.memory):
             state.states[old + m, lane] = remembered[m, lane]
     return moved
+
+
+@compiled_subset
+def _take_lane_sides(arguments: SweepArguments, lanes: int) -> None:
+    """Move the states of some lanes (a bit for each) to the sides of knots of tables that their motions go to."""
+    state, inputs, n, old, left = arguments.state, arguments.inputs, arguments.shape.n, arguments.state.progress.old, lanes
+    clock, states, constants = row(state.clock, 0), row(state.states, old), row(state.constants, 0)
+    call_code(inputs.sides, clock, states, constants, 0, row(inputs.sided, 0))
+    while left != 0:
+        lane = lowest(left)
+        left &= left - 1
+        first = 0 if state.settings[1, lane] > 0.0 else n
+        for m in range(n):
+            state.states[old + m, lane] = inputs.sided[first + m, lane]
 
 
 @compiled_subset

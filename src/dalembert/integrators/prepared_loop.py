@@ -12,7 +12,7 @@ from ..methods.status import RUNNING, Status
 from ..transforms.runge_kutta_parts import CONTROLS, GROWTH_AT, PROPOSAL_AT
 from .arguments import Address, IntVector, Matrix, Record
 from .compiled_subset import call_code, compiled_subset, row
-from .input_steps import InputTable, begin_inputs, pass_knots
+from .input_steps import InputTable, begin_inputs, pass_knots, take_sides
 from .projection import project_row
 from .step_control import ACCEPTED, REJECTED, attempt_test, blind_retry, end_of_step, largest_step, status_after
 
@@ -167,14 +167,17 @@ def _enter_piece(arguments: PreparedArguments, old: int, new: int) -> None:
     """Set the inputs of the pieces that begin at the end of a step, and what the next step remembers of it."""
     limits, progress, states = arguments.limits, arguments.progress, arguments.states
     constants, settings, clock, n = arguments.constants, arguments.settings, arguments.clock, arguments.n
-    progress.end = pass_knots(arguments.inputs, constants, 0, 0, progress.t, limits.t1 >= limits.t0)
+    forward = limits.t1 >= limits.t0
+    progress.end = pass_knots(arguments.inputs, constants, 0, 0, progress.t, forward)
+    clock[0, 0] = progress.t
+    take_sides(arguments.inputs, clock, states, new, constants, n, forward)
     if arguments.memory == 0:
         return
     # the knot cut the step, not its error
     states[new, n + PROPOSAL_AT] = max(states[new, n + PROPOSAL_AT], states[old, n + PROPOSAL_AT])
     if arguments.memory > CONTROLS:
         remembered = arguments.inputs.remembered
-        clock[0, 0], settings[0, 0] = progress.t, largest_step(progress.t, progress.end, limits.largest)
+        settings[0, 0] = largest_step(progress.t, progress.end, limits.largest)
         target = row(remembered, 0)
         call_code(arguments.kernels.start, row(clock, 0), row(states, new), row(constants, 0), row(settings, 0), target)
         for m in range(n + 2 + CONTROLS, n + 2 + arguments.memory):

@@ -11,7 +11,7 @@ from ..arrays import FloatArray
 from ..methods.status import Status
 from .arguments import IntVector, Matrix, Record, Vector
 from .compiled_subset import call_code, compiled_subset, fma, row
-from .input_steps import InputTable, begin_inputs, pass_knots
+from .input_steps import InputTable, begin_inputs, pass_knots, take_sides
 from .packed_tableaus import POINT
 from .projection import project_row
 from .step_control import next_step, smallest_step, status_after
@@ -188,7 +188,10 @@ def enters_piece(settings: Settings, run: Run) -> bool:
     progress = run.progress
     if run.inputs.knots.size == 0 or progress.t != progress.end or progress.t == settings.t1:
         return False
-    progress.end = pass_knots(run.inputs, run.constants, 0, 0, progress.t, settings.t1 >= settings.t0)
+    forward = settings.t1 >= settings.t0
+    progress.end = pass_knots(run.inputs, run.constants, 0, 0, progress.t, forward)
+    run.clock[0, 0] = progress.t
+    take_sides(run.inputs, run.clock, run.work, progress.row, run.constants, settings.kept, forward)
     return True
 
 

@@ -16,7 +16,7 @@ from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
 from .arguments import Address, IntVector, Matrix, Record, Vector
 from .compiled_subset import call_code, compiled_subset, row
-from .input_steps import InputTable, begin_inputs, pass_knots
+from .input_steps import InputTable, begin_inputs, pass_knots, take_sides
 from .projection import project_row
 from .step_control import ACCEPTED, attempt_test
 
@@ -140,6 +140,8 @@ def _take_steps(arguments: TaylorArguments) -> tuple[int, int]:
         if t == end:
             end = pass_knots(arguments.inputs, constants, 0, 0, t, settings[0, 1] > 0.0)
             progress.end = end
+            clock[0, 0] = t
+            take_sides(arguments.inputs, clock, rows, here, constants, n, settings[0, 1] > 0.0)
     return RUNNING, limit
 
 

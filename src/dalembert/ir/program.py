@@ -134,6 +134,11 @@ class Program:
         return "knots" in self and any(line.op == "piece" for line in self.kernel("knots").body)
 
     @property
+    def knot_sides(self) -> Kernel | None:
+        """The kernel that takes a state off the knots of tables (`reduction.knot_starts`), None without any."""
+        return self.kernel("knot_sides") if "knot_sides" in self else None
+
+    @property
     def tables(self) -> tuple[Table, ...]:
         """The tables that kernels read, in the order in which they occur."""
         functions = self.kernels if self.conditions is None else (*self.kernels, *self.conditions.kernels)

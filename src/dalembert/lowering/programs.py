@@ -9,6 +9,7 @@ from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph, Node
 from ..ir.kernel import Kernel
 from ..ir.program import Layout, Program
+from ..reduction.knot_starts import knot_sides
 from ..reduction.step_limits import step_limits
 from ..reduction.time_conditions import decided
 from ..transforms.conditions import decide
@@ -53,6 +54,9 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
     limits = step_limits(graph, system.rhs, system.inputs, equations.time, equations.symbols.parameters)
     if limits is not None:
         on_state["knots"] = limits
+    sides = knot_sides(system, state, records)
+    if sides is not None:
+        kernels.append(sides)
     kernels += [lower_kernel(graph, name, nodes, state, records=records) for name, nodes in on_state.items() if nodes]
     for name, nodes in on_scene.items():
         if name == "energy" and equations.load_energy.potential is not None:

@@ -8,7 +8,7 @@ by rounding to the side that it leaves to, which the derivatives of the argument
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import final
 
 from ..ir.graph import Graph, Node
@@ -18,10 +18,10 @@ from ..methods.step_constants import EPSILON
 from ..transforms.derivatives import GUARDED, cotangents, tangents
 from ..transforms.knot_limits import table_nodes
 from ..transforms.lower_kernels import lower_kernel
+from ..transforms.pipelines import PassRecord
 from .base import ReducedSystem
-from .input_weights import with_weights
 
-__all__ = ["KnotStarts", "backward_kernel", "jumping_arguments"]
+__all__ = ["KnotStarts", "jumping_arguments", "knot_sides"]
 
 _MARGIN = 8.0 * EPSILON
 """Share of the largest knot within which an argument counts as at a knot; steps at knots have the same."""
@@ -107,8 +107,9 @@ class KnotStarts:
         lower = leaves * g.call("less_equal", down, g.zero)
         self.sliding.append((table.name, leaves * g.call("less", g.zero, down)))
         higher = near * g.call("less_equal", g.zero, up) * g.call("less", here, edge)
-        far = g.call("select", lower, to_side, g.call("select", higher, to_edge, g.zero))
-        self.state = [y + way * far for y, way in zip(self.state, ways, strict=True)]
+        far = g.call("select", lower, to_side, to_edge)
+        moves = g.call("max", lower, higher)
+        self.state = [g.call("select", moves, y + way * far, y) for y, way in zip(self.state, ways, strict=True)]
 
     def _derivatives(self, x: Node) -> list[Node]:
         """Return the first three derivatives of an argument along the motion; the third is 0 where it is dear.
@@ -133,19 +134,27 @@ class KnotStarts:
         return g.call("select", fast, slope, g.call("select", bent, bend, third))
 
 
-def backward_kernel(system: ReducedSystem) -> Kernel | None:
-    """Return the kernel from a state, on either side of a knot, to that of a run backwards in time; None if the same.
+def knot_sides(
+    system: ReducedSystem, places: Mapping[Node, tuple[str, int | None]], records: list[PassRecord] | None = None
+) -> Kernel | None:
+    """Return the kernel ``knot_sides`` from a state to that on the sides of knots to which its motion goes.
 
-    Its outputs are the state (n_y), and for each table 1 where neither side lets the motion go.
+    None where no motion needs it. Its outputs are the state of a motion forwards in time and backwards (n_y each), and
+    for each table 1 where neither side lets the motion go backwards, else 0. It stands where the conditions of a motion
+    change in its course, as at knots of inputs: one that rests on the knot of a table may leave it then.
+
+    Parameters
+    ----------
+    system : ReducedSystem
+        In any formulation.
+    places : mapping of Node to (str, int or None)
+        Array and index of each input of the graph.
     """
     if not jumping_arguments(system):
         return None
-    graph, symbols = Graph(), system.equations.symbols
-    places = list(system.places.items())
-    state = graph.adopt([node for node, _ in places])
-    started = KnotStarts(graph, system, graph.adopt(list(system.inputs)), -graph.one)
-    inputs: dict[Node, tuple[str, int | None]] = {graph.input(symbols.time): ("t", None)}
-    inputs |= {graph.input(name): ("c", i) for i, name in enumerate(with_weights((), symbols))}
-    inputs |= {node: ("y", place) for node, (_, place) in zip(state, places, strict=True)}
-    outputs = [*started.state, *(slides for _, slides in started.sliding)]
-    return lower_kernel(graph, "backward", outputs, inputs, arguments=("t", "y", "c"))
+    graph = Graph()  # of its own: forms of other kernels do not depend on it
+    state = graph.adopt(list(system.inputs))
+    ahead, back = (KnotStarts(graph, system, state, turned) for turned in (graph.one, -graph.one))
+    inputs = {graph.input(str(node.payload)): place for node, place in places.items()}
+    outputs = [*ahead.state, *back.state, *(slides for _, slides in back.sliding)]
+    return lower_kernel(graph, "knot_sides", outputs, inputs, records=records)

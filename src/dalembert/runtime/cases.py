@@ -43,7 +43,7 @@ class Cases:
     ) -> None:
         layout = program.layout
         self.program = program
-        self.records = None if given is None else given.records(layout)
+        self.records = None if given is None else given.records(layout, program.knot_sides)
         self.initial = _columns("initial value", initial, layout.initial, layout.aliases)
         inputs.refuse_inputs(layout, parameters)
         self.parameters = _columns("parameter", parameters, layout.parameters, layout.aliases)

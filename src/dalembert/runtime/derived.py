@@ -9,12 +9,10 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, final
 
 from ..codegen.base import Engine
-from ..ir.kernel import Kernel
 from ..ir.program import DIRECTION
 from ..once import DERIVING, derived_once, derived_property
 from ..pipeline import Stages
 from ..reduction.invariants import Candidates, candidates
-from ..reduction.knot_starts import backward_kernel
 from ..reduction.starting import Start, starting
 from .partials import Partials
 from .symbol_assumptions import signed_names
@@ -67,7 +65,7 @@ class Derived:
         Among them may be `DIRECTION`, which is left out where nothing depends on it.
         """
         key = frozenset(given)
-        if DIRECTION in key and self.backward is None:
+        if DIRECTION in key and self._stages.program.knot_sides is None:
             key -= {DIRECTION}
         return derived_once(self._starts, key, lambda: starting(self._stages.reduced, sorted(key)))
 
@@ -132,11 +130,6 @@ class Derived:
         from ..reduction.gimbal import gimbals
 
         return gimbals(self._stages.reduced)
-
-    @derived_property
-    def backward(self) -> Kernel | None:
-        """See `backward_kernel`."""
-        return backward_kernel(self._stages.reduced)
 
     @derived_property
     def tables(self) -> TableRange | None:

@@ -17,6 +17,7 @@ from ..integrators.input_checks import refuse_samples, unknown_input
 from ..integrators.input_records import InputRecords
 from ..integrators.samples import KINDS, Samples, checked_samples
 from ..ir.input_parameters import WIDTH, coefficient_places, hidden_parameters
+from ..ir.kernel import Kernel
 from ..ir.program import Layout
 from ..scene.symbol_table import InputSymbol
 from ..values import array_of
@@ -73,14 +74,14 @@ class GivenInputs:
             if isinstance(value, Samples):
                 refuse_samples(symbol, value, low, high)
 
-    def records(self, layout: Layout) -> InputRecords | None:
-        """Return the inputs that have knots, None without any."""
+    def records(self, layout: Layout, sides: Kernel | None = None) -> InputRecords | None:
+        """Return the inputs that have knots, None without any; `sides` is `Program.knot_sides`."""
         named = [(name, value) for name, value in self.values.items() if isinstance(value, Samples)]
         if not named:
             return None
         places = coefficient_places(layout.parameters, tuple(name for name, _ in named))
         rows = None if self.cases is None else np.ascontiguousarray(self.cases, np.int64)
-        return InputRecords(tuple(value for _, value in named), places, self.shift, rows)
+        return InputRecords(tuple(value for _, value in named), places, self.shift, rows, sides)
 
     def part(self, cases: NDArray[np.intp]) -> GivenInputs:
         """Return the values of some cases."""

@@ -75,21 +75,22 @@ def prepare_in_own_time(
         atol=options.atol,
         max_step=options.max_step,
         max_steps=options.max_steps,
-        inputs=None if options.inputs is None else options.inputs.records(model.layout),
+        inputs=None if options.inputs is None else options.inputs.records(model.layout, model.stages.program.knot_sides),
     )
     run = model.engine.prepared(problem, method, lambda p: inputs.constants(model.stages.program, p))
-    if t_span[1] < t_span[0] and model.derived.backward is not None:
-        run = _from_knots(model, model.derived.backward, run, t_span)
+    sides = model.stages.program.knot_sides
+    if t_span[1] < t_span[0] and sides is not None:
+        run = _from_knots(model, sides, run, t_span)
     return method, run
 
 
-def _from_knots(model: CompiledModel, backward: Kernel, run: Prepared, t_span: tuple[float, float]) -> Prepared:
+def _from_knots(model: CompiledModel, sides: Kernel, run: Prepared, t_span: tuple[float, float]) -> Prepared:
     """Return a prepared run backwards in time that begins on the side of a knot to which it goes."""
     program, size = model.stages.program, len(model.layout.state)
 
     def start(state: FloatArray, p: FloatArray) -> tuple[FloatArray, Status]:
         c = starting_constants(program, inputs.constants(program, p), *t_span)
-        out = interpret(backward, {"t": t_span[0], "y": state.tolist(), "c": c.tolist()})
+        out = interpret(sides, {"t": t_span[0], "y": state.tolist(), "c": c.tolist()})[size:]
         if any(out[size:]):
             return np.full(size, np.nan), Status.INITIAL_STATE
         final = run(np.array(out[:size]), p)

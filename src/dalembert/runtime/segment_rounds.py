@@ -109,6 +109,8 @@ class SegmentRounds:
                 self._apply_impulses(some, now, ends, y, k)
             if self.sampling is not None:
                 self._apply_actions(some, now, y, k)
+            if self.program.knot_sides is not None and (k or self.sampling is not None):
+                self._take_sides(self.program.knot_sides, some, now, ends, y)
             done = self._round(some, now[some], ends, y[some], k)
             if done is None:
                 return False
@@ -137,6 +139,19 @@ class SegmentRounds:
                 self.block.inputs.write(both, times, np.full(2, i), after)
             before, after_ = both
             y[i] = self.landing(float(now[i]), y[i], before, after_)
+
+    def _take_sides(
+        self, sides: Kernel, some: NDArray[np.intp], now: FloatArray, ends: FloatArray, y: FloatArray
+    ) -> None:
+        """Move the states of cases to the sides of knots of tables that their motions go to."""
+        t0, t1 = now[some], ends
+        forward, n = self.block.spans[some, 1] >= self.block.spans[some, 0], y.shape[1]
+        p = self.p[some]
+        self.conditions.decide_at(p, t0 + 0.5 * (t1 - t0))
+        if self.block.inputs is not None:
+            self.block.inputs.write(p, t0, some, forward)
+        found = self.inner.rows(sides, t0, y[some], prepare_rows(self.program, p))
+        y[some] = np.where(forward[:, np.newaxis], found[:, :n], found[:, n : 2 * n])
 
     def _round(
         self, some: NDArray[np.intp], t0: FloatArray, t1: FloatArray, y: FloatArray, k: int

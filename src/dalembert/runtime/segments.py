@@ -19,7 +19,16 @@ from ..codegen.base import Engine
 from ..codegen.runs import Final, Prepared, PreparedStates
 from ..integrators.breakpoints import break_times
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
-from ..integrators.chaining import Landing, between_knots, blocks_between_knots, chained, chained_blocks, parts_of
+from ..integrators.chaining import (
+    Landing,
+    between_knots,
+    blocks_between_knots,
+    chained,
+    chained_blocks,
+    in_turn,
+    parts_of,
+    side_landing,
+)
 from ..integrators.problem import IntegrationProblem, SamplingClock, Solution
 from ..integrators.segments import KnotSegments, Segments
 from ..ir.conditions import Conditions
@@ -97,8 +106,9 @@ class SegmentedEngine(Engine):
         Acts are taken down in `clock`.
         """
         sampling, impulses = self.sampling, self.landing
+        sides = side_landing(self._program.knot_sides, problem.t1 >= problem.t0)
         if sampling is None:
-            return problem, impulses
+            return problem, in_turn(impulses, sides)
         acts, program = iter(segments.acts), self._program
 
         def act(t: float, y: FloatArray, c: FloatArray) -> FloatArray:
@@ -108,9 +118,12 @@ class SegmentedEngine(Engine):
             return sampling.act(number, t, y, at_time(program, c, t))
 
         def landing(t: float, y: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
-            return act(t, y if impulses is None else impulses(t, y, before, after), after)
+            return act(t, y, after)
 
-        return replace(problem, y0=act(problem.t0, problem.y0, segments.of(0))), landing
+        y0 = act(problem.t0, problem.y0, segments.of(0))
+        if sides is not None:
+            y0 = sides(problem.t0, y0, segments.of(0), segments.of(0))
+        return replace(problem, y0=y0), in_turn(impulses, landing, sides)
 
     def _unsampled(self, problem: IntegrationProblem) -> Segments:
         if self._program.conditions is None:

@@ -157,7 +157,7 @@ def _limited(
         max_step=options.max_step,
         max_steps=options.max_steps,
         dense=options.dense,
-        inputs=None if options.inputs is None else options.inputs.records(program.layout),
+        inputs=None if options.inputs is None else options.inputs.records(program.layout, program.knot_sides),
     )
 
 
