@@ -153,3 +153,20 @@ def test_events_and_recorded_times():
         times = np.linspace(0, 2, 9)
         sampled = made.simulate((0, 2), {x: KNOT, v: 0.0}, {m: 1.0}, t_eval=times, **options)
         assert sampled["x"] == pytest.approx(KNOT - 2 * np.maximum(0, times - 1) ** 2, abs=1e-9)
+
+
+def test_traced_runs():
+    jax = pytest.importorskip("jax")
+    made = pulled(u + jump(x, -1.0, 0.0), "jax")
+    with jax.enable_x64(True):
+        for method in ("tsit5", "taylor"):
+            solve = made.solve_fn(["x", "x_dot"], method=method, rtol=1e-10, atol=1e-12, max_steps=500)
+            for given, (speed, way) in PULLS.values():
+
+                def end(mass, given=given, solve=solve):
+                    run = solve([0.0, 2.0], {"x": KNOT, "x_dot": 0.0}, {"m": mass}, inputs={"u": given})
+                    return run.y[-1]
+
+                expected = [KNOT + 0.25 + way - 0.5, speed - 1.0]
+                assert end(1.0) == pytest.approx(expected, abs=1e-11)
+                assert jax.vmap(end)(np.ones(2)) == pytest.approx(np.tile(expected, (2, 1)), abs=1e-11)

@@ -32,7 +32,7 @@ Landing = Callable[[float, FloatArray, FloatArray, FloatArray], FloatArray]
 
 
 def side_landing(sides: Kernel | None, forward: bool) -> Landing | None:
-    """Return the move of a state to the sides of knots of tables that its motion goes to, forwards or backwards in time.
+    """Return the move of a state to the sides of knots of tables that its motion goes to in a direction of time.
 
     `sides` is `Program.knot_sides`; None where that is None.
     """

@@ -66,6 +66,7 @@ def prepare_in_own_time(
     inputs.warn_below_floor(options.rtol, options.atol, model.stages.program, method)
     if not model.layout.state:  # the constraints prescribe the motion
         return method, PreparedStates(lambda state, p: (np.zeros(0), Status.SUCCESS))
+    sides = model.stages.program.knot_sides
     problem = IntegrationProblem(
         t0=t_span[0],
         t1=t_span[1],
@@ -75,10 +76,9 @@ def prepare_in_own_time(
         atol=options.atol,
         max_step=options.max_step,
         max_steps=options.max_steps,
-        inputs=None if options.inputs is None else options.inputs.records(model.layout, model.stages.program.knot_sides),
+        inputs=None if options.inputs is None else options.inputs.records(model.layout, sides),
     )
     run = model.engine.prepared(problem, method, lambda p: inputs.constants(model.stages.program, p))
-    sides = model.stages.program.knot_sides
     if t_span[1] < t_span[0] and sides is not None:
         run = _from_knots(model, sides, run, t_span)
     return method, run

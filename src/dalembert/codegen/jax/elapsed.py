@@ -1,4 +1,4 @@
-"""Rates and projections in elapsed time, for traced runs: [Program] -> [Program].
+"""Rates, projections, limits and sides at knots in elapsed time, for traced runs: [Program] -> [Program].
 
 They count time from the start of a run: differences of times that are far from zero are exact, the times themselves are
 not. Where conditions on time are decided along the way, what depends on these is no constant of a run, and rates and
@@ -15,7 +15,7 @@ from ...transforms.pipelines import STEP_PASSES
 
 __all__ = ["expansion_in_elapsed_time", "in_elapsed_time"]
 
-_TIMED = ("rhs", "project_position", "project_velocity")
+_TIMED = ("rhs", "knots", "knot_sides", "project_position", "project_velocity")
 
 
 def in_elapsed_time(program: Program) -> Program:

@@ -14,7 +14,7 @@ from ...integrators.jax.adjoint import InTurn
 from ...integrators.jax.compiling import LARGEST_FUSED
 from ...integrators.jax.continuous import Field
 from ...integrators.jax.kernels import CORRECTIONS, Function, Kernels, OnArrays
-from ...integrators.jax.lanes import Projections, Rows, TaylorAttempts
+from ...integrators.jax.lanes import Projections, Rows, Sides, TaylorAttempts
 from ...integrators.jax.pairs import PairAttempts
 from ...integrators.jax.run_constants import RunConstants
 from ...integrators.jax.run_data import Pieces
@@ -82,10 +82,11 @@ def pieces_with(
     def projections(go: Any) -> Projections:
         return tuple((correct(go), count) for correct, count in in_blocks)
 
+    sides = _sides(program, kernels, feedback)
     if method == "taylor":
-        made = _taylor_pieces(program, order, projections, constants)
+        made = _taylor_pieces(program, order, projections, constants, sides)
     else:
-        made = _pair_pieces(program, kernels, PAIRS[method], projections, constants, feedback)
+        made = _pair_pieces(program, kernels, PAIRS[method], projections, constants, feedback, sides)
     on_one_row = None if feedback is None else feedback.on_one_row
     field = cache(partial(_field, program, kernels, method, constants, on_one_row))
     return replace(made, moved_by=_moved_by(program), field=field, foreign=foreign)
@@ -102,16 +103,20 @@ def _on_rows(program: Program) -> Projections:
 
 
 def _taylor_pieces(
-    program: Program, order: int, projections: Callable[[Any], Projections], constants: RunConstants
+    program: Program,
+    order: int,
+    projections: Callable[[Any], Projections],
+    constants: RunConstants,
+    sides: tuple[Sides | None, Sides | None],
 ) -> Pieces:
     """Return the pieces of Taylor steps that depend on the method."""
     known = recurrences(program.kernel("rhs"), step_growth_limited=program.nonanalytic)
     step, limited = step_kernel(known, order, dense=False), known.step_growth_limited
     series = _series(series_kernel(known, order))
     return Pieces(
-        one=TaylorAttempts(_step_of_one(looped(step)), step_growth_limited=limited),
+        one=TaylorAttempts(_step_of_one(looped(step)), step_growth_limited=limited, sides=sides[0]),
         one_projections=_corrections(program, lambda name: _on_one_row(looped(program.kernel(name), JAX))),
-        many=TaylorAttempts(compile_kernel(step), step_growth_limited=limited),
+        many=TaylorAttempts(compile_kernel(step), step_growth_limited=limited, sides=sides[1]),
         many_projections=_on_rows(program),
         steps=SeriesSteps(blocked(program.kernel("rhs")), series, order, projections, constants),
         decided=_decided(program),
@@ -125,6 +130,7 @@ def _pair_pieces(
     projections: Callable[[Any], Projections],
     constants: RunConstants,
     feedback: FeedbackKernels | None,
+    sides: tuple[Sides | None, Sides | None],
 ) -> Pieces:
     """Return the pieces of a Runge-Kutta pair that depend on the method."""
 
@@ -146,10 +152,11 @@ def _pair_pieces(
         pulling = cache(partial(cotangents_of, rhs, *sizes))
         in_turn = InTurn(tableau, looped(rhs), pulling, whole=len(rhs.body) > _SHORT)
     in_steps, decided = blocked(rhs), _decided(program)
+    pair = partial(PairAttempts, tableau=tableau, moved=moved, operations=length)
     return Pieces(
-        one=PairAttempts(rates, tableau, moved=moved, knots=limits[0], operations=length),
+        one=pair(rates, knots=limits[0], sides=sides[0]),
         one_projections=whole,
-        many=PairAttempts(rows(compile_kernel(rhs, JAX)), tableau, moved=moved, knots=limits[1], operations=length),
+        many=pair(rows(compile_kernel(rhs, JAX)), knots=limits[1], sides=sides[1]),
         many_projections=_on_rows(program),
         steps=PairSteps(lambda go: rows(in_steps(go)), tableau, projections, in_turn, constants),
         decided=None if decided is None else rows(decided),
@@ -217,6 +224,37 @@ def _field(
         return back, (generated.sums(memory),)
 
     return Field(PAIRS.get(method, PAIRS["dopri8"]), rates, pull, knots, constants)
+
+
+def _sides(program: Program, kernels: Kernels, feedback: FeedbackKernels | None) -> tuple[Sides | None, Sides | None]:
+    """Return moves of states at breaks, of one case and of many; None where there are none."""
+    if program.knot_sides is None:
+        return None, None
+    n, name = len(program.layout.state), program.knot_sides.name
+    one, many = _on_one_row(_of_one(program, kernels, name)), compile_kernel(program.knot_sides, JAX)
+    if feedback is not None:
+        one, many = feedback.on_one_row(one), feedback.on_rows(many)
+    return _sides_of_one(one, n), _sides_of_many(many, n)
+
+
+def _sides_of_one(kernel: Function, n: int) -> Sides:
+    """Return moves at breaks of one case, whose components are one row."""
+
+    def sides(t: Any, y: Rows, c: Rows) -> tuple[Rows, Rows]:
+        (found,) = kernel(t, y, c)
+        return (found[:n],), (found[n : 2 * n],)
+
+    return sides
+
+
+def _sides_of_many(kernel: Function, n: int) -> Sides:
+    """Return moves at breaks of many cases, with a row for each component."""
+
+    def sides(t: Any, y: Rows, c: Rows) -> tuple[Rows, Rows]:
+        found = kernel(t, y, c)
+        return found[:n], found[n : 2 * n]
+
+    return sides
 
 
 def _knots_of_one(program: Program, kernels: Kernels) -> Function:

@@ -29,6 +29,7 @@ __all__ = [
     "Outcome",
     "Projections",
     "Rows",
+    "Sides",
     "State",
     "TaylorAttempts",
     "advanced",
@@ -90,8 +91,14 @@ class Attempted(NamedTuple):
     memory: Any
 
 
+Sides = Callable[..., tuple[Rows, Rows]]
+"""(t, y, c) -> states on the sides of knots of tables that motions forwards and backwards in time go to."""
+
+
 class Attempts(Protocol):
-    """A one-step method on rows."""
+    """A one-step method on rows; `sides` move states at breaks, None leaves them."""
+
+    sides: Sides | None
 
     def start(self, batch: Batch, direction: Any) -> Any:
         """Return the memory before the first step."""
@@ -107,8 +114,8 @@ class TaylorAttempts:
     Those that do not grow at once, `step_growth_limited`, are told the size of the step before, as a last row of y.
     """
 
-    def __init__(self, step: Function, *, step_growth_limited: bool) -> None:
-        self._step, self._paced = step, step_growth_limited
+    def __init__(self, step: Function, *, step_growth_limited: bool, sides: Sides | None = None) -> None:
+        self._step, self._paced, self.sides = step, step_growth_limited, sides
 
     def start(self, batch: Batch, direction: Any) -> Any:
         """Return the size of no step, where steps are told."""
@@ -210,7 +217,7 @@ def begun(attempts: Attempts, batch: Batch) -> State:
 
 def advanced(attempts: Attempts, projections: Projections, batch: Batch, goal: Any, state: State) -> tuple[State, Any]:
     """Return cases after one attempt towards the times `goal`, and by how much the time of each moved."""
-    direction, passed = direction_of(batch), state.passed
+    direction, passed, whole = direction_of(batch), state.passed, batch
     running = state.status == RUNNING
     if len(batch.breaks):
         ahead, batch = _next_break(batch, passed)
@@ -230,7 +237,12 @@ def advanced(attempts: Attempts, projections: Projections, batch: Batch, goal: A
     status = jnp.where(found.accepted & ~held, int(Status.PROJECTION_FAILED), status)
     status = jnp.where(t == batch.t1, int(Status.SUCCESS), status)
     if len(batch.breaks):
-        passed = passed + (moved & (t == ahead) & (t != batch.t1))
+        crossed = moved & (t == ahead) & (t != batch.t1)
+        passed = passed + crossed
+        if attempts.sides is not None:
+            ways = attempts.sides(t, new, _next_break(whole, passed)[1].c)
+            sided = (jnp.where(direction > 0.0, a, b) for a, b in zip(*ways, strict=True))
+            new = tuple(jnp.where(crossed, b, a) for a, b in zip(new, sided, strict=True))
     following = State(
         y=tuple(jnp.where(moved, b, a) for a, b in zip(state.y, new, strict=True)),
         t=t,

@@ -19,7 +19,7 @@ from jax import lax
 
 from ...methods import step_constants as gains
 from ...methods.tableau import Tableau
-from .lanes import Attempted, Batch, Rows
+from .lanes import Attempted, Batch, Rows, Sides
 from .mesh_axes import varying_like
 from .precision import precision_of
 from .products import contracted
@@ -93,6 +93,8 @@ class PairAttempts:
         (t, y, c) -> the largest sizes of a step, forward and backward in time, that knots of tables allow.
     operations : int
         Length of the right-hand side; by default, its stages are a loop everywhere.
+    sides : callable, optional
+        Moves of states at breaks.
     """
 
     def __init__(
@@ -103,8 +105,9 @@ class PairAttempts:
         moved: bool,
         knots: Callable[..., Rows] | None = None,
         operations: int = _LARGEST_UNROLLED,
+        sides: Sides | None = None,
     ) -> None:
-        self._rhs, self._tableau, self._knots = rhs, tableau, knots
+        self._rhs, self._tableau, self._knots, self.sides = rhs, tableau, knots, sides
         self._stages = tableau.end + (1 if tableau.fsal else 0)
         looped = jax.default_backend() == "cpu" or operations * self._stages > _LARGEST_UNROLLED
         self._slopes: Callable[..., Any] = weighted if looped else _one_by_one
