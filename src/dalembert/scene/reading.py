@@ -7,9 +7,10 @@ from typing import Any, final
 
 from ..errors import TOO_DEEP, SceneError
 from ..ir.graph import Node
-from ..naming import unwritable
+from ..naming import rate_name, unwritable
 from .content_reading import ContentReader
 from .joint_checks import foreign_points, points_off_particles
+from .kink_checks import kinked_constraints
 from .model import Action, BodyModel, ConstraintModel, ContactModel, GivenMotion, Pieces, SceneModel
 from .output_reading import names_as_nodes, read_outputs
 from .prescribed_velocities import located, read_given
@@ -64,6 +65,7 @@ class _SceneReader(ContentReader):
         controllers = self._controllers(nonholonomic, contacts)
         requirements = self._smoothness([*holonomic, *closing], nonholonomic, given, lagrangian, contacts)
         symbols = self._symbols(requirements)
+        self._refuse_kinks(holonomic, nonholonomic)
         self._check(bodies, actions, symbols, requirements, placed)
         named = self._named_values()
         chosen = tuple(x for x in requested.chosen if x not in named or requested.values.get(x) is not named[x])
@@ -170,6 +172,16 @@ class _SceneReader(ContentReader):
         lagrangian = None if scene.lagrangian is None else self._scalar(scene.lagrangian, "Lagrangian")
         self._without_states([] if lagrangian is None else [lagrangian], "Lagrangian")
         return given, lagrangian
+
+    def _refuse_kinks(self, holonomic: Sequence[ConstraintModel], nonholonomic: Sequence[ConstraintModel]) -> None:
+        """Record a fault for every constraint on whose velocities a kink would impose a jump."""
+        if self.faults or self.expressions.faults:
+            return
+        names = [q.func.__name__ for q in self.coordinates]
+        moving = [self.graph.input(name) for name in names]
+        rates = [self.graph.input(rate_name(name)) for name in names]
+        for rows, by in ((holonomic, moving), (nonholonomic, rates)):
+            self.faults += kinked_constraints(self.graph, [(row.label, row.expression) for row in rows], moving, by)
 
     def _smoothness(
         self,
