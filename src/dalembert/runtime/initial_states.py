@@ -13,6 +13,7 @@ from ..ir.program import DIRECTION, Program
 from ..reduction.starting import Start
 from .assembly import nearest
 from .inputs import parameter_text
+from .vanished_constraints import vanished_text
 
 __all__ = ["directed", "initial_state", "pivots_vanish", "vanishing_pivots"]
 
@@ -78,8 +79,8 @@ def initial_state(start: Start, t: float, values: Mapping[str, float], c: FloatA
         own = {name: value for name, value in values.items() if name != DIRECTION}
         raise InitialStateError(faults + nearest(program, c, t, own))
     if not np.all(np.isfinite(out)):
-        raise _not_finite(program, start, y, checks)
-    _refuse_changes(start, checks, values)
+        raise _not_finite(program, start, y, checks, vanished_text(program, c))
+    _refuse_changes(start, checks, values, program, c)
     _refuse_sliding(start, checks, t)
     return y
 
@@ -113,19 +114,25 @@ def _contradictions(start: Start, checks: FloatArray) -> str:
     return ""
 
 
-def _not_finite(program: Program, start: Start, y: FloatArray, checks: FloatArray) -> InitialStateError:
-    """Return the error for a state, or checks of it, that are not finite."""
+def _not_finite(program: Program, start: Start, y: FloatArray, checks: FloatArray, vanished: str) -> InitialStateError:
+    """Return the error for a state, or checks of it, that are not finite; `vanished` are constraints that say why."""
     lost = [name for name, value in zip(program.layout.state, y, strict=True) if not np.isfinite(value)]
     rows = zip(start.labels, checks, strict=True)
     lost = lost or list(dict.fromkeys(label for (_, label), pair in rows if not np.all(np.isfinite(pair))))
     return InitialStateError(
-        f"the state cannot be formed at the initial values: {list_names(lost)} is not finite there, because the"
-        " coordinates are singular at this configuration, or because the constraints do not fix there what was"
-        " left out. Start elsewhere, give every rate, or choose other coordinates"
+        f"the state cannot be formed at the initial values: {list_names(lost)} is not finite there"
+        + (
+            f". {vanished}"
+            if vanished
+            else ", because the coordinates are singular at this configuration, or because the constraints do not fix"
+            " there what was left out. Start elsewhere, give every rate, or choose other coordinates"
+        )
     )
 
 
-def _refuse_changes(start: Start, checks: FloatArray, values: Mapping[str, float]) -> None:
+def _refuse_changes(
+    start: Start, checks: FloatArray, values: Mapping[str, float], program: Program, c: FloatArray
+) -> None:
     """Raise for given values that the state does not reproduce, although they pass for consistent."""
     rows = list(zip(start.labels, checks.tolist(), strict=True))
     for what in ("coordinates", "rates"):
@@ -140,11 +147,12 @@ def _refuse_changes(start: Start, checks: FloatArray, values: Mapping[str, float
             left = {label: abs(v) / limit for (kind, label), (v, limit) in rows if kind == held and limit > 0.0}
             worst = max(left, key=lambda label: left[label], default="")
             why = next((pair for (kind, label), pair in rows if kind == held and label == worst), (0.0, 0.0))
+            small = f"{worst} fixes them by a small coefficient (residual {why[0]:.3g}, tolerance {why[1]:.1e}).\n"
+            remedy = f"Correct the {what}, or leave out those that the constraints fix: they are solved for"
             raise InitialStateError(
                 f"the initial {what} are not those of any motion that the constraints allow:\n  "
                 + "\n  ".join(changed)
-                + f"\n{worst} fixes them by a small coefficient (residual {why[0]:.3g}, tolerance {why[1]:.1e}).\n"
-                f"Correct the {what}, or leave out those that the constraints fix: they are solved for"
+                + f"\n{vanished_text(program, c) or (small if worst else '') + remedy}"
             )
 
 

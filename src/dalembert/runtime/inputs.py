@@ -21,6 +21,7 @@ from ..ir.interpret import ARRAY_OPERATIONS, interpret, rows_of_columns
 from ..ir.program import Layout, Program
 from ..values import listed, number, traced_note
 from .symbol_assumptions import ROUNDING, refuse_contradictions
+from .vanished_constraints import vanished_text
 
 __all__ = [
     "FLOOR",
@@ -214,9 +215,11 @@ def constants(program: Program, p: FloatArray) -> FloatArray:
     """
     c = np.array(interpret(program.kernel("prepare"), {"p": p.tolist()}), dtype=float)
     if not np.all(np.isfinite(c)):
+        vanished = vanished_text(program, c)
+        why = "a mass, a length, a moment of inertia or the coefficient in a constraint that the scene divides by"
         raise ValueInputError(
-            f"an expression of the parameters is not finite at {parameter_text(program, p)}: a mass, a length, a moment"
-            " of inertia or the coefficient in a constraint that the scene divides by is zero"
+            f"an expression of the parameters is not finite at {parameter_text(program, p)}"
+            + (f". {vanished}" if vanished else f": {why} is zero")
         )
     return c
 
