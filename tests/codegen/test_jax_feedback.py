@@ -10,7 +10,8 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from codegen.test_jax_inputs import KNOTS, PARAMETERS, QUICK, START, VALUES, compiled, differences, double, solve_fn
+from codegen.jax_options import QUICK
+from codegen.test_jax_inputs import KNOTS, PARAMETERS, START, VALUES, compiled, differences, double, solve_fn
 from dalembert.errors import OptionError
 from runtime.test_input_values import driven
 
