@@ -6,12 +6,12 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
+from codegen.jax_options import QUICK
 from dalembert.errors import OptionError
 from dalembert.methods.status import Status
 
 jax = pytest.importorskip("jax")
 
-QUICK = {"xla_backend_optimization_level": 0}
 OTHERS = ("recomputed", "continuous")
 ACCURACY = {"recomputed": 1e-8, "continuous": 3e-8}
 """Of derivatives beside differences, which are good to 1e-8, at a tolerance of 1e-10."""
