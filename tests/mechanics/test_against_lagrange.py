@@ -19,8 +19,13 @@ SCENES = {**FREE, "four-bar": four_bar, **da.scenes.ALL}
 
 
 @functools.cache
-def compiled(name):
-    return da.compile_model(SCENES[name](), backend="numpy", formulation="augmented")
+def compiled(name, formulation="augmented"):
+    return da.compile_model(SCENES[name](), backend="numpy", formulation=formulation)
+
+
+@functools.cache
+def oracle_of(name):
+    return lagrange_scene(SCENES[name]())
 
 
 def random_state(model, rng):
@@ -43,8 +48,7 @@ def assert_terms(model, oracle, t, q, qdot, p):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_mass_matrix_and_forcing(name):
-    scene, model = SCENES[name](), compiled(name)
-    oracle = lagrange_scene(scene)
+    model, oracle = compiled(name), oracle_of(name)
     assert oracle.coordinates == model.layout.coordinates
     rng = np.random.default_rng(7)
     for t in (0.0, 0.83, -1.9):
@@ -66,7 +70,7 @@ def test_mass_matrix_is_symmetric_and_positive(name):
 @pytest.mark.parametrize("name", [n for n in FREE if n != "piecewise forces"])
 def test_kinetic_energy_and_gravity_potential(name):
     """Recorded at the start of a run of zero length, which every scene survives."""
-    model, oracle = compiled(name), lagrange_scene(SCENES[name]())
+    model, oracle = compiled(name), oracle_of(name)
     rng = np.random.default_rng(9)
     q, qdot, p = random_state(model, rng)
     layout = model.layout
@@ -86,7 +90,7 @@ def test_kinetic_energy_and_gravity_potential(name):
 @pytest.mark.parametrize("name", FREE)
 @pytest.mark.parametrize("formulation", ["minimal", "projected", "augmented"])
 def test_accelerations_without_constraints_solve_the_mass_matrix(name, formulation):
-    model = da.compile_model(SCENES[name](), backend="numpy", formulation=formulation)
+    model = compiled(name, formulation)
     rng = np.random.default_rng(10)
     q, qdot, p = random_state(model, rng)
     expected = np.linalg.solve(model.mass_matrix(q, p, t=0.3), model.forcing(0.3, q, qdot, p))
