@@ -12,7 +12,8 @@ import dalembert as da
 
 TIME = dynamicsymbols._t
 G, AMPLITUDE, RATE = 9.81, 0.02, 20.0
-y, (m, e) = dynamicsymbols("y"), sp.symbols("m e", positive=True)
+y, (m, e, a, w) = dynamicsymbols("y"), sp.symbols("m e a w", positive=True)
+SHAKEN = {m: 0.3, a: AMPLITUDE, w: RATE}
 
 
 def floor(t):
@@ -21,7 +22,7 @@ def floor(t):
 
 @cache
 def shaken():
-    """A ball over a floor that moves as A sin(w t)."""
+    """A ball over a floor that moves as a sin(w t)."""
     frame, origin = ReferenceFrame("N"), Point("O")
     ball = origin.locatenew("P", y * frame.y)
     scene = da.Scene("shaken", frame=frame, origin=origin, coordinates=[y])
@@ -29,7 +30,7 @@ def shaken():
     scene.apply_uniform_gravity(-G * frame.y)
     normal = da.unknowns("normal")
     scene.add_joints(da.Joint("floor", body="ball", at=ball, force=normal * frame.y))
-    gap = y - sp.Float(AMPLITUDE) * sp.sin(sp.Float(RATE) * TIME)
+    gap = y - a * sp.sin(w * TIME)
     scene.add_contacts(da.UnilateralContact(normal, gap=gap, restitution=e, name="floor"))
     return da.compile_model(scene, outputs=["normal"])
 
@@ -58,7 +59,7 @@ def impacts(restitution, height, end, most):
 @pytest.mark.parametrize("restitution", [0.1, 0.2, 0.3, 0.5])
 def test_a_ball_does_not_fall_through_a_floor_that_shakes(method, restitution):
     """The flights after the impacts begin at a gap of zero, and the floor oscillates ten times in what is left."""
-    run = shaken().simulate((0, 3), {y: 0.5, y.diff(): 0}, {m: 0.3, e: restitution}, method=method, rtol=1e-10)
+    run = shaken().simulate((0, 3), {y: 0.5, y.diff(): 0}, {**SHAKEN, e: restitution}, method=method, rtol=1e-10)
     assert run.success
     assert run.phases[-1].modes == {"floor": "closed"}
     expected = impacts(restitution, 0.5, 3.0, 5)
@@ -68,8 +69,20 @@ def test_a_ball_does_not_fall_through_a_floor_that_shakes(method, restitution):
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_balls_over_floors_that_shake_fast_fly_and_rest_above_them(method):
+    """They leave the floor without a rate or a second rate of the gap, each from where it shakes them off."""
+    rng = np.random.default_rng(5)
+    values = {e: rng.uniform(0, 1, 60), a: 10 ** rng.uniform(-4, -1, 60), w: 10 ** rng.uniform(0.5, 2.3, 60)}
+    start = {y: rng.uniform(0.2, 0.6, 60), y.diff(): 0}
+    kept = {"gap": da.minimum(y - a * sp.sin(w * TIME))}
+    sweep = shaken().sweep((0, 5), start, {m: 0.3, **values}, method=method, reduce=kept)
+    np.testing.assert_array_equal(sweep.status, 0)
+    assert np.min(sweep.reduced["gap"]) > -1e-9
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
 def test_outputs_of_cases_whose_whole_motion_is_prescribed_at_the_end(method):
-    sweep = shaken().sweep((0, 3), {y: 0.5, y.diff(): 0}, {m: 0.3, e: np.array([0.3, 0.8])}, method=method)
+    sweep = shaken().sweep((0, 3), {y: 0.5, y.diff(): 0}, {**SHAKEN, e: np.array([0.3, 0.8])}, method=method)
     assert sweep.mode("floor").tolist() == ["closed", "open"]
     expected = 0.3 * (G - AMPLITUDE * RATE**2 * np.sin(RATE * 3.0))
     np.testing.assert_allclose(sweep.final["normal"], [expected, 0.0], rtol=1e-9)

@@ -88,6 +88,9 @@ def pieces(
         theta = low[:, np.newaxis] + (high - low)[:, np.newaxis] * POINTS
         values = sample(np.repeat(step, COUNT), theta.ravel()).reshape(len(step), COUNT, -1)
         good, finite = _good(values, noise), np.asarray(np.isfinite(values).all(axis=(1, 2)))
+        if starts is not None:
+            for i in np.flatnonzero((step == 0) & (low == 0.0)):
+                good[i] &= starts.agree(values[i], high[i])
         simple = np.asarray(np.all(good, axis=1))
         if starts is not None:
             for i in np.flatnonzero((step == 0) & (low == 0.0) & ~simple):

@@ -17,7 +17,7 @@ from ..methods.chebyshev import COEFFICIENTS, CONVERGED, DIVIDED, MISSED, POINTS
 from ..methods.event_constants import BENT, STEEP
 from .compiled_subset import call_code, compiled_subset, fma, row, square
 from .workspace import BEND, DOUBT, LIMIT, RATE, EventKernels, EventWorkspace
-from .zero_starts import least_doubt, leaves_zero, slope_agrees, unresolved
+from .zero_starts import bend_agrees, least_doubt, leaves_zero, slope_agrees, unresolved
 
 __all__ = [
     "SERIES",
@@ -140,6 +140,9 @@ def _leaves_flatly(
     bend = 0.0
     for j in range(1, 8):
         bend = fma(_BEND[j], space.values[e, j] - slope * _POINTS[j], bend)
+    if side * last < 0.0 and math.isnan(space.rates[BEND, e]):
+        space.rates[BEND, e] = math.inf
+        return False
     transformed(_TWICE, space, e, 1)
     twice, tail = _least_size(space.work, 1), abs(space.work[1, 6]) + abs(space.work[1, 7])
     if side != 0.0 and math.isfinite(space.rates[BEND, e]):
@@ -150,6 +153,8 @@ def _leaves_flatly(
             nothing = nothing and unresolved(space.values[e, j], high * _POINTS[j], doubt)
         if nothing:
             return True
+        if side * last < 0.0 and not bend_agrees(exact, last, twice):
+            return False
     transformed(_THRICE, space, e, 1)
     thrice = _least_size(space.work, 1)
     against = bend if last < 0.0 else -bend
@@ -188,16 +193,18 @@ def simple_piece(
         transformed(SERIES, space, e, 0)
         if _one_sign(space.work, 0):
             continue
+        agrees = True
         if fresh and space.zero[lane, e] != 0.0:
             transformed(_ONCE, space, e, 1)
             slope = space.rates[RATE, e] * h * high
-            if _one_sign(space.work, 1) and slope_agrees(slope, space.values[e, 7], largest):
+            agrees = slope_agrees(slope, space.values[e, 7], largest)
+            if agrees and _one_sign(space.work, 1):
                 continue
             if abs(slope) <= STEEP * largest:
                 if _leaves_flatly(directions, space, lane, e, largest, high, slope):
                     continue
         transformed(SLOPE_SERIES, space, e, 1)
-        if not _monotone(space.work, 0.0):
+        if not (agrees and _monotone(space.work, 0.0)):
             simple = False
     return simple, finite
 

@@ -264,7 +264,7 @@ def _wants_bends(events: EventKernels, space: EventWorkspace) -> bool:
 @compiled_subset
 def _find_bends(events: EventKernels, space: EventWorkspace, one: int, t: float, h: float) -> None:
     """Find the bends of expressions where a step begins, without the errors of its polynomials; -inf is not known."""
-    if events.events_with_series > 0:  # these polynomials have no error
+    if events.events_with_series > 0:
         for e in range(events.directions.size):
             space.rates[BEND, e], space.rates[DOUBT, e], space.rates[LIMIT, e] = space.event_series[e, 2], 0.0, 0.0
         return
@@ -285,6 +285,8 @@ def _find_bends(events: EventKernels, space: EventWorkspace, one: int, t: float,
             elif share > 0.0:
                 values = space.rates[LIMIT, e] - 7.0 * value
                 space.rates[LIMIT, e] = error_limit(values, space.rates[BEND, e], space.noise[0, e], share)
+                if events.refill == 0:  # polynomials of Taylor steps have no error
+                    space.rates[LIMIT, e] = 0.0
 
 
 @compiled_subset

@@ -22,6 +22,7 @@ from .compiled_subset import compiled_subset, sqrt, square
 
 __all__ = [
     "ZeroStarts",
+    "bend_agrees",
     "bend_from_rates",
     "deepest_dip",
     "error_limit",
@@ -112,6 +113,12 @@ def slope_agrees(slope: float, last: float, largest: float) -> bool:
 
 
 @compiled_subset
+def bend_agrees(bend: float, last: float, twice: float) -> bool:
+    """Return whether an expression that begins flat bends to where its values lie, if these say that it bends."""
+    return twice <= 0.0 or (bend * last > 0.0 and 2.0 * abs(bend) >= twice)
+
+
+@compiled_subset
 def least_doubt(doubt: float, error: float, tail: float, limit: float) -> float:
     """Return the least error of a bend by the polynomials, as pieces tell it that become shorter.
 
@@ -187,6 +194,11 @@ class ZeroStarts:
         self._bends = self._find_bends(noise)
         return all(self._leaves(int(i), values[:, i], points, float(noise[i])) for i in left)
 
+    def agree(self, values: FloatArray, high: float) -> NDArray[np.bool_]:
+        """Return which functions (n,) leave zero to the side where their values (8, n) on a piece end."""
+        rows = zip(self._slopes.tolist(), values[-1].tolist(), np.abs(values).max(axis=0).tolist(), strict=True)
+        return np.array([math.isnan(slope) or slope_agrees(slope * high, *row) for slope, *row in rows], np.bool_)
+
     def keep_sides(
         self,
         resolved: NDArray[np.bool_],
@@ -223,6 +235,9 @@ class ZeroStarts:
             bend, largest = float(BEND @ (values - slope * points)), float(np.abs(values).max())
         if once > 0.0 or abs(slope) * high > STEEP * largest:
             return once > 0.0 and slope_agrees(slope * high, last, largest)
+        beyond = float(self._sides[i]) * last < 0.0
+        if beyond and self._bends is None:
+            return False
         if self._bends is not None and self._sides[i] != 0.0 and math.isfinite(self._bends[i]):
             exact = float(self._bends[i]) * high * high
             error, tail = abs(bend - exact) / (high * high), float(series[1][0, -2:].sum()) / (high * high)
@@ -230,6 +245,8 @@ class ZeroStarts:
             bend = exact
             if all(unresolved(v, x, doubt) for v, x in zip(values.tolist(), points.tolist(), strict=True)):
                 return True
+            if beyond and not bend_agrees(bend, last, twice):
+                return False
         known = float(self._sides[i]) * last > 0.0
         return leaves_zero(abs(slope) * high, bend if last < 0.0 else -bend, twice, thrice, largest, noise, known)
 
