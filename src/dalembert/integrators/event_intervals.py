@@ -197,8 +197,10 @@ def simple_piece(
         if fresh and space.zero[lane, e] != 0.0:
             transformed(_ONCE, space, e, 1)
             slope = space.rates[RATE, e] * h * high
-            agrees = slope_agrees(slope, space.values[e, 7], largest)
-            if agrees and _one_sign(space.work, 1):
+            agrees, begin = slope_agrees(slope, space.values[e, 7], largest), 0.0
+            for k in range(7, -1, -1):
+                begin = space.work[1, k] - begin  # T_k(-1) = (-1)^k
+            if agrees and _least_size(space.work, 1) > MISSED * abs(begin - slope):
                 continue
             if abs(slope) <= STEEP * largest:
                 if _leaves_flatly(directions, space, lane, e, largest, high, slope):

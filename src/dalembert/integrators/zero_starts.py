@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..methods.chebyshev import BEND, DIVIDED, TAIL
+from ..methods.chebyshev import BEND, COUNT, DIVIDED, MISSED, TAIL
 from ..methods.event_constants import BENT, DOUBT, FLAT, LIKELY, RESOLVED, SHORT_SHARE, STEEP
 from .compiled_subset import compiled_subset, sqrt, square
 
@@ -33,6 +33,10 @@ __all__ = [
     "slope_agrees",
     "unresolved",
 ]
+
+
+_AT_START = (-1.0) ** np.arange(COUNT)
+"""Values of the Chebyshev polynomials where a piece begins."""
 
 
 @compiled_subset
@@ -232,9 +236,10 @@ class ZeroStarts:
         with np.errstate(all="ignore"):
             series = [np.abs(matrix @ values)[np.newaxis] for matrix in DIVIDED]
             once, twice, thrice = (float(least_sizes(part)[0]) for part in series)
+            begin = float(_AT_START @ (DIVIDED[0] @ values))
             bend, largest = float(BEND @ (values - slope * points)), float(np.abs(values).max())
-        if once > 0.0 or abs(slope) * high > STEEP * largest:
-            return once > 0.0 and slope_agrees(slope * high, last, largest)
+        if once > MISSED * abs(begin - slope * high) or abs(slope) * high > STEEP * largest:
+            return once > MISSED * abs(begin - slope * high) and slope_agrees(slope * high, last, largest)
         beyond = float(self._sides[i]) * last < 0.0
         if beyond and self._bends is None:
             return False
