@@ -134,6 +134,19 @@ def test_no_event_of_a_sweep_is_missed_in_a_step_that_has_many(method):
 
 
 @pytest.mark.parametrize("backend", ["llvm", "numpy"])
+def test_thousands_of_events_in_one_step_are_all_found(backend):
+    numbers, start = {m: 1, rate: 2250.0, phase: 0.1, level: 0.3}, {y: 0, y.diff(): 0}
+    w, angle, turns = 2250.0, np.arcsin(0.3), 2 * np.pi * np.arange(3000)
+    times = np.sort((np.concatenate([angle + turns, np.pi - angle + turns]) - 0.1) / w)
+    times = times[times < END]
+    model = drifting(backend)
+    sweep = model.sweep((0, END), start, numbers, events=[ABOVE])
+    assert sweep.events["crossed"].count.tolist() == [len(times)]
+    run = model.simulate((0, END), start, numbers, events=[ABOVE])
+    np.testing.assert_allclose(run.events["crossed"].t, times, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("backend", ["llvm", "numpy"])
 def test_no_maximum_is_missed_in_a_step_that_has_many(backend):
     """sin(rate t + phase) + v t is largest where its rate vanishes last, or at the end."""
     model, speed = drifting(backend), 0.01

@@ -1,4 +1,4 @@
-"""Sign changes of functions along a motion, all of them, however many lie within one step.
+"""Sign changes of functions along a motion: all of them, also where thousands lie within one step.
 
 A step is cut in halves until on each piece a function provably keeps its sign or is monotone, as far as the
 Chebyshev series through its values at eight points can tell: |T_k| <= 1 bounds the function by its coefficients, and
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..methods.chebyshev import BETWEEN, CHECKS, COEFFICIENTS, CONVERGED, COUNT, MISSED, POINTS, SLOPE_TAIL, SLOPES
-from ..methods.event_constants import BUDGET, DEEPEST, ROOT_PRECISION, ROOT_TRIES
+from ..methods.event_constants import DEEPEST, MOST, ROOT_PRECISION, ROOT_TRIES
 from .zero_starts import ZeroStarts, least_sizes
 
 __all__ = ["Changes", "Crossing", "Pieces", "changes", "located", "pieces"]
@@ -83,7 +83,7 @@ def pieces(
     """
     step, low, high = np.arange(count), np.zeros(count), np.ones(count)
     done: list[tuple[NDArray[Any], ...]] = []
-    budget = _PIECES_PER_STEP * count + BUDGET
+    budget = _PIECES_PER_STEP * count + MOST
     for depth in range(DEEPEST + 1):
         theta = low[:, np.newaxis] + (high - low)[:, np.newaxis] * POINTS
         values = sample(np.repeat(step, COUNT), theta.ravel()).reshape(len(step), COUNT, -1)

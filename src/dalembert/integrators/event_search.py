@@ -14,7 +14,6 @@ from ..methods.event_constants import (
     BUDGET,
     COARSE,
     DEEP,
-    DEEP_COST,
     DEEPEST,
     ROOT_PRECISION,
     ROOT_TRIES,
@@ -233,7 +232,7 @@ def scan(
                 _find_bends(events, space, one, t, h)
                 height += 1  # the same piece once more
                 continue
-        budget -= DEEP_COST if depth >= DEEP else 1
+        budget -= 1 if depth >= DEEP else 0
         if budget < 0:
             deepest = COARSE
         if not (simple or depth >= deepest or high - low <= least):

@@ -32,7 +32,7 @@ from ..methods.chebyshev import (
     SMOOTH,
     TAIL,
 )
-from ..methods.event_constants import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
+from ..methods.event_constants import BUDGET, COARSE, DEEP, DEEPEST
 from ..methods.step_constants import EPSILON
 from .dense_output import DenseOutput, JoinedOutput
 
@@ -53,7 +53,7 @@ SHALLOW = 16
 FLAT = 32 * EPSILON
 """Share of the extremum up to which what a function varies by on a piece is rounding."""
 
-DEEP_IN_MEAN = 12
+DEEP_IN_MEAN = 15
 """As `dalembert.methods.event_constants.DEEP`, for integrals."""
 
 Sample = Callable[[FloatArray], FloatArray]
@@ -103,7 +103,7 @@ def _integral(sample: Sample, till: float) -> float:
     total, stack, budget, deepest = 0.0, [(0.0, till, 0)], BUDGET, SHALLOW
     while stack:
         low, high, depth = stack.pop()
-        budget -= DEEP_COST if depth >= DEEP_IN_MEAN else 1
+        budget -= 1 if depth >= DEEP_IN_MEAN else 0
         deepest = COARSE if budget < 0 else deepest
         series = COEFFICIENTS @ sample(low + (high - low) * POINTS)
         tail, before, size = (np.abs(part).sum() for part in (series[-2:], series[-4:-2], series))
@@ -121,7 +121,7 @@ def _largest(sample: Sample, till: float, sign: float, best: float, oscillating:
     stack, budget, deepest = [(0.0, till, 0)], BUDGET, DEEPEST
     while stack:
         low, high, depth = stack.pop()
-        budget -= DEEP_COST if depth >= DEEP else 1
+        budget -= 1 if depth >= DEEP else 0
         deepest = COARSE if budget < 0 else deepest
         values = sign * sample(low + (high - low) * POINTS)
         if not np.all(np.isfinite(values)):

@@ -21,7 +21,7 @@ from ..methods.chebyshev import (
     SMOOTH,
     TAIL,
 )
-from ..methods.event_constants import BUDGET, COARSE, DEEP, DEEP_COST, DEEPEST
+from ..methods.event_constants import BUDGET, COARSE, DEEP, DEEPEST
 from .compiled_subset import compiled_subset, fma
 from .event_intervals import SERIES, SLOPE_SERIES, converges, output_at, push_halves, sample, transformed
 from .reductions import DEEP_IN_MEAN, FLAT, SHALLOW
@@ -69,7 +69,7 @@ def accumulate(
     while height > 0:
         height -= 1
         low, high, depth = space.stack[height, 0], space.stack[height, 1], space.stack[height, 2]
-        budget -= DEEP_COST if depth >= deep else 1
+        budget -= 1 if depth >= deep else 0
         if budget < 0:
             deepest = COARSE
         sample(events.running, events.read, space, many, t, h, low, high - low, _POINTS)

@@ -42,12 +42,15 @@ LIKELY = 4.0
 DEEPEST = 44
 """Halvings of a step after which a piece is taken as it is: two zeros closer than that are none."""
 
-BUDGET, DEEP, DEEP_COST, COARSE = 8192, 20, 16, 10
-"""Limits of the search in one step of one case: the largest number of pieces; the halvings from which a piece is deep;
-the number of pieces that a deep one counts for; the halvings of a step once the number is used up.
+BUDGET, DEEP, COARSE = 512, 20, 10
+"""Limits of the search in one step of one case: the largest number of deep pieces; the halvings from which a piece is
+deep; the halvings of a step once the number is used up.
 
-Smooth functions need few deep pieces, jumps and double zeros one or two for each halving; a function of which nothing
-but rounding is left needs all that there are, 2**44."""
+Smooth functions need few deep pieces, however often they oscillate; jumps and double zeros one or two for each halving;
+a function of which nothing but rounding is left needs all that there are, 2**44."""
+
+MOST = 1 << 17
+"""Largest number of pieces where the pieces of all steps are cut together, besides some for each step."""
 
 ROOT_TRIES, ROOT_PRECISION = 200, 4e-16
 """Largest number of evaluations for one zero, and the relative precision to which it is located."""
