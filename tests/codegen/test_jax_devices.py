@@ -153,7 +153,8 @@ for kind in ("checked", "explicit"):
     ids=["meshes", "kinds of runs", "what cases share", "inputs", "events", "refused"],
 )
 def test_runs_and_gradients_over_two_devices(program):
-    environment = {**os.environ, "XLA_FLAGS": "--xla_force_host_platform_device_count=2 --xla_backend_optimization_level=0"}
+    flags = "--xla_force_host_platform_device_count=2 --xla_backend_optimization_level=0"
+    environment = {**os.environ, "XLA_FLAGS": flags}
     command = [sys.executable, "-c", SLEIGH + program]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert done.returncode == 0, done.stderr
