@@ -74,8 +74,8 @@ class HostRuns:
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        told = repr((self.events, dict(self.reductions)))
-        return self.model, self.given, self.columns, self.inputs, told, *self.options.items()
+        requests = repr((self.events, dict(self.reductions)))
+        return self.model, self.given, self.columns, self.inputs, requests, *self.options.items()
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, HostRuns) and self._key == other._key

@@ -109,11 +109,11 @@ def _period(model: CompiledModel, point: Point, t: float) -> _Period:
     every = Fraction(math.lcm(*(r.numerator for r in ratios)), math.gcd(*(r.denominator for r in ratios)))
     off = [abs(float(r) * periods[0] - p) > _SAME * p for r, p in zip(ratios, periods, strict=True)]
     if any(off) or any(every / r > _MOST_PERIODS for r in ratios):
-        told = list_names(
+        named = list_names(
             f"{action.name} ({period:.9g} s)" for action, period in zip(kernels.actions, periods, strict=True)
         )
         raise OptionError(
-            f"linearize: the controllers {told} have no common period of at most {_MOST_PERIODS} periods of each, so"
+            f"linearize: the controllers {named} have no common period of at most {_MOST_PERIODS} periods of each, so"
             " that no map from one period to the next exists: give them periods whose ratios are small whole numbers,"
             " or compile a copy() of the scene with the controllers of one rate and the inputs of the others given"
         )
