@@ -33,7 +33,7 @@ from dalembert.integrators.workspace import aligned
 from dalembert.ir.kernel import Kernel
 from dalembert.runtime.inputs import constants
 from dalembert.transforms.recurrences import recurrences
-from dalembert.transforms.taylor import clipped_tolerance, order_for, step_kernel
+from dalembert.transforms.taylor import order_at, step_kernel
 
 TOLERANCES, ROUNDS = (1e-6, 1e-9, 1e-12), 40
 
@@ -136,7 +136,7 @@ def measured(name: str, rtol: float) -> tuple[list[str], list[str]]:
     batch = BATCHES[name](CASES[0])
     model = da.compile_model(PROBLEMS[name].build())
     program, steps = model.stages.program, model.engine.steps
-    order = order_for(clipped_tolerance(rtol, absolute(rtol)))
+    order = order_at(rtol, absolute(rtol))
     kernel = step_kernel(recurrences(program.kernel("rhs")), order, dense=False)
     counts, flops = census(kernel), flops_of_step(model, rtol)
     alone = counts["add"] + counts["sub"] + counts["mul"]

@@ -12,7 +12,7 @@ from typing import Any
 from dalembert.codegen.llvm.assembly import Compiled, compile_object, load_object
 from dalembert.codegen.llvm.lane_types import fma_name, native_lanes
 from dalembert.transforms.recurrences import recurrences
-from dalembert.transforms.taylor import clipped_tolerance, order_for, step_kernel
+from dalembert.transforms.taylor import order_at, step_kernel
 
 __all__ = ["flops_of_step", "multiply_adds", "peak_flops"]
 
@@ -94,5 +94,5 @@ def peak_flops(threads: int) -> float:
 def flops_of_step(model: Any, rtol: float) -> int:
     """Return the operations of one Taylor step of one case."""
     known = recurrences(model.stages.program.kernel("rhs"))
-    kernel = step_kernel(known, order_for(clipped_tolerance(rtol, 0.0)), dense=False)
+    kernel = step_kernel(known, order_at(rtol, 0.0), dense=False)
     return sum(_WEIGHTS.get(line.op, 1) for line in kernel.body)

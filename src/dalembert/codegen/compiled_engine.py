@@ -21,7 +21,7 @@ from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..once import computed_once, once_property
 from ..options import DEFAULT_TOLERANCES
-from ..transforms.taylor import clipped_tolerance, order_for
+from ..transforms.taylor import clipped_tolerance, order_at, order_for
 from .base import Engine
 from .library import LARGEST_UNROLLED, KernelLibrary
 from .llvm.loops import loop_named
@@ -125,7 +125,7 @@ class CompiledEngine(Engine):
 
     def source_of(self, method: str, rtol: float, atol: float) -> str:
         """See `Engine.source_of`: the text of a single run."""
-        return self.steps.source(method, order_for(clipped_tolerance(rtol, atol)))
+        return self.steps.source(method, order_at(rtol, atol))
 
     def prepare(self, problem: IntegrationProblem, method: str) -> None:
         """See `Engine.prepare`."""
@@ -134,9 +134,7 @@ class CompiledEngine(Engine):
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """See `Engine.integrate`."""
         if method == "taylor":
-            from ..integrators import taylor_runs as series
-
-            solution = series.integrate(self._taylor(problem), self._with_sides(problem))
+            solution = self._taylor(problem).integrate(self._with_sides(problem))
             assert solution is not None
             return solution
         if method == "radau":
@@ -171,9 +169,7 @@ class CompiledEngine(Engine):
             return bool(reason)
 
         if method == "taylor":
-            from ..integrators import taylor_runs as series
-
-            solution = series.integrate(self._taylor(problem), self._with_sides(problem), watch)
+            solution = self._taylor(problem).integrate(self._with_sides(problem), watch)
             return self._implicit_run(problem, reason) if solution is None else (solution, method, "")
         if method != "dop853":
             return super().integrate_automatic(problem, method)
@@ -343,14 +339,14 @@ class CompiledEngine(Engine):
         return interpret_rows(kernel, np.array([problem.t0]), problem.y0[np.newaxis], problem.constants)[0]
 
     def _taylor(self, problem: IntegrationProblem) -> StepCode:
-        from ..integrators.taylor_runs import StepCode
-
-        order = order_for(clipped_tolerance(problem.rtol, problem.atol))
+        order = order_at(problem.rtol, problem.atol)
         found = self._taylor_codes.get(order)
         if found is not None:
             return found
 
         def make() -> StepCode:
+            from ..integrators.taylor_runs import StepCode
+
             step = self.steps.taylor(order, 1, dense=True)
             return StepCode(loop_named("taylor_loop"), order, step, *self._steppers.projections(1), self.steps.angles)
 

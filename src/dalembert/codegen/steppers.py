@@ -8,7 +8,7 @@ from ..integrators.workspace import EventKernels, no_events
 from ..methods.step_constants import SMALLEST_SCALE
 from ..once import computed_once
 from ..transforms.runge_kutta_parts import memory_size
-from ..transforms.taylor import clipped_tolerance, order_for, scale_floor
+from ..transforms.taylor import order_at, scale_floor
 from .library import KernelLibrary
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class Steppers:
         """
         rtol, atol = tolerances
         if method == "taylor":
-            order, floor = order_for(clipped_tolerance(rtol, atol)), scale_floor(rtol, atol)
+            order, floor = order_at(rtol, atol), scale_floor(rtol, atol)
             if watched is None:
                 step = self._steps.taylor(order, lanes, dense=dense)
             else:

@@ -21,7 +21,7 @@ from .input_steps import no_inputs
 from .problem import IntegrationProblem, Solution
 from .taylor_loop import TaylorArguments, TaylorProgress
 
-__all__ = ["StepCode", "integrate"]
+__all__ = ["StepCode"]
 
 _LARGEST_WINDING = 256
 """Steps after which angles lose the turns that they have made: a large angle has fewer digits to turn by."""
@@ -40,6 +40,13 @@ _LARGEST_KEPT = 1 << 20
 """Bytes of the largest workspace that is kept for later runs."""
 
 _LIMIT_AT, _T1_AT, _LARGEST_AT = (place_of(TaylorArguments, name) for name in ("limit", "t1", "largest"))
+
+
+Watch = Callable[[float, FloatArray, float], bool]
+"""Time, state and mean size of the last steps -> whether to stop there."""
+
+_STIFFNESS_FROM, _STIFFNESS_REST = 900, 4000
+"""Steps after which a run is tested for stiffness, and steps that must be left for a change of method to pay."""
 
 
 class TaylorLoop(Protocol):
@@ -68,12 +75,54 @@ class StepCode:
     angles: tuple[int, ...] = ()
     workspaces: list[_Workspace] = field(default_factory=list, compare=False, repr=False)
 
+    def integrate(self, problem: IntegrationProblem, watch: Watch | None = None) -> Solution | None:
+        """Integrate a problem with this step.
 
-Watch = Callable[[float, FloatArray, float], bool]
-"""Time, state and mean size of the last steps -> whether to stop there."""
+        Parameters
+        ----------
+        problem
+            The problem; its arrays are copied.
+        watch
+            Called between blocks of steps of long runs; returns whether to stop.
 
-_STIFFNESS_FROM, _STIFFNESS_REST = 900, 4000
-"""Steps after which a run is tested for stiffness, and steps that must be left for a change of method to pay."""
+        Returns
+        -------
+        Solution
+            Numerical failure is its status, never an exception. Each step is one evaluation of the series. None
+            where the run was stopped.
+        """
+        inputs = problem.inputs
+        try:
+            work = None if inputs is not None else self.workspaces.pop()
+        except IndexError:
+            work = None
+        if work is None:
+            work = _Workspace(self, len(problem.y0), len(problem.constants), inputs)
+        call, record = self.loop.call, _Record(problem, self.order)
+        turns, angles = None, list(self.angles)
+        status, size = RUNNING if work.begin(problem) else int(Status.NON_FINITE), FIRST_BLOCK
+        while status == RUNNING:
+            check(record.end)
+            limit = min(size, problem.max_steps - record.steps)
+            if limit == 0:
+                status = int(Status.MAX_STEPS)
+                break
+            start = record.end
+            if angles and work.has_turned(angles):
+                turns = np.zeros(len(problem.y0)) if turns is None else turns.copy()
+                turns[angles] += _unwound(work.y[0], work.low, angles)
+                record.wound = record.wound or bool(np.any(turns))
+            status, times, rows = work.run(call, limit)
+            record.add(times, rows, turns if record.wound else None)
+            size = min(2 * size, _LARGEST_WINDING if angles else LARGEST_BLOCK)
+            if watch is not None and status == RUNNING and record.steps >= _STIFFNESS_FROM:
+                step = abs(record.end - start) / len(times)
+                state = work.y[0, :-1].copy()
+                if abs(problem.t1 - record.end) >= _STIFFNESS_REST * step and watch(record.end, state, step):
+                    return None
+        if inputs is None and work.rows.nbytes <= _LARGEST_KEPT:
+            self.workspaces.append(work)
+        return record.solution(Status(status))
 
 
 @final
@@ -108,17 +157,24 @@ class _Workspace:
         )
         self._words = pack(self._arguments)
         self._doubles, self.address = self._words.view(np.float64), address_of(self._words)
+        self._state, self._constants, self._settings = self.y[0, :-1], self.constants[:, 0], self.settings[0]
 
     def begin(self, problem: IntegrationProblem) -> bool:
         """Load the start of a problem; return whether its numbers are finite."""
-        y, c = self.y[0], self.constants[:, 0]
-        y[:-1], y[-1], c[...], self.low[:] = problem.y0, 0.0, problem.constants, 0.0
-        direction = 1.0 if problem.t1 >= problem.t0 else -1.0
-        self.settings[0] = 0.0, direction, scale_floor(problem.rtol, problem.atol)
+        y, c, settings, words = self._state, self._constants, self._settings, self._doubles
+        y[...], c[...], self.y[0, -1] = problem.y0, problem.constants, 0.0
+        self.low.fill(0.0)
+        settings[0], settings[1] = 0.0, 1.0 if problem.t1 >= problem.t0 else -1.0
+        settings[2] = scale_floor(problem.rtol, problem.atol)
         self.progress.t = problem.t0
-        self._doubles[_T1_AT], self._doubles[_LARGEST_AT] = problem.t1, problem.max_step
+        words[_T1_AT], words[_LARGEST_AT] = problem.t1, problem.max_step
         state, constants = self._nothing
-        return bool(y[:-1] @ state + c @ constants == 0.0)
+        return bool(y.dot(state) + c.dot(constants) == 0.0)
+
+    def has_turned(self, angles: list[int]) -> bool:
+        """Return whether one of these components of the state has become large."""
+        y = self._state.tolist()
+        return any(abs(y[i]) > _MOST_TURNS * _TURN for i in angles)
 
     def run(self, call: Callable[[int], int], limit: int) -> tuple[int, FloatArray, FloatArray]:
         """Take at most `limit` steps; return the status, ends of steps (k,) and their outputs (k, width)."""
@@ -135,60 +191,9 @@ class _Workspace:
             count = self.progress.steps
             if count < limit:
                 rows, times = rows[:count].copy(), times[:count].copy()
-        if count:
+        if count and status == RUNNING:
             self.y[0] = rows[-1, : self.y.shape[1]]
         return status, times, rows
-
-
-def integrate(code: StepCode, problem: IntegrationProblem, watch: Watch | None = None) -> Solution | None:
-    """Integrate a problem with a Taylor step.
-
-    Parameters
-    ----------
-    code
-        The step and the projections.
-    problem
-        The problem; its arrays are copied.
-    watch
-        Called between blocks of steps of long runs; returns whether to stop.
-
-    Returns
-    -------
-    Solution
-        Numerical failure is its status, never an exception. Each step is one evaluation of the series. None where the
-        run was stopped.
-    """
-    inputs = problem.inputs
-    try:
-        work = None if inputs is not None else code.workspaces.pop()
-    except IndexError:
-        work = None
-    if work is None:
-        work = _Workspace(code, len(problem.y0), len(problem.constants), inputs)
-    call, record = code.loop.call, _Record(problem, code.order)
-    turns, angles = np.zeros(len(problem.y0)), list(code.angles)
-    status, size = RUNNING if work.begin(problem) else int(Status.NON_FINITE), FIRST_BLOCK
-    while status == RUNNING:
-        check(record.end)
-        limit = min(size, problem.max_steps - record.steps)
-        if limit == 0:
-            status = int(Status.MAX_STEPS)
-            break
-        start = record.end
-        if any(abs(y) > _MOST_TURNS * _TURN for y in work.y[0, angles].tolist()):
-            turns[angles] += _unwound(work.y[0], work.low, angles)
-            record.wound = record.wound or bool(np.any(turns))
-        status, times, rows = work.run(call, limit)
-        record.add(times, rows, turns.copy() if record.wound else None)
-        size = min(2 * size, _LARGEST_WINDING if angles else LARGEST_BLOCK)
-        if watch is not None and status == RUNNING and record.steps >= _STIFFNESS_FROM:
-            step = abs(record.end - start) / len(times)
-            state = work.y[0, :-1].copy()
-            if abs(problem.t1 - record.end) >= _STIFFNESS_REST * step and watch(record.end, state, step):
-                return None
-    if inputs is None and work.rows.nbytes <= _LARGEST_KEPT:
-        code.workspaces.append(work)
-    return record.solution(Status(status))
 
 
 def _unwound(y: FloatArray, low: FloatArray, angles: list[int]) -> FloatArray:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..ir.lines import Lines
@@ -37,6 +38,7 @@ __all__ = [
     "closing",
     "closing_loads",
     "ending",
+    "order_at",
     "order_for",
     "scale_floor",
     "series_kernel",
@@ -63,6 +65,13 @@ def clipped_tolerance(rtol: float, atol: float) -> float:
     return min(max(rtol or atol, 1e-18), 0.5)
 
 
+@lru_cache(maxsize=64)
+def order_at(rtol: float, atol: float) -> int:
+    """Return the order of Taylor steps at tolerances."""
+    return order_for(clipped_tolerance(rtol, atol))
+
+
+@lru_cache(maxsize=64)
 def scale_floor(rtol: float, atol: float) -> float:
     """Return the size below which a state counts as that large, which is the scale floor of `SETTINGS`."""
     return max(atol / clipped_tolerance(rtol, atol), SMALLEST_NORMAL)

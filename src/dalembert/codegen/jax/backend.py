@@ -16,7 +16,7 @@ from ...ir.program import Program
 from ...once import computed_once, once_property
 from ...options import SolveOptions
 from ...transforms.recurrences import Recurrences, recurrences
-from ...transforms.taylor import clipped_tolerance, order_for, step_kernel
+from ...transforms.taylor import clipped_tolerance, order_at, order_for, step_kernel
 from ..base import Backend, Capability, Engine, RenderedModule
 from ..host_runs import HostedRuns
 from ..runs import Prepared
@@ -106,7 +106,7 @@ class JaxEngine(Engine):
 
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """See `Engine.integrate`."""
-        order = order_for(clipped_tolerance(problem.rtol, problem.atol)) if method == "taylor" else 0
+        order = order_at(problem.rtol, problem.atol) if method == "taylor" else 0
         key = method, order
 
         def make() -> Integrator | TaylorIntegrator:

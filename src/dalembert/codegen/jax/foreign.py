@@ -24,7 +24,7 @@ from ...integrators.jax.derivatives import Record, Steps
 from ...integrators.jax.run_data import Limits, Stepping
 from ...ir.program import Program
 from ...once import computed_once, once
-from ...transforms.taylor import clipped_tolerance, order_for
+from ...transforms.taylor import order_at
 from ..cache import digest_of
 from ..llvm.loops import debugging
 from .foreign_batches import Traced, run_batch, run_sweep
@@ -179,7 +179,7 @@ def _of_one(run: _Run) -> tuple[str, ForeignCode]:
 def _of_many(run: _Run, recorded: bool) -> tuple[str, ForeignCode]:
     """Return the handler of batches, with records or without, and its name: one for all tolerances."""
     tolerances = run.limits.rtol, run.limits.atol
-    order = order_for(clipped_tolerance(*tolerances)) if run.method == "taylor" else 0
+    order = order_at(*tolerances) if run.method == "taylor" else 0
 
     def made(engine: Any, interface: Interface) -> ForeignCode:
         code: ForeignCode = engine.foreign_batch(_COMPILED[run.method], tolerances, interface, recorded=recorded)

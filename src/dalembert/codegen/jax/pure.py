@@ -25,7 +25,7 @@ from ...methods.status import Status
 from ...once import once
 from ...options import SolveOptions
 from ...transforms.nonsmooth import decisions
-from ...transforms.taylor import clipped_tolerance, order_for, scale_floor
+from ...transforms.taylor import order_at, scale_floor
 from ..printers import JAX
 from .adjoints import refuse_adjoint
 from .arguments import parameters_of, times, vector
@@ -268,7 +268,7 @@ class Solve:
     def _pieces(self, constants: RunConstants | None, feedback: FeedbackKernels | None) -> Pieces:
         """Return the pieces of the method, for runs whose constants are those of the program or others."""
         options = self._effective
-        order = order_for(clipped_tolerance(*options.tolerances)) if options.method == "taylor" else 0
+        order = order_at(*options.tolerances) if options.method == "taylor" else 0
         given = self._elapsed.program, self._elapsed, options.method, order, constants
         return pieces_of(*given) if feedback is None else pieces_with(*given, feedback)
 
