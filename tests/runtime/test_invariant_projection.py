@@ -4,6 +4,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from sympy import Abs, Max, Piecewise, Rational, exp, sin
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.errors import FormulationError, OptionError, UnknownNameError
@@ -241,3 +243,53 @@ def test_contacts():
     for how in (model.simulate, model.sweep):
         with pytest.raises(OptionError, match="friction takes energy, and impacts"):
             how((0, 1), {}, {}, project_invariants=True)
+
+
+_t = dynamicsymbols._t
+_x, _y = dynamicsymbols("x y")
+LATER = {
+    "a force of time that begins at zero": sin(_t),
+    "a force of time that ends": exp(-1000 * (_t - 2) ** 2),
+    "a damper that begins later": Piecewise((-_x.diff(), _t > 1), (0, True)),
+    "a damper beyond a stop": -Max(0, _x - Rational(1, 2)) * _x.diff(),
+    "a damper far away": -exp(-300 * (_x - 3) ** 2) * _x.diff(),
+    "a brake by a table": da.table(_x.diff(), [0, 1, 2], [0, 0, -3], "linear", extrapolate="linear"),
+}
+SPRINGS = {
+    "bumper": -9 * Max(0, _x - Rational(1, 2)),
+    "two stops": -5 * (Max(0, _x - 0.3) - Max(0, -0.3 - _x)),
+    "steps": -Piecewise((1, _x > 0.5), (2, _x > 0.3), (0, True)),
+    "stiffer outside": -Abs(_x) * _x,
+    "table": -da.table(_x, [-2, 0, 0.5, 1, 2], [-1, 0, 0, 2, 3], "cubic"),
+    "magnet": 2 * (_x - 1) * exp(-50 * (_x - 1) ** 2),
+}
+
+
+def bead(force, *constraints):
+    frame, origin = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("bead", frame=frame, origin=origin, coordinates=[_x, _y])
+    place = origin.locatenew("P", _x * frame.x + _y * frame.y)
+    scene.add_bodies(Particle("bead", place, 1))
+    scene.add_loads((place, force * frame.x), (place, -4 * place.pos_from(origin)))
+    scene.add_holonomic_constraints(*constraints)
+    return da.compile_model(scene, backend="numpy")
+
+
+BEAD = {"x": 0, "y": 1, "x_dot": 0.2, "y_dot": 0}
+RING = _x**2 + _y**2 - 1
+
+
+@pytest.mark.parametrize("constraints", [(), (RING,)])
+@pytest.mark.parametrize("name", LATER)
+def test_what_takes_energy_later_or_elsewhere_counts(name, constraints):
+    model = bead(LATER[name], *constraints)
+    with pytest.raises(OptionError, match="'energy' is not conserved"):
+        model.simulate((0, 1e-3), BEAD, {}, project_invariants="energy")
+    assert "energy" not in model.simulate((0, 1e-3), BEAD, {}).invariants
+
+
+@pytest.mark.parametrize("name", SPRINGS)
+def test_springs_with_branches_keep_energy(name):
+    run = bead(SPRINGS[name], RING).simulate((0, 0.5), BEAD | {"x_dot": 3}, {}, project_invariants="energy")
+    assert run.success
+    np.testing.assert_allclose(run["energy"], run["energy"][0], rtol=1e-9)

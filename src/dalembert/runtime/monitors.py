@@ -16,6 +16,8 @@ from .state_sizes import coordinate_sizes
 __all__ = ["conserved"]
 
 _TRIALS = 8
+_DRAWS = 64
+"""Values of the free arguments in each trial."""
 _SPREAD = 0.2
 _STILL = 1e-9
 """Rate of change, over the sum of its terms' sizes, that rounding explains."""
@@ -27,8 +29,9 @@ def conserved(
     """Return the first integrals along a motion t (n_t,) as arrays (n_t,) by name.
 
     The rows of x (n_t, 2 n_q + n_z) are coordinates, rates and first-order states. A candidate that is not certain
-    counts as conserved when its rate vanishes in random states around the motion that satisfy the constraints, with
-    random inputs; the random numbers are the same in every run.
+    counts as conserved when its rate vanishes in random states around the motion that satisfy the constraints, at times
+    of the motion and others, with random inputs and in all branches of the equations; the random numbers are the same
+    in every run.
     """
     kept = np.array(found.certain)
     if not np.all(kept) and len(t):
@@ -44,7 +47,8 @@ def _still(
     layout, random = program.layout, np.random.default_rng(1)
     count, size = len(found.names), len(layout.coordinates)
     still, trials = np.ones(count, bool), 0
-    for place in np.linspace(0, len(t) - 1, _TRIALS).astype(int):
+    for trial, place in enumerate(np.linspace(0, len(t) - 1, _TRIALS).astype(int)):
+        now = t[place : place + 1] + trial % 2 * random.standard_normal()
         own = (c if c.ndim == 1 else c[place]).copy()
         sizes = coordinate_sizes(program, t[place : place + 1], x[place : place + 1], own)[0]
         speed = _speed(program, t[place : place + 1], x[place : place + 1], own, sizes)
@@ -56,16 +60,20 @@ def _still(
         for first in coefficient_places(layout.parameters, layout.inputs):  # conserved whatever the inputs are
             own[first + 1 : first + WIDTH] += random.standard_normal(WIDTH - 1)
         try:
-            state = assembled(program, own, float(t[place]), guess, ())
+            state = assembled(program, own, float(now[0]), guess, ())
         except (InitialStateError, np.linalg.LinAlgError):
             continue
         y = np.array([[state[name] for name in layout.variables]])
-        now = t[place : place + 1]
+        draws = _DRAWS if found.free else 1
+        drawn = [where.draw(random, draws) for where in found.free]
+        rows = np.hstack([np.repeat(y, draws, 0), *(values[:, np.newaxis] for values in drawn)])
         with np.errstate(all="ignore"):
             second = interpret_rows(program.kernel("accelerations"), now, y, own)
-            out = interpret_rows(found.changes, now, np.hstack([y, second]), own)[0]
+            out = interpret_rows(found.changes, now, np.hstack([y, second]), own)
+            branches = interpret_rows(found.branches, np.repeat(now, draws), rows, own)
         if np.all(np.isfinite(out)):
-            still &= np.abs(out[:count]) <= _STILL * out[count:]
+            for values in (out, branches[np.all(np.isfinite(branches), axis=1)]):
+                still &= np.all(np.abs(values[:, :count]) <= _STILL * values[:, count:], axis=0)
             trials += 1
     return still & (trials > 0)
 
