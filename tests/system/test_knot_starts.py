@@ -235,3 +235,74 @@ def test_backwards_with_contacts(below, above):
             run = made.simulate((0, end), start, {m: 1.0}, method=method, max_steps=500, **TIGHT)
             cases = made.sweep((0, end), start | {y: [30.0, 40.0]}, {m: 1.0}, method=method, max_steps=500, **TIGHT)
             assert [run["x"][-1], *cases["x"]] == pytest.approx([1.5 + force * end / 6] * 3, abs=1e-11)
+
+
+# -- events that map the state onto a knot -------------------------------------------------------
+
+
+def after_maps(made, span, start, event, method):
+    """Return the final positions of a single run and of the cases of a sweep with an event that maps the state."""
+    options = {"method": method, "max_steps": 3000, "events": [event], **TIGHT}
+    run = made.simulate(span, start, {m: 1.0}, **options)
+    cases = made.sweep(span, start, {m: np.ones(3)}, **options)
+    assert run.success and np.all(cases.success), (run.message, cases.status)
+    assert len(run.events["set"].t) == 1 and np.all(cases.events["set"].count == 1)
+    return [run["x"][-1], *cases["x"]]
+
+
+@pytest.mark.parametrize("end", [1.0, -1.0])
+@pytest.mark.parametrize(("backend", "method"), METHODS)
+def test_a_map_onto_a_knot(backend, method, end):
+    """From rest on the knot at t = 0 under a force of t times a table: backwards in time, to the other side."""
+    for below, above in ((1.0, 3.0), (-2.0, -1.0)):
+        made = pushed(TIME * jump(x, below, above), backend)
+        event = da.Event(TIME, apply={x: 1.5, x.diff(): 0.0}, name="set")
+        found = after_maps(made, (-end, end), {x: 0.25, x.diff(): 0.1}, event, method)
+        force = above if end * above > 0 else below
+        assert found == pytest.approx([1.5 + force * end**3 / 6] * 4, abs=1e-11)
+
+
+@pytest.mark.parametrize("end", [1.0, -1.0])
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "radau"])
+def test_a_map_onto_a_speed_on_a_knot(method, end):
+    """The speed falls from the knot, backwards in time it rises."""
+    made = pushed(jump(x.diff(), -1.0, -3.0, knot=0.5))
+    event = da.Event(TIME - 0.25, apply={x: 1.5, x.diff(): 0.5}, name="set")
+    found = after_maps(made, (0.25 - end, 0.25 + end), {x: 0.0, x.diff(): 2.0}, event, method)
+    force = -1.0 if end > 0 else -3.0
+    assert found == pytest.approx([1.5 + 0.5 * end + 0.5 * force] * 4, abs=1e-11)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
+def test_a_map_to_a_slide(method):
+    """Where neither side lets the motion go forwards, both do backwards; and the other way round."""
+    event = da.Event(TIME - 0.25, apply={x: 1.5, x.diff(): 0.5}, name="set")
+    for low, refused in ((1.0, 1.0), (-1.0, -1.0)):
+        made = pushed(jump(x.diff(), low, -low, knot=0.5))
+        for end in (1.0, -1.0):
+            start = {x: 0.0, x.diff(): 7.0 if low * end < 0 else -7.0}
+            options = {"method": method, "events": [event], "max_steps": 3000, **TIGHT}
+            run = made.simulate((0.25 - end, 0.25 + end), start, {m: 1.0}, **options)
+            cases = made.sweep((0.25 - end, 0.25 + end), start, {m: np.ones(2)}, **options)
+            expected = Status.EVENT_STATE if end == refused else Status.SUCCESS
+            assert [run.status, *cases.status] == [expected] * 3
+
+
+def test_a_map_onto_a_knot_with_contacts():
+    """Forwards the speed would slide along the knot; backwards it leaves it to either side, and takes that above."""
+    y, (X, Y) = dynamicsymbols("y"), da.unknowns("X Y")
+    P = O.locatenew("P", x * N.x + y * N.y)
+    scene = da.Scene("hopper", frame=N, origin=O, coordinates=[x, y])
+    scene.add_bodies(Particle("mass", P, m))
+    scene.add_loads((P, jump(x.diff(), 1.0, -1.0, knot=0.5) * N.x - 9.81 * m * N.y))
+    scene.add_joints(da.Joint("floor", body="mass", at=P, force=X * N.x + Y * N.y))
+    scene.add_contacts(da.UnilateralContact(normal=Y, gap=y, restitution=0.3))
+    made = da.compile_model(scene)
+    event = da.Event(TIME - 0.25, apply={x: 1.5, x.diff(): 0.5}, name="set")
+    start = {x: 0.0, x.diff(): 7.0, y: 30.0, y.diff(): 0.0}
+    for method in ("taylor", "dop853"):
+        options = {"method": method, "events": [event], "max_steps": 3000, **TIGHT}
+        run = made.simulate((1.25, -0.75), start, {m: 1.0}, **options)
+        cases = made.sweep((1.25, -0.75), start | {y: [30.0, 40.0]}, {m: 1.0}, **options)
+        assert run.success and np.all(cases.success), (run.message, cases.status)
+        assert [run["x"][-1], *cases["x"]] == pytest.approx([0.5] * 3, abs=1e-11)

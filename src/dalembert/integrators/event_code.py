@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import OptionError, nesting_named
@@ -15,7 +16,7 @@ from ..ir.input_parameters import WIDTH, coefficient_places
 from ..ir.interpret import interpret_rows, rows_of_columns
 from ..ir.kernel import Kernel
 from ..ir.ops import OSCILLATING_OPERATIONS
-from ..ir.program import Program
+from ..ir.program import DIRECTION, Program
 from ..methods.status import Status
 from ..reduction.event_functions import EventFunctions
 from ..reduction.starting import Start
@@ -153,7 +154,8 @@ class EventCode:
     reported : int
         Number of requested events.
     watch, jumps, start
-        The watched expressions, and for each event the map of a jump or None, which `start` makes consistent.
+        The watched expressions, and for each event the map of a jump or None, which `start` makes consistent. It takes
+        the results of the map, and the direction of time where it depends on that.
     running, kinds
         Kernel of the expressions whose minima, maxima and integrals are taken, and which of these.
     finals
@@ -279,8 +281,7 @@ class EventCode:
         def begins(t: float, y: FloatArray) -> FloatArray:
             return evaluate(watch.begins, np.array([t]), y.reshape(1, -1)).reshape(-1, 3)
 
-        size = len(program.layout.state)
-        jumps = [None if jump is None else self._jump(jump, c, size) for jump in self.jumps]
+        jumps = [None if jump is None else self._jump(jump, c) for jump in self.jumps]
         rules = [Rule(e.direction, int(e.terminal), jump) for e, jump in zip(self.events, jumps, strict=True)]
         return Watched(
             values=lambda t, y: evaluate(watch.values, t, y),
@@ -291,17 +292,37 @@ class EventCode:
             during=(lambda t0, t1: self.watched(_during(c, t0, t1), rows)) if isinstance(c, Segments) else None,
         )
 
-    def _jump(self, jump: Kernel, c: Constants, size: int) -> Jump:
-        def apply(t: float, y: FloatArray) -> FloatArray | None:
+    def _jump(self, jump: Kernel, c: Constants) -> Jump:
+        def apply(t: float, y: FloatArray, direction: float) -> FloatArray | None:
             time = np.array([t])
-            own = constants_at(c, time)
-            given = interpret_rows(jump, time, y.reshape(1, -1), own)
-            out = interpret_rows(self.start.kernel, time, given, own)[0]
-            checks = out[size:]
-            consistent = np.all(np.abs(checks[::2]) <= checks[1::2]) and np.all(np.isfinite(out))
-            return out[:size] if consistent else None
+            states, allowed = self.after_jump(
+                jump, time, y.reshape(1, -1), constants_at(c, time), np.array([direction])
+            )
+            return states[0] if allowed[0] else None
 
         return apply
+
+    def after_jump(
+        self, jump: Kernel, t: FloatArray, y: FloatArray, c: FloatArray, directions: FloatArray
+    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return states (k, n_y) after a jump, and whether the constraints allow them (k,).
+
+        Parameters
+        ----------
+        jump : Kernel
+            One of `jumps`.
+        t, y, c : ndarray (k,), (k, n_y), (n_c,) or (k, n_c)
+            Times, states before the jump and constants.
+        directions : ndarray (k,)
+            1, or -1 for motions backwards in time.
+        """
+        given, size = interpret_rows(jump, t, y, c), len(self.program.layout.state)
+        if DIRECTION in self.start.given:
+            given = np.column_stack([given, directions])
+        out = interpret_rows(self.start.kernel, t, given, c)
+        checks = out[:, size:]
+        allowed = np.all(np.abs(checks[:, ::2]) <= checks[:, 1::2], axis=1) & np.all(np.isfinite(out), axis=1)
+        return out[:, :size], allowed
 
 
 def _oscillating(kernel: Kernel) -> bool:

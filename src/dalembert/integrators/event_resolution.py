@@ -123,7 +123,7 @@ def resolve(
         jumps = jumps or (here and events.jumps[e] != 0)
         seen = seen and (not here or space.seen[lane, e] != 0.0)
     for e in range(events.directions.size):
-        if space.happens[0, e] > 0.0 and events.jumps[e] != 0 and not _jump(events, space, n, e, one):
+        if space.happens[0, e] > 0.0 and events.jumps[e] != 0 and not _jump(events, space, n, e, direction, one):
             return Status.EVENT_STATE
     if ended:
         return Status.EVENT
@@ -155,9 +155,10 @@ def _count_together(
 
 
 @compiled_subset
-def _jump(events: EventKernels, space: EventWorkspace, n: int, e: int, one: int) -> bool:
+def _jump(events: EventKernels, space: EventWorkspace, n: int, e: int, direction: float, one: int) -> bool:
     """Apply the jump of an event to the state in ``one_point``; return whether the constraints allow it."""
     clock, before, after = row(space.one_clock, 0), row(space.one_point, 0), row(space.one_point, 1)
+    space.one_point[1, events.given - 1] = direction  # the start reads it, unless the jump overwrites it
     call_code(events.jumps[e], clock, before, one, 0, after)
     call_code(events.start, clock, after, one, 0, row(space.one_out, 0))
     total = 0.0

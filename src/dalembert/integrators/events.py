@@ -258,7 +258,7 @@ class _Run:
         after: FloatArray | None = y
         for jump in jumps:
             if jump is not None and after is not None:
-                after = jump(t, after)
+                after = jump(t, after, self.forward)
         status = None
         for crossing in together:
             if self._occurred(crossing, t, y, y if after is None else after):

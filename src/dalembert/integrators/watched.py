@@ -14,7 +14,10 @@ from .event_rules import change_counts, recorded_after
 
 __all__ = ["Jump", "Occurrence", "Rule", "Watched", "recorded_states"]
 
-Jump = Callable[[float, FloatArray], FloatArray | None]
+Jump = Callable[[float, FloatArray, float], FloatArray | None]
+"""From a time, a state (n_y,) and the direction of time, 1 or -1, to the state after a jump.
+
+None where the constraints do not allow it."""
 
 
 @final
@@ -24,8 +27,6 @@ class Rule:
 
     A direction of 2 or -2 says that the event is armed: an expression that is zero where the motion begins, or already
     beyond it, counts as not having changed its sign yet. If it does not go back, the event occurs at once.
-
-    The jump gives the state after it from time and state, or None where the constraints do not allow it.
     """
 
     direction: int

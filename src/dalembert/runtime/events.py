@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from ..integrators.event_code import Event, EventCode
+from ..ir.program import DIRECTION
 from ..once import deriving
 from ..reduction.event_functions import event_functions, jump_kernel
 from ..reduction.starting import Start
@@ -64,7 +65,7 @@ def compiled_events(
         reported=len(events),
         watch=watch,
         jumps=tuple(jumps),
-        start=start(layout.variables),
+        start=start((*layout.variables, DIRECTION)),
         running=values(running),
         kinds=tuple(item.kind for item in running),
         finals=values(finals),

@@ -73,7 +73,7 @@ class EventJumps:
             here = (occurred[some, 3 * i + 2] == cases.t[some]) & (status == RUNNING)
             if event.label in self and np.any(here):
                 jumping = some[here]
-                x, allowed = self._mapped(event.label, cases.t[jumping], cases.x[jumping], cases.p[jumping])
+                x, allowed = self._mapped(event.label, cases, jumping)
                 cases.x[jumping[allowed]] = x[allowed]
                 status[np.flatnonzero(here)[~allowed]] = Status.EVENT_STATE
         for i, event in enumerate(self._events):
@@ -95,14 +95,12 @@ class EventJumps:
         c = inputs.prepare_rows(program, own)
         return interpret_rows(program.kernel("initial"), t, x, c), c
 
-    def _mapped(self, label: str, t: FloatArray, x: FloatArray, p: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return variables (k, 2 n_q + n_z) after an event, and whether the constraints allow them (k,)."""
-        program, code = self.model.stages.program, self._codes[label]
+    def _mapped(self, label: str, cases: ContactCases, some: NDArray[np.intp]) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return variables (k, 2 n_q + n_z) of cases after an event, and whether the constraints allow them (k,)."""
+        program, code, t = self.model.stages.program, self._codes[label], cases.t[some]
         assert code is not None
-        kernel, size = code.jumps[0], len(program.layout.state)
-        assert kernel is not None
-        y, c = self.motion_state(t, x, p)
-        out = interpret_rows(code.start.kernel, t, interpret_rows(kernel, t, y, c), c)
-        checks = out[:, size:]
-        allowed = np.all(np.abs(checks[:, ::2]) <= checks[:, 1::2], axis=1) & np.all(np.isfinite(out), axis=1)
-        return interpret_rows(program.kernel("expand"), t, out[:, :size], c), allowed
+        jump = code.jumps[0]
+        assert jump is not None
+        y, c = self.motion_state(t, cases.x[some], cases.p[some])
+        states, allowed = code.after_jump(jump, t, y, c, np.where(cases.span[some] < 0.0, -1.0, 1.0))
+        return interpret_rows(program.kernel("expand"), t, states, c), allowed
