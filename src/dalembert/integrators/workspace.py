@@ -179,8 +179,9 @@ class EventKernels(NamedTuple):
     ``step_signs`` gives the sign of each expression over a step of every lane, 0 where it may change. ``values`` are
     the watched expressions (n) at `POINT_LANES` points, all others take one point: ``value`` the same expressions,
     ``begins`` value, rate and noise of each (3 n), ``jumps`` (n) coordinates and rates after a jump or 0, ``start`` the
-    state from them, and from the direction of time where it depends on that, with its checks, ``refill`` what a step remembers at its start, or 0. ``used`` are the components of
-    the state that the expressions read, ``given`` and ``checks`` the sizes around ``start``.
+    state from them with its checks, and with the direction of time behind them where it depends on that, ``refill``
+    what a step remembers at its start, or 0. ``used`` are the components of the state that the expressions read,
+    ``given`` and ``checks`` the sizes around ``start``.
 
     Expressions of which minima, maxima or integrals are taken, as ``kinds`` say, are ``running`` at `POINT_LANES`
     points and ``at`` one; ``step_bounds`` bounds them over a step of every lane, and ``read`` is what they read of the

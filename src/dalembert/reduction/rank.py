@@ -4,13 +4,19 @@ The Gram determinant of the rows J_i of the constraint Jacobian, over the square
 times the square of the smallest singular value. The singular value itself, or what follows it more closely, dips too
 narrowly for the points at which a step is looked at; the determinant is as smooth as the Jacobian. A row that vanishes
 is not to hide it: s_i^2 = |J_i|^2 + 0.01 sum |J_k|^2 / n + 1e-4 |dJ_i/dt|^2, the last with time in seconds.
+
+Where a motion with an error passes beside a place where rank is lost, the determinant falls no further than the error
+allows. So the turn of the Jacobian by the correction of the positions onto the constraints is watched too, against the
+least share of a pivot (`dalembert.runtime.crossed_ranks`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ..ir.graph import Node
 from ..transforms.derivatives import tangents
-from ..transforms.linear import SingularMatrix, factorize
+from ..transforms.linear import Matrix, SingularMatrix, factorize, matvec, transpose
 from .base import ReducedSystem
 
 __all__ = ["rank_margins"]
@@ -18,6 +24,11 @@ __all__ = ["rank_margins"]
 _OTHERS, _RATES = 1e-2, 1e-4
 _LEVELS = (1e-3, 1e-6, 1e-9, 1e-12)
 """A determinant that is small all along falls below the next of them where rank is lost."""
+
+_TURN = 0.05
+"""Turn of the Jacobian by a correction, over the share, from which on a case is looked at."""
+
+_TINY = 1e-300
 
 
 def rank_margins(system: ReducedSystem) -> dict[str, Node]:
@@ -43,4 +54,30 @@ def rank_margins(system: ReducedSystem) -> dict[str, Node]:
         share = share / (gram[i][i] + mean + graph.node(_RATES) * graph.sum(rate * rate for rate in rates))
     if graph.freed_of(share, list(equations.moving)) is not None:
         return {}
-    return {f"Gram determinant less {level:g}": share - graph.node(level) for level in _LEVELS}
+    levels = {f"Gram determinant less {level:g}": share - graph.node(level) for level in _LEVELS}
+    return levels | _turn_margin(system, rows, gram, mean)
+
+
+def _turn_margin(system: ReducedSystem, rows: Sequence[Sequence[Node]], gram: Matrix, mean: Node) -> dict[str, Node]:
+    """Return a function that is negative where corrections of positions turn the Jacobian by as much as its share.
+
+    It is multiplied by the square of a pivot, without which it would dip too narrowly.
+    """
+    equations, graph = system.equations, system.equations.graph
+    tiny = graph.node(_TINY)
+    positions = [row.position for i, row in enumerate(equations.constraints) if i not in system.left_out]
+    residual = [graph.zero if position is None else position for position in positions]
+    solved = factorize(graph, gram, lambda pivot, diagonal, row: graph.call("max", pivot, tiny))
+    step = matvec(graph, transpose(rows), solved.solve(residual))
+    flow = dict(zip(equations.q, step, strict=True))
+    turns = [graph.sum(turn * turn for turn in tangents(graph, row, flow)) for row in rows]
+    if all(turn.is_zero for turn in turns):
+        return {}
+    sizes = [gram[i][i] + mean + tiny for i in range(len(rows))]
+    turned = graph.sum(turn / size for turn, size in zip(turns, sizes, strict=True))
+    pivots = list(zip(solved.order, solved.pivots, strict=True))
+    share, least = (
+        graph.one / graph.sum(factors[row] / pivot for row, pivot in pivots)
+        for factors in (sizes, [graph.one] * len(rows))
+    )
+    return {"turn of the Jacobian": (share - graph.node(_TURN**-2) * turned) * least * least}

@@ -22,6 +22,7 @@ from ..ir.program import Program
 from .state_sizes import coordinate_sizes, distance_sizes, gyration_sizes
 
 __all__ = [
+    "correction_turns",
     "indeterminate",
     "jacobians_at",
     "lengths_along",
@@ -134,6 +135,31 @@ def shares(j: FloatArray, lengths: FloatArray) -> FloatArray:
         found[fine] = 0.0
     elif np.any(fine):
         found[fine] = np.linalg.svd(j[fine] / lengths[:, np.newaxis], compute_uv=False)[:, -1]
+    return found
+
+
+def correction_turns(
+    program: Program, t: FloatArray, x: FloatArray, c: FloatArray, enforced: Sequence[int], lengths: FloatArray
+) -> FloatArray:
+    """Return by how much (k,) the correction of coordinates onto the constraints turns Jacobians; NaN where unknown.
+
+    It is one Newton step from coordinates and rates x (k, 2 n_q). Rows have the `lengths` (n_enforced,), and the norm
+    is that of `shares`.
+    """
+    n, found = len(program.layout.coordinates), np.full(len(t), np.nan)
+    holonomic = [(place, row) for place, row in enumerate(enforced) if row < program.layout.holonomic]
+    places, rows = [place for place, _ in holonomic], [row for _, row in holonomic]
+    left = interpret_rows(program.kernel("position_residual"), t, x, c)[:, rows] / lengths[places]
+    j = _jacobians(program, t, x, c, enforced) / lengths[:, np.newaxis]
+    fine = np.flatnonzero(np.all(np.isfinite(left), axis=1) & np.all(np.isfinite(j), axis=(1, 2)))
+    t, x, c = t[fine], x[fine], c if c.ndim == 1 else c[fine]
+    moved = x.copy()
+    moved[:, :n] -= gyration_sizes(program, t, x, c) * np.einsum(
+        "kij,kj->ki", np.linalg.pinv(j[fine][:, places]), left[fine]
+    )
+    turns = _jacobians(program, t, moved, c, enforced) / lengths[:, np.newaxis] - j[fine]
+    known = np.all(np.isfinite(turns), axis=(1, 2))
+    found[fine[known]] = np.linalg.norm(turns[known], ord=2, axis=(1, 2))
     return found
 
 

@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from ..arrays import FloatArray
 from ..codegen.base import Engine
 from ..integrators.cases import BlockResult, CaseBlock
 from ..integrators.dense_output import JoinedOutput
@@ -18,18 +17,13 @@ from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..methods.status import Status
 from .constraint_rank import jacobians_at, lengths_along, shares, where_dependent
+from .crossed_ranks import crossing
 from .state_sizes import coordinate_sizes
 
 __all__ = ["check_cases", "checked_run", "cut", "searched", "still_redundant"]
 
 _NEAR = 0.05
 """Share below which a run that failed is taken to have failed for it."""
-
-_CROSSED = 1e-5
-"""Share below which a minimum along a motion is one where rank is lost."""
-
-_PER_STEP = 3
-"""Points of each step at which a run is searched for such minima."""
 
 
 def checked_run(
@@ -50,9 +44,9 @@ def checked_run(
     if len(steps.t) == 0:
         return solution, ""
     if searched(program):
-        crossing = _crossing(program, solution, c, enforced)
-        if crossing is not None:
-            t, y = crossing
+        found = crossing(program, solution, c, enforced)
+        if found is not None:
+            t, y = found
             return cut(solution, t, span), where_dependent(program, t, y, c, enforced)
     if not solution.success and solution.status is not Status.MAX_STEPS:
         j = jacobians_at(program, steps.t, steps.y, c, enforced)
@@ -65,42 +59,6 @@ def checked_run(
 def searched(program: Program) -> bool:
     """Return whether runs are searched for singular configurations that they have crossed: those not projected."""
     return "project_velocity" not in program
-
-
-def _crossing(
-    program: Program, solution: Solution, c: Constants, enforced: Sequence[int]
-) -> tuple[float, FloatArray] | None:
-    """Return the first time and state at which rank is lost."""
-    t, y = solution.t, solution.y
-    dense = solution.dense
-    if dense is None and not len(t):
-        return None
-    if dense is not None:
-        knots = dense.knots
-        parts = np.linspace(0.0, 1.0, _PER_STEP, endpoint=False)
-        t = np.append((knots[:-1, np.newaxis] + np.diff(knots)[:, np.newaxis] * parts).ravel(), knots[-1])
-        y = dense(t)
-    j = jacobians_at(program, t, y, c, enforced)
-    lengths = lengths_along(program, t, y, c, j, enforced)
-    profile = shares(j, lengths)
-    beside = np.concatenate([profile[:1], profile, profile[-1:]])
-    with np.errstate(invalid="ignore"):
-        least = (profile < 0.5) & (profile <= beside[:-2]) & (profile <= beside[2:])
-    for i in np.flatnonzero(least).tolist():
-        before, after = max(i - 1, 0), min(i + 1, len(t) - 1)
-        place, state, share = float(t[i]), y[i], float(profile[i])
-        if dense is not None:
-            first, last = float(t[before]), float(t[after])
-            for _ in range(6):
-                times = np.linspace(first, last, 17)
-                states = dense(times)
-                fine = shares(jacobians_at(program, times, states, c, enforced), lengths)
-                k = int(np.argmin(np.nan_to_num(fine, nan=np.inf)))
-                place, state, share = float(times[k]), states[k], float(fine[k])
-                first, last = float(times[max(k - 1, 0)]), float(times[min(k + 1, 16)])
-        if share < _CROSSED:
-            return place, state
-    return None
 
 
 def check_cases(
@@ -120,23 +78,40 @@ def check_cases(
         looked += [Status.SUCCESS, Status.EVENT, Status.MAX_STEPS]
     started = np.all(np.isfinite(np.hstack([block.y, block.c, block.spans])), axis=1)
     for i in np.flatnonzero(started & (marked | np.isin(done.ends[:, 1], looked))):
-        problem = block.problem(int(i), dense=True)
-        solution, forward = _alone(engine, method, block, problem), 1.0 if problem.t1 >= problem.t0 else -1.0
-        requested = block.t_eval[(block.t_eval - solution.t[-1]) * forward <= 0.0]
-        times = forward * np.union1d(forward * solution.t, forward * requested)
-        states = solution.y if solution.dense is None else solution.dense(times)
-        c = engine.constants_along(problem)
-        found, _ = checked_run(
-            program, replace(solution, t=times, y=states), c, enforced, solution, (problem.t0, problem.t1)
-        )
-        if found.status is not Status.SINGULAR_CONFIGURATION:
-            continue
-        steps = max(1, int(np.sum((solution.t - found.t[-1]) * forward <= 0.0)))
-        done.y[i], done.ends[i] = solution.y[steps - 1], (solution.t[steps - 1], found.status, steps - 1)
-        done.samples[i, (block.t_eval - found.t[-1]) * forward > 0.0] = np.nan
-        done.totals[i] = np.nan
-        done.happened[i] = np.nan
-        done.happened[i, ::3] = 0.0
+        for bounded in (False, True) if marked[i] else (False,):  # as a single run, then with the steps of the sweep
+            problem = replace(block.problem(int(i), dense=True), bounded=bounded)
+            if _ended_alone(program, engine, method, enforced, block, done, int(i), problem):
+                break
+
+
+def _ended_alone(
+    program: Program,
+    engine: Engine,
+    method: str,
+    enforced: Sequence[int],
+    block: CaseBlock,
+    done: BlockResult,
+    i: int,
+    problem: IntegrationProblem,
+) -> bool:
+    """Run case i alone, and end it if it met a singular configuration; return whether it did."""
+    solution, forward = _alone(engine, method, block, problem), 1.0 if problem.t1 >= problem.t0 else -1.0
+    requested = block.t_eval[(block.t_eval - solution.t[-1]) * forward <= 0.0]
+    times = forward * np.union1d(forward * solution.t, forward * requested)
+    states = solution.y if solution.dense is None else solution.dense(times)
+    c = engine.constants_along(problem)
+    found, _ = checked_run(
+        program, replace(solution, t=times, y=states), c, enforced, solution, (problem.t0, problem.t1)
+    )
+    if found.status is not Status.SINGULAR_CONFIGURATION:
+        return False
+    steps = max(1, int(np.sum((solution.t - found.t[-1]) * forward <= 0.0)))
+    done.y[i], done.ends[i] = solution.y[steps - 1], (solution.t[steps - 1], found.status, steps - 1)
+    done.samples[i, (block.t_eval - found.t[-1]) * forward > 0.0] = np.nan
+    done.totals[i] = np.nan
+    done.happened[i] = np.nan
+    done.happened[i, ::3] = 0.0
+    return True
 
 
 def _alone(engine: Engine, method: str, block: CaseBlock, problem: IntegrationProblem) -> Solution:
