@@ -2,6 +2,7 @@ import gc
 import os
 from pathlib import Path
 
+import pytest
 from hypothesis import settings
 
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -26,11 +27,16 @@ LONG = (
     "integrators/test_jax_lanes.py",
     "codegen/test_jax_backend.py",
     "runtime/test_events.py",
+    "fuzz/contacts/test_random_contacts.py",
     "codegen/test_jax_agreement.py",
     "system/test_friction.py",
     "codegen/test_jax_inputs.py",
     "codegen/test_jax_jumps.py",
     "codegen/test_jax_second.py",
+    "codegen/test_jax_devices.py",
+    "runtime/test_stored_sweeps.py",
+    "test_documents.py",
+    "codegen/test_numba_backend.py",
     "scene/test_orientation.py",
     "textbook/test_pages.py",
     "textbook/test_example_13_4_6.py",
@@ -44,6 +50,22 @@ LONG = (
     "runtime/test_sensitivity.py",
     "hard_cases/test_long_runs.py",
 )
+
+
+@pytest.fixture(scope="module")
+def quick_xla():
+    """Compile the JAX programs of a file in a fraction of the time, to code that is slower (`codegen.jax_options`).
+
+    For ``pytest.mark.usefixtures``. The documents, the gallery, the tests of the whole system and those of calls that
+    are eager, hosted or foreign leave XLA the options that users have.
+    """
+    try:
+        from codegen.jax_options import compiled_quickly
+    except pytest.skip.Exception:  # there is no JAX
+        yield
+    else:
+        with compiled_quickly():
+            yield
 
 
 def pytest_collection_finish():

@@ -14,6 +14,8 @@ from runtime.test_sensitivity import MOTIONS
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 T = np.linspace(0.0, 0.5, 6)
 EXPLICIT = [name for name in FORMULATIONS if name != "ggl"]  # which only numba's radau integrates
 QUICK = {"xla_backend_optimization_level": 0}

@@ -18,6 +18,8 @@ jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
 records = pytest.importorskip("dalembert.codegen.jax.records")
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 KNOTS = np.array([0.0, 0.31, 0.5, 0.93, 1.4, 2.05, 2.6, 3.0])
 VALUES = np.array([0.4, -1.1, 0.7, 1.6, -0.2, -0.9, 1.3, 0.1])
 T = np.array([0.1, 0.7, KNOTS[4], 1.9, KNOTS[6]])

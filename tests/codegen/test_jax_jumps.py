@@ -12,6 +12,8 @@ from dalembert.errors import OptionError
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 JACOBIANS = {"forward": jax.jacfwd, "reverse": jax.jacrev}
 t, x, v = dynamicsymbols._t, dynamicsymbols("x"), dynamicsymbols("x", 1)
 F, T, D, w = sp.symbols("F T D w", positive=True)
