@@ -3,59 +3,21 @@
 import numpy as np
 import pytest
 import sympy as sp
-from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
+from departure_cases import KNOT, PULLS, TIGHT, TIME, ends, pulled, u, v
 from table_cases import m, x
 
-N, O = ReferenceFrame("N"), Point("O")
-u, v, TIME = dynamicsymbols("u"), x.diff(), dynamicsymbols._t
-TIGHT = {"rtol": 1e-10, "atol": 1e-12, "max_steps": 3000}
 METHODS = [
     *(("llvm", method) for method in ("taylor", "dop853", "tsit5", "radau")),
     *(("numba", method) for method in ("taylor", "dop853")),
     *(("numpy", method) for method in ("dop853", "radau")),
 ]
-KNOT = 1.5
-PULLS = {
-    "hold": (da.samples([0.0, 1.0, 2.0], [0.0, -3.0, -3.0], "hold"), (-3.0, -1.5)),
-    "linear": (da.samples([0.0, 1.0, 2.0], [0.0, 0.0, -3.0], "linear"), (-1.5, -0.5)),
-}
-"""Pulls from t = 1 on, with the speed and the displacement that they alone give a mass of 1 kg by t = 2."""
 
 
 def jump(argument, below, above, knot=KNOT):
     return da.table(argument, [knot - 40, knot, knot + 40], [below, above, above], "hold", "hold")
-
-
-def pulled(force, backend="llvm", *, inputs=(u,), formulation="auto", **options):
-    """Return the model of a mass on a line under a force, with a second coordinate that it drags along by a rod."""
-    y = dynamicsymbols("y")
-    P, Q = O.locatenew("P", x * N.x), O.locatenew("Q", y * N.x)
-    scene = da.Scene("pulled", frame=N, origin=O, coordinates=[x, y])
-    scene.add_bodies(Particle("mass", P, 0.5 * m), Particle("other", Q, 0.5 * m))
-    scene.add_holonomic_constraints(y - x - 0.25)
-    scene.add_inputs(*inputs)
-    scene.add_loads((P, force * N.x))
-    for controller in options.pop("controllers", ()):
-        scene.add_controllers(controller)
-    return da.compile_model(scene, backend=backend, formulation=formulation, **options)
-
-
-def ends(made, span, method, inputs=None, count=3):
-    """Return final position and speed (k, 2): of a single run, of the cases of a sweep, and of a prepared run."""
-    start, options = {x: KNOT, v: 0.0}, {"method": method, "inputs": inputs, **TIGHT}
-    run = made.simulate(span, start, {m: 1.0}, **options)
-    cases = made.sweep(span, start, {m: np.ones(count)}, **options)
-    assert run.success and np.all(cases.success)
-    found = [[run["x"][-1], run["x_dot"][-1]], *zip(cases["x"], cases["x_dot"], strict=True)]
-    state = made.state(start, {m: 1.0}, inputs=None if inputs is None else {u: 0.0})
-    go = made.prepare(span, **options)
-    final = dict(zip(made.layout.state, go(state, made.parameter_vector({m: 1.0})), strict=True))
-    assert go.status.success
-    place, speed = (next(final[name] for name in names if name in final) for names in (("x", "y"), ("x_dot", "y_dot")))
-    found.append([place - (0.25 if "y" in final else 0.0), speed])
-    return np.array(found)
 
 
 @pytest.mark.parametrize("kind", PULLS)

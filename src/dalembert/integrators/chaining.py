@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..ir.interpret import interpret
-from ..ir.kernel import Kernel
+from ..ir.program import KnotSides
 from ..methods.status import Status
 from .dense_output import DenseOutput, JoinedOutput, PiecewisePolynomial
 from .problem import IntegrationProblem, Solution, prescribed
@@ -31,8 +31,8 @@ Landing = Callable[[float, FloatArray, FloatArray, FloatArray], FloatArray]
 """From a time, a state (n_y,) and the constants (n_c,) before and after it to the state after it."""
 
 
-def side_landing(sides: Kernel | None, forward: bool) -> Landing | None:
-    """Return the move of a state to the sides of knots of tables that its motion goes to in a direction of time.
+def side_landing(sides: KnotSides | None, forward: bool) -> Landing | None:
+    """Return the move of a state to the sides of knots and switches that its motion goes to in a direction of time.
 
     `sides` is `Program.knot_sides`; None where that is None.
     """
@@ -40,7 +40,10 @@ def side_landing(sides: Kernel | None, forward: bool) -> Landing | None:
         return None
 
     def landing(t: float, y: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
-        found = interpret(sides, {"t": t, "y": y.tolist(), "c": after.tolist()})
+        values = {"t": t, "y": y.tolist(), "c": after.tolist()}
+        if not interpret(sides.near, values)[0]:
+            return y
+        found = interpret(sides.sides, values)
         return np.array(found[: len(y)] if forward else found[len(y) : 2 * len(y)])
 
     return landing

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..ir.input_parameters import WIDTH
 from ..ir.kernel import Kernel
+from ..ir.program import KnotSides
 from ..methods.step_constants import SMALLEST_OF_TIME
 from .arguments import address_of
 from .input_steps import InputTable
@@ -36,22 +37,24 @@ class InputRecords:
         Time [s] at which the clock of the run is zero, or that of each case.
     rows : ndarray (n_case,) or None
         Which rows of records and shifts belong to the cases; None where row i is that of case i.
-    sides : Kernel or None
-        `Program.knot_sides`: the kernel of the state with which a motion goes on at a knot, None where it is the same.
-    sides_code : int
-        Address of that kernel as code for the lanes of a loop.
+    sides : KnotSides or None
+        `Program.knot_sides`: kernels of the state with which a motion goes on at a knot, None where it is the same.
+    sides_code : (int, int)
+        Addresses of these kernels as code for the lanes of a loop.
     """
 
     records: tuple[Samples, ...]
     places: tuple[int, ...]
     shift: FloatArray
     rows: NDArray[np.int64] | None = None
-    sides: Kernel | None = None
-    sides_code: int = 0
+    sides: KnotSides | None = None
+    sides_code: tuple[int, int] = (0, 0)
 
     def compiled(self, code: Callable[[Kernel], int]) -> InputRecords:
-        """Return the records with the address of the kernel of sides, which is code as long as its owner lives."""
-        return self if self.sides is None else replace(self, sides_code=code(self.sides))
+        """Return the records with the addresses of the kernels of sides, code as long as its owner lives."""
+        if self.sides is None:
+            return self
+        return replace(self, sides_code=(code(self.sides.near), code(self.sides.sides)))
 
     def part(self, cases: slice | IntArray, count: int) -> InputRecords:
         """Return the records of some of so many cases."""
@@ -124,6 +127,7 @@ class InputRecords:
             edges=np.zeros((count, lanes)),
             ends=np.zeros((1, lanes)),
             remembered=np.zeros((remembered, lanes)),
-            sides=self.sides_code,
-            sided=np.zeros((0 if self.sides is None else len(self.sides.outputs), lanes)),
+            near=self.sides_code[0],
+            sides=self.sides_code[1],
+            sided=np.zeros((0 if self.sides is None else len(self.sides.sides.outputs), lanes)),
         )

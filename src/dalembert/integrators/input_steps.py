@@ -44,11 +44,11 @@ class InputTable(NamedTuple):
         End of the case; a piece may end before.
     remembered : (m, lanes)
         Is overwritten.
-    sides : address
-        `Program.knot_sides` as code for so many lanes: the state with which a motion goes on at a knot; 0 where it is
-        the same.
+    near, sides : address
+        `Program.knot_sides` as code for so many lanes: whether a state is on a knot of a table or a switch, and the
+        state with which a motion goes on; 0 where it is the same.
     sided : (k, lanes)
-        Gets the outputs of that.
+        Gets the outputs of these.
     """
 
     knots: IntVector
@@ -67,6 +67,7 @@ class InputTable(NamedTuple):
     edges: Matrix
     ends: Matrix
     remembered: Matrix
+    near: Address
     sides: Address
     sided: Matrix
 
@@ -76,7 +77,7 @@ def no_inputs() -> InputTable:
     none = np.zeros(0, np.int64)
     nothing = np.zeros((0, 1))
     pieces = np.zeros((0, 1), np.int64)
-    return InputTable(*(none,) * 10, np.zeros(2, np.int64), none, pieces, *(nothing,) * 3, 0, nothing)
+    return InputTable(*(none,) * 10, np.zeros(2, np.int64), none, pieces, *(nothing,) * 3, 0, 0, nothing)
 
 
 @compiled_subset
@@ -130,11 +131,14 @@ def pass_knots(inputs: InputTable, constants: FloatArray, lane: int, case: int, 
 def take_sides(
     inputs: InputTable, clock: FloatArray, states: FloatArray, place: int, constants: FloatArray, n: int, forward: bool
 ) -> None:
-    """Move the first `n` components of ``states[place]`` to the sides of knots of tables that the motion goes to.
+    """Move the first `n` components of ``states[place]`` to the sides of knots and switches that the motion goes to.
 
     ``clock`` (1, 1) holds the time, ``constants`` (n_c, 1) are those of the pieces that begin there.
     """
     if inputs.sides == 0:
+        return
+    call_code(inputs.near, row(clock, 0), row(states, place), row(constants, 0), 0, row(inputs.sided, 0))
+    if inputs.sided[0, 0] == 0.0:
         return
     call_code(inputs.sides, row(clock, 0), row(states, place), row(constants, 0), 0, row(inputs.sided, 0))
     first = 0 if forward else n

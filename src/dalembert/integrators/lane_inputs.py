@@ -52,10 +52,19 @@ def pass_lane_knots(arguments: SweepArguments) -> int:
 
 @compiled_subset
 def _take_lane_sides(arguments: SweepArguments, lanes: int) -> None:
-    """Move the states of some lanes (a bit for each) to the sides of knots of tables that their motions go to."""
+    """Move the states of some lanes (a bit for each) to the sides of knots and switches that their motions go to."""
     state, inputs, n, left = arguments.state, arguments.inputs, arguments.shape.n, lanes
     old = state.progress.old
     clock, states, constants = row(state.clock, 0), row(state.states, old), row(state.constants, 0)
+    call_code(inputs.near, clock, states, constants, 0, row(inputs.sided, 0))
+    found = 0.0
+    while left != 0:
+        lane = lowest(left)
+        left &= left - 1
+        found += inputs.sided[0, lane]
+    if found == 0.0:
+        return
+    left = lanes
     call_code(inputs.sides, clock, states, constants, 0, row(inputs.sided, 0))
     while left != 0:
         lane = lowest(left)

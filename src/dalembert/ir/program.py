@@ -19,6 +19,7 @@ from .tables import Table, table_of
 
 __all__ = [
     "DIRECTION",
+    "KnotSides",
     "Layout",
     "Program",
     "representative",
@@ -26,6 +27,23 @@ __all__ = [
 
 DIRECTION = "direction of time"
 """Name of the value 1 or -1 from which a start knows which way the motion runs; without it, forwards."""
+
+
+@final
+@dataclass(frozen=True)
+class KnotSides:
+    """Kernels of states on knots of tables and on switches (`reduction.knot_starts`).
+
+    Attributes
+    ----------
+    near : Kernel
+        1 where a state is on one, else 0: a state that is on none is that of `sides`.
+    sides : Kernel
+        The state with which the motion goes on, forwards and backwards in time.
+    """
+
+    near: Kernel
+    sides: Kernel
 
 
 @final
@@ -134,9 +152,9 @@ class Program:
         return "knots" in self and any(line.op == "piece" for line in self.kernel("knots").body)
 
     @property
-    def knot_sides(self) -> Kernel | None:
-        """The kernel that takes a state off the knots of tables (`reduction.knot_starts`), None without any."""
-        return self.kernel("knot_sides") if "knot_sides" in self else None
+    def knot_sides(self) -> KnotSides | None:
+        """The kernels that take a state off knots of tables and switches, None without any."""
+        return KnotSides(self.kernel("near_knots"), self.kernel("knot_sides")) if "knot_sides" in self else None
 
     @property
     def tables(self) -> tuple[Table, ...]:

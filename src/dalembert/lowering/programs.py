@@ -54,9 +54,7 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
     limits = step_limits(graph, system.rhs, system.inputs, equations.time, equations.symbols.parameters)
     if limits is not None:
         on_state["knots"] = limits
-    sides = knot_sides(system, state, records)
-    if sides is not None:
-        kernels.append(sides)
+    kernels += knot_sides(system, state, records)
     kernels += [lower_kernel(graph, name, nodes, state, records=records) for name, nodes in on_state.items() if nodes]
     for name, nodes in on_scene.items():
         if name == "energy" and equations.load_energy.potential is not None:

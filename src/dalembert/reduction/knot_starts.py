@@ -1,9 +1,10 @@
-"""Starts at rest on a knot where rates jump: [state, rates] -> [state on the side that the motion takes].
+"""States on knots and switches, where rates jump: [state, rates] -> [state on the side that the motion takes].
 
 A table of kind "hold" in a load jumps at its knots. A motion that begins there at rest goes to one of two sides, and
 the rates at the knot itself are those of the side above. Steps that begin on the wrong side are off by the jump times
 the time in which rounding is left behind, some 1e-8 s, and Runge-Kutta steps cannot leave at all. So the start is moved
-by rounding to the side that it leaves to, which the derivatives of the argument on either side decide.
+by rounding to the side that it leaves to, which the derivatives of the argument on either side decide. The same holds
+for switches of the state (`switch_sides`).
 """
 
 from __future__ import annotations
@@ -13,39 +14,33 @@ from typing import final
 
 from ..ir.graph import Graph, Node
 from ..ir.kernel import Kernel
-from ..ir.tables import LOWER, Table
-from ..methods.step_constants import EPSILON
-from ..transforms.derivatives import GUARDED, cotangents, tangents
-from ..transforms.knot_limits import table_nodes
+from ..ir.tables import Table
+from ..transforms.conditions import decide
+from ..transforms.derivatives import cotangents
 from ..transforms.lower_kernels import lower_kernel
 from ..transforms.pipelines import PassRecord
 from .base import ReducedSystem
+from .departures import Departures
+from .jumps import Jump, has_jumps, jumps_of
+from .switch_sides import SwitchSides
 
-__all__ = ["KnotStarts", "jumping_arguments", "knot_sides"]
-
-_MARGIN = 8.0 * EPSILON
-"""Share of the largest knot within which an argument counts as at a knot; steps at knots have the same."""
+__all__ = ["KnotStarts", "knot_sides"]
 
 _TINY = 1e-30
-_DEAREST = 3000.0
-"""Cost of a second derivative whose own derivative is not taken."""
-
-
-def jumping_arguments(system: ReducedSystem) -> list[tuple[Node, Table]]:
-    """Return the arguments of tables at whose knots the rates jump, each with its table; all depend on the state."""
-    graph = system.equations.graph
-    state = graph.mask(str(node.payload) for node in system.inputs)
-    found = {
-        (x, table.edges.tobytes()): (x, table)  # one table for all with the same knots
-        for x, table, order in table_nodes(graph, system.rhs)
-        if table.smoothness < order and x.deps & state
-    }
-    return list(found.values())
+_AT_START = 5
+"""Order of the derivatives that decide at a start."""
+_ORDER = 8
+"""Order of the derivatives that decide in the course of a run: a force that begins as t^6 shows in that of a
+coordinate."""
+_REACH = 2.0
+"""Margins within which a state is on a jump that may have been moved before."""
+_LEAST = 3
+"""Number of derivatives of the argument of a table that decide at least, however dear."""
 
 
 @final
 class KnotStarts:
-    """Moves of a start off the knots of tables.
+    """Moves of a start off the knots of tables and off switches.
 
     Parameters
     ----------
@@ -68,80 +63,60 @@ class KnotStarts:
     """
 
     def __init__(
-        self, graph: Graph, system: ReducedSystem, state: Sequence[Node], direction: Node | None = None
+        self,
+        graph: Graph,
+        system: ReducedSystem,
+        state: Sequence[Node],
+        direction: Node | None = None,
+        order: int = _AT_START,
     ) -> None:
         self.graph, self.state = graph, list(state)
-        self.direction, self.reach = (graph.one, _MARGIN) if direction is None else (direction, 2.0 * _MARGIN)
         self.sliding: list[tuple[str, Node]] = []
-        arguments = jumping_arguments(system)
-        if not arguments:
+        jumps = jumps_of(graph, system)
+        if not jumps:
             return
-        self.inputs = graph.adopt(list(system.inputs))
-        (time,) = graph.adopt([system.equations.time])
-        self.flow = dict(zip(self.inputs, graph.adopt(list(system.rhs)), strict=True)) | {time: graph.one}
-        for x, table in arguments:
-            self._move(graph.adopt([x])[0], table)
+        self.reach = graph.const(1.0 if direction is None else _REACH)
+        self.departures = Departures(graph, system, graph.one if direction is None else direction, order)
+        for jump in jumps:
+            if jump.table is not None:
+                self._move(jump, jump.table)
+        switches = [jump for jump in jumps if jump.table is None]
+        if switches:
+            self.state = SwitchSides(self.departures, switches, self.reach).left_to(self.state)
 
-    def _at(self, nodes: Sequence[Node], state: Sequence[Node]) -> list[Node]:
-        return self.graph.substitute(nodes, dict(zip(self.inputs, state, strict=True)))
-
-    def _move(self, x: Node, table: Table) -> None:
-        """Move the start to the side of one knot, where it is at one."""
-        g = self.graph
-        size = max(abs(table.first), abs(table.last), table.spacing)
-        margin = g.const(_MARGIN * size)
-        key = g.const(table.key)
-        here, within = self._at([x], self.state)[0], g.const(self.reach * size)
-        edge = g.call("entry", g.call("piece", here + within, key), key, g.const(LOWER))
-        near = g.call("less_equal", here - within, edge)
-        to_edge = g.call("select", near, edge - here, g.zero)
-        to_side = g.call("select", near, edge - here - margin, g.zero)
-        slopes = self._at(cotangents(g, [x], [g.one], self.inputs), self.state)
+    def _move(self, jump: Jump, table: Table) -> None:
+        """Move the start to a side of one knot, where it is at one."""
+        g, at = self.graph, self.departures.at
+        here, margin = at([jump.argument, jump.margin], self.state)
+        within = self.reach * margin
+        gap = here - jump.place(g, here, within)
+        near = g.call("less_equal", gap, within)
+        to_edge = g.call("select", near, -gap, g.zero)
+        to_side = g.call("select", near, -gap - margin, g.zero)
+        slopes = at(cotangents(g, [jump.argument], [g.one], self.departures.inputs), self.state)
         square = g.sum(slope * slope for slope in slopes)
         ways = [slope / g.call("max", square, g.const(_TINY)) for slope in slopes]
         above, below = ([y + way * far for y, way in zip(self.state, ways, strict=True)] for far in (to_edge, to_side))
-        derivatives = self._derivatives(x)
-        up = self._leading(self._at(derivatives, above), margin)
-        down = self._leading(self._at(derivatives, below), margin)
+        (derivatives,) = self.departures.derivatives([jump.argument], _LEAST)
+        up, down = (self.departures.leading(at(derivatives, side), margin) for side in (above, below))
         leaves = near * g.call("less", up, g.zero)  # the side above
         lower = leaves * g.call("less_equal", down, g.zero)
         self.sliding.append((table.name, leaves * g.call("less", g.zero, down)))
-        higher = near * g.call("less_equal", g.zero, up) * g.call("less", here, edge)
+        higher = near * g.call("less_equal", g.zero, up) * g.call("less", gap, g.zero)
         far = g.call("select", lower, to_side, to_edge)
         moves = g.call("max", lower, higher)
         self.state = [g.call("select", moves, y + way * far, y) for y, way in zip(self.state, ways, strict=True)]
 
-    def _derivatives(self, x: Node) -> list[Node]:
-        """Return the first three derivatives of an argument along the motion; the third is 0 where it is dear.
-
-        They are those by the time that the motion takes, whichever way it runs.
-        """
-        found = [x]
-        for _ in range(3):
-            dear = found[-1].cost > _DEAREST and len(found) > 2
-            found += [self.graph.zero] if dear else tangents(self.graph, found[-1:], self.flow, GUARDED)
-        slope, bend, third = found[1:]
-        return [self.direction * slope, bend, self.direction * third]
-
-    def _leading(self, derivatives: Sequence[Node], margin: Node) -> Node:
-        """Return the derivative that takes an argument out of a margin first: its sign is that of the motion."""
-        g = self.graph
-        slope, bend, third = derivatives
-        slopes, bends, thirds = (g.call("abs", node) for node in derivatives)
-        fast = g.call("less", 2 * bends * margin, slopes * slopes)
-        fast = fast * g.call("less", margin * margin * thirds, 6 * slopes * slopes * slopes)
-        bent = g.call("less", 2 * margin * thirds * thirds, 9 * bends * bends * bends)
-        return g.call("select", fast, slope, g.call("select", bent, bend, third))
-
 
 def knot_sides(
     system: ReducedSystem, places: Mapping[Node, tuple[str, int | None]], records: list[PassRecord] | None = None
-) -> Kernel | None:
-    """Return the kernel ``knot_sides`` from a state to that on the sides of knots to which its motion goes.
+) -> list[Kernel]:
+    """Return the kernels ``near_knots`` and ``knot_sides``, none where no motion needs them.
 
-    None where no motion needs it. Its outputs are the state of a motion forwards in time and backwards (n_y each), and
-    for each table 1 where neither side lets the motion go backwards, else 0. It stands where the conditions of a motion
-    change in its course, as at knots of inputs: one that rests on the knot of a table may leave it then.
+    The first is 1 where a state is on a knot or a switch, else 0. The outputs of the second are the state on the sides
+    to which a motion goes, forwards in time and backwards (n_y each), and for each table 1 where neither side lets the
+    motion go backwards, else 0. They stand where the conditions of a motion change in its course, as at knots of
+    inputs: one that rests may leave then. Switches count in scenes with inputs, conditions on time or controllers.
 
     Parameters
     ----------
@@ -150,11 +125,19 @@ def knot_sides(
     places : mapping of Node to (str, int or None)
         Array and index of each input of the graph.
     """
-    if not jumping_arguments(system):
-        return None
+    equations = system.equations
+    stops = bool(equations.symbols.input_names or equations.controllers or decide(equations.conditions))
+    if not has_jumps(system, switches=stops):
+        return []
     graph = Graph()  # of its own: forms of other kernels do not depend on it
     state = graph.adopt(list(system.inputs))
-    ahead, back = (KnotStarts(graph, system, state, turned) for turned in (graph.one, -graph.one))
+    ahead, back = (KnotStarts(graph, system, state, turned, _ORDER) for turned in (graph.one, -graph.one))
     inputs = {graph.input(str(node.payload)): place for node, place in places.items()}
     outputs = [*ahead.state, *back.state, *(slides for _, slides in back.sliding)]
-    return lower_kernel(graph, "knot_sides", outputs, inputs, records=records)
+    near = graph.zero
+    for jump in jumps_of(graph, system):
+        near = graph.call("max", near, jump.near(graph, graph.const(_REACH)))
+    return [
+        lower_kernel(graph, name, nodes, inputs, records=records)
+        for name, nodes in (("near_knots", [near]), ("knot_sides", outputs))
+    ]

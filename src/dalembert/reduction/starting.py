@@ -28,7 +28,8 @@ from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matve
 from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
 from .input_weights import seeds_of, with_weights
-from .knot_starts import KnotStarts, jumping_arguments
+from .jumps import has_jumps
+from .knot_starts import KnotStarts
 from .reactions import independent_columns
 from .start_limits import LEAST_SHARE, StartLimits
 
@@ -94,7 +95,7 @@ class _Starting:
         self.graph = Graph()  # a graph of its own, so that the kernel depends on the system alone
         known = list(self.symbols.variables)
         known += [name for entry in self.symbols.entries for name in entry.names]
-        known += [DIRECTION] if jumping_arguments(system) else []
+        known += [DIRECTION] if has_jumps(system) else []
         self.given = tuple(name for name in known if name in given)
         self.rows = equations.constraints
         self.q = self.graph.adopt(equations.q)

@@ -13,6 +13,7 @@ from ..ir.program import DIRECTION
 from ..once import DERIVING, derived_once, derived_property
 from ..pipeline import Stages
 from ..reduction.invariants import Candidates, candidates
+from ..reduction.jumps import has_jumps
 from ..reduction.starting import Start, starting
 from .partials import Partials
 from .symbol_assumptions import signed_names
@@ -65,9 +66,14 @@ class Derived:
         Among them may be `DIRECTION`, which is left out where nothing depends on it.
         """
         key = frozenset(given)
-        if DIRECTION in key and self._stages.program.knot_sides is None:
+        if DIRECTION in key and not self._directed:
             key -= {DIRECTION}
         return derived_once(self._starts, key, lambda: starting(self._stages.reduced, sorted(key)))
+
+    @derived_property
+    def _directed(self) -> bool:
+        """Whether starts may depend on the direction of time."""
+        return has_jumps(self._stages.reduced)
 
     def quick_start(self, given: Iterable[str]) -> QuickStart:
         """Return the start of single runs from given initial values, made once for each set of names."""

@@ -17,8 +17,7 @@ from ..integrators.input_checks import refuse_samples, unknown_input
 from ..integrators.input_records import InputRecords
 from ..integrators.samples import KINDS, Samples, checked_samples
 from ..ir.input_parameters import WIDTH, coefficient_places, hidden_parameters
-from ..ir.kernel import Kernel
-from ..ir.program import Layout
+from ..ir.program import KnotSides, Layout
 from ..scene.symbol_table import InputSymbol
 from ..values import array_of
 
@@ -74,7 +73,7 @@ class GivenInputs:
             if isinstance(value, Samples):
                 refuse_samples(symbol, value, low, high)
 
-    def records(self, layout: Layout, sides: Kernel | None = None) -> InputRecords | None:
+    def records(self, layout: Layout, sides: KnotSides | None = None) -> InputRecords | None:
         """Return the inputs that have knots, None without any; `sides` is `Program.knot_sides`."""
         named = [(name, value) for name, value in self.values.items() if isinstance(value, Samples)]
         if not named:

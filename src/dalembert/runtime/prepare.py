@@ -12,7 +12,7 @@ from ..arrays import FloatArray
 from ..codegen.runs import Final, Prepared, PreparedStates
 from ..integrators.problem import IntegrationProblem
 from ..ir.interpret import interpret
-from ..ir.kernel import Kernel
+from ..ir.program import KnotSides
 from ..methods.status import Status
 from ..once import derived_once
 from ..options import PrepareOptions
@@ -84,13 +84,13 @@ def prepare_in_own_time(
     return method, run
 
 
-def _from_knots(model: CompiledModel, sides: Kernel, run: Prepared, t_span: tuple[float, float]) -> Prepared:
+def _from_knots(model: CompiledModel, sides: KnotSides, run: Prepared, t_span: tuple[float, float]) -> Prepared:
     """Return a prepared run backwards in time that begins on the side of a knot to which it goes."""
     program, size = model.stages.program, len(model.layout.state)
 
     def start(state: FloatArray, p: FloatArray) -> tuple[FloatArray, Status]:
         c = starting_constants(program, inputs.constants(program, p), *t_span)
-        out = interpret(sides, {"t": t_span[0], "y": state.tolist(), "c": c.tolist()})[size:]
+        out = interpret(sides.sides, {"t": t_span[0], "y": state.tolist(), "c": c.tolist()})[size:]
         if any(out[size:]):
             return np.full(size, np.nan), Status.INITIAL_STATE
         final = run(np.array(out[:size]), p)

@@ -15,6 +15,7 @@ from ..integrators.event_continuation import not_begun
 from ..integrators.input_records import InputRecords
 from ..integrators.segments import Segments
 from ..ir.kernel import Assignment, Kernel, Load
+from ..ir.program import KnotSides
 from ..methods.status import Status
 from ..reduction.starting import Start
 from .inputs import prepare_rows
@@ -141,17 +142,20 @@ class SegmentRounds:
             y[i] = self.landing(float(now[i]), y[i], before, after_)
 
     def _take_sides(
-        self, sides: Kernel, some: NDArray[np.intp], now: FloatArray, ends: FloatArray, y: FloatArray
+        self, sides: KnotSides, some: NDArray[np.intp], now: FloatArray, ends: FloatArray, y: FloatArray
     ) -> None:
-        """Move the states of cases to the sides of knots of tables that their motions go to."""
+        """Move the states of cases to the sides of knots and switches that their motions go to."""
         t0, t1 = now[some], ends
         forward, n = self.block.spans[some, 1] >= self.block.spans[some, 0], y.shape[1]
         p = self.p[some]
         self.conditions.decide_at(p, t0 + 0.5 * (t1 - t0))
         if self.block.inputs is not None:
             self.block.inputs.write(p, t0, some, forward)
-        found = self.inner.rows(sides, t0, y[some], prepare_rows(self.program, p))
-        y[some] = np.where(forward[:, np.newaxis], found[:, :n], found[:, n : 2 * n])
+        c = prepare_rows(self.program, p)
+        near = np.flatnonzero(self.inner.rows(sides.near, t0, y[some], c)[:, 0])
+        if len(near):
+            found = self.inner.rows(sides.sides, t0[near], y[some[near]], c[near])
+            y[some[near]] = np.where(forward[near, np.newaxis], found[:, :n], found[:, n : 2 * n])
 
     def _round(
         self, some: NDArray[np.intp], t0: FloatArray, t1: FloatArray, y: FloatArray, k: int

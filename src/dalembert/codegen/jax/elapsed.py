@@ -15,7 +15,7 @@ from ...transforms.pipelines import STEP_PASSES
 
 __all__ = ["expansion_in_elapsed_time", "in_elapsed_time"]
 
-_TIMED = ("rhs", "knots", "knot_sides", "project_position", "project_velocity")
+_TIMED = ("rhs", "knots", "near_knots", "knot_sides", "project_position", "project_velocity")
 
 
 def in_elapsed_time(program: Program) -> Program:

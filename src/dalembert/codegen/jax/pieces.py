@@ -230,11 +230,31 @@ def _sides(program: Program, kernels: Kernels, feedback: FeedbackKernels | None)
     """Return moves of states at breaks, of one case and of many; None where there are none."""
     if program.knot_sides is None:
         return None, None
-    n, name = len(program.layout.state), program.knot_sides.name
-    one, many = _on_one_row(_of_one(program, kernels, name)), compile_kernel(program.knot_sides, JAX)
+    n, both = len(program.layout.state), (program.knot_sides.near, program.knot_sides.sides)
+    one = [_on_one_row(_of_one(program, kernels, kernel.name)) for kernel in both]
+    many: list[Function] = [compile_kernel(kernel, JAX) for kernel in both]
     if feedback is not None:
-        one, many = feedback.on_one_row(one), feedback.on_rows(many)
-    return _sides_of_one(one, n), _sides_of_many(many, n)
+        one, many = [feedback.on_one_row(each) for each in one], [feedback.on_rows(each) for each in many]
+    near_one, near_many = one[0], many[0]
+    return (
+        _where_near(lambda t, y, c: near_one(t, y, c)[0][0], _sides_of_one(one[1], n)),
+        _where_near(lambda t, y, c: near_many(t, y, c)[0], _sides_of_many(many[1], n)),
+    )
+
+
+def _where_near(near: Callable[..., Any], sides: Sides) -> Sides:
+    """Return moves at breaks that are computed where a state is on a jump."""
+
+    def where_near(t: Any, y: Rows, c: Rows) -> tuple[Rows, Rows]:
+        def moved() -> tuple[Rows, Rows]:
+            ahead, back = (
+                tuple(jnp.broadcast_to(a, jnp.shape(b)) for a, b in zip(way, y, strict=True)) for way in sides(t, y, c)
+            )
+            return ahead, back
+
+        return jax.lax.cond(jnp.any(jnp.not_equal(near(t, y, c), 0.0)), moved, lambda: (tuple(y), tuple(y)))
+
+    return where_near
 
 
 def _sides_of_one(kernel: Function, n: int) -> Sides:

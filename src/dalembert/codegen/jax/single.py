@@ -28,7 +28,7 @@ _HALF = 2.0**-24
 _MOVED = 1e-4
 """Share of the distance between knots by which rounding may move them without a warning."""
 
-_UNUSED = ("energy", "knots", "knot_sides")
+_UNUSED = ("energy", "knots", "near_knots", "knot_sides")
 
 
 def with_tolerances(options: SolveOptions, precision: Precision) -> SolveOptions:

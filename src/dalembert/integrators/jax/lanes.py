@@ -240,7 +240,8 @@ def advanced(attempts: Attempts, projections: Projections, batch: Batch, goal: A
         crossed = moved & (t == ahead) & (t != batch.t1)
         passed = passed + crossed
         if attempts.sides is not None:
-            ways = attempts.sides(t, new, _next_break(whole, passed)[1].c)
+            sides, c = attempts.sides, _next_break(whole, passed)[1].c
+            ways = lax.cond(jnp.any(crossed), lambda: sides(t, new, c), lambda: (tuple(new), tuple(new)))
             sided = (jnp.where(direction > 0.0, a, b) for a, b in zip(*ways, strict=True))
             new = tuple(jnp.where(crossed, b, a) for a, b in zip(new, sided, strict=True))
     following = State(
