@@ -110,10 +110,10 @@ class CompiledEngine(Engine):
         return kept[1], lanes
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
-        """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair for long right-hand sides and kinks."""
+        """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair for long rates, kinks and roots at rest."""
         if "taylor" not in methods:
             return methods[0]
-        if self.steps.nonsmooth:
+        if self.steps.nonsmooth or self.steps.singular_at_rest:
             return "dop853"
         tolerance = clipped_tolerance(rtol, atol)
         order = order_for(tolerance)

@@ -18,6 +18,7 @@ from ..transforms.partials import jacobian_kernel, tangent_kernel
 from ..transforms.periodic import angles_of
 from ..transforms.recurrences import Recurrences, recurrences
 from ..transforms.residual_control import cost
+from ..transforms.roots_at_rest import roots_vanish_at_rest
 from ..transforms.taylor import STEP_ARGUMENTS
 
 __all__ = ["LARGEST_UNROLLED", "Code", "KernelLibrary"]
@@ -192,6 +193,11 @@ class KernelLibrary(ABC):
     def nonsmooth(self) -> bool:
         """Whether rates have kinks or jumps in state or time."""
         return self._recurrences.nonsmooth
+
+    @once_property
+    def singular_at_rest(self) -> bool:
+        """Whether Taylor steps cannot leave a state of rest, although rates are finite there."""
+        return roots_vanish_at_rest(self._program, self._recurrences.roots)
 
     @once_property
     def angles(self) -> tuple[int, ...]:

@@ -16,6 +16,7 @@ from ...ir.program import Program
 from ...once import computed_once, once_property
 from ...options import SolveOptions
 from ...transforms.recurrences import Recurrences, recurrences
+from ...transforms.roots_at_rest import roots_vanish_at_rest
 from ...transforms.taylor import clipped_tolerance, order_at, order_for, step_kernel
 from ..base import Backend, Capability, Engine, RenderedModule
 from ..host_runs import HostedRuns
@@ -101,7 +102,8 @@ class JaxEngine(Engine):
             return methods[0]
         known = self._recurrences if "taylor" in methods else None
         if known and not known.nonsmooth and known.unrolled_lines(order_for(tolerance)) <= LARGEST_FUSED:
-            return "taylor"
+            if not roots_vanish_at_rest(self._program, known.roots):
+                return "taylor"
         return "tsit5" if tolerance >= _LOOSE else "dopri8"
 
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
