@@ -64,6 +64,18 @@ def test_frame_that_is_not_oriented(stage):
     assert_fault(stage.scene, "'disc'", "frame 'Lone' is not oriented in 'N'")
 
 
+def test_inertia_on_a_frame_that_is_not_oriented(stage):
+    lone = ReferenceFrame("Lone")
+    stage.scene.add_bodies(RigidBody("disc", stage.P, stage.B, m, (inertia(lone, I, I, I), stage.P)))
+    assert_fault(stage.scene, "inertia of body 'disc'", "frame 'Lone' is not oriented in 'N'")
+
+
+def test_inertia_of_a_body_whose_frame_is_not_oriented(stage):
+    lone = ReferenceFrame("Lone")
+    stage.scene.add_bodies(RigidBody("disc", stage.P, lone, m, (inertia(stage.N, I, I, I), stage.P)))
+    assert_fault(stage.scene, "body 'disc'", "frame 'Lone' is not oriented in 'N'")
+
+
 def test_point_that_is_not_located(stage):
     stage.scene.add_bodies(Particle("bead", Point("Nowhere"), m))
     assert_fault(stage.scene, "'bead'", "point 'Nowhere' is not located from 'O'")

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import dynamicsymbols
 
@@ -63,7 +64,7 @@ class ContentReader(GeometryReader):
             mass = self._mass(body, place)
             return BodyModel(body.name, 0, self._point(body.point, place), mass, None)
         frame = self._frame(body.frame, place)
-        inertia = self._rows(matrix_of(body.central_inertia, body.frame), f"inertia of {place}")
+        inertia = self._rows(self._inertia(body, f"inertia of {place}"), f"inertia of {place}")
         if any(entry.deps & self._moving() for row in inertia for entry in row):
             inertia = self._at_rest(inertia)
         if any(entry.deps & self._moving() for row in inertia for entry in row):
@@ -73,6 +74,16 @@ class ContentReader(GeometryReader):
             )
         mass = self._mass(body, place)
         return BodyModel(body.name, frame, self._point(body.masscenter, place), mass, inertia)
+
+    def _inertia(self, body: RigidBody, place: str) -> Any:
+        """Return the matrix of an inertia on the frame of its body; zeros where no orientation relates the two."""
+        vectors = [vector for _, *pair in body.central_inertia.args for vector in pair]
+        written = dict.fromkeys(own for vector in vectors for _, own in vector.args if own is not body.frame)
+        lost = [own for own in (*written, body.frame) if self.frames.path(own) is None] if written else []
+        for own in lost:
+            if own is not body.frame:
+                self._frame(own, place)
+        return sp.zeros(3, 3) if lost else matrix_of(body.central_inertia, body.frame)
 
     def _mass(self, body: Any, place: str) -> Node:
         mass = self.expressions.read(body.mass, f"mass of {place}")
