@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from sympy import Abs, Max, Piecewise, Rational, exp, sin
+from sympy import Abs, Max, Piecewise, Rational, exp, sin, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
@@ -293,3 +293,17 @@ def test_springs_with_branches_keep_energy(name):
     run = bead(SPRINGS[name], RING).simulate((0, 0.5), BEAD | {"x_dot": 3}, {}, project_invariants="energy")
     assert run.success
     np.testing.assert_allclose(run["energy"], run["energy"][0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("force", [-_x.diff(), -Max(0, _x - 5) * _x.diff()])
+def test_a_case_that_does_not_conserve_what_the_first_does(force):
+    share = symbols("share")
+    model = bead(share * force)
+    values = BEAD, {share: np.array([0.0, 0.0, 0.003])}
+    with pytest.raises(OptionError, match="'energy' is not conserved in case 2, but is in the first"):
+        model.sweep((0, 1), *values, project_invariants=True)
+    assert model.sweep((0, 1), BEAD, {share: np.zeros(2)}, project_invariants=True).success.all()
+    run, state = model.prepare((0, 1), project_invariants=True), model.state(BEAD, {share: 0})
+    assert np.all(np.isfinite(run(state, model.parameter_vector({share: 0.0}))))
+    with pytest.raises(OptionError, match="'energy' is not conserved with these parameters"):
+        run(state, model.parameter_vector({share: 0.003}))

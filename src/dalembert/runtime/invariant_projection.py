@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from ..reduction.invariants import Candidates, why_not
 from ..values import listed
 from . import inputs
 from .initial_states import initial_state
-from .monitors import conserved
+from .monitors import Rows, changing, conserved
 from .segment_constants import starting_constants
 
 if TYPE_CHECKING:
@@ -35,9 +35,6 @@ __all__ = [
     "refuse_jumps",
     "refuse_unknown",
 ]
-
-Rows = Callable[[Kernel, FloatArray, FloatArray, FloatArray], FloatArray]
-"""Outputs (k, n_out) of a kernel at times (k,), states (k, n) and constants (k, n_c)."""
 
 _SMALL = 1e-5
 """Share of the state by which it is moved for differences."""
@@ -173,11 +170,35 @@ def kept_values(
     """Return the parameters that `project_invariants` adds, for starts at t (k,) in y (k, n_y) with c (k, n_c).
 
     `rows` evaluates kernels.
+
+    Raises
+    ------
+    OptionError
+        For what some case does not conserve, with its number.
     """
     with np.errstate(all="ignore"):
+        if not all(found.certain[found.names.index(name)] for name in names):
+            together = interpret_rows if rows is case_by_case else rows
+            _refuse_changing(list(names), program, found, changing(program, found, c, t, y, together))
         values = rows(found.values, t, rows(program.kernel("expand"), t, y, c), c)
         given = {initial_name(name): np.nan_to_num(values[:, found.names.index(name)]) for name in names}
         return given | {TIME_SCALE: _time_scale(program, c, t, y, rows)}
+
+
+def _refuse_changing(
+    names: list[str], program: Program, found: Candidates, moves: np.ndarray[tuple[int, int], np.dtype[np.bool_]]
+) -> None:
+    lost = {name: np.flatnonzero(moves[:, found.names.index(name)]) for name in names}
+    told = [
+        f"{name!r} is not conserved {f'in case {cases[0]}' if len(moves) > 1 else 'with these parameters'}"
+        for name, cases in lost.items()
+        if len(cases)
+    ]
+    if told:
+        raise OptionError(
+            f"project_invariants: {'; '.join(told)}, but is in the first run of {program.name!r}. Name what all runs"
+            " conserve, or keep those apart that conserve it"
+        )
 
 
 def _time_scale(program: Program, c: FloatArray, t: FloatArray, y: FloatArray, rows: Rows) -> FloatArray:

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from ..arrays import FloatArray
 from ..errors import InitialStateError
 from ..ir.input_parameters import WIDTH, coefficient_places
 from ..ir.interpret import interpret_rows
+from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..reduction.invariants import Candidates
 from .assembly import assembled
 from .state_sizes import coordinate_sizes
 
-__all__ = ["conserved"]
+__all__ = ["Rows", "changing", "conserved"]
+
+Rows = Callable[[Kernel, FloatArray, FloatArray, FloatArray], FloatArray]
+"""Outputs (k, n_out) of a kernel at times (k,), states (k, n) and constants (k, n_c)."""
 
 _TRIALS = 8
+_CASE_TRIALS = 4
 _DRAWS = 64
 """Values of the free arguments in each trial."""
 _SPREAD = 0.2
@@ -38,6 +45,35 @@ def conserved(
         kept = kept | _still(program, found, c, t, x)
     values = interpret_rows(found.values, t, x, c)
     return {name: values[:, i] for i, name in enumerate(found.names) if kept[i]}
+
+
+def changing(
+    program: Program, found: Candidates, c: FloatArray, t: FloatArray, y: FloatArray, rows: Rows
+) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
+    """Return which candidates change (k, n) in which cases, from starts at t (k,) in y (k, n_y) with c (k, n_c).
+
+    Each case is evaluated at random speeds, with free arguments on both sides of their centres; the numbers are the
+    same for all cases. Cases that are not finite do not count.
+    """
+    random, count = np.random.default_rng(2), len(found.names)
+    moves = np.zeros((len(t), count), bool)
+    speeds = np.array([name not in program.layout.coordinates for name in program.layout.state])
+    size = 1.0 + np.max(np.abs(y), axis=1, initial=0.0, keepdims=True)
+    centres = np.array([where.centre for where in found.free])
+    free = np.empty(0)
+    for trial in range(_CASE_TRIALS):
+        state = y + np.where(speeds, random.standard_normal(len(speeds)), 0.0) * size
+        if "project_velocity" in program:
+            for _ in range(2):
+                state = state + rows(program.kernel("project_velocity"), t, state, c)
+        x = rows(program.kernel("expand"), t, state, c)
+        second = rows(program.kernel("accelerations"), t, x, c)
+        drawn = [where.draw(random, 1)[0] for where in found.free]
+        free = 2.0 * centres - free if trial % 2 else np.array(drawn)
+        for kernel, further in (found.changes, second), (found.branches, np.tile(free, (len(t), 1))):
+            out = rows(kernel, t, np.hstack([x, further]), c)
+            moves |= np.abs(out[:, :count]) > _STILL * out[:, count:]
+    return moves & ~np.array(found.certain)
 
 
 def _still(

@@ -89,7 +89,8 @@ def sweep(
         expressions as in `Event`; a sequence stands for final values. ``sweep.reduced["name"]`` has them, NaN
         for cases that failed.
     project_invariants : bool, str or sequence of str
-        First integrals to keep, as for `simulate`: those that are conserved in the first case that can start.
+        First integrals to keep, as for `simulate`: those that are conserved in the first case that can start. A later
+        case that does not conserve them is an error.
     to : str, Path or zarr store, optional
         A store in which the results are kept, chunk by chunk (needs the extra ``dask``). The same call continues where
         an earlier one ended.
