@@ -12,6 +12,8 @@ from dalembert.methods.status import Status
 
 jax = pytest.importorskip("jax")
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 OTHERS = ("recomputed", "continuous")
 ACCURACY = {"recomputed": 1e-8, "continuous": 3e-8}
 """Of derivatives beside differences, which are good to 1e-8, at a tolerance of 1e-10."""

@@ -15,6 +15,8 @@ from codegen.test_jax_jumps import AT, D, F, T, pushed, t, w, x
 
 jax = pytest.importorskip("jax")
 started = pytest.importorskip("dalembert.integrators.jax.starts").started
+
+pytestmark = pytest.mark.usefixtures("quick_xla")
 jnp = jax.numpy
 
 __all__ = ["double"]  # a fixture

@@ -16,6 +16,8 @@ pytest.importorskip("diffrax")
 
 from dalembert.codegen.jax import functions  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 T = np.linspace(0.0, 0.5, 3)
 JACOBIANS = {"forward": jax.jacfwd, "reverse": jax.jacrev}
 POINTS = ("somewhere", "at rest", "zero angles and spins")

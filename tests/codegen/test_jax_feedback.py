@@ -17,6 +17,8 @@ from runtime.test_input_values import driven
 
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
+
+pytestmark = pytest.mark.usefixtures("quick_xla")
 jnp = jax.numpy
 
 __all__ = ["double"]  # a fixture

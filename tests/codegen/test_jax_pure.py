@@ -18,6 +18,8 @@ from dalembert.codegen.jax import blocks, pieces, pure  # noqa: E402
 from dalembert.codegen.jax.foreign import ForeignRuns  # noqa: E402
 from dalembert.integrators.jax import adjoint  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 T = np.linspace(0.0, 0.5, 3)
 SLEIGH = MOTIONS["chaplygin_sleigh"]
 

@@ -12,6 +12,8 @@ from runtime.test_sensitivity import MOTIONS
 
 jax = pytest.importorskip("jax")
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 OPTIONS = {"method": "tsit5", "rtol": 1e-10, "atol": 1e-12, "max_step": 0.02, "max_steps": 64}
 STEP = 1e-4
 

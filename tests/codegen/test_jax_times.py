@@ -16,6 +16,8 @@ from runtime.test_sensitivity import MOTIONS
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 T = np.array([0.3, 0.9, 0.9, 1.4])
 PARAMETERS = {"m": 0.8, "L": 0.7, "A": 0.2, "w": 3.1, "F": 1.7, "g": 9.81}
 START = {"th": 0.4, "th_dot": 0.9}

@@ -10,6 +10,8 @@ from dalembert.methods.status import Status
 pytest.importorskip("jax")
 pytest.importorskip("diffrax")
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 SLEIGH = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 CASES = {"m": 1.0, "b": np.linspace(0.1, 0.5, 21), "I_C": 0.5}
 T = np.array([0.0, 0.7, 0.7, 2.0])
