@@ -49,7 +49,7 @@ lint: $(VENV)/.installed-dev
 	@echo "==> ruff format --check"
 	@$(BIN)/ruff format --check .
 	@echo "==> mypy"
-	@$(BIN)/mypy
+	@MYPY_NUM_WORKERS=2 $(BIN)/mypy
 
 test: lint
 	@echo "==> pytest"
