@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from sympy import sqrt, symbols
+from scipy.integrate import solve_ivp
+from sympy import Rational, sqrt, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
@@ -44,7 +45,15 @@ def test_a_ball_dropped_with_quadratic_drag(backend):
 
 def test_a_stiffening_spring_from_its_centre():
     model = da.compile_model(scene(lambda position, frame: -c * sqrt(x**2 + z**2) * position + m * g * frame.z))
-    assert "square roots vanish at rest" in model.explain()
+    assert "roots vanish at rest" in model.explain()
     run = model.simulate((0, 2), {**REST, x.diff(): 1}, P, rtol=1e-9)
     assert run.success
     np.testing.assert_allclose(run["x_dot"] ** 2 / 2 + 0.1 * np.abs(run["x"]) ** 3 / 3, 0.5, atol=1e-7)
+
+
+def test_drag_by_another_power_of_the_speed():
+    model = da.compile_model(scene(lambda p, N: -c * p.dt(N) * p.dt(N).dot(p.dt(N)) ** Rational(1, 4)))
+    run = model.simulate((0, 2), REST, P, rtol=1e-9)
+    assert run.success
+    exact = solve_ivp(lambda t, v: -9.81 - 0.1 * v * abs(v) ** 0.5, (0, 2), [0.0], rtol=1e-12, atol=1e-12)
+    assert abs(run["z_dot"][-1] - exact.y[0, -1]) < 1e-7

@@ -197,7 +197,7 @@ class KernelLibrary(ABC):
     @once_property
     def singular_at_rest(self) -> bool:
         """Whether Taylor steps cannot leave a state of rest, although rates are finite there."""
-        return roots_vanish_at_rest(self._program, self._recurrences.roots)
+        return roots_vanish_at_rest(self._program)
 
     @once_property
     def angles(self) -> tuple[int, ...]:

@@ -97,12 +97,12 @@ def _stiff(methods: Mapping[str, str]) -> list[str]:
 def _nonanalytic(stages: Stages, methods: Mapping[str, str]) -> list[str]:
     series = [name for name in backend_named(stages.rendered.backend).series if name in methods]
     rhs = stages.program.kernel("rhs") if series else None
-    if rhs is None or not (nonanalytic_operations(rhs) or any(line.op == "sqrt" for line in rhs.body)):
+    if rhs is None or not (nonanalytic_operations(rhs) or roots_vanish_at_rest(stages.program)):
         return []
     known, lines = recurrences(rhs), []
-    if roots_vanish_at_rest(stages.program, known.roots):
+    if roots_vanish_at_rest(stages.program):
         lines.append(
-            "              square roots vanish at rest, where they have no power series: auto takes another method than"
+            "              roots vanish at rest, where they have no power series: auto takes another method than"
             f" {list_names(series)}"
         )
     rough = ", and auto takes another method because of the kinks" if known.nonsmooth else ""

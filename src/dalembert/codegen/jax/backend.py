@@ -102,7 +102,7 @@ class JaxEngine(Engine):
             return methods[0]
         known = self._recurrences if "taylor" in methods else None
         if known and not known.nonsmooth and known.unrolled_lines(order_for(tolerance)) <= LARGEST_FUSED:
-            if not roots_vanish_at_rest(self._program, known.roots):
+            if not roots_vanish_at_rest(self._program):
                 return "taylor"
         return "tsit5" if tolerance >= _LOOSE else "dopri8"
 
