@@ -174,6 +174,31 @@ def test_a_gap_that_is_just_closed(spring, kind, force):
     assert found == pytest.approx(np.tile([KNOT + way, speed], (2, 1)), abs=1e-10)
 
 
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_a_switch_that_an_input_moves_away(method):
+    """The mass rests where the input is, which leaves it upwards or downwards from t = 1 on."""
+    made = alone(-sp.Heaviside(u - x, 0))
+    for last, expected in ((2.5, [1.0, -1.0]), (0.5, [KNOT, 0.0])):
+        given = {u: da.samples([0.0, 1.0, 2.0], [KNOT, KNOT, last], "linear")}
+        found = final(made, {x: KNOT, v: 0.0}, method, inputs=given)
+        assert found == pytest.approx(np.tile(expected, (2, 1)), abs=1e-11)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
+@pytest.mark.parametrize("kind", PULLS)
+def test_a_first_order_state(kind, method):
+    z = dynamicsymbols("z")
+    A = O.locatenew("A", x * N.x)
+    scene = da.Scene("valve", frame=N, origin=O, coordinates=[x])
+    scene.add_bodies(Particle("a", A, m))
+    scene.add_inputs(u)
+    scene.add_states({z: u - sp.Heaviside(KNOT - z, 0)})
+    start, (given, (change, _)) = {x: 0.0, v: 0.0, z: KNOT}, PULLS[kind]
+    made = da.compile_model(scene)
+    run = made.simulate((0, 2), start, {m: 1.0}, inputs={u: given}, method=method, **TIGHT)
+    assert run.success and run["z"][-1] == pytest.approx(KNOT + change - 1, abs=1e-11)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_a_switch_between_two_masses(method):
     """They attract each other by 1 N as long as they are closer than 1 m."""
