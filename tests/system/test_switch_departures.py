@@ -144,6 +144,13 @@ def test_the_value_at_a_switch_holds_as_long_as_the_motion_rests_there(place, me
 
 
 @pytest.mark.parametrize("method", METHODS)
+def test_a_value_that_only_the_switch_itself_has(method):
+    made = alone(sp.Piecewise((-2, x < 0), (-2, x > 0), (0, True)) + u)
+    found = final(made, {x: 0.0, v: 0.0}, method, inputs={u: PULLS["linear"][0]})
+    assert found == pytest.approx(np.tile([-1.5, -3.5], (2, 1)), abs=1e-11)
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_a_preloaded_spring(method):
     """It pushes back with 2 N as soon as the mass touches it: a mass under less than that slides along the jump."""
     made = alone(sp.Piecewise((0, x < KNOT), (-2 - 4 * (x - KNOT), True)) + u)

@@ -67,7 +67,7 @@ class SwitchSides:
             for is_near, way in zip(near, ways, strict=True)
         ]
         ahead, behind = (self._moved(state, places, margins, sides) for sides in (begins, [-side for side in begins]))
-        jumps, taken = self._jump(ahead, behind), []
+        jumps, taken = g.call("max", self._jump(ahead, behind), self._jump(ahead, state)), []
         there, back = self._leading(ahead, margins), self._leading(behind, margins)
         for side, gap, margin, first, second in zip(begins, gaps, margins, there, back, strict=True):
             goes = g.call("less_equal", zero, side * first)
