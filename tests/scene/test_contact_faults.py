@@ -4,7 +4,7 @@ import math
 
 import pytest
 import sympy as sp
-from sympy.physics.mechanics import dynamicsymbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.errors import (
@@ -176,3 +176,16 @@ def test_what_only_the_model_of_a_mode_has():
     with pytest.raises(CapabilityError, match=r"across changes of contacts \(ground\).* model\.mode\(\)\.sensitivity"):
         model.sensitivity((0, 1), {}, {}, wrt=["g"])
     assert not hasattr(model, "velocity") and model.mode().prepare
+
+
+def test_a_start_where_the_direction_of_a_contact_is_undefined():
+    frame, origin = ReferenceFrame("N"), Point("O")
+    y, force = dynamicsymbols("y"), da.unknowns("F")
+    ring = da.Scene("ball in a ring", frame=frame, origin=origin, coordinates=[x, y])
+    ball = origin.locatenew("B", x * frame.x + y * frame.y)
+    ring.add_bodies(Particle("ball", ball, 1))
+    r = sp.sqrt(x**2 + y**2)
+    ring.add_joints(da.Joint("ring", body="ball", at=ball, force=-force / r * (x * frame.x + y * frame.y)))
+    ring.add_contacts(da.UnilateralContact(force, gap=1 - r, name="ring"))
+    with pytest.raises(InitialStateError, match=r"contact 'ring': .* no finite gradient here.*start from another"):
+        da.compile_model(ring, backend="numpy").simulate((0, 1), {"x": 0, "y": 0, "x_dot": 1, "y_dot": 0}, {})

@@ -155,7 +155,13 @@ class Decisions:
             name = equations.symbols.unknowns[contact.normal]
             if contact.constraint is None:
                 continue
-            if not opening_power(system, i) > 0.0:
+            power = opening_power(system, i)
+            if not np.isfinite(power):
+                faults.append(
+                    f"contact {contact.name!r}: its gap or the direction of {name} has no finite gradient here, as that"
+                    " of a distance that is zero; start from another configuration"
+                )
+            elif not power > 0.0:
                 faults.append(
                     f"contact {contact.name!r}: {name} pushes its gap closed here; turn the sign of the gap, or the"
                     " direction of the force in the joint"
