@@ -7,7 +7,7 @@ from ..methods.step_constants import EPSILON
 from .compiled_subset import compiled_subset
 from .contact_cases import ADDED, REST, SIDE, UNDECIDED, ContactCases
 from .contact_sizes import NOISE, gap_noise, gap_rate, position_terms, rate_noise, slip_speed, slip_terms
-from .contact_system import OPEN, STICK, ContactSystem, inertial_size, opening_power, terms
+from .contact_system import OPEN, STICK, ContactSystem, drift, inertial_size, opening_power, terms
 from .mode_candidates import BREAK_UP, FREE, LIFT, LIFTING, MEET, STOP, closed_kind
 
 __all__ = [
@@ -134,17 +134,33 @@ def gap_allowance(system: ContactSystem, cases: ContactCases, case: int, i: int)
     if approaches(system, cases, case, i):
         return 0.0
     most = RESOLUTION * (_gap_terms(system, cases, case, i) + abs(cases.t[case]) * cases.approach[case, i])
+    if system.gap[i] < 0.0:  # a start, or an impact located within its noise, may have left more than rounding here
+        most = max(most, gap_noise(system, cases.x[case], i))
     if system.gap[i] <= most:
         return min(-system.gap[i], most)
     return cases.added[case, ADDED * i + SIDE] if cases.modes[case, i] == OPEN else 0.0
 
 
 @compiled_subset
+def _excursion(system: ContactSystem, cases: ContactCases, case: int, i: int) -> float:
+    """Return how far rounding may have opened the gap of a contact that touches, or closed it beyond zero.
+
+    It is rounding of positions and of the time, or what that has left.
+    """
+    passing = abs(cases.t[case] * drift(system, system.constraint[i]))
+    left = min(-system.gap[i], gap_noise(system, cases.x[case], i))
+    return max(_EXCURSION * (_gap_terms(system, cases, case, i) + passing), left)
+
+
+@compiled_subset
 def _unresolved(system: ContactSystem, cases: ContactCases, case: int, i: int) -> bool:
-    """Return whether a contact that was open has opened no further than rounding, and hardly moves."""
-    speed = abs(gap_rate(system, i))
+    """Return whether a contact that was open has opened no further than rounding, and hardly moves.
+
+    It hardly moves, too, at a speed that its loads cause where it falls as far as rounding may open it.
+    """
+    speed, least = abs(gap_rate(system, i)), _excursion(system, cases, case, i)
     slow, height = speed <= _SLOW * cases.approach[case, i], 0.25 * speed * cases.flight[case, i]
-    return slow and height <= _EXCURSION * _gap_terms(system, cases, case, i)
+    return height <= least and (slow or speed * speed <= 2.0 * least * cases.loads[case, i])
 
 
 @compiled_subset
