@@ -1,11 +1,14 @@
 """Constraints whose coefficients vanish at the parameters of a run are named by the errors that they cause."""
 
+import numpy as np
 import pytest
 from sympy import symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.errors import InitialStateError, ValueInputError
+from dalembert.ir.interpret import interpret
+from dalembert.runtime.vanished_constraints import vanished_text
 
 x, y = dynamicsymbols("x y")
 m, k = symbols("m k")
@@ -48,3 +51,12 @@ def test_other_zeros_have_other_errors():
     with pytest.raises(ValueInputError, match="a mass, a length") as fault:
         made.simulate((0, 1), START, {m: 0, k: 1})
     assert "All coefficients" not in str(fault.value)
+
+
+def test_several_constraints_are_named_together():
+    made = constrained("projected", nonholonomic=[k * x.diff(), k * (x.diff() - y.diff())])
+    program, values = made.stages.program, {"m": 1.0, "k": 0.0}
+    p = [values.get(name, 0.0) for name in program.layout.parameters]
+    text = vanished_text(program, np.array(interpret(program.kernel("prepare"), {"p": p})))
+    assert "constraint 1" in text and "constraint 2" in text
+    assert "they constrain nothing" in text and "remove the constraints" in text

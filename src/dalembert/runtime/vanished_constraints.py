@@ -31,7 +31,10 @@ def vanished_text(program: Program, c: FloatArray) -> str:
     labels = [label for label, vanished in zip(layout.constraints, zero, strict=True) if vanished]
     if not labels:
         return ""
+    constrains, them = (
+        ("it constrains", "the constraint") if len(labels) == 1 else ("they constrain", "the constraints")
+    )
     return (
-        f"All coefficients of {list_names(labels)} vanish at these parameters, so that it constrains"
-        " nothing. Give the factor that vanishes another value, or remove the constraint from the scene"
+        f"All coefficients of {list_names(labels)} vanish at these parameters, so that {constrains}"
+        f" nothing. Give the factor that vanishes another value, or remove {them} from the scene"
     )
