@@ -1,6 +1,7 @@
 """A mass that rests where its force jumps or has a kink, until a pull begins: models, pulls, and ends of runs."""
 
 import numpy as np
+import pytest
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
@@ -45,3 +46,20 @@ def ends(made, span, method, inputs=None, count=3):
     place, speed = (next(final[name] for name in names if name in final) for names in (("x", "y"), ("x_dot", "y_dot")))
     found.append([place - (0.25 if "y" in final else 0.0), speed])
     return np.array(found)
+
+
+def check_traced_runs(made):
+    """Compare the ends of traced runs by two methods, of one case and of two, with closed forms; the force is -1 N."""
+    jax = pytest.importorskip("jax")
+    with jax.enable_x64(True):
+        for method in ("tsit5", "taylor"):
+            solve = made.solve_fn(["x", "x_dot"], method=method, rtol=1e-10, atol=1e-12, max_steps=500)
+            for given, (speed, way) in PULLS.values():
+
+                def end(mass, given=given, solve=solve):
+                    run = solve([0.0, 2.0], {"x": KNOT, "x_dot": 0.0}, {"m": mass}, inputs={"u": given})
+                    return run.y[-1]
+
+                expected = [KNOT + 0.25 + way - 0.5, speed - 1.0]
+                assert end(1.0) == pytest.approx(expected, abs=1e-11)
+                assert jax.vmap(end)(np.ones(2)) == pytest.approx(np.tile(expected, (2, 1)), abs=1e-11)

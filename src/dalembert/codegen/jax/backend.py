@@ -101,9 +101,9 @@ class JaxEngine(Engine):
         if not many:
             return methods[0]
         known = self._recurrences if "taylor" in methods else None
-        if known and not known.nonsmooth and known.unrolled_lines(order_for(tolerance)) <= LARGEST_FUSED:
-            if not roots_vanish_at_rest(self._program):
-                return "taylor"
+        fused = known and not known.nonsmooth and known.unrolled_lines(order_for(tolerance)) <= LARGEST_FUSED
+        if fused and not roots_vanish_at_rest(self._program):
+            return "taylor"
         return "tsit5" if tolerance >= _LOOSE else "dopri8"
 
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
