@@ -2,29 +2,39 @@
 
 PYTHON ?= python3
 VENV   := .venv
+NEWEST := .venv-newest
 BIN    := $(VENV)/bin
 
 export MPLBACKEND ?= Agg
 
-# What compiled code decides: all of it, and the part that `make test` runs for a second instruction set.
-SUBSET    := tests/integrators/test_lanes.py tests/integrators/test_methods.py tests/integrators/test_radau.py \
+# What the processor decides: all of it, and the parts that `make test` runs for the least instruction set and for
+# those between it and the processor's own.
+LANES     := tests/integrators/test_lanes.py tests/runtime/test_interrupted_sweeps.py tests/system/test_outputs.py \
+             tests/codegen/test_vector_functions.py tests/codegen/test_advance_lanes.py
+SUBSET    := $(LANES) tests/integrators/test_methods.py tests/integrators/test_radau.py \
              tests/system/test_singular.py tests/system/test_contact_rounding.py tests/system/test_kinks.py \
              tests/system/test_sleigh_exact.py tests/system/test_sphere_exact.py tests/system/test_energy.py \
-             tests/hard_cases/test_long_runs.py tests/transforms/test_taylor.py tests/codegen/test_vector_functions.py \
-             tests/codegen/test_loops.py tests/codegen/test_advance_lanes.py tests/codegen/test_check_inputs.py
-NUMERICAL := $(SUBSET) tests/hard_cases tests/integrators tests/system tests/runtime/test_sweep.py \
-             tests/runtime/test_events.py tests/runtime/test_reductions.py tests/runtime/test_sweep_events.py
+             tests/hard_cases/test_long_runs.py tests/transforms/test_taylor.py tests/codegen/test_check_inputs.py
+NUMERICAL := $(SUBSET) tests/codegen/test_loops.py tests/hard_cases tests/integrators tests/system tests/results \
+             tests/runtime/test_sweep.py tests/runtime/test_events.py tests/runtime/test_reductions.py \
+             tests/runtime/test_sweep_events.py
+
+# What runs with the newest releases: the first test of each file, JAX's among them, for its first case.
+PART      := --first 1 tests/codegen tests/integrators tests/results tests/runtime
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo docs test test-all test-targets test-browser lint bench bench-quick fuzz corpus clean
+.PHONY: help demo docs test test-all test-newest test-targets test-browser lint bench bench-quick fuzz corpus clean
 
 help:
 	@echo "make demo         simulate the example scenes with every backend; pictures in build/demo"
 	@echo "make docs         the documentation site, in build/docs (executes the gallery)"
 	@echo "make test         ruff, mypy and the tests"
-	@echo "make test-all     make test, and every ready scene in every formulation by every method on the numba backend"
+	@echo "make test-all     make test, more random scenes of the textbook view, and every ready scene in every formulation"
+	@echo "                  by every method on the numba backend"
+	@echo "make test-newest  a part of the tests with the newest releases of all dependencies on the newest Python here, in"
+	@echo "                  $(NEWEST)"
 	@echo "make test-targets the numerical tests for every instruction set that the processor has"
 	@echo "make test-browser pages of animations in a headless Chromium (a part of make test where one is installed)"
 	@echo "make lint         ruff and mypy only"
@@ -33,7 +43,7 @@ help:
 	@echo "make fuzz         random scenes against independent references; SEEDS=0:2000 chooses them, CONTACT_SEEDS=0:200"
 	@echo '                  and FAMILIES="disc,plate" those with contacts'
 	@echo "make corpus       recorded motions against this tree"
-	@echo "make clean        remove what these wrote, except .venv"
+	@echo "make clean        remove what these wrote, except .venv and $(NEWEST)"
 	@echo "PYTHON=...        the interpreter that .venv is made with (now: $(PYTHON))"
 
 demo: $(VENV)/.installed-demo
@@ -54,23 +64,38 @@ lint: $(VENV)/.installed-dev
 test: lint
 	@echo "==> pytest"
 	@$(BIN)/python -m pytest -n 2
-	@for target in $$($(BIN)/python tests/targets.py second); do \
-	    echo "==> pytest: numerical tests for $$target"; \
-	    DALEMBERT_TARGET=$$target $(BIN)/python -m pytest -q -n 2 $(SUBSET) || exit 1; \
-	done
+	@$(BIN)/python tests/targets.py least -n 2 $(SUBSET)
+	@$(BIN)/python tests/targets.py between -n 2 $(LANES)
 
 test-all: test
-	@echo "==> pytest: the whole matrix of scenes"
+	@echo "==> pytest: more random scenes, and the whole matrix of scenes"
 	@$(BIN)/python -m pytest -q -n 2 --dist=load -m matrix
+
+RELEASES := '^(dask|diffrax|jax|llvmlite|numba|numpy|scipy|sympy|xarray|zarr)='
+
+# The newest Python that there is and starts (a shim of pyenv may not), of those that all dependencies have wheels for.
+find-newest = for python in python3.13 "$${PYENV_ROOT:-$$HOME/.pyenv}"/versions/3.13.*/bin/python \
+                            python3.12 "$${PYENV_ROOT:-$$HOME/.pyenv}"/versions/3.12.*/bin/python; do \
+                  "$$python" -c 'import ensurepip, venv' 2>/dev/null && echo "$$python" && break; \
+              done; true
+
+test-newest:
+	@python=$$($(find-newest)); \
+	if [ -z "$$python" ]; then \
+	    echo "==> pytest with the newest releases: skipped, there is neither python3.13 nor python3.12"; \
+	else \
+	    rm -f $(NEWEST)/.installed-test; \
+	    $(MAKE) --no-print-directory VENV=$(NEWEST) PYTHON="$$python" $(NEWEST)/.installed-test && \
+	    echo "==> pytest with the newest releases:" \
+	         "$$($(NEWEST)/bin/python --version)" $$($(NEWEST)/bin/python -m pip freeze | grep -E $(RELEASES)) && \
+	    $(NEWEST)/bin/python -m pytest -q -n 2 $(PART); \
+	fi
 
 test-browser: $(VENV)/.installed-dev
 	@$(BIN)/python -m pytest -q -n 0 tests/browser
 
 test-targets: $(VENV)/.installed-dev
-	@for target in $$($(BIN)/python tests/targets.py all); do \
-	    echo "==> pytest: numerical tests for $$target"; \
-	    DALEMBERT_TARGET=$$target $(BIN)/python -m pytest -q -n 2 $(NUMERICAL) || exit 1; \
-	done
+	@$(BIN)/python tests/targets.py all -n 2 $(NUMERICAL)
 
 bench: $(VENV)/.installed-bench
 	@$(BIN)/python benchmarks/run.py --full
@@ -93,14 +118,16 @@ corpus: $(VENV)/.installed-dev
 
 clean:
 	@rm -rf build dist docs/generated .hypothesis .mypy_cache .pytest_cache .ruff_cache
-	@find . -path ./$(VENV) -prune -o -type d -name __pycache__ -exec rm -rf {} +
+	@find . -path './.venv*' -prune -o -type d -name __pycache__ -exec rm -rf {} +
 
 $(VENV)/.installed-demo:  EXTRAS := plot,jax
 $(VENV)/.installed-dev:   EXTRAS := dev
 $(VENV)/.installed-bench: EXTRAS := bench
+$(VENV)/.installed-test:  EXTRAS := test
+$(VENV)/.installed-test:  UPGRADE := --upgrade --upgrade-strategy eager
 
 # A virtual environment whose pip does not run was cut short or lost its interpreter: it is made anew.
-$(VENV)/.installed-demo $(VENV)/.installed-dev $(VENV)/.installed-bench: pyproject.toml
+$(VENV)/.installed-demo $(VENV)/.installed-dev $(VENV)/.installed-bench $(VENV)/.installed-test: pyproject.toml
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || { \
 	    $(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
 	        echo "error: dalembert needs Python 3.11 or newer, and PYTHON=$(PYTHON) is:" \
@@ -111,7 +138,7 @@ $(VENV)/.installed-demo $(VENV)/.installed-dev $(VENV)/.installed-bench: pyproje
 	        echo "error: '$(PYTHON) -m venv' failed (on Debian and Ubuntu: install python3-venv)" >&2; \
 	        exit 1; }; }
 	@echo "==> installing dalembert[$(EXTRAS)] into $(VENV) (a few minutes the first time)"
-	@$(BIN)/python -m pip install --disable-pip-version-check --no-input -e '.[$(EXTRAS)]' >$@.log 2>&1 || { \
+	@$(BIN)/python -m pip install --disable-pip-version-check --no-input $(UPGRADE) -e '.[$(EXTRAS)]' >$@.log 2>&1 || { \
 	    cat $@.log >&2; \
 	    echo "error: installing dalembert[$(EXTRAS)] failed; the log above is in $@.log" >&2; \
 	    exit 1; }

@@ -105,7 +105,7 @@ def apart(arguments: Stepping) -> None:
 def stepping(loop: Any, step: int, y: Any, c: Any, rtol: float) -> Callable[[], float]:
     """Return what gives the seconds of a step of a pack."""
     lanes, count = native_lanes(), 1000
-    code = load_object(compile_object(loop_assembly(loop), straight=False))
+    code = load_object(compile_object(loop_assembly(loop), "loops"))
     n = len(y)
     clock, states, constants, settings = (aligned(k, lanes) for k in (1, 2 * (n + 2), len(c), 3))
     constants[:], settings[:] = c[:, None], np.array([0.05, 1.0, absolute(rtol) / rtol])[:, None]

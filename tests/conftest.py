@@ -71,12 +71,29 @@ def quick_xla():
             yield
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_handlecrashitem(crashitem, report, sched):
+    """End the run: pytest-xdist can wait for ever for the process that it puts in the place of one that crashed."""
+    pytest.exit(f"a process crashed, or ran into faulthandler_timeout, in {crashitem}", returncode=1)
+
+
 def pytest_collection_finish():
     """Leave what every test needs, modules and the tests themselves, out of all later searches for garbage."""
     gc.collect()
     gc.freeze()
 
 
-def pytest_collection_modifyitems(items):
+def pytest_addoption(parser):
+    parser.addoption("--first", type=int, metavar="N", help="run the first N tests of each file, for their first cases")
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("--first"):
+        kept = {}
+        for item in items:
+            kept.setdefault(item.path, {}).setdefault(item.originalname, item)
+        few = [item for tests in kept.values() for item in [*tests.values()][: config.getoption("--first")]]
+        config.hook.pytest_deselected(items=[item for item in items if item not in few])
+        items[:] = few
     places = {Path(__file__).parent / name: place for place, name in enumerate(LONG)}
     items.sort(key=lambda item: places.get(item.path, len(LONG)))

@@ -1,19 +1,46 @@
-"""Print the targets that tests run under: ``python tests/targets.py all``, or ``second``.
+"""Run tests for other instruction sets: ``python tests/targets.py all``, and arguments of pytest.
 
-The second is the best one whose lanes are not those of the processor itself; nothing is printed where there is none.
+``all`` are all targets of this processor; ``least`` is the first one, where its lanes are fewer than those of the
+processor, and ``between`` are the others that have fewer. NumPy and OpenBLAS, which read that when they are loaded,
+are limited to the same instructions.
 """
 
+import os
+import subprocess
 import sys
 
-from dalembert.codegen.llvm.target import available_targets
+import numpy as np
+
+from dalembert.codegen.llvm.target import ENVIRONMENT_VARIABLE, available_targets
+
+LACKING = {"x86-64-v2": ("AVX", "F16C", "FMA", "X86_V3", "X86_V4"), "x86-64-v3": ("AVX512", "X86_V4")}
+"""How the names of NumPy's features begin that a target lacks."""
+
+KERNELS = {"x86-64-v2": "Nehalem", "x86-64-v3": "Haswell"}
+"""Kernels of OpenBLAS by target."""
 
 
-def main(which: str) -> None:
-    """Print the targets, one a line."""
+def environment(name: str) -> dict[str, str]:
+    """Return the variables that limit a process to a target."""
+    wanted = {ENVIRONMENT_VARIABLE: name}
+    if name in KERNELS:
+        found = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
+        wanted["NPY_DISABLE_CPU_FEATURES"] = " ".join(feature for feature in found if feature.startswith(LACKING[name]))
+        wanted["OPENBLAS_CORETYPE"] = KERNELS[name]
+    return wanted
+
+
+def main(which: str, *arguments: str) -> int:
+    """Run pytest for each target until one fails."""
     known = available_targets()
-    others = [name for name, target in known.items() if target.lanes != known["native"].lanes]
-    print("\n".join(known if which == "all" else others[-1:]))
+    fewer = [name for name, target in known.items() if target.lanes < known["native"].lanes]
+    for name in {"all": list(known), "least": fewer[:1], "between": fewer[1:]}[which]:
+        print(f"==> pytest: what the processor decides, for {name} ({known[name].lanes} lanes)", flush=True)
+        command = [sys.executable, "-m", "pytest", "-q", *arguments]
+        if status := subprocess.run(command, env=os.environ | environment(name)).returncode:
+            return status
+    return 0
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    sys.exit(main(*sys.argv[1:]))

@@ -142,3 +142,30 @@ def test_a_scene_without_contacts_imports_no_code_of_contacts_or_sweeps_and_no_n
     )
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+def _of_jax(path: Path) -> set[str]:
+    """Return the dotted names of JAX that a module imports or reads."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            found.update(f"{node.module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Attribute):
+            found.add(ast.unparse(node))
+    return {name for name in found if name.split(".")[0] == "jax"}
+
+
+def test_of_jax_only_the_public_interface_is_used():
+    """What is private, or an operation of our own, stops working with the next version of JAX."""
+    private = ("jax.interpreters", "jax.extend", "jax.core", "jax.lib", "jaxlib")
+    wrong = {
+        (name, used)
+        for name, path in MODULES.items()
+        for used in _of_jax(path)
+        if any(part.startswith("_") and not part.startswith("__") for part in used.split("."))
+        or (used.startswith(private) and used not in ("jax.core", "jax.core.Tracer"))
+    }
+    assert not wrong
+    assert "jax.core.Tracer" in _of_jax(MODULES["integrators.jax.traced"])  # names are found at all

@@ -14,12 +14,15 @@ from __future__ import annotations
 
 import os
 import threading
+from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from contextlib import suppress
 from functools import wraps
 from typing import Any, Generic, ParamSpec, Protocol, TypeVar, cast, final, overload
 
 __all__ = [
     "DERIVING",
+    "BoundedTable",
     "Once",
     "OnceProperty",
     "computed_once",
@@ -85,6 +88,31 @@ class exclusively:
                 del _PENDING[self._key]
 
 
+class BoundedTable(OrderedDict[K, T]):
+    """A table of at most so many values: adding one more removes the one that was used longest ago.
+
+    What is removed lives on where it is in use, and is computed again when it is next needed.
+    """
+
+    def __init__(self, most: int) -> None:
+        super().__init__()
+        self.most = most
+
+    def get(self, key: Any, default: Any = None) -> Any:
+        """Return the value of a key, which counts as a use of it."""
+        found = super().get(key, default)
+        if found is not default:
+            with suppress(KeyError):  # another thread has just removed it
+                self.move_to_end(key)
+        return found
+
+    def __setitem__(self, key: K, value: T) -> None:
+        super().__setitem__(key, value)
+        with suppress(KeyError):
+            while len(self) > self.most:
+                self.popitem(last=False)
+
+
 def computed_once(table: dict[K, T], key: K, make: Callable[[], T]) -> T:
     """Return ``table[key]``, computed by the first thread that needs it while the others wait."""
     found = table.get(key, _MISSING)
@@ -96,20 +124,14 @@ def computed_once(table: dict[K, T], key: K, make: Callable[[], T]) -> T:
     return cast(T, found)
 
 
-def derived_once(table: dict[K, T], key: K, make: Callable[[], T], most: int | None = None) -> T:
-    """Return ``table[key]``, derived by one thread of the process at a time.
-
-    A table of `most` values is emptied before another is added.
-    """
+def derived_once(table: dict[K, T], key: K, make: Callable[[], T]) -> T:
+    """Return ``table[key]``, derived by one thread of the process at a time."""
     found = table.get(key, _MISSING)
     if found is _MISSING:
         with DERIVING:
             found = table.get(key, _MISSING)
             if found is _MISSING:
-                found = make()
-                if most is not None and len(table) >= most:
-                    table.clear()
-                table[key] = found
+                found = table[key] = make()
     return cast(T, found)
 
 

@@ -1,11 +1,13 @@
 """Single runs as calls of machine code, beside the traced loops that they replace."""
 
+import gc
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
 import dalembert as da
+from dalembert.errors import OptionError
 from dalembert.methods.status import Status
 from runtime.test_sensitivity import MOTIONS
 
@@ -14,6 +16,8 @@ pytest.importorskip("diffrax")
 
 from dalembert.codegen.jax import foreign, pure  # noqa: E402
 from dalembert.codegen.jax.foreign import ForeignRuns  # noqa: E402
+from dalembert.codegen.llvm import advance_lanes, check_inputs  # noqa: E402
+from dalembert.codegen.llvm.loops import loop_named  # noqa: E402
 
 TIMES = ((0.0, 2.0), (1.0, 0.6, 0.6, -0.5), (0.5, 0.5, 0.5, 0.5), (0.0, 1.0, 1.0, 500.0))
 
@@ -55,6 +59,22 @@ def test_what_xla_knows_already_is_not_told_again():
     foreign._of_one.cache_clear()
     pure._solved.clear_cache()
     np.testing.assert_array_equal(solve(times, y, p).y, first)
+
+
+def test_calls_and_batches_outlive_the_caches_of_code():
+    """Was a segmentation fault: XLA called code that had been unloaded."""
+    model, y, p = sleigh()
+    times, solve = np.array([0.0, 1.0]), model.solve_fn(method="tsit5")
+    alone, batch = jax.jit(lambda p: solve(times, y, p).y), jax.jit(jax.vmap(lambda p: solve(times, y, p).y))
+    many = np.tile(p, (6, 1))
+    found = alone(p), batch(many)
+    for kept in (loop_named, advance_lanes._code, check_inputs._code, foreign._of_one, foreign._of_many):
+        kept.cache_clear()
+    gc.collect()
+    assert loop_named("lane_loop").call is not None  # in the place of what was unloaded
+    for again in ((alone(p), batch(many)), (solve(times, y, p).y, jax.vmap(lambda p: solve(times, y, p).y)(many))):
+        for one, other in zip(again, found, strict=True):
+            np.testing.assert_array_equal(one, other)
 
 
 def test_what_is_not_finite_fails_at_the_start():
@@ -100,10 +120,16 @@ def test_threads_run_the_same_call():
     np.testing.assert_array_equal(alone, together)
 
 
-def test_exported_programs_hold_traced_loops():
+def test_portable_programs_are_exported_as_traced_loops():
     model, y, p = sleigh()
-    solve = model.solve_fn(method="tsit5")
-    run = jax.jit(lambda y: solve(np.array([0.0, 1.0]), y, p).y[-1])
-    exported = jax.export.export(run)(jax.ShapeDtypeStruct(y.shape, np.float64))
+    solves = (model.solve_fn(method="tsit5", portable=portable) for portable in (False, True))
+    called, portable = (jax.jit(lambda y, solve=solve: solve(np.array(TIMES[0]), y, p).y[-1]) for solve in solves)
+    shape = jax.ShapeDtypeStruct(y.shape, np.float64)
+    exported = jax.export.export(portable)(shape)
     assert "dalembert_run_" not in exported.mlir_module() and "while" in exported.mlir_module()
-    np.testing.assert_allclose(exported.call(y), run(y), rtol=1e-9)
+    np.testing.assert_allclose(exported.call(y), called(y), rtol=1e-9)
+    assert "dalembert_run_" in called.lower(y).as_text()
+    with pytest.raises(ValueError, match="custom calls"):
+        jax.export.export(called)(shape)
+    with pytest.raises(OptionError, match="portable=True"):
+        model.solve_fn(events=[da.Event(model.layout.state[0], name="start")], portable=True)

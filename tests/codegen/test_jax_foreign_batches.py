@@ -170,8 +170,9 @@ def test_gradients_of_batches_go_along_the_steps_of_its_cases(times):
 def test_batches_that_are_exported_or_traced_agree(monkeypatch):
     model, y, p = sleigh()
     solve, rows = model.solve_fn(method="dopri8"), rows_of(y, 4)
-    many = jax.jit(jax.vmap(lambda y: solve(T, y, p).y[-1]))
-    exported = jax.export.export(many)(jax.ShapeDtypeStruct(rows.shape, rows.dtype))
+    loops = model.solve_fn(method="dopri8", portable=True)
+    many, portable = (jax.jit(jax.vmap(lambda y, solve=solve: solve(T, y, p).y[-1])) for solve in (solve, loops))
+    exported = jax.export.export(portable)(jax.ShapeDtypeStruct(rows.shape, rows.dtype))
     assert "dalembert_batch" not in exported.mlir_module()
     np.testing.assert_allclose(exported.call(rows), many(rows), rtol=1e-9)
     called = jax.vmap(lambda y: reached(solve(np.array([0.0, 0.7, 2.0]), y, p)))(rows)

@@ -10,6 +10,7 @@ from codegen.jax_options import QUICK
 from dalembert.errors import OptionError, UnknownNameError, ValueInputError
 from dalembert.methods.status import Status
 from runtime.test_sensitivity import MOTIONS
+from system.singular_scenes import parallelogram
 
 jax = pytest.importorskip("jax")
 diffrax = pytest.importorskip("diffrax")
@@ -67,6 +68,15 @@ def test_layouts_of_arguments():
     np.testing.assert_allclose(motion.y, from_state.y, rtol=1e-12, atol=1e-12)
     backward = by_name(T[::-1], dict(zip(by_name.given, (*motion.q[-1], *motion.qdot[-1][::2]), strict=True)), p)
     np.testing.assert_allclose(backward.q[-1], motion.q[0], atol=1e-7)
+
+
+def test_violations_decay_in_traced_runs_backward_in_time():
+    parameters, initial, _ = SLEIGH
+    model, exact = compiled("chaplygin_sleigh", "baumgarte"), compiled("chaplygin_sleigh", backend="llvm")
+    values = {**parameters, "baumgarte_alpha": 50.0, "baumgarte_beta": 50.0}
+    motion = model.solve_fn(initial, method="tsit5")(T[::-1], initial, values)
+    run = exact.simulate((0.5, 0.0), initial, parameters, t_eval=T[::-1])
+    np.testing.assert_allclose(motion.qdot, run.qdot, atol=1e-6)
 
 
 def test_vector_field_is_ready_for_diffrax():
@@ -330,3 +340,19 @@ def test_faults():
         numba = compiled("chaplygin_sleigh", "minimal", "numpy")
         with pytest.raises(OptionError, match=f'{name}.*backend="jax"'):
             numba.vector_field(0.0, None, None) if name == "vector_field" else numba.solve_fn()
+
+
+def test_runs_that_start_with_dependent_constraints_have_a_status():
+    """Pivots set one of two constraints aside there, and which may change along the motion."""
+    model = da.compile_model(parallelogram(), backend="jax")
+    solve = model.solve_fn(["a", "b", "a_dot"], method="tsit5")
+
+    def end(angle, g):
+        start, p = {"a": angle, "b": angle, "a_dot": 1.0}, {"m": 1.0, "L": 1.0, "g": g}
+        run = solve(jax.numpy.array([0.0, 0.1]), start, p)
+        return run.y[-1, 0], run.status
+
+    angles = jax.numpy.array([0.3, 0.4])
+    last, by_g, status = jax.vmap(lambda angle: jax.jvp(lambda g: end(angle, g), (9.81,), (1.0,), has_aux=True))(angles)
+    assert np.all(status == Status.SINGULAR_CONFIGURATION)
+    assert np.all(np.isnan(last)) and np.all(np.isnan(by_g))

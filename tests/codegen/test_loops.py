@@ -1,18 +1,26 @@
 """Loops as machine code: kept, checked when read, called without numba, and the same as in sweeps to the last bit."""
 
+import gc
 import os
 import subprocess
 import sys
 import warnings
+import weakref
 
 import numpy as np
 import pytest
+from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
+from dalembert.codegen import base, compiled_engine, steppers
+from dalembert.codegen import library as kernel_library
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
+from dalembert.codegen.llvm import advance_lanes, assembly, check_inputs
+from dalembert.codegen.llvm import library as llvm_library
 from dalembert.codegen.llvm.loops import loop_named
 from dalembert.errors import CacheWarning
 from dalembert.methods.status import Status
+from dalembert.runtime import derived
 
 START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 PARAMETERS = {"m": 1, "b": 0.3, "I_C": 0.5}
@@ -42,6 +50,15 @@ more = {"t_eval": [0.3, 1.0]} if sys.argv[1] == "sampled" else more
 sweep = model.sweep((0, 1), start, {"m": 1, "b": [0.2, 0.3, 0.4], "I_C": 0.5}, **more)
 print("numba" in sys.modules, *sweep["x"].ravel().tolist())
 """
+
+
+def forget_loops():
+    """Forget all code that belongs to no scene, unload what nothing holds, and load other code in its place."""
+    for kept in (loop_named, advance_lanes._code, check_inputs._code):
+        kept.cache_clear()
+    gc.collect()
+    for name in ("lane_loop", "prepared_loop", "contact_decisions"):
+        assert loop_named(name).call is not None
 
 
 def run_in_a_process(folder, method, program=RUN):
@@ -111,3 +128,80 @@ def test_damaged_code_is_rebuilt_with_a_warning(tmp_path, monkeypatch):
         warnings.simplefilter("error")
         assert loop_named("prepared_loop").call is not None
     loop_named.cache_clear()
+
+
+@pytest.mark.parametrize("what", ["prepared", "sweep", "contacts"])
+def test_what_is_ready_to_run_outlives_the_caches_of_code(what):
+    """Was a segmentation fault, or a run of other code that had taken the address."""
+    if what == "contacts":
+        model = da.compile_model(da.scenes.bouncing_ball())
+        start, p = {"x": 0, "y": 1.0, "x_dot": 1, "y_dot": 0}, {"m": 2.0, "e": 0.5, "g": 10.0}
+        run = lambda: model.simulate((0, 2), start, p).y[-1]  # noqa: E731
+    elif what == "sweep":
+        model = da.compile_model(da.scenes.chaplygin_sleigh())
+        options = {"reduce": {"far": da.maximum("x")}, "events": [da.Event("theta_dot", terminal=2)]}
+        run = lambda: model.sweep((0, 1), START, {**PARAMETERS, "b": [0.2, 0.3]}, **options).y  # noqa: E731
+    else:
+        model = da.compile_model(da.scenes.chaplygin_sleigh())
+        prepared = model.prepare((0, 1))
+        run = lambda: prepared(model.state(START, PARAMETERS), model.parameter_vector(PARAMETERS))  # noqa: E731
+    first = run()
+    for _ in range(3):
+        forget_loops()
+        np.testing.assert_array_equal(run(), first)
+
+
+class Engines:
+    """Counts the loaded pieces of code that are made from now on and still live."""
+
+    def __init__(self, monkeypatch):
+        self._made, load = weakref.WeakSet(), assembly.load_object
+
+        def counted(*codes):
+            code = load(*codes)
+            self._made.add(code._engine)
+            return code
+
+        monkeypatch.setattr(llvm_library, "load_object", counted)
+
+    def count(self):
+        gc.collect()
+        return len(self._made)
+
+
+@pytest.mark.parametrize("what", ["events", "reductions"])
+def test_code_of_a_model_is_bounded(monkeypatch, what):
+    """Each distinct event or reduction used to keep its code as long as the model lived, 0.2 MB."""
+    monkeypatch.setattr(derived, "_MOST", 3)
+    monkeypatch.setattr(steppers, "_MOST_EVENTS", 3)
+    for module in (base, compiled_engine, kernel_library):
+        monkeypatch.setattr(module, "MOST_FURTHER", 8)
+    model, engines, counts = da.compile_model(da.scenes.chaplygin_sleigh()), Engines(monkeypatch), []
+
+    def swept(number):
+        level = 0.21 + 0.01 * number
+        events = [da.Event(dynamicsymbols("theta") - level, terminal=2)] if what == "events" else []
+        reduce = {"far": da.maximum(level * dynamicsymbols("theta"))} if what == "reductions" else None
+        options = {"events": events, "reduce": reduce, "method": "taylor"}
+        return model.sweep((0, 0.1), START, {**PARAMETERS, "b": [0.2, 0.3]}, **options).y
+
+    first = swept(0)
+    for number in range(1, 9):
+        swept(number)
+        counts.append(engines.count())
+    assert counts[-1] == counts[-2] == counts[-3] < 30, counts
+    np.testing.assert_array_equal(swept(0), first)
+
+
+def test_code_of_a_model_lives_as_long_as_what_runs_it():
+    model = da.compile_model(da.scenes.chaplygin_sleigh())
+    state, p = model.state(START, PARAMETERS), model.parameter_vector(PARAMETERS)
+    run, engine = model.prepare((0, 1)), weakref.ref(model.engine.steps.prepare().owner)
+    first = run(state, p)
+    del model
+    gc.collect()
+    np.testing.assert_array_equal(run(state, p), first)
+    assert engine() is not None
+    del run
+    gc.collect()
+    assert engine() is None

@@ -26,6 +26,8 @@ from dalembert.codegen.numba import texts
 from dalembert.codegen.numba.tables import table_definitions
 from dalembert.codegen.printers import JAX, NUMPY
 from dalembert.codegen.rendering import program_variables, render, template_directory
+from dalembert.integrators.addresses import OwnedAddress
+from dalembert.integrators.prepared_loop import PreparedKernels
 from dalembert.integrators.sweep_arguments import SweepKernels
 from dalembert.ir.kernel import Assignment, Kernel, Load
 from dalembert.methods.tableaus import TABLEAUS
@@ -37,6 +39,11 @@ ALL = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.rglob("*") i
 MODULES = {"numpy/module.py.j2": NUMPY, "jax/module.py.j2": JAX}
 
 
+def code_at(*addresses):
+    """Return addresses of code that is not called."""
+    return tuple(OwnedAddress(address, None) for address in addresses)
+
+
 def render_everything():
     """Render every template, with what the library gives it."""
     for program in (make() for make in PROGRAMS.values()):
@@ -46,7 +53,8 @@ def render_everything():
         render_jax(program)
     render_numba(PROGRAMS["oscillator"]().kernel("rhs"))
     render_tables()
-    handler_assembly(foreign_arguments((1, 2, 3, 4, 5), (2, 3, 4), np.array([1e-8, 1e-10]), (1.0, 10)), (0, 3), 6)
+    kernels = PreparedKernels(*code_at(1, 2, 3, 4, 5))
+    handler_assembly(foreign_arguments(kernels, (2, 3, 4), np.array([1e-8, 1e-10]), (1.0, 10)), (0, 3), 6)
     render_batch_handlers()
     for write in (*TEXTS.values(), *FURTHER_TEXTS):
         write()
@@ -56,7 +64,7 @@ def render_everything():
 
 def render_batch_handlers():
     """Render handlers of batches, with threads and without."""
-    batch = batch_arguments(SweepKernels(1, 2, 3, 4, 0, 0, 5, 6), BatchSizes(4, 2, 3, 4, 4))
+    batch = batch_arguments(SweepKernels(*code_at(1, 2, 3, 4, 0, 0, 5, 6)), BatchSizes(4, 2, 3, 4, 4))
     for places in ({"ThreadPool_Schedule": 136, "ThreadPool_NumThreads": 144, "Error_Destroy": 64}, {}):
         batch_assembly(batch, True, Interface((0, 3), places), 7)
 

@@ -8,6 +8,7 @@ import numpy as np
 from dalembert.codegen.llvm.loops import loop_named
 from dalembert.integrators import explicit_loop as explicit
 from dalembert.integrators import implicit_loop as implicit
+from dalembert.integrators.addresses import NO_CODE, OwnedAddress
 from dalembert.integrators.problem import IntegrationProblem, Kernels, Solution
 from dalembert.integrators.scipy import solvers
 from dalembert.methods.tableaus import TABLEAUS
@@ -87,10 +88,7 @@ def pendulum_violation(y):
 
 @cache
 def machine_code(function, sizes):
-    """Return code of the arguments of a step that calls a function of (t, y, c, out), of so many entries each.
-
-    It must stay alive; its ``address`` is what loops take.
-    """
+    """Return code of the arguments of a step that calls a function of (t, y, c, out), of so many entries each."""
     from numba import carray, cfunc, njit, types
 
     inner, (n, n_c, n_out) = njit(error_model="numpy")(function), sizes
@@ -100,7 +98,7 @@ def machine_code(function, sizes):
     def kernel(t, y, c, s, out):
         inner(t[0], carray(y, (n,)), carray(c, (n_c,)), carray(out, (n_out,)))
 
-    return kernel
+    return OwnedAddress(kernel.address, kernel)
 
 
 @cache
@@ -134,11 +132,11 @@ def solve(method, rhs, y0, *, projections=(None, None), constants=NO_CONSTANTS, 
     if backend == "scipy":
         return solvers.integrate(Kernels(*functions), name, problem)
     n, n_c = len(problem.y0), len(problem.constants)
-    rhs_, position, velocity = (f and machine_code(f, (n, n_c, n)).address for f in functions)
+    rhs_, position, velocity = (NO_CODE if f is None else machine_code(f, (n, n_c, n)) for f in functions)
     if name == "radau":
-        jacobian = machine_code(differences(rhs), (n, n_c, n * n)).address
-        code = implicit.ImplicitCode(loop_named("implicit_loop"), rhs_, jacobian, 0, position or 0, velocity or 0)
+        jacobian = machine_code(differences(rhs), (n, n_c, n * n))
+        code = implicit.ImplicitCode(loop_named("implicit_loop"), rhs_, jacobian, NO_CODE, position, velocity)
         return implicit.integrate(code, problem)
     tableau = next(tableau for tableau in TABLEAUS if tableau.name == name)
-    code = explicit.ExplicitCode(loop_named("explicit_loop"), rhs_, position or 0, velocity or 0)
+    code = explicit.ExplicitCode(loop_named("explicit_loop"), rhs_, position, velocity)
     return explicit.integrate(code, tableau, problem)

@@ -1,12 +1,17 @@
 """Arguments of compiled loops: packed by their annotations, unpacked again, and refused where they do not fit."""
 
+import ctypes
+import pickle
+import weakref
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
+from dalembert.integrators.addresses import NO_CODE, AddressTable, OwnedAddress
 from dalembert.integrators.arguments import (
     Address,
+    AddressVector,
     FlagMatrix,
     IntVector,
     Matrix,
@@ -42,11 +47,13 @@ class Arguments(NamedTuple):
     marks: IntVector
     inside: FlagMatrix
     progress: Progress
+    jumps: AddressVector
 
 
 def arguments():
     arrays = np.ones((2, 3)), np.arange(4), np.eye(2, dtype=np.bool_)
-    return Arguments(7, Shape(5, True, 6), -0.5, *arrays, Progress())
+    jumps = AddressTable([OwnedAddress(9, None), NO_CODE])
+    return Arguments(OwnedAddress(7, None), Shape(5, True, 6), -0.5, *arrays, Progress(), jumps)
 
 
 def test_integers_and_doubles_are_packed_by_their_bits_and_arrays_by_address_and_shape():
@@ -56,7 +63,8 @@ def test_integers_and_doubles_are_packed_by_their_bits_and_arrays_by_address_and
     assert words[4:5].view(np.float64) == -0.5
     assert words[5:8].tolist() == [given.states.ctypes.data, 2, 3]
     assert words[8:10].tolist() == [given.marks.ctypes.data, 4]
-    assert words[10:].tolist() == [given.inside.ctypes.data, 2, 2, given.progress.words.ctypes.data]
+    assert words[10:14].tolist() == [given.inside.ctypes.data, 2, 2, given.progress.words.ctypes.data]
+    assert words[14:].tolist() == [given.jumps.words.ctypes.data, 2]
     assert len(words) == len(kind_of(Arguments).words)
 
 
@@ -73,6 +81,7 @@ def test_unpacked_arguments_are_on_the_same_memory():
     given = arguments()
     found = unpack(Arguments, pack(given))
     assert found[:3] == given[:3]
+    assert found.jumps.tolist() == [9, 0]
     found.states[1, 2], found.marks[3], found.inside[0, 1] = 4.0, -1, True
     found.progress.steps += 2
     found.progress.t = 0.25
@@ -102,6 +111,8 @@ def test_empty_arrays_and_those_that_cannot_be_written_are_packed():
         ({"inside": np.ones((2, 2), np.int64)}, r"Arguments\.inside must be .*bool"),
         ({"rtol": "much"}, r"Arguments\.rtol is 'much'"),
         ({"shape": Shape(5, True, 0.5)}, r"Arguments\.shape\.cases is 0\.5"),
+        ({"kernel": 7}, r"Arguments\.kernel must be an address with its owner"),
+        ({"jumps": np.zeros(2, np.int64)}, r"Arguments\.jumps must be an AddressTable"),
         ({"progress": Other()}, r"Arguments\.progress must be a record"),
         ({"progress": np.zeros(2, np.int64)}, r"Arguments\.progress must be a record of t, steps"),
     ],
@@ -121,3 +132,20 @@ def test_fields_of_records_are_integers_and_doubles():
 
         class Flags(Record):
             seen: bool
+
+
+def test_an_address_keeps_its_owner_wherever_it_is_and_belongs_to_one_process():
+    class Engine:
+        """Stands for what has loaded code."""
+
+    table, codes = AddressTable.zeros(2), [OwnedAddress(16 * (1 + i), Engine()) for i in range(2)]
+    engines = [weakref.ref(code.owner) for code in codes]
+    table[1] = codes[0]
+    function = codes[1].function(ctypes.CFUNCTYPE(None))
+    del codes
+    assert (table.size, table[0], table[1], table.words.tolist()) == (2, 0, 16, [0, 16])
+    assert engines[0]() is table[1].owner and engines[1]() is function.owner
+    with pytest.raises(TypeError, match="neither pickled nor copied"):
+        pickle.dumps(table[1])
+    del table, function
+    assert [engine() for engine in engines] == [None, None]

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from dalembert.integrators.addresses import AddressTable
 from dalembert.integrators.case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes, runs_on
 from dalembert.integrators.input_steps import no_inputs
 from dalembert.integrators.lane_steps import accept_steps, project_lanes, swap_states
@@ -38,7 +39,7 @@ def sweep(memory=0, t_eval=(), cases=2, position=0):
         kernels=SweepKernels(0, 0, position, 0, 0, 0, 0, 0),
         shape=CaseShape(N, 0, DEGREE, memory, 0, 1, 0, cases, 2),
         limits=np.array([[LARGEST, BUDGET, 1e-9]]),
-        columns=Columns(np.zeros(3, np.int64), np.zeros(3, np.int64)),
+        columns=Columns(AddressTable.zeros(3), np.zeros(3, np.int64)),
         turn=np.zeros(1, np.int64),
         t_eval=times,
         out=np.zeros((cases, N)),

@@ -27,11 +27,7 @@ class Product:
     def transposed(self):
         return Product(not self.back)
 
-    @property
-    def in_batches(self):
-        return self
-
-    def change(self, held, dheld, moving, value, still):
+    def change(self, held, dheld, moving, still):
         assert not still["matrix"]
         return self(dheld, moving)
 

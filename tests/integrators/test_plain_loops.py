@@ -10,7 +10,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.codegen.llvm import foreign_batch, prepared, sweeps
-from dalembert.codegen.llvm.loops import DEBUG_VARIABLE, Loop, debugging, loop_named
+from dalembert.codegen.llvm.loops import DEBUG_VARIABLE, Loop, compiled_entry, debugging, loop_named
 from dalembert.errors import OptionError
 from dalembert.integrators import compiled_subset
 from dalembert.integrators.checked_arrays import CheckedArray
@@ -19,6 +19,7 @@ from dalembert.integrators.kernel_rows import KernelRowsArguments
 from dalembert.integrators.sweep_arguments import CaseRows, CaseShape
 from dalembert.ir.interpret import interpret
 from dalembert.methods.status import Status
+from dalembert.runtime.hybrid import phases
 
 START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 PARAMETERS = {"m": 1, "b": 0.3, "I_C": 0.5}
@@ -237,6 +238,43 @@ def test_stops_of_phases(plainly):
     assert_same_bits(compiled, found)
 
 
+BALL = {"x": 0, "y": 1.0, "x_dot": 1, "y_dot": 0}, {"m": 2.0, "e": 0.5, "g": 10.0}
+
+
+@pytest.mark.parametrize("first", ["0", "1"])
+def test_a_plan_runs_as_it_was_made(plainly, monkeypatch, first):
+    """Was a segmentation fault: the compiled loop over phases called the number of a plain loop as code."""
+    model, found = da.compile_model(da.scenes.bouncing_ball()), []
+    for debug in (first, "01".replace(first, ""), first):
+        monkeypatch.setenv(DEBUG_VARIABLE, debug)
+        debugging.cache_clear()
+        loop_named.cache_clear()
+        found.append([model.simulate((0, 1), *BALL, method="taylor", **LOOSE).y])
+    assert_same_bits(found[0], found[1])
+    assert_same_bits(found[0], found[2])
+
+
+@pytest.mark.parametrize("called", ["contact_decisions", "lane_loop"])
+def test_compiled_code_that_calls_a_plain_loop_is_an_error(monkeypatch, called):
+    def mixed(name):
+        return Loop(name, plain=called in name)
+
+    for module in (phases, sweeps):
+        monkeypatch.setattr(module, "loop_named", mixed)
+    model = da.compile_model(da.scenes.bouncing_ball())
+    with pytest.raises(OptionError, match=rf"{called} runs as plain Python, which compiled code cannot call"):
+        model.simulate((0, 1), *BALL, method="taylor", **LOOSE)
+
+
+def test_plain_loops_have_no_code_for_other_libraries(plainly, monkeypatch):
+    assert compiled_entry("foreign_loop") != 0
+    monkeypatch.setenv(DEBUG_VARIABLE, "1")
+    debugging.cache_clear()
+    loop_named.cache_clear()
+    with pytest.raises(OptionError, match="the loop foreign_loop runs as plain Python"):
+        compiled_entry("foreign_loop")
+
+
 def test_an_index_outside_an_array_names_it():
     checked = CheckedArray(np.zeros((2, 3)), "state.clock")
     for place in ((-1, 0), (0, 3), (2, 0), 2, -1):
@@ -253,13 +291,11 @@ def test_an_index_outside_an_array_names_it():
     assert type(CheckedArray(np.arange(2), "n")[1]) is int
 
 
-def test_a_loop_that_leaves_its_arrays_is_stopped(plainly, monkeypatch):
+def test_a_loop_that_leaves_its_arrays_is_stopped():
     arrays = np.zeros(1), np.zeros((1, 2)), np.zeros((1, 1)), np.zeros((1, 1))
     overwritten = np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1))
-    monkeypatch.setenv(DEBUG_VARIABLE, "1")
-    debugging.cache_clear()
     with pytest.raises(IndexError, match=r"states\[1, 0\] is outside the array, of shape \(1, 1\)"):
-        Loop("kernel_rows")(KernelRowsArguments(0, *arrays, *overwritten))
+        Loop("kernel_rows", plain=True)(KernelRowsArguments(0, *arrays, *overwritten))
 
 
 def test_other_values_of_the_variable_are_refused(plainly, monkeypatch):

@@ -7,6 +7,7 @@ import pytest
 
 from dalembert.codegen.llvm.loops import loop_named
 from dalembert.integrators import implicit_loop as implicit
+from dalembert.integrators.addresses import NO_CODE
 from dalembert.integrators.problem import IntegrationProblem
 from dalembert.integrators.scipy import solvers
 from dalembert.methods import collocation as radau
@@ -120,8 +121,8 @@ def decay_code(whole):
             out[i] = -c[i] * y[n + i]
 
     kernel = machine_code(jacobian, (n, n, n * n)) if whole else machine_code(tangent, (2 * n, n, 2 * n))
-    rhs, address = machine_code(decay, (n, n, n)).address, kernel.address
-    return implicit.ImplicitCode(loop_named("implicit_loop"), rhs, address * whole, address * (not whole))
+    derivative = (kernel, NO_CODE) if whole else (NO_CODE, kernel)
+    return implicit.ImplicitCode(loop_named("implicit_loop"), machine_code(decay, (n, n, n)), *derivative)
 
 
 def test_jacobian_by_columns_is_the_jacobian():

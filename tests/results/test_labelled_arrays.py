@@ -5,7 +5,8 @@ import warnings
 
 import numpy as np
 import pytest
-from sympy.physics.mechanics import dynamicsymbols
+import sympy as sp
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.errors import OptionError, UnknownNameError
@@ -79,6 +80,60 @@ def test_units_of_what_is_not_there(model):
         run.to_xarray({"x": 1.0})
     with pytest.raises(OptionError, match="units must map names"):
         run.to_xarray("m")
+
+
+@pytest.fixture(scope="module")
+def taken():
+    """A scene whose coordinates, outputs and parameters have names that a data set has itself."""
+    time, status = dynamicsymbols("time status")
+    N, O = ReferenceFrame("N"), Point("O")
+    P = O.locatenew("P", time * N.x + status * N.y)
+    scene = da.Scene("taken", frame=N, origin=O, coordinates=[time, status])
+    mass, stiffness = sp.symbols("steps t_end", positive=True)
+    scene.add_bodies(Particle("P", P, mass))
+    scene.add_loads((P, -stiffness * time * N.x))
+    outputs = {"case": 2 * time, "time_value": 3 * time}
+    return da.compile_model(scene, outputs=outputs, backend="numpy", cache=False)
+
+
+RATES = {"time_dot": 0, "status_dot": 1}
+NEW = {"time": "time_value", "status": "status_value", "case": "case_value", "time_value": "time_value_value"}
+
+
+def test_names_that_a_data_set_has_itself(taken):
+    units = {"time": "m", "t_end": "N/m"}
+    run = taken.simulate((0, 1), {**RATES, "time": 1, "status": 0}, {"steps": 1, "t_end": 2}, t_eval=[0, 0.5, 1])
+    cases = {**RATES, "status": 0, "time": [1, 2]}, {"steps": 1, "t_end": [1, 2]}
+    for found in (run, taken.sweep((0, 1), *cases), taken.sweep((0, 1), *cases, t_eval=[0, 0.5, 1])):
+        labelled = found.to_xarray(units)
+        for name, new in NEW.items():
+            np.testing.assert_array_equal(labelled[new], found[name])
+        assert labelled["time_value"].units == "m"
+        if "time" in labelled:
+            np.testing.assert_array_equal(labelled["time"], [0, 0.5, 1])
+            assert labelled["time"].units == "s"
+        if found is not run:
+            np.testing.assert_array_equal(labelled["time_given"], [1, 2])
+            np.testing.assert_array_equal(labelled["t_end_given"], [1, 2])
+            np.testing.assert_array_equal(labelled["t_end"], [1, 1])
+            assert labelled["t_end_given"].units == "N/m" and "units" not in labelled["t_end"].attrs
+
+
+@pytest.mark.parametrize("samples", [None, [0.5, 1]])
+def test_axes_of_names_that_a_data_set_has_itself(taken, samples, tmp_path):
+    """In a store as in memory."""
+    pytest.importorskip("zarr")
+    options = {"grid": da.grid(time=[1.0, 2.0], t_end=[1.0, 2.0, 3.0], status=[0.0, 1.0]), "t_eval": samples}
+    sweep = taken.sweep((0, 1), RATES, {"steps": 1}, **options)
+    labelled = sweep.to_xarray()
+    stored = taken.sweep((0, 1), RATES, {"steps": 1}, **options, to=tmp_path / "s.zarr", chunk=1)
+    dims = ("time_given", "t_end_given", "status_given", *(("time",) if samples else ()))
+    for data in (labelled, stored):
+        assert data["time_value"].dims == dims and set(data.coords) == set(dims)
+        for name, new in NEW.items():
+            np.testing.assert_array_equal(data[new].to_numpy().ravel(), sweep[name].ravel())
+    assert list(stored.data_vars) == list(labelled.data_vars)
+    xarray.testing.assert_equal(stored, labelled)
 
 
 def _same(loaded, saved):

@@ -12,6 +12,7 @@ from sympy.physics.mechanics import dynamicsymbols
 import dalembert as da
 from dalembert.errors import OptionError
 from dalembert.methods.status import Status
+from dalembert.results import kernel_values
 from dalembert.runtime.hybrid import case_runs, runner_choice
 from hard_cases.contacts import corner_plate, incline_scene, table_oscillator
 
@@ -310,6 +311,22 @@ def test_a_jump_that_the_constraints_forbid_ends_its_case():
     assert belt().simulate((0, 1), start, p, events=[push]).status is Status.EVENT_STATE
 
 
+def test_a_jump_through_a_contact_does_not_take_place():
+    """The run up to there is kept, and so is its last state; states that contacts refuse at the start are none."""
+    dig = da.Event(TIME - sp.Rational(1, 4), apply={y: y - 2}, name="dig")
+    times, p = [0.0, 0.2, 0.25, 0.3], {**BALL, "e": 0.5}
+    run = ball().simulate((0, 1), DROPPED, p, events=[dig])
+    assert run.status is Status.EVENT_STATE and run.t_end == 0.25
+    np.testing.assert_allclose(run(0.2)["y"], 1 - 0.02 * G, rtol=1e-13)
+    np.testing.assert_allclose(run.events["dig"].after["y"], 1 - G / 32, rtol=1e-13)
+    sweep = ball().sweep((0, 0.3), {**DROPPED, "y": [1.0, 9.0, -1.0]}, p, events=[dig], t_eval=times)
+    assert [Status(s) for s in sweep.status] == [Status.EVENT_STATE, Status.SUCCESS, Status.INITIAL_STATE]
+    fall = 0.5 * G * np.square([0.25, 0.3, np.nan])
+    np.testing.assert_allclose(sweep.final["y"], [1, 7, np.nan] - fall, rtol=1e-13)
+    assert sweep.final["y"][0] == run["y"][-1] and sweep.phases[0] == len(run.phases)
+    np.testing.assert_array_equal(np.isnan(sweep["y"]).sum(axis=1), [2, 0, 4])
+
+
 def test_a_jump_after_friction_has_failed_turns_friction():
     """A block that 10 t N have torn off at 0.5 s is thrown back at 0.8 s, with v = -1: friction pushes it forwards.
 
@@ -406,6 +423,24 @@ def test_the_state_after_a_jump_is_recorded():
     np.testing.assert_allclose(with_gap.events["turn"].after["y_dot"], [fall / 2, fall / 4], rtol=1e-6)
 
 
+@pytest.mark.parametrize("t0", [10.0, 1000.0, -1000.0])
+def test_far_from_zero_the_value_at_an_impact_is_the_one_after(t0):
+    """At its time as a run gives it, and as the closed form rounds; well before, the speed is downwards."""
+    for height in (1.0, 0.7, 0.33, 1.9):
+        start, p, span = DROPPED | {"y": height}, BALL | {"e": 0.5}, (t0, t0 + 1.5)
+        found = ball().simulate(span, start, p, method="taylor")
+        impacts = np.array([*(phase.t0 for phase in found.phases[1:3]), t0 + math.sqrt(2 * height / G)])
+        earlier = impacts - 2 * np.spacing(1000.0)
+        times = np.unique([*impacts, *earlier, *span])
+        run = ball().simulate(span, start, p, t_eval=times, method="taylor")
+        sweep = ball().sweep(span, start | {"y": [height]}, p, t_eval=times, method="taylor")
+        np.testing.assert_array_equal(run.t, times)
+        np.testing.assert_array_equal(sweep.t_eval, times)
+        for speeds in (run["y_dot"], sweep["y_dot"][0], found(times)["y_dot"]):
+            assert np.all(speeds[np.isin(times, impacts)] > 0.0)
+            assert np.all(speeds[np.isin(times, earlier)] < 0.0)
+
+
 def test_gains_of_a_sweep_are_given_or_refused_by_name():
     start, given = {"x": 0.0, "y": 1.0, "x_dot": 0.5, "y_dot": 0.0}, {**BALL, "e": np.array([0.3, 0.6])}
     open_gains = da.compile_model(da.scenes.bouncing_ball(), formulation="baumgarte")
@@ -418,3 +453,26 @@ def test_gains_of_a_sweep_are_given_or_refused_by_name():
     assert (run.status == Status.SUCCESS).all()
     np.testing.assert_allclose(run.final["x"], 1.5, rtol=1e-12)
     np.testing.assert_allclose(run.final["y"], 0.0, atol=1e-9)  # both rest on the floor by then
+
+
+def test_outputs_that_are_explained_are_those_of_a_run():
+    run = ball().simulate((0, 3), DROPPED, {**BALL, "e": 0.5})
+    lines = [line.split(None, 1) for line in ball().explain().splitlines()]
+    outputs = {name for first, *rest in filter(None, lines) if first == "outputs" for name in rest[0].split(", ")}
+    assert outputs - {"none"} == {"N"} and np.all(run["N"] >= 0)
+    assert [rest[0].split(" (")[0] for first, *rest in filter(None, lines) if first == "guards"] == [
+        "gap of ground",
+        "press of ground",
+    ]
+
+
+def test_the_variables_of_all_phases_in_one_mode_are_computed_together(monkeypatch):
+    """A motion may have hundreds of thousands of phases: no kernel is interpreted for each of them."""
+    calls, interpreted = [], kernel_values.interpret_rows
+    monkeypatch.setattr(kernel_values, "interpret_rows", lambda *given: calls.append(1) or interpreted(*given))
+    run = ball().simulate((0, 1.0), {**DROPPED, "y": 1e-3}, {**BALL, "e": 1.0})
+    assert len(run.phases) > 30 and len(calls) <= 2
+    parts = [part.motion for part in run._parts]
+    np.testing.assert_array_equal(run.y, np.concatenate([motion.variables for motion in parts]))
+    np.testing.assert_array_equal(run.q, np.concatenate([motion.q for motion in parts]))
+    np.testing.assert_array_equal(run.qdot, np.concatenate([motion.qdot for motion in parts]))

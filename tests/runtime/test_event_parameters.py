@@ -96,7 +96,7 @@ def test_other_runs_stay_as_they_are():
         assert run.events[h - limit].t == pytest.approx([passes(level)], rel=1e-9)
     assert model.layout.parameters == ("g", "m")
     assert model.simulate((0, 0.1), START, {m: 1, g: 9.81}).success
-    assert len([key for key in model.variants._tables if key[0] == "parameters"]) == 1
+    assert len([key for key in model.variants._watched if key[0] == "parameters"]) == 1
 
 
 # -- faults -----------------------------------------------------------------------------------------------

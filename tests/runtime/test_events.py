@@ -16,6 +16,7 @@ from dalembert.methods.status import Status
 time = dynamicsymbols._t
 x, y, theta = dynamicsymbols("x y theta")
 g, m, l = sp.symbols("g m l", positive=True)
+pytestmark = pytest.mark.usefixtures("quick_xla")
 FALL = {"g": 9.81, "m": 2.0}
 SWING = {"g": 9.81, "m": 1.0, "l": 0.8}
 METHODS = [

@@ -103,7 +103,7 @@ def test_explaining_derives_and_compiles_nothing_that_was_not_asked_for(monkeypa
         monkeypatch.setattr(f"dalembert.runtime.explain.{name}", refuse)
     text = model.explain(passes=True)
     assert re.search(r"^formulations  projected: \d+ .*formulations=True", text, re.MULTILINE)
-    assert model.engine.steps._loaded == loaded and not model.variants._tables
+    assert model.engine.steps._loaded == loaded and not model.variants._tables and not model.variants._watched
     with pytest.raises(AssertionError, match="derives or compiles"):
         model.explain(formulations=True)
 
@@ -244,3 +244,20 @@ def test_prepared_runs_take_arrays_of_their_own_shapes_alone(backend):
     ):
         with pytest.raises(ValueInputError, match=f"^{name} must have shape"):
             run(*wrong)
+
+
+@pytest.mark.parametrize("span", [1e50, -1e50, 1e140])
+def test_polynomial_motions_take_steps_of_any_size(span):
+    x, (m, g) = dynamicsymbols("x"), sp.symbols("m g")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("fall", frame=N, origin=O, coordinates=[x])
+    scene.add_bodies(Particle("p", O.locatenew("P", x * N.x), m))
+    scene.apply_uniform_gravity(-g * N.x)
+    model, start, p = da.compile_model(scene), {x: 0, x.diff(): 1}, {m: 2, g: 1e-50}
+    wanted = span - 0.5e-50 * span**2
+    run = model.simulate((0, span), start, p, method="taylor", max_steps=10)
+    assert run.success
+    assert run["x"][-1] == pytest.approx(wanted, rel=1e-12)
+    assert run(0.25 * span)["x"] == pytest.approx(0.25 * span - 0.5e-50 * (0.25 * span) ** 2, rel=1e-12)
+    sweep = model.sweep((0, span), start, p, method="taylor", max_steps=10)
+    assert sweep.success.all() and sweep.final["x"][0] == pytest.approx(wanted, rel=1e-12)

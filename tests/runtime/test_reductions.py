@@ -10,6 +10,7 @@ from dalembert.errors import ExpressionError, OptionError, UnknownNameError
 from dalembert.methods.status import Status
 from runtime.test_events import FALL, SWING, ball, bounce, model, pendulum, theta, time, x, y
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
 METHODS = [("llvm", "taylor"), ("llvm", "dop853"), ("llvm", "tsit5"), ("numpy", "dop853"), ("jax", "dopri8")]
 N = 13  # not a multiple of any number of lanes
 ANGLES = np.linspace(0.5, 2.9, N)

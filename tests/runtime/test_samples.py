@@ -245,6 +245,28 @@ def test_a_position_and_a_holonomic_constraint_follow_a_spline() -> None:
         np.testing.assert_allclose(sweep["x"][1], run["x"], atol=tolerance)
 
 
+@pytest.mark.parametrize("angle", [u, u.diff()])
+def test_an_orientation_follows_a_spline(angle: Any) -> None:
+    """In a frame turned by an input, a pendulum swings as in the fixed one."""
+    N, O, A, B = ReferenceFrame("N"), Point("O"), ReferenceFrame("A"), ReferenceFrame("B")
+    A.orient_axis(N, angle, N.z)
+    B.orient_axis(A, theta, A.z)
+    bob = O.locatenew("P", -ell * B.y)
+    scene = da.Scene("turned", frame=N, origin=O, coordinates=[theta])
+    scene.add_bodies(Particle("p", bob, m))
+    scene.apply_uniform_gravity(-g * N.y)
+    scene.add_inputs(u)
+    model, knots = da.compile_model(scene), np.linspace(0.0, 2.0, 6)
+    spline, p = CubicSpline(knots, [0.0, 0.2, -0.1, 0.15, 0.3, 0.1]), {m: 1.0, ell: 0.7, g: 9.8}
+    order = 0 if angle is u else 1
+    first = {theta: 0.3 - spline(0.0, order), theta.diff(): -spline(0.0, order + 1)}
+    swing = solve_ivp(lambda t, y: [y[1], -14.0 * np.sin(y[0])], (0, 2), [0.3, 0.0], "DOP853", rtol=1e-12, atol=1e-14)
+    run = model.simulate((0, 2), first, p, inputs={u: da.samples(knots, spline(knots), "cubic")}, **TIGHT)
+    assert run["theta"][-1] + spline(2.0, order) == pytest.approx(swing.y[0, -1], abs=1e-10)
+    with pytest.raises(ValueInputError, match=r"orientation of frame 'A'.*kind='cubic'"):
+        model.simulate((0, 2), first, p, inputs={u: da.samples(knots, spline(knots), "linear")})
+
+
 @pytest.mark.parametrize("kind", ["hold", "linear"])
 def test_a_position_refuses_samples_that_are_not_smooth(kind: str) -> None:
     record = da.samples([0.0, 1.0, 2.0], [0.0, 1.0, 0.0], kind, extrapolate="hold")
@@ -342,6 +364,10 @@ def end(model: Any, p: Any, start: Any = START) -> float:
         (([[0.0, 1.0]], [1.0, 2.0]), "t must have shape"),
         (([], []), "t must have shape"),
         (([0.0], [1.0]), "one knot gives no values"),
+        (([-1e308, 1e308], [1.0, 3.0]), "inf apart.*at most 1e.100 apart"),
+        (([0.0, 1e-310, 1.0], [0.0, 1.0, 1.0]), "range of floating-point numbers"),
+        (([0.0, 1.0], [-1e308, 1e308]), "range of floating-point numbers"),
+        (([0.0, 1e-120, 1.0], [0.0, 1.0, 1.0], "cubic"), "least distance cubed"),
         ((["a", "b"], [1.0, 2.0]), "t is not an array of numbers"),
     ],
 )

@@ -18,6 +18,7 @@ from dalembert.methods.status import Status
 from dalembert.options import StoreOptions, SweepOptions
 from dalembert.results import sampler
 from dalembert.runtime.stored.chunks import ChunkJob
+from dalembert.runtime.stored.store import Store
 from dalembert.runtime.stored.sweep import _most_cases
 
 zarr = pytest.importorskip("zarr")
@@ -245,6 +246,87 @@ def test_damaged_pieces_are_computed_again(model, tmp_path):
     assert_same(model.sweep((0, 2), START, MANY, to=path, chunk=20), model.sweep((0, 2), START, MANY))
 
 
+@pytest.mark.parametrize("file", ["zarr.json", "progress/zarr.json"])
+def test_a_changed_byte_of_a_description_is_mended(model, tmp_path, file):
+    """There are two, of which a byte in one does not count; where both are damaged, nothing is done."""
+    path, given = tmp_path / "s.zarr", ((0, 1), START, {**MANY, "b": MANY["b"][:8]})
+    whole = model.sweep(*given, to=path, chunk=4)
+    good, described = (path / file).read_bytes(), dict(Store.open(path).group.attrs)
+    chosen = random.Random(5).sample(range(len(good)), 20)
+    for number in (good.index(b'_chunk": ') + len(b'_chunk": '), *chosen):
+        for bit in (1, 128):
+            (path / file).write_bytes(good[:number] + bytes([good[number] ^ bit]) + good[number + 1 :])
+            assert dict(Store.open(path).group.attrs) == described and Store.open(path).rows == 4
+    xarray.testing.assert_identical(model.sweep(*given, to=path, chunk=4).load(), whole)
+    for one in ("zarr.json", "progress/zarr.json"):
+        (path / one).write_bytes(good[:100] + b"\xff" + good[101:])
+    with pytest.raises(OptionError, match="its description is damaged; nothing was written"):
+        model.sweep(*given, to=path, chunk=4)
+
+
+@pytest.mark.parametrize("moment", ["create", "lay_out", "_make", "write"])
+def test_writers_that_begin_one_store_at_the_same_time(model, tmp_path, monkeypatch, moment):
+    """Another writer, with other chunks, comes to its end while the first is at that moment."""
+    path, given, done = tmp_path / "s.zarr", ((0, 2), START, MANY), []
+    whole = model.sweep(*given)
+    real = getattr(Store, moment)
+
+    def overtaken(*arguments, **options):
+        if not done:
+            done.append(True)
+            assert_same(model.sweep(*given, to=path, chunk=30, threads=1), whole)
+        return getattr(real, "__func__", real)(*arguments, **options)
+
+    monkeypatch.setattr(Store, moment, classmethod(overtaken) if moment == "create" else overtaken)
+    assert_same(model.sweep(*given, to=path, chunk=20, threads=1), whole)
+    assert done
+
+
+def test_another_sweep_that_began_the_store_in_the_meantime(model, tmp_path, monkeypatch):
+    path, real = tmp_path / "s.zarr", Store.create.__func__
+
+    def overtaken(cls, *arguments):
+        monkeypatch.undo()
+        model.sweep((0, 1), START, MANY, to=path)
+        return real(cls, *arguments)
+
+    monkeypatch.setattr(Store, "create", classmethod(overtaken))
+    with pytest.raises(OptionError, match=r"holds another sweep .*its cases"):
+        model.sweep((0, 2), START, MANY, to=path)
+
+
+WRITER = """
+import sys, time
+import numpy as np
+import dalembert as da
+model = da.compile_model(da.scenes.chaplygin_sleigh(), outputs=["X"])
+start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+many = {"m": 1, "b": np.linspace(0.1, 0.5, 101), "I_C": 0.5}
+print("ready", flush=True)
+sys.stdin.readline()
+stored = model.sweep((0, 2), start, many, to=sys.argv[1], chunk=int(sys.argv[2]))
+print(*stored.variables, flush=True)
+assert np.all(np.isfinite(stored["x"])) and len(stored["x"]) == 101
+"""
+
+
+def test_processes_that_begin_one_store(model, tmp_path):
+    """All end well, and have the variables in the same order, that of the sweep."""
+    path = tmp_path / "s.zarr"
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    writers = [subprocess.Popen([sys.executable, "-c", WRITER, path, str(10 + k)], **pipes) for k in range(2)]
+    for writer in writers:
+        assert writer.stdout.readline() == "ready\n"
+    for writer in writers:
+        writer.stdin.write("\n")
+        writer.stdin.flush()
+    orders = {writer.communicate(timeout=200)[0] for writer in writers}
+    assert [writer.returncode for writer in writers] == [0, 0]
+    names = "b x y theta x_dot y_dot theta_dot X energy status steps t_end"
+    assert orders == {names + "\n"}
+    assert_same(model.sweep((0, 2), START, MANY, to=path), model.sweep((0, 2), START, MANY))
+
+
 def test_what_was_asked_before_is_refused_by_name(model, tmp_path):
     path = tmp_path / "s.zarr"
     model.sweep((0, 2), START, MANY, to=path)
@@ -269,6 +351,8 @@ def test_what_is_no_store_is_left_alone(model, tmp_path):
         model.sweep((0, 2), START, MANY, to=tmp_path / "other.zarr")
     with pytest.raises(OptionError, match=r"notes\.txt' is a file, and a store is a folder; nothing was written"):
         model.sweep((0, 2), START, MANY, to=tmp_path / "notes.txt")
+    with pytest.raises(OptionError, match=r"notes\.txt' is a file, and a store is a folder; nothing was written"):
+        model.sweep((0, 2), START, MANY, to=zarr.storage.LocalStore(tmp_path / "notes.txt"))
     with pytest.raises(OptionError, match="to= takes a path of a folder or a store of zarr, not 3, of type int"):
         model.sweep((0, 2), START, MANY, to=3)
     assert (tmp_path / "notes.txt").read_text() == "mine"

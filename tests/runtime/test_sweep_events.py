@@ -9,6 +9,7 @@ from dalembert.codegen.llvm.library import LLVMLibrary
 from dalembert.methods.status import Status
 from runtime.test_events import FALL, SWING, ball, bounce, bounces, g, model, pendulum, theta, time, x, y
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
 LANES = ("taylor", "dop853", "tsit5")
 OTHERS = [("numpy", "dop853"), ("numpy", "lsoda"), ("jax", "dopri8")]
 N = 13  # not a multiple of any number of lanes

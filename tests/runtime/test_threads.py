@@ -11,7 +11,7 @@ import pytest
 import dalembert as da
 from dalembert.codegen.runs import CaseRun
 from dalembert.methods.status import Status
-from dalembert.once import computed_once, derived_once, once, once_property
+from dalembert.once import BoundedTable, computed_once, derived_once, once, once_property
 from dalembert.runtime.case_blocks import begin_whole
 from fuzz.cold_threads import round_of
 
@@ -65,6 +65,27 @@ def test_tables_hold_one_value_for_all_threads(ask):
     table = {}
     assert len(set(together(lambda _: ask(table, "a", slow)))) == 1
     assert set(table) == {"a"}
+
+
+def test_bounded_tables_keep_what_was_used_last():
+    table = BoundedTable(2)
+    first, second = (computed_once(table, name, Loaded) for name in "ab")
+    assert computed_once(table, "a", Loaded) is first
+    assert computed_once(table, "c", Loaded) is not None  # in place of what was used longest ago
+    assert list(table) == ["a", "c"]
+    assert computed_once(table, "b", Loaded) is not second
+    assert table.get("a", 7) == 7
+
+
+def test_bounded_tables_may_be_shared_by_threads():
+    table = BoundedTable(3)
+
+    def work(number):
+        for k in range(2000):
+            assert computed_once(table, (number + k) % 7, lambda k=k: (number + k) % 7) == (number + k) % 7
+
+    together(work)
+    assert len(table) <= 3
 
 
 def test_properties_and_functions_have_one_value_for_all_threads():

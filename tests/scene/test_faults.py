@@ -337,6 +337,16 @@ def test_velocities_that_contradict_positions(stage):
     assert "velocity of point 'G' was set to" in moving and "another" in moving
 
 
+def test_velocities_that_contradict_inputs(stage):
+    turned, tilt = stage.N.orientnew("turned", "Axis", (0, stage.N.z)), dynamicsymbols("tilt")
+    turned.orient_axis(stage.N, tilt, stage.N.z)
+    stage.scene.add_inputs(tilt)
+    stage.scene.add_loads((stage.G, g * turned.x))
+    read(stage.scene)
+    turned.set_ang_vel(stage.N, 2 * tilt.diff() * stage.N.z)
+    assert_fault(stage.scene, "angular velocity of frame 'turned' in 'N' was set to 2*", "gives another one")
+
+
 def test_origin_that_was_set_to_move(stage):
     stage.O.set_vel(stage.N, g * stage.N.x)
     assert_fault(stage.scene, "velocity of point 'O' was set to g*N.x", "is constant")

@@ -79,3 +79,46 @@ def folding_crank():
     scene.add_holonomic_constraints(gap.dot(N.x), gap.dot(N.y))
     scene.apply_uniform_gravity(-g * N.y)
     return scene
+
+
+def parallelogram(*, by_angles=False, with_ball=False):
+    """Two cranks of one length whose ends stay level at one distance: a row vanishes every quarter turn."""
+    a, b, z = dynamicsymbols("a b z")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("parallelogram", frame=N, origin=O, coordinates=[a, b, z] if with_ball else [a, b])
+    ends = []
+    for i, angle in enumerate((a, b)):
+        foot = O.locatenew(f"foot{i}", 2 * i * N.x)
+        ends.append(foot.locatenew(f"end{i}", L * sp.cos(angle) * N.x + L * sp.sin(angle) * N.y))
+        scene.add_bodies(Particle(f"end{i}", ends[i], m))
+    gap = ends[1].pos_from(ends[0]) - 2 * N.x
+    scene.add_holonomic_constraints(*((a - b,) if by_angles else (gap.dot(N.x), gap.dot(N.y))))
+    if with_ball:
+        ball = O.locatenew("ball", z * N.y)
+        scene.add_bodies(Particle("ball", ball, m))
+        force, X, Y = da.unknowns("F X Y")
+        scene.add_joints(
+            da.Joint("floor", body="ball", at=ball, force=force * N.y),
+            da.Joint("bar at 0", body="end0", at=ends[0], force=X * N.x + Y * N.y),
+            da.Joint("bar at 1", body="end1", at=ends[1], force=-X * N.x - Y * N.y),
+        )
+        scene.add_contacts(da.UnilateralContact(force, gap=z, restitution=0))
+    scene.apply_uniform_gravity(-g * N.y)
+    return scene
+
+
+def carried(length):
+    """A bar that three cranks of a length carry without turning: more constraints than coordinates."""
+    cranks = dynamicsymbols("a0:3")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("carried", frame=N, origin=O, coordinates=cranks)
+    ends = []
+    for i, angle in enumerate(cranks):
+        end = O.locatenew(f"end{i}", (i + length * sp.sin(angle)) * N.x + length * sp.cos(angle) * N.y)
+        scene.add_bodies(Particle(f"end{i}", end, m))
+        ends.append(end)
+        if i:
+            gap = end.pos_from(ends[0]) - i * N.x
+            scene.add_holonomic_constraints(gap.dot(N.x), gap.dot(N.y))
+    scene.apply_uniform_gravity(-g * N.y)
+    return scene

@@ -67,6 +67,28 @@ def test_phases_of_cases_that_come_to_rest_are_those_of_single_runs():
     assert len(run.phases) > 30 and (sweep.mode(*run.phases[-1].modes) == "closed").all()
 
 
+def test_hops_end_at_rest_however_small_they_are():
+    """After 2 v / (g (1 - e)), or at once where the hops are shorter than 1e-12 of the span; events kick it, too."""
+    motion = contact_motion("bouncing ball").motion
+    model, y = motion.compile("auto"), motion.scene.coordinates[1]
+    g, p = 9.81, {str(key): float(value) for key, value in motion.parameters.items()} | {"g": 9.81}
+    start = {"x": 0.0, "y": 0.0, "x_dot": 0.25, "y_dot": 0.0}
+    v, hops = (grid.ravel() for grid in np.meshgrid(np.logspace(-17, -4, 40), [0.0, 0.5]))
+    v, hops = np.append(v, 3e-9), np.append(hops, 0.999)
+    for end in (1.0, 100.0):
+        sweep = model.sweep((0, end), start | {"y_dot": v}, p | {"e": hops})
+        assert sweep.success.all() and not sweep["y"].any() and not sweep["y_dot"].any()
+        np.testing.assert_allclose(sweep["x"], 0.25 * end, rtol=1e-12)
+    for i in range(2, 80, 7):
+        run = model.simulate((0, 100), start | {"y_dot": v[i]}, p | {"e": hops[i]})
+        assert run.success and run.phases[-1].modes == {"ground": "closed"}
+        assert run.phases[-1].t0 == pytest.approx(2.0 * v[i] / (g * (1.0 - hops[i])), rel=1e-6, abs=4e-10)
+    kick = da.Event(dynamicsymbols._t - 1, apply={y.diff(): 1e-12}, name="kick")
+    run = model.simulate((0, 100), start, p | {"e": 0.5}, events=[kick])
+    sweep = model.sweep((0, 100), start, p | {"e": np.full(2, 0.5)}, events=[kick])
+    assert run.success and sweep.success.all() and len(run.events["kick"]) == 1 and run["y_dot"][-1] == 0.0
+
+
 def test_what_comes_to_rest_does_so_in_every_unit_of_length():
     """In micrometres, rounding leaves 1e-10 of a velocity that vanishes, where a hundredth of that counts as rest."""
     model = da.compile_model(da.scenes.corner_plate(friction=True))

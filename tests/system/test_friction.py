@@ -425,6 +425,8 @@ def test_one_paradox_does_not_spoil_a_sweep():
     sweep = ready("sliding_rod", "N").sweep((0, 0.3), start, {**ROD, "mu": [0.5, 2.0, 2.0, 1.0]}, rtol=1e-10)
     expected = [Status.SUCCESS, Status.CONTACT_IMPOSSIBLE, Status.CONTACT_AMBIGUOUS, Status.SUCCESS]
     assert [Status(value) for value in sweep.status] == expected
+    for name in ("theta", "N"):  # no motion begins where there is none, or more than one
+        assert list(np.isnan(sweep[name])) == [False, True, True, False]
 
 
 # -- the smooth law -------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from dalembert.methods.status import Status
 from dalembert.transforms.recurrences import recurrences
-from system.singular_scenes import folding_crank, platform, windows
+from system.singular_scenes import carried, folding_crank, parallelogram, platform, windows
 
 BARS = {"m": 1.0, "L": 1.0, "g": 9.81}
 TURN = {1: 3.337870803105097731817957161247564911941, 4: 12.68425959351397191786347626886160363293}
@@ -303,6 +303,134 @@ def test_cases_of_a_sweep_that_are_redundant_otherwise_than_the_first_are_not_ru
 def test_start_that_contradicts_a_redundant_constraint_is_refused_by_name():
     with pytest.raises(da.errors.InitialStateError, match=r"holonomic constraint \d"):
         compiled(platform).simulate((0, 1), {**LEANING, "a2": 2.6}, CARRIED)
+
+
+SWINGING = {"m": 1.0, "L": 1.0, "g": 9.81}
+
+
+def swinging(angle, speed=1.0):
+    return {"a": angle, "b": angle, "a_dot": speed}
+
+
+@functools.cache
+def swing(by_angles=False, backend="llvm"):
+    return da.compile_model(parallelogram(by_angles=by_angles), backend=backend)
+
+
+@pytest.mark.parametrize("backend", ["llvm", "numpy"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"t_eval": [0, 0.3], "dense": False},
+        {"events": ["a_dot"]},
+        {"method": "dop853", "rtol": 1e-12, "atol": 1e-14},
+    ],
+    ids=["steps", "samples", "events", "tight"],
+)
+def test_runs_end_where_enforced_constraints_lose_rank_that_all_have(backend, options):
+    """The crank is level after 0.376 s; beyond, what is enforced lets the cranks go where the loop does not."""
+    if backend == "numpy" and "events" in options:
+        pytest.skip("as the others")
+    run = swing(backend=backend).simulate((0, 1), swinging(0.3), SWINGING, **options)
+    assert run.status is Status.SINGULAR_CONFIGURATION and 0.36 < run.t_end < 0.39
+    assert "come to lose rank that they have together with holonomic constraint" in run.message
+    assert np.abs(run["a"] - run["b"]).max() < 1e-9
+    before = swing(backend=backend).simulate((0, 0.3), swinging(0.3), SWINGING, **options)
+    assert before.success
+    assert before["a"][-1] == pytest.approx(swing(True).simulate((0, 0.3), swinging(0.3), SWINGING)["a"][-1], abs=1e-8)
+
+
+@pytest.mark.parametrize("method", ["auto", "taylor", "radau"])
+def test_cases_of_sweeps_end_there_too(method):
+    angles, options = np.array([0.2, 0.5, 1.4]), {"method": method, "reduce": {"last": da.final("a")}}
+    times = np.array([0, 0.05, 0.5])
+    sweep = swing().sweep((0, 0.5), swinging(angles, -1.0), SWINGING, t_eval=times, **options)
+    expected = swing(True).sweep((0, 0.5), swinging(angles, -1.0), SWINGING, t_eval=times)
+    level = expected["a"][:, -1] < 0.0
+    assert level.tolist() == [True, True, False]
+    assert sweep.status.tolist() == [Status.SINGULAR_CONFIGURATION] * 2 + [Status.SUCCESS]
+    np.testing.assert_allclose(sweep["a"][~level], expected["a"][~level], atol=1e-7)
+    np.testing.assert_allclose(sweep["a"][:, :2], expected["a"][:, :2], atol=1e-7)
+    assert np.all(np.isnan(sweep["a"][level, -1])) and np.all(np.isnan(sweep.reduced["last"][level]))
+
+
+def test_the_rows_that_are_enforced_are_those_that_do_not_vanish_at_the_start():
+    for angle in (0.0, 1e-9, 1e-3, 1.5707):
+        run = swing().simulate((0, 0.1), swinging(angle), SWINGING)
+        assert run.success
+        other = swing(True).simulate((0, 0.1), swinging(angle), SWINGING)
+        assert run["b"][-1] == pytest.approx(other["b"][-1], abs=1e-9)
+        found, expected = (model.linearize(0, swinging(angle), SWINGING) for model in (swing(), swing(True)))
+        np.testing.assert_allclose(found.A, expected.A, atol=1e-9)
+
+
+def test_derivatives_end_where_runs_do():
+    options = {"of": ["a"], "wrt": ["g"]}
+    found = swing().sensitivity((0, 3), swinging(0.3), SWINGING, **options)
+    assert found.status is Status.SINGULAR_CONFIGURATION and 0.36 < found.t[-1] < 0.39
+    found, expected = (s.sensitivity((0, 0.3), swinging(0.3), SWINGING, **options) for s in (swing(), swing(True)))
+    assert found.status is Status.SUCCESS
+    assert found.jacobians[-1, 0, 0] == pytest.approx(expected.jacobians[-1, 0, 0], rel=1e-6)
+
+
+@pytest.mark.parametrize("backend", ["llvm", "numpy"])
+def test_prepared_runs_that_start_with_dependent_constraints(backend):
+    """After a few calls, starts are looked at by compiled code."""
+    model = swing(backend=backend)
+    p, y = model.parameter_vector(SWINGING), model.state(swinging(0.3), SWINGING)
+    short, long = model.prepare((0, 0.3)), model.prepare((0, 0.5))
+    expected = swing(True).simulate((0, 0.3), swinging(0.3), SWINGING)
+    for _ in range(20 if backend == "llvm" else 1):
+        final = short(y, p)
+        assert short.status is Status.SUCCESS
+        np.testing.assert_allclose(final[:2], expected["a"][-1], atol=1e-8)
+        assert np.all(np.isnan(long(y, p))) and long.status is Status.SINGULAR_CONFIGURATION
+
+
+def test_prepared_runs_of_regular_loops_are_those_of_the_engine():
+    bars, model = start(2, 0.2), compiled(two_windows)
+    p, y = model.parameter_vector(BARS), model.state(bars, BARS)
+    run = model.prepare((0, 0.3))
+    for _ in range(18):
+        final = run(y, p)
+    np.testing.assert_allclose(final, model.simulate((0, 0.3), bars, BARS, t_eval=[0.3]).y[-1], atol=1e-12)
+
+
+def test_modes_of_contacts_end_where_enforced_constraints_lose_rank():
+    model = da.compile_model(parallelogram(with_ball=True))
+    begin = {**swinging(0.3), "b_dot": 1.0, "z": 2.0, "z_dot": 0.0}
+    assert model.simulate((0, 0.2), begin, SWINGING).success
+    run = model.simulate((0, 0.5), begin, SWINGING)
+    assert run.status is Status.SINGULAR_CONFIGURATION and 0.2 < run.t[-1] < 0.39
+    prepared = model.prepare((0, 0.5))
+    prepared(model.state(begin, SWINGING), model.parameter_vector(SWINGING))
+    assert prepared.status is Status.SINGULAR_CONFIGURATION
+
+
+def test_decimals_and_symbols_decide_alike_on_more_constraints_than_coordinates():
+    tilted, final = {f"a{i}": 0.5 for i in range(3)} | {"a0_dot": 1.0}, {}
+    for length in (1, 0.774):
+        model = da.compile_model(carried(length))
+        run = model.simulate((0, 0.3), tilted, {"m": 1.0, "g": 9.81 * float(length)})
+        assert run.success and "not enforced" in run.message
+        final[length] = run["a2"][-1]
+    assert final[1] == pytest.approx(final[0.774], abs=1e-8)
+
+
+def test_nonholonomic_constraints_that_follow_by_weights_that_vary_are_watched():
+    """The one that is enforced vanishes at t = pi / 2, the other does not."""
+    x, y, z = dynamicsymbols("x y z")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("varying", frame=N, origin=O, coordinates=[x, y, z])
+    scene.add_bodies(Particle("bead", O.locatenew("P", x * N.x + y * N.y + z * N.z), sp.Symbol("m")))
+    slip = x.diff() - y.diff()
+    scene.add_nonholonomic_constraints(z.diff() - 1, sp.cos(z) * slip, (2 + sp.sin(z)) * sp.cos(z / 3) * slip)
+    model = da.compile_model(scene, formulation="projected")
+    begin, mass = {"x": 0, "y": 0, "z": 0.2, "y_dot": 1}, {"m": 1}
+    assert model.simulate((0, 1), begin, mass).success
+    run = model.simulate((0, 3), begin, mass)
+    assert run.status is Status.SINGULAR_CONFIGURATION and 1.2 < run.t_end < 1.4
 
 
 # -- reactions ----------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from sympy import symbols
 
 import dalembert as da
 from dalembert.errors import InitialStateError
+from dalembert.methods.status import Status
 from hard_cases.contacts import corner_plate, loose_plate
 from scene.scaled import Units, r, two_feet
 
@@ -94,3 +95,39 @@ def test_a_gap_is_closed_by_its_share_of_the_lengths():
             assert modes[0]["ground"] == mode, (units, gap)
         with pytest.raises(InitialStateError, match="penetrates"):
             _phases(model, "ball", units, {"x": 1.0, "y": -1e-6, "x_dot": 0.0})
+
+
+@pytest.mark.parametrize("backend, method", [("llvm", "taylor"), ("llvm", "dop853"), ("numpy", "dop853")])
+def test_a_ball_lands_whatever_is_left_of_its_other_coordinate(backend, method):
+    """Its height was 1 before, of which landing leaves rounding: more than a share of x, the largest when it lies."""
+    model = da.compile_model(da.scenes.bouncing_ball(), backend=backend)
+    p = {"m": 1.0, "e": 0.0, "g": 9.81}
+    for x in (1e-8, 1e-9, 1e-10, 1e-11):
+        run = model.simulate((0.0, 1.0), {"x": x, "y": 1.0, "x_dot": 0.0, "y_dot": 0.0}, p, method=method)
+        assert run.success and len(run.phases) == 2, x
+        assert run.phases[0].t1 == pytest.approx(math.sqrt(2 / 9.81), rel=1e-9)
+        assert abs(run["y"][-1]) <= 1e-8 * x and run["x"][-1] == x
+
+
+def test_a_contact_that_cannot_close_ends_the_motion_with_a_status():
+    """The time of landing is rounded to a share of the span, in which the ball would fall far."""
+    model = da.compile_model(da.scenes.bouncing_ball())
+    start, span = {"x": 0.0, "y": 1.0, "x_dot": 0.0, "y_dot": 0.0}, (0.0, 1.0)
+    for g, landing in ((1e25, math.sqrt(2e-25)), (1e100, 0.0)):
+        p = {"m": 1.0, "e": 0.0, "g": g}
+        run = model.simulate(span, start, p, method="taylor")
+        cases = model.sweep(span, start, p | {"m": np.array([1.0])}, method="taylor")
+        assert run.status is Status.PROJECTION_FAILED and cases.status[0] == run.status
+        assert [phase.modes["ground"] for phase in run.phases] == ["open"] and cases.phases[0] == 1
+        assert run.t_end == cases.t[0] == pytest.approx(landing, rel=1e-4)
+        assert run["y"][-1] == pytest.approx(cases["y"][0]) and abs(run["y"][0] - 1.0) < 1e-12
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_accelerations_that_overflow_are_not_finite(method):
+    model = da.compile_model(da.scenes.bouncing_ball())
+    start, p = {"x": 0.0, "y": 1.0, "x_dot": 0.0, "y_dot": 0.0}, {"m": 1.0, "e": 0.0, "g": 1e300}
+    run = model.simulate((0.0, 1.0), start, p, method=method)
+    cases = model.sweep((0.0, 1.0), start, p | {"m": np.array([1.0])}, method=method)
+    assert run.status is Status.NON_FINITE and cases.status[0] == run.status
+    assert np.isnan(cases["y"][0])

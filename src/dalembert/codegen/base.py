@@ -12,6 +12,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..errors import FormulationError
+from ..integrators.addresses import OwnedAddress
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.problem import IntegrationProblem, Solution
 from ..integrators.segments import Segments
@@ -19,15 +20,19 @@ from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..methods.status import Status
-from ..once import computed_once, once_property
+from ..once import BoundedTable, computed_once, once_property
 from ..options import SolveOptions
-from .host_code import HOST_LANES, HostCode, interpreted_code
+from .host_code import HOST_LANES, interpreted_code
+from .library import MOST_FURTHER
 from .runs import CaseRun, Final, Prepared, PreparedStates, StartCode
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from ..reduction.starting import Start
     from ..scene.symbol_table import InputSymbol
     from .host_runs import HostedRuns
+    from .llvm.admission import Admission
 
 __all__ = [
     "Backend",
@@ -72,6 +77,11 @@ class Engine(ABC):
 
     def accept_as_static(self, kind: type) -> None:  # noqa: B027
         """Treat instances of a class as constants in the transformations of the backend, where it has any."""
+
+    @property
+    def folder(self) -> Path | None:
+        """Where compiled code of the program is kept, None where nothing is."""
+        return None
 
     @abstractmethod
     def evaluate(self, kernel: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
@@ -131,11 +141,15 @@ class Engine(ABC):
         yield self.integrate(problem, method)
 
     def prepared(
-        self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
+        self,
+        problem: IntegrationProblem,
+        method: str,
+        constants: Callable[[FloatArray], FloatArray],
+        admission: Admission | None = None,
     ) -> Prepared:
         """Return a prepared run; but for states and parameters everything is as in `problem`.
 
-        `constants` gives c (n_c,) of parameters (n_p,).
+        `constants` gives c (n_c,) of parameters (n_p,); `admission` tests what the run is given.
         """
 
         def run(state: FloatArray, p: FloatArray) -> Final:
@@ -143,7 +157,7 @@ class Engine(ABC):
             solution = self.integrate(replace(problem, y0=state, constants=c, t_eval=np.array([problem.t1])), method)
             return (solution.y[-1] if len(solution.y) else np.full_like(state, np.nan)), Status(solution.status)
 
-        return PreparedStates(run)
+        return PreparedStates(run, admission)
 
     cuts: ClassVar[bool] = False
     """Whether runs are cut in segments, also those without a state."""
@@ -168,17 +182,17 @@ class Engine(ABC):
         """Return the start of single runs as compiled code with the bits of interpreted kernels, None without any."""
         return None
 
-    def code(self, kernel: Kernel) -> tuple[int, int]:
+    def code(self, kernel: Kernel) -> tuple[OwnedAddress, int]:
         """Return the address of any kernel of (t, y, c) as code that loops call, and its lanes.
 
         Here it is interpreted.
         """
         kept = computed_once(self._interpreted, id(kernel), lambda: (kernel, interpreted_code(kernel)))
-        return kept[1].address, HOST_LANES
+        return kept[1], HOST_LANES
 
     @once_property
-    def _interpreted(self) -> dict[int, tuple[Kernel, HostCode]]:
-        return {}  # with the kernels, so that no other can have their numbers
+    def _interpreted(self) -> BoundedTable[int, tuple[Kernel, OwnedAddress]]:
+        return BoundedTable(MOST_FURTHER)  # with the kernels, so that no other can have their numbers
 
     @property
     def for_segments(self) -> Engine:
@@ -229,14 +243,22 @@ class TracedEngine(Protocol):
         """Traced functions of a state: energy, mass matrix and so on."""
         ...
 
-    def solve_fn(self, start: Start | None, options: SolveOptions, inputs: tuple[InputSymbol, ...] = ()) -> Any:
+    def solve_fn(
+        self,
+        start: Start | None,
+        options: SolveOptions,
+        inputs: tuple[InputSymbol, ...] = (),
+        dependence: Start | None = None,
+    ) -> Any:
         """Return a traced function that solves from given values, or from the state where `start` is None.
 
         `inputs` are those of the scene.
         """
         ...
 
-    def hosted_solve_fn(self, start: Start | None, options: SolveOptions, hosted: HostedRuns) -> Any:
+    def hosted_solve_fn(
+        self, start: Start | None, options: SolveOptions, hosted: HostedRuns, dependence: Start | None = None
+    ) -> Any:
         """Return a traced function whose runs are left to the host: those with events, reductions or contacts."""
         ...
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 import numpy as np
 
 from ..arrays import FloatArray
+from ..integrators.addresses import NO_CODE, OwnedAddress
 from ..integrators.cases import BlockResult, CaseColumns
 from ..integrators.kernel_rows import KernelRowsArguments
 from ..integrators.method_choice import runge_kutta_pays
@@ -19,21 +20,24 @@ from ..integrators.workspace import aligned
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
-from ..once import computed_once, once_property
+from ..once import BoundedTable, computed_once, once_property
 from ..options import DEFAULT_TOLERANCES
 from ..transforms.taylor import clipped_tolerance, order_at, order_for
 from .base import Engine
-from .library import LARGEST_UNROLLED, KernelLibrary
+from .library import LARGEST_UNROLLED, MOST_FURTHER, KernelLibrary
 from .llvm.loops import loop_named
 from .runs import CaseRun, Prepared, StartCode
 from .steppers import Steppers, pair_named
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from ..integrators.explicit_loop import ExplicitCode
     from ..integrators.implicit_loop import ImplicitCode
     from ..integrators.stiffness import Rates
     from ..integrators.taylor_runs import StepCode
     from ..reduction.starting import Start
+    from .llvm.admission import Admission
     from .llvm.foreign import ForeignCode
     from .llvm.foreign_batch import Interface
 
@@ -65,7 +69,7 @@ class CompiledEngine(Engine):
         self._program = program
         self._parameters = len(program.layout.parameters)
         self.steps = steps
-        self._extra_kernels: dict[int, tuple[Kernel, int]] = {}
+        self._extra_kernels: BoundedTable[int, tuple[Kernel, OwnedAddress]] = BoundedTable(MOST_FURTHER)
         self._taylor_codes: dict[int, StepCode] = {}
         self._steppers = Steppers(steps, self._sizes.get("rhs", 0))
 
@@ -73,6 +77,11 @@ class CompiledEngine(Engine):
     def follows_inputs(self) -> bool:
         """See `Engine.follows_inputs`: multipliers that a formulation solves for are those of the start of a run."""
         return "stages" not in self._sizes
+
+    @property
+    def folder(self) -> Path | None:
+        """See `Engine.folder`."""
+        return self.steps.folder
 
     @property
     def functions(self) -> Any:
@@ -93,7 +102,9 @@ class CompiledEngine(Engine):
         """See `Engine.rows`."""
         return self._by_code(*self.code(kernel), len(kernel.outputs), t, y, c)
 
-    def _by_code(self, code: int, lanes: int, size: int, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
+    def _by_code(
+        self, code: OwnedAddress, lanes: int, size: int, t: FloatArray, y: FloatArray, c: FloatArray
+    ) -> FloatArray:
         """Return the outputs (k, size) of a compiled kernel at times (k,), states (k, n) and constants (k, n_c)."""
         out = np.empty((len(t), size))
         if len(t):
@@ -102,7 +113,7 @@ class CompiledEngine(Engine):
             loop_named("kernel_rows")(KernelRowsArguments(code, times, states, constants, out, *room))
         return out
 
-    def code(self, kernel: Kernel) -> tuple[int, int]:
+    def code(self, kernel: Kernel) -> tuple[OwnedAddress, int]:
         """See `Engine.code`."""
         lanes = self.steps.lanes
         # the kernel is kept, so that no other can have its number
@@ -238,14 +249,14 @@ class CompiledEngine(Engine):
         stepper = self._steppers.stepper(method, tolerances, lanes, dense=dense, bounded=located, watched=series_of)
         nothing_each_step = watched is None or (with_series > 0 and not n_times and not watched.kinds)
         nothing_each_step = nothing_each_step and not cases.recorded
-        advance = advance_lanes(lanes) if nothing_each_step and not projected else 0
+        advance = advance_lanes(lanes) if nothing_each_step and not projected else NO_CODE
         prepare, start = self.steps.prepare(lanes), self.steps.start(cases.start, lanes)
         if cases.inputs is not None:
             cases = replace(cases, inputs=cases.inputs.compiled(lambda sides: self.steps.kernel(sides.name, lanes)))
         sizes = lanes, n, self._sizes["prepare"], stepper.degree, stepper.memory
         shape = SweepShape(*sizes, share, dense, with_series)
         return case_run(
-            (*stepper.codes, *projections, prepare, start, advance, check_inputs(lanes)),
+            SweepKernels(*stepper.codes, *projections, prepare, start, advance, check_inputs(lanes)),
             shape,
             stepper.settings,
             cases,
@@ -256,29 +267,37 @@ class CompiledEngine(Engine):
         )
 
     def prepared(
-        self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
+        self,
+        problem: IntegrationProblem,
+        method: str,
+        constants: Callable[[FloatArray], FloatArray],
+        admission: Admission | None = None,
     ) -> Prepared:
         """See `Engine.prepared`."""
         if method == "radau":
-            return super().prepared(problem, method, constants)
+            return super().prepared(problem, method, constants, admission)
+        from ..integrators.prepared_loop import PreparedKernels
         from .llvm.prepared import prepared_run
 
         sizes = (self._sizes["rhs"], self._parameters, self._sizes["prepare"])
         stepper = self._steppers.stepper(method, (problem.rtol, problem.atol), 1, dense=False)
-        codes = self.steps.prepare(), *stepper.codes, *self._steppers.projections(1)
-        return prepared_run(codes, sizes, stepper.memory, stepper.settings, self._with_sides(problem), self.steps)
+        tests = NO_CODE if admission is None else admission.code.address
+        kernels = PreparedKernels(self.steps.prepare(), *stepper.codes, *self._steppers.projections(1), tests)
+        problem = self._with_sides(problem)
+        return prepared_run(kernels, sizes, stepper.memory, stepper.settings, problem, admission)
 
     def foreign(
         self, method: str, tolerances: tuple[float, float], limits: tuple[float, int], version: tuple[int, int]
     ) -> ForeignCode:
         """Return the handler of runs that XLA calls, by an explicit method; see `dalembert.codegen.llvm.foreign`."""
+        from ..integrators.prepared_loop import PreparedKernels
         from .llvm.foreign import foreign_code
 
         stepper = self._steppers.stepper(method, tolerances, 1, dense=False)
         layout = self._program.layout
         sizes = (self._sizes["rhs"], layout.constants or len(layout.parameters), stepper.memory)
-        codes = 0, *stepper.codes, *self._steppers.projections(1)
-        return foreign_code(codes, sizes, stepper.settings, limits, version, self.steps)
+        kernels = PreparedKernels(NO_CODE, *stepper.codes, *self._steppers.projections(1))
+        return foreign_code(kernels, sizes, stepper.settings, limits, version)
 
     def foreign_batch(
         self, method: str, tolerances: tuple[float, float], interface: Interface, *, recorded: bool
@@ -294,11 +313,11 @@ class CompiledEngine(Engine):
         lanes, layout = self.steps.lanes, self._program.layout
         stepper = self._steppers.stepper(method, tolerances, lanes, dense=False)
         projections = self._steppers.projections(lanes)
-        advance = 0 if recorded or any(projections) else advance_lanes(lanes)
-        kernels = SweepKernels(*stepper.codes, *projections, 0, 0, advance, check_inputs(lanes))
+        advance = NO_CODE if recorded or any(projections) else advance_lanes(lanes)
+        kernels = SweepKernels(*stepper.codes, *projections, NO_CODE, NO_CODE, advance, check_inputs(lanes))
         constants = layout.constants or len(layout.parameters)
         sizes = BatchSizes(lanes, self._sizes["rhs"], constants, stepper.memory, 2 + len(stepper.settings))
-        return foreign_batch(kernels, sizes, recorded, interface, self.steps)
+        return foreign_batch(kernels, sizes, recorded, interface)
 
     def start_code(self, start: Start) -> StartCode | None:
         """See `Engine.start_code`."""
@@ -308,9 +327,9 @@ class CompiledEngine(Engine):
         from .llvm.starts import start_code
 
         sizes = (self._parameters, self._sizes["prepare"], len(start.given), len(start.kernel.outputs))
-        return start_code(steps.prepare(), steps.start(start, 1), sizes, steps)
+        return start_code(steps.prepare(), steps.start(start, 1), sizes)
 
-    def _kernels(self) -> list[int]:
+    def _kernels(self) -> list[OwnedAddress]:
         return [self.steps.kernel("rhs"), *self._steppers.projections(1), self.steps.kernel("knots")]
 
     @once_property

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..integrators.addresses import NO_CODE, AddressTable
 from ..integrators.reductions import KINDS
 from ..integrators.workspace import POINT_LANES, EventKernels
 from ..ir.kernel import Kernel
@@ -43,7 +44,7 @@ def event_kernels(
         Number of events of which the steps write series: all or none.
     """
     values = code.watch.values
-    jumps = [0 if jump is None else steps.extra_kernel(jump, 1) for jump in code.jumps]
+    jumps = [NO_CODE if jump is None else steps.extra_kernel(jump, 1) for jump in code.jumps]
     n, degree, memory = sizes
     step = StepShape(degree, n + with_series, n + with_series + 2 + memory, in_time=tableau is None)
     if with_series:
@@ -57,10 +58,10 @@ def event_kernels(
         value=steps.extra_kernel(values, 1),
         begins=steps.extra_kernel(code.watch.begins, 1),
         start=steps.extra_kernel(code.start.kernel, 1),
-        refill=0 if tableau is None else steps.beginning(tableau, 1),
+        refill=NO_CODE if tableau is None else steps.beginning(tableau, 1),
         given=len(code.start.given),
         checks=2 * len(code.start.labels),
-        jumps=np.array(jumps, np.int64),
+        jumps=AddressTable(jumps),
         directions=np.array([event.direction for event in code.events], np.int64),
         last=np.array([int(event.terminal) for event in code.events], np.int64),
         used=_components(values),

@@ -5,15 +5,15 @@ from __future__ import annotations
 import ctypes
 import threading
 from collections.abc import Callable
-from typing import final
 
 import numpy as np
 
 from ..arrays import FloatArray
+from ..integrators.addresses import OwnedAddress
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 
-__all__ = ["HOST_LANES", "HostCode", "columns_at", "interpreted_code", "raise_failure"]
+__all__ = ["HOST_LANES", "columns_at", "host_code", "interpreted_code", "raise_failure"]
 
 HOST_LANES = 8
 """Lanes of interpreted kernels: eight rows take about as long as one."""
@@ -22,30 +22,24 @@ _SIGNATURE = ctypes.CFUNCTYPE(ctypes.c_int64, *(ctypes.c_int64,) * 5)
 _THREAD = threading.local()
 
 
-@final
-class HostCode:
-    """A Python function of five addresses as code that loops call, while this object lives.
+def host_code(function: Callable[..., int]) -> OwnedAddress:
+    """Return a Python function of five addresses as code that loops call.
 
     What it raises waits for `raise_failure`, because no exception passes through machine code. Until then all such code
     of the thread does nothing, and returns 1.
-
-    Attributes
-    ----------
-    address : int
     """
 
-    def __init__(self, function: Callable[[int, int, int, int, int], int]) -> None:
-        def run(*addresses: int) -> int:
-            if getattr(_THREAD, "failure", None) is not None:
-                return 1
-            try:
-                return function(*addresses)
-            except BaseException as failure:  # also KeyboardInterrupt
-                _THREAD.failure = failure
-                return 1
+    def run(*addresses: int) -> int:
+        if getattr(_THREAD, "failure", None) is not None:
+            return 1
+        try:
+            return function(*addresses)
+        except BaseException as failure:  # also KeyboardInterrupt
+            _THREAD.failure = failure
+            return 1
 
-        self._held = _SIGNATURE(run)
-        self.address = int(ctypes.cast(self._held, ctypes.c_void_p).value or 0)
+    callback = _SIGNATURE(run)
+    return OwnedAddress(ctypes.cast(callback, ctypes.c_void_p).value or 0, callback)
 
 
 def raise_failure() -> None:
@@ -63,7 +57,7 @@ def columns_at(address: int, rows: int, lanes: int) -> FloatArray:
     return np.ctypeslib.as_array((ctypes.c_double * (rows * lanes)).from_address(address)).reshape(rows, lanes)
 
 
-def interpreted_code(kernel: Kernel) -> HostCode:
+def interpreted_code(kernel: Kernel) -> OwnedAddress:
     """Return a kernel of (t, y, c) as code of `HOST_LANES` lanes, which interprets it."""
     places = [(load.array, load.index) for load in kernel.loads if load.index is not None]
     sizes = {name: 1 + max((index for array, index in places if array == name), default=-1) for name in "yc"}
@@ -74,4 +68,4 @@ def interpreted_code(kernel: Kernel) -> HostCode:
         found[:] = interpret_rows(kernel, columns_at(t, 1, HOST_LANES)[0], states.T, constants.T).T
         return 0
 
-    return HostCode(interpret)
+    return host_code(interpret)

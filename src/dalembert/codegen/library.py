@@ -9,10 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
+from ..integrators.addresses import NO_CODE, OwnedAddress
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..methods.tableau import Tableau
-from ..once import computed_once, once_property
+from ..once import BoundedTable, computed_once, once_property
 from ..reduction.starting import Start
 from ..transforms.partials import jacobian_kernel, tangent_kernel
 from ..transforms.periodic import angles_of
@@ -21,19 +22,22 @@ from ..transforms.residual_control import cost
 from ..transforms.roots_at_rest import roots_vanish_at_rest
 from ..transforms.taylor import STEP_ARGUMENTS
 
-__all__ = ["LARGEST_UNROLLED", "Code", "KernelLibrary"]
+__all__ = ["LARGEST_UNROLLED", "MOST_FURTHER", "Code", "KernelLibrary"]
 
 _LARGEST_JACOBIAN = 6000
 """Lines of a right-hand side times columns up to which its Jacobian is one kernel: half a second of compilation there,
 and some five times faster than column by column (measured on chains of pendulums)."""
 LARGEST_UNROLLED = 15_000
 """Lines of the recurrences, written out, up to which Taylor steps are worth their compilation."""
+MOST_FURTHER = 256
+"""Pieces of code of events, reductions, outputs and given values that are kept of a model, some 50 kB each: those that
+were used last. Others are unloaded with what still runs them."""
 
 
 class Code(Protocol):
-    """Loaded machine code; addresses are good as long as it lives."""
+    """Loaded machine code, which lives as long as an address of it."""
 
-    def address(self, name: str) -> int:
+    def address(self, name: str) -> OwnedAddress:
         """Return the address of a function ``void name(double *t, double *y, double *c, double *s, double *out)``."""
         ...
 
@@ -50,10 +54,11 @@ class KernelLibrary(ABC):
     """
 
     def __init__(self, program: Program, folder: Path | None) -> None:
-        self._program, self._folder = program, folder
+        self._program, self.folder = program, folder
         self._lines: dict[int, int] = {}
         self._loaded: dict[tuple[str, int], Code] = {}
-        self._event_steps: dict[tuple[int, int, int], tuple[Kernel, int]] = {}
+        self._further: BoundedTable[tuple[str, int], Code] = BoundedTable(MOST_FURTHER)
+        self._event_steps: BoundedTable[tuple[int, int, int], tuple[Kernel, OwnedAddress]] = BoundedTable(MOST_FURTHER)
 
     # -- what a backend supplies ------------------------------------------------------------
 
@@ -92,30 +97,30 @@ class KernelLibrary(ABC):
 
     # -- addresses --------------------------------------------------------------------------
 
-    def taylor(self, order: int, lanes: int, *, dense: bool) -> int:
+    def taylor(self, order: int, lanes: int, *, dense: bool) -> OwnedAddress:
         """Return the address of a Taylor step; with `dense`, one that also writes its series."""
         name = self._taylor_name(order, dense)
         return self._entry(name, lanes, lambda: self._taylor_text(order, lanes, dense), name)
 
-    def with_event_series(self, joint: Kernel, count: int, order: int, lanes: int) -> int:
+    def with_event_series(self, joint: Kernel, count: int, order: int, lanes: int) -> OwnedAddress:
         """Return the address of a Taylor step that writes its series and those of events.
 
         `joint` is a right-hand side with so many further outputs, which are the events; the step takes and
         writes them as integrals behind the state.
         """
 
-        def make() -> tuple[Kernel, int]:
+        def make() -> tuple[Kernel, OwnedAddress]:
             def text() -> str:
                 known = recurrences(joint, count, step_growth_limited=self._program.nonanalytic)
                 return self.step_text("step", known, order, lanes, dense=True)
 
             name = f"with_event_series{order}_{_digest(joint, count)}"
-            return joint, self._entry(name, lanes, text, "step")
+            return joint, self._entry(name, lanes, text, "step", table=self._further)
 
         # the kernel is kept alive, so that no other has the same id
         return computed_once(self._event_steps, (id(joint), order, lanes), make)[1]
 
-    def attempt(self, tableau: Tableau, lanes: int, *, dense: bool) -> tuple[int, int]:
+    def attempt(self, tableau: Tableau, lanes: int, *, dense: bool) -> tuple[OwnedAddress, OwnedAddress]:
         """Return the addresses of one attempt of a Runge-Kutta step, and of what precedes the first."""
 
         def text() -> str:
@@ -126,33 +131,37 @@ class KernelLibrary(ABC):
         attempt, start = (self._entry(name, lanes, text, function, both) for function in both)
         return attempt, start
 
-    def beginning(self, tableau: Tableau, lanes: int) -> int:
+    def beginning(self, tableau: Tableau, lanes: int) -> OwnedAddress:
         """Return the address of what precedes the first attempt."""
         return self.attempt(tableau, lanes, dense=False)[1]
 
-    def kernel(self, name: str, lanes: int = 1) -> int:
+    def kernel(self, name: str, lanes: int = 1) -> OwnedAddress:
         """Return the address of a kernel of the program, 0 where it has none of that name."""
         if name not in self._program:
-            return 0
+            return NO_CODE
         return self._entry(name, lanes, lambda: self._program_text(name, lanes), name)
 
-    def prepare(self, lanes: int = 1) -> int:
+    def prepare(self, lanes: int = 1) -> OwnedAddress:
         """Return the address of the kernel that computes constants (last argument) from parameters (first)."""
         return self.kernel("prepare", lanes)
 
-    def start(self, start: Start, lanes: int) -> int:
+    def start(self, start: Start, lanes: int) -> OwnedAddress:
         """Return the address of the kernel that makes states, with their checks, from given values."""
-        name = f"start_{hashlib.sha256(' '.join(start.given).encode()).hexdigest()[:16]}"
-        kernel = replace(start.kernel, arguments=STEP_ARGUMENTS)
-        return self._entry(name, lanes, lambda: self.kernel_text("start", kernel, lanes, exact=True), "start")
+        what, kernel = start.kernel.name, replace(start.kernel, arguments=STEP_ARGUMENTS)
+        name = f"{what}_{hashlib.sha256(' '.join(start.given).encode()).hexdigest()[:16]}"
+        return self._entry(
+            name, lanes, lambda: self.kernel_text(what, kernel, lanes, exact=True), what, table=self._further
+        )
 
-    def extra_kernel(self, kernel: Kernel, lanes: int) -> int:
+    def extra_kernel(self, kernel: Kernel, lanes: int) -> OwnedAddress:
         """Return the address of a kernel of (t, y, c) that is not the program's own."""
         kernel = replace(kernel, arguments=STEP_ARGUMENTS)
         name = f"{kernel.name}_{_digest(kernel)}"
-        return self._entry(name, lanes, lambda: self.kernel_text(kernel.name, kernel, lanes), kernel.name)
+        return self._entry(
+            name, lanes, lambda: self.kernel_text(kernel.name, kernel, lanes), kernel.name, table=self._further
+        )
 
-    def derivative(self, name: str) -> tuple[int, int]:
+    def derivative(self, name: str) -> tuple[OwnedAddress, OwnedAddress]:
         """Return the addresses of the derivative of a kernel by all of its state.
 
         The first is the whole Jacobian, the second one column after the other (see `dalembert.transforms.partials`);
@@ -160,7 +169,7 @@ class KernelLibrary(ABC):
         """
         made, whole = self._derivative(name)
         address = self._entry(made, 1, lambda: self._derivative_text(name), made)
-        return (address, 0) if whole else (0, address)
+        return (address, NO_CODE) if whole else (NO_CODE, address)
 
     # -- facts about the program ------------------------------------------------------------
 
@@ -239,14 +248,23 @@ class KernelLibrary(ABC):
         return self.kernel_text(made, kernel, 1)
 
     def _entry(
-        self, name: str, lanes: int, text: Callable[[], str], function: str, functions: tuple[str, ...] = ()
-    ) -> int:
+        self,
+        name: str,
+        lanes: int,
+        text: Callable[[], str],
+        function: str,
+        functions: tuple[str, ...] = (),
+        table: dict[tuple[str, int], Code] | None = None,
+    ) -> OwnedAddress:
         """Return the address of a function of the module `text`, compiled on first use.
 
-        `functions` are all that are called by address, if it is not the only one.
+        `functions` are all that are called by address, if it is not the only one. The code is kept in a table, that of
+        the program itself by default.
         """
         every = functions or (function,)
-        loaded = computed_once(self._loaded, (name, lanes), lambda: self._load(name, lanes, text, every))
+        loaded = computed_once(
+            self._loaded if table is None else table, (name, lanes), lambda: self._load(name, lanes, text, every)
+        )
         return loaded.address(function)
 
 

@@ -110,6 +110,8 @@ _MEANING = {
     "knot_sides": "State on the sides of jumps that the motion goes to, forward and backward, and where there is none",
     "expand": "q and q_dot from the state",
     "outputs": "Requested outputs from the state",
+    "shared_loads": "Reactions of least norm, their power coefficients and laws, row by row, from the state",
+    "outputs_of_reactions": "Requested outputs from (state, reactions)",
     "project_position": "Correction of the state onto the position constraints",
     "project_velocity": "Correction of the state onto the velocity constraints",
     "stages": "Rates, and what constraints leave, at y = (state, multipliers)",

@@ -14,7 +14,9 @@ from ..arrays import FloatArray
 from ..methods.status import Status
 
 if TYPE_CHECKING:
+    from ..integrators.addresses import OwnedAddress
     from ..integrators.workspace import LoopProgress
+    from .llvm.admission import Admission
 
 __all__ = ["CaseRun", "Final", "LoopCall", "Prepared", "PreparedStates", "StartCode"]
 
@@ -45,14 +47,21 @@ class _Last(threading.local):
 
 @final
 class PreparedStates:
-    """A prepared run by a function from a state and parameters to the final state and the status."""
+    """A prepared run by a function from a state and parameters to the final state and the status.
 
-    def __init__(self, run: Callable[[FloatArray, FloatArray], Final]) -> None:
-        self._run, self._last = run, _Last()
+    What `admission` refuses is not run so, and ends as it says.
+    """
+
+    def __init__(self, run: Callable[[FloatArray, FloatArray], Final], admission: Admission | None = None) -> None:
+        self._run, self._admission, self._last = run, admission, _Last()
 
     def __call__(self, state: FloatArray, p: FloatArray, /) -> FloatArray:
         """See `Prepared`."""
-        y, self._last.status = self._run(state, p)
+        status = Status.SUCCESS if self._admission is None else self._admission(state, p)
+        if self._admission is None or status is Status.SUCCESS:
+            y, self._last.status = self._run(state, p)
+        else:
+            y, self._last.status = self._admission.final_of_refused(status, state, p)
         return y
 
     def status(self) -> Status:
@@ -95,7 +104,7 @@ class LoopCall:
 
     Attributes
     ----------
-    entry : address
+    entry : OwnedAddress
         Of a function of the address of packed arguments.
     packed_args : ndarray (n,) of int
         Those of `dalembert.integrators.sweep_arguments.SweepArguments`.
@@ -104,10 +113,10 @@ class LoopCall:
     steps, occurrences : ndarray
         Records of a case that is alone (`dalembert.integrators.step_records`), with no rows where none are made.
     held : object
-        Objects that must stay alive.
+        Arrays that must stay alive.
     """
 
-    entry: int
+    entry: OwnedAddress
     packed_args: NDArray[np.int64]
     progress: LoopProgress
     steps: FloatArray

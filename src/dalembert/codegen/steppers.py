@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple, final
 
+from ..integrators.addresses import NO_CODE, OwnedAddress
 from ..integrators.workspace import EventKernels, no_events
 from ..methods.step_constants import SMALLEST_SCALE
-from ..once import computed_once
+from ..once import BoundedTable, computed_once
 from ..transforms.runge_kutta_parts import memory_size
 from ..transforms.taylor import order_at, scale_floor
 from .library import KernelLibrary
@@ -17,7 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Stepper", "Steppers", "pair_named"]
 
-_MOST_EVENT_KERNELS = 64
+_MOST_EVENTS = 64
+"""Sets of events of which the compiled kernels are kept."""
 
 
 class Stepper(NamedTuple):
@@ -25,7 +27,7 @@ class Stepper(NamedTuple):
 
     Attributes
     ----------
-    codes : tuple of int
+    codes : tuple of OwnedAddress
         Addresses of the step, and of the kernel that precedes the first one (0 for none).
     memory : int
         Numbers that a step of a case keeps for the next one.
@@ -35,7 +37,7 @@ class Stepper(NamedTuple):
         Tolerances that the step reads.
     """
 
-    codes: tuple[int, int]
+    codes: tuple[OwnedAddress, OwnedAddress]
     memory: int
     degree: int
     settings: list[float]
@@ -54,9 +56,10 @@ class Steppers:
 
     def __init__(self, steps: KernelLibrary, n: int) -> None:
         self._steps, self._n = steps, n
-        self._events: dict[tuple[EventCode, str, tuple[int, int], int, int], EventKernels] = {}
+        self._events: BoundedTable[tuple[EventCode, str, tuple[int, int], int, int], EventKernels]
+        self._events = BoundedTable(_MOST_EVENTS)
 
-    def projections(self, lanes: int) -> tuple[int, int]:
+    def projections(self, lanes: int) -> tuple[OwnedAddress, OwnedAddress]:
         """Return the addresses of the corrections of positions and of velocities, 0 where there are none."""
         return self._steps.kernel("project_position", lanes), self._steps.kernel("project_velocity", lanes)
 
@@ -82,7 +85,7 @@ class Steppers:
                 step = self._steps.taylor(order, lanes, dense=dense)
             else:
                 step = self._steps.with_event_series(watched.watch.joint, len(watched.events), order, lanes)
-            return Stepper((step, 0), 0, order, [floor])
+            return Stepper((step, NO_CODE), 0, order, [floor])
         tableau = pair_named(method, bounded=bounded)
         codes, memory = self._steps.attempt(tableau, lanes, dense=dense), memory_size(self._n, self._steps.carried)
         return Stepper(codes, memory, tableau.degree, [rtol, max(atol, SMALLEST_SCALE)])
@@ -96,8 +99,6 @@ class Steppers:
         """
         if code is None:
             return no_events()
-        if len(self._events) >= _MOST_EVENT_KERNELS:
-            self._events.clear()
         shape = stepper.degree, stepper.memory
 
         def make() -> EventKernels:

@@ -173,7 +173,28 @@ class _ModeEquations:
             defaults=added,
             guards=tuple(guard for guard, _ in guards),
             minimum_norm=bool(self.groups),
+            cones=self._cones() if self.groups else (),
         )
+
+    def _cones(self) -> tuple[list[Node], ...]:
+        """Return the rows of the laws of reactions that are not determined (`EquationsOfMotion.cones`)."""
+        zero, one = self.graph.zero, self.graph.one
+        rows: list[list[Node]] = []
+
+        def add(*entries: tuple[int, Node]) -> None:
+            rows.extend([entry if i == number else zero for i in self.kept] for number, entry in entries)
+
+        for contact, state in self.contacts:
+            press, sticks = self._side(contact), state == STICK and contact not in self.idle
+            fixed = one if state in (SLIP, SMOOTH) and contact.tangential else zero
+            if state != OPEN and (contact.constraint is not None or state in (SLIP, STICK)):
+                add((contact.normal, press), (-1, zero), (-1, zero), (contact.normal, fixed))
+            elif state == SMOOTH:
+                add((-1, zero), (-1, zero), (-1, zero), (contact.normal, fixed))
+            if sticks and contact.mu_static is not None:
+                first, second = (*contact.tangential, -1)[:2]
+                add((contact.normal, contact.mu_static * press), (first, one), (second, one), (-1, zero))
+        return tuple(rows)
 
     def _without_friction(self, rows: Sequence[ConstraintRow], kept: Sequence[int]) -> EquationsOfMotion:
         """Return the equations with some constraints and some reactions, and no friction."""

@@ -18,7 +18,10 @@ from typing import Annotated, Any, ClassVar, NoReturn, TypeVar, get_args, get_or
 import numpy as np
 from numpy.typing import NDArray
 
+from .addresses import AddressTable, OwnedAddress
 from .kinds import (
+    ADDRESS,
+    ADDRESS_VECTOR,
     FLAG,
     FLAG_MATRIX,
     INT_MATRIX,
@@ -36,6 +39,7 @@ from .kinds import (
 
 __all__ = [
     "Address",
+    "AddressVector",
     "FlagMatrix",
     "IntMatrix",
     "IntVector",
@@ -45,13 +49,14 @@ __all__ = [
     "address_of",
     "arguments_of",
     "kind_of",
+    "owned_address",
     "pack",
     "place_of",
     "unpack",
 ]
 
-Address = Annotated[int, INTEGER]
-"""Address of compiled code, 0 where there is none."""
+Address = Annotated[OwnedAddress, ADDRESS]
+AddressVector = Annotated[AddressTable, ADDRESS_VECTOR]
 
 Vector = Annotated[NDArray[np.float64], VECTOR]
 Matrix = Annotated[NDArray[np.float64], MATRIX]
@@ -130,8 +135,8 @@ def kind_of(annotation: Any) -> Kind:
         hints = get_type_hints(annotation, include_extras=True)
         return Group(tuple(kind_of(hints[name]) for name in annotation._fields), annotation._fields)
     raise TypeError(
-        f"{annotation} is not a type of arguments of compiled loops: these are int, float, bool, Address, Vector,"
-        " Matrix, IntVector, IntMatrix, FlagMatrix, NamedTuples of these, and records"
+        f"{annotation} is not a type of arguments of compiled loops: these are int, float, bool, Address,"
+        " AddressVector, Vector, Matrix, IntVector, IntMatrix, FlagMatrix, NamedTuples of these, and records"
     )
 
 
@@ -210,6 +215,11 @@ def address_of(array: NDArray[Any]) -> int:
     return int(array.__array_interface__["data"][0])
 
 
+def owned_address(array: NDArray[Any]) -> OwnedAddress:
+    """Return the address of the first element of an array, with the array."""
+    return OwnedAddress(address_of(array), array)
+
+
 @cache
 def _packing(arguments: type[tuple[Any, ...]]) -> tuple[_Collect, struct.Struct]:
     kind = kind_of(arguments)
@@ -221,7 +231,9 @@ def _packing(arguments: type[tuple[Any, ...]]) -> tuple[_Collect, struct.Struct]
 def _collector(kind: Kind, name: str) -> _Collect:
     """Return the function that appends the words of a value to a list."""
     if isinstance(kind, Array):
-        return _array_collector(kind, name)
+        return _table_collector(name) if kind.item.owned else _array_collector(kind, name)
+    if isinstance(kind, Scalar) and kind.owned:
+        return _address_collector(name)
     if isinstance(kind, Fields):
         return _record_collector(kind, name)
     if isinstance(kind, Group):
@@ -253,6 +265,24 @@ def _array_collector(kind: Array, name: str) -> _Collect:
             _refuse_array(name, kind, array)
         values.append(address_of(array))
         values.extend(shape)
+
+    return collect
+
+
+def _address_collector(name: str) -> _Collect:
+    def collect(address: Any, values: list[Any]) -> None:
+        if address.__class__ is not OwnedAddress and address != 0:
+            raise TypeError(f"{name} must be an address with its owner (OwnedAddress), or 0, and is {address!r}")
+        values.append(address)
+
+    return collect
+
+
+def _table_collector(name: str) -> _Collect:
+    def collect(table: Any, values: list[Any]) -> None:
+        if table.__class__ is not AddressTable:
+            raise TypeError(f"{name} must be an AddressTable, and is {table!r}")
+        values += address_of(table.words), table.size
 
     return collect
 

@@ -39,7 +39,7 @@ __all__ = [
 F = TypeVar("F", bound=Callable[..., object])
 
 PLAIN_LOOPS: dict[int, Callable[[int], int]] = {}
-"""Loops that run as plain Python instead of the machine code at an address (`dalembert.codegen.llvm.loops`)."""
+"""Loops that run as plain Python instead of the code at an address (`dalembert.codegen.llvm.loops`), for good."""
 
 _ADDRESSES = (ctypes.c_int64,) * 5
 _CODE, _TEST = ctypes.CFUNCTYPE(None, *_ADDRESSES), ctypes.CFUNCTYPE(ctypes.c_int64, *_ADDRESSES)

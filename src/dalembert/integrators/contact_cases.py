@@ -44,8 +44,8 @@ class ContactCases(NamedTuple):
         How long each contact has been open [s].
     loads : (k, c)
         Largest size of the terms of each gap's acceleration so far.
-    impacts : (k,)
-        Impacts at the instant so far.
+    impacts, soon : (k,)
+        Impacts at the instant so far; phases in a row that ended too soon.
     span, passed : (k,)
         Duration of the whole motion, and of the last phase [s].
     modes, fired : (k, c)
@@ -69,6 +69,7 @@ class ContactCases(NamedTuple):
     flight: Matrix
     loads: Matrix
     impacts: IntVector
+    soon: IntVector
     span: Vector
     passed: Vector
     modes: IntMatrix
@@ -100,6 +101,7 @@ def contact_cases(
         flight=nothing[2],
         loads=nothing[3],
         impacts=np.zeros(k, np.int64),
+        soon=np.zeros(k, np.int64),
         span=span,
         passed=np.zeros(k),
         modes=undecided[0],

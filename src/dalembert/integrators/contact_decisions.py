@@ -15,14 +15,14 @@ from .arguments import IntVector, Matrix
 from .compiled_subset import compiled_subset, sqrt
 from .contact_cases import ADDED, REST, SIDE, UNDECIDED, ContactCases, set_mode
 from .contact_forces import compliance, load_accelerations, solve_mode
-from .contact_impacts import hold, moves_in_mode, strike
+from .contact_impacts import close_gaps, hold, moves_in_mode, strike
 from .contact_kinds import approaches, arrives, gap_allowance, kind_at_end, refused, sign, strikes, touching
 from .contact_sizes import slip_speed, slip_terms, slow_terms
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, dot, inertial_terms, opening_power, terms
 from .mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, TURN, Candidates
 from .mode_selection import select_mode
 
-__all__ = ["LOOP", "SOON", "SOON_IN_A_ROW", "DecisionArguments", "decide"]
+__all__ = ["LOOP", "DecisionArguments", "decide"]
 
 SHORT_LOOPS = True
 """Loops over coordinates and contacts have a few rounds: they are not unrolled."""
@@ -31,15 +31,12 @@ _REST, _REST_TOLERANCES, _REST_OF_SPAN, _LEAST_REST = 1e-6, 10.0, 1e-7, 1e-8
 """Rest speed in a plane: a share of the slip speeds so far, at least so many relative tolerances of the run; or
 a share of what friction and the motion do within the span; and of the least terms of a slip velocity."""
 
-SOON, SOON_IN_A_ROW = 1e-11, 1000
-"""Share of the span below which a phase ends too soon, and how often that may happen in a row."""
-
 _ENORMOUS = 1e300
 _LOADS = 1024.0 * EPSILON
 """Share of the terms of a gap's acceleration that rounding of positions and forces leaves of one that is zero."""
 
 _SUCCESS, _INITIAL_STATE = int(Status.SUCCESS), int(Status.INITIAL_STATE)
-_AMBIGUOUS = int(Status.CONTACT_AMBIGUOUS)
+_AMBIGUOUS, _NON_FINITE = int(Status.CONTACT_AMBIGUOUS), int(Status.NON_FINITE)
 
 
 class DecisionArguments(NamedTuple):
@@ -173,6 +170,15 @@ def _past_unknown(pick: Candidates, cases: ContactCases, case: int) -> bool:
 
 
 @compiled_subset
+def _overflows(pick: Candidates) -> bool:
+    """Return whether accelerations are so large that steps with them overflow."""
+    largest = 0.0
+    for j in range(pick.best.motion.size):
+        largest = max(largest, abs(pick.best.motion[j]))
+    return largest >= _ENORMOUS
+
+
+@compiled_subset
 def _stopped(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> bool:
     """Find contacts that touch, approach too slowly to be struck, and are to open; return whether there are any.
 
@@ -256,6 +262,8 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
     cases.status[case] = select_mode(system, pick, known, meets)
     if cases.status[case] == _SUCCESS and _past_unknown(pick, cases, case):
         cases.status[case] = _AMBIGUOUS
+    if cases.status[case] == _SUCCESS and _overflows(pick):
+        cases.status[case] = _NON_FINITE
     if cases.status[case] != _SUCCESS:
         return False
     if cases.span[case] >= 0.0 and _stopped(system, pick, cases, case):
@@ -265,6 +273,8 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
     _rest_speeds(system, pick, cases, case, arguments.tolerance)
     if (closing or sticking) and moves_in_mode(system, pick, cases, case):
         hold(system, pick, cases, case)
+    if pick.given.mode[0] != UNDECIDED:
+        close_gaps(system, pick, cases, case)
     return False
 
 

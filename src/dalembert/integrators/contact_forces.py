@@ -22,7 +22,7 @@ from .contact_system import (
 )
 from .dense_solve import solve_dense
 
-__all__ = ["compliance", "load_accelerations", "load_impact", "shift_forces", "solve_mode"]
+__all__ = ["compliance", "load_accelerations", "load_correction", "load_impact", "shift_forces", "solve_mode"]
 
 _STEP, _MOST_STEPS = 2.0**20, 50
 """Factor between scales, and most of them: sizes of ordinary units keep the scale one."""
@@ -49,6 +49,19 @@ def load_impact(system: ContactSystem) -> None:
         system.load[i] = dot(system.mass[i], system.rates, 0.0)
     for row in range(system.demand.size):
         system.demand[row] = -drift(system, row)
+    _begin(system)
+
+
+@compiled_subset
+def load_correction(system: ContactSystem) -> None:
+    """Have the smallest change of the coordinates, by kinetic energy, solved for that makes gaps zero."""
+    for i in range(system.coordinates):
+        system.load[i] = 0.0
+    for row in range(system.demand.size):
+        system.demand[row] = 0.0
+    for i in range(system.contacts):
+        if system.constraint[i] >= 0:
+            system.demand[system.constraint[i]] = -float(system.sense[i]) * system.gap[i]
     _begin(system)
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from ..methods.status import Status
 from .compiled_subset import compiled_subset, sqrt
 from .contact_cases import ADDED, SIDE, ContactCases
-from .contact_forces import load_impact, solve_mode
+from .contact_forces import load_correction, load_impact, solve_mode
 from .contact_kinds import RESTING, ROUNDED, STILL
-from .contact_sizes import NOISE, gap_rate, rate_noise, rate_terms, slip_speed, slip_terms, slow_terms
+from .contact_sizes import NOISE, gap_noise, gap_rate, rate_noise, rate_terms, slip_speed, slip_terms, slow_terms
 from .contact_system import CLOSED, OPEN, SLIP, STICK, ContactSystem, dot, drift, terms
 from .mode_candidates import FREE, GRIPPED, HOVERING, LIFTING, SLIDING, Candidates, closed_kind
 from .mode_selection import select_mode
 
-__all__ = ["hold", "moves_in_mode", "strike"]
+__all__ = ["close_gaps", "hold", "moves_in_mode", "strike"]
 
 _MOST_IMPACTS = 10_000
 """Impacts at one instant, after which they accumulate."""
@@ -20,6 +20,9 @@ _MOST_IMPACTS = 10_000
 _MAY_MOVE = 1e-9
 """Share of the terms of a velocity up to which it counts as zero where a phase starts: a tenth of what
 `dalembert.reduction.start_limits` allows."""
+
+_MAY_MISS = 0.1
+"""Share of the noise of a gap that a closed contact may miss: the same tenth."""
 
 _SUCCESS, _ACCUMULATE = int(Status.SUCCESS), int(Status.EVENTS_ACCUMULATE)
 
@@ -116,3 +119,36 @@ def hold(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int
     solve_mode(system, pick.best)
     for j in range(system.coordinates):
         cases.x[case, system.coordinates + j] = system.motion[j]
+
+
+@compiled_subset
+def _misses(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> bool:
+    """Return whether gaps of closed contacts miss zero by more than a phase may start with, from rounding alone.
+
+    Coordinates that are small now may have been large before: rounding is a share of how far the contacts may have
+    moved, and what the location of an event leaves is one of how far in the last phase.
+    """
+    fastest, misses = 0.0, False
+    for i in range(system.contacts):
+        fastest = max(fastest, cases.approach[case, i], cases.speeds[case, i])
+    most = fastest * (NOISE * abs(cases.passed[case]) + ROUNDED * abs(cases.t[case]))
+    for i in range(system.contacts):
+        if pick.best.mode[i] != OPEN and system.constraint[i] >= 0:
+            if abs(system.gap[i]) > most:
+                return False
+            misses = misses or abs(system.gap[i]) > _MAY_MISS * gap_noise(system, cases.x[case], i)
+    return misses
+
+
+@compiled_subset
+def close_gaps(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> None:
+    """Move a case to where the gaps of its closed contacts are zero, if the present coordinates make rounding of it."""
+    if not _misses(system, pick, cases, case):
+        return
+    load_correction(system)
+    for i in range(system.contacts):
+        if pick.best.mode[i] != OPEN:
+            pick.best.mode[i] = CLOSED
+    solve_mode(system, pick.best)
+    for j in range(system.coordinates):
+        cases.x[case, j] += system.motion[j]

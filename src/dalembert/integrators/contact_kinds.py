@@ -13,6 +13,8 @@ from .mode_candidates import BREAK_UP, FREE, LIFT, LIFTING, MEET, STOP, closed_k
 __all__ = [
     "RESTING",
     "ROUNDED",
+    "SOON",
+    "SOON_IN_A_ROW",
     "STILL",
     "approaches",
     "arrives",
@@ -38,6 +40,10 @@ ROUNDED = 1e-14
 _SLOW, _EXCURSION = 1e-4, 64.0 * EPSILON
 """The same for an impact after a gap opened no further than rounding: a share of the largest approach speed so far,
 and of the terms of the gap."""
+
+SOON, SOON_IN_A_ROW, _ENOUGH_HOPS = 1e-11, 1000, 500
+"""Share of the span below which a phase ends too soon, how often that may happen in a row, and after how many of them a
+contact with a restitution below 1 rests that hops."""
 
 _JUMPED = 1e-4
 """Share of the slip speeds so far above which slip has not ended: its velocity has jumped through zero."""
@@ -156,9 +162,14 @@ def _excursion(system: ContactSystem, cases: ContactCases, case: int, i: int) ->
 def _unresolved(system: ContactSystem, cases: ContactCases, case: int, i: int) -> bool:
     """Return whether a contact that was open has opened no further than rounding, and hardly moves.
 
-    It hardly moves, too, at a speed that its loads cause where it falls as far as rounding may open it.
+    It hardly moves, too, at a speed that its loads cause where it falls as far as rounding may open it, or in a phase
+    that ends too soon: where it opens but has met again at once, or after many hops.
     """
-    speed, least = abs(gap_rate(system, i)), _excursion(system, cases, case, i)
+    rate, passed = gap_rate(system, i), cases.passed[case]
+    hops = cases.soon[case] >= _ENOUGH_HOPS and system.restitution[i] < 1.0
+    if (hops or (rate > 0.0 and passed == 0.0)) and abs(rate) <= SOON * cases.loads[case, i] * abs(cases.span[case]):
+        return True
+    speed, least = abs(rate), _excursion(system, cases, case, i)
     slow, height = speed <= _SLOW * cases.approach[case, i], 0.25 * speed * cases.flight[case, i]
     return height <= least and (slow or speed * speed <= 2.0 * least * cases.loads[case, i])
 

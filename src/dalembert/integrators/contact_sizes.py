@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..arrays import FloatArray
 from .compiled_subset import compiled_subset, sqrt
-from .contact_system import ContactSystem, drift, inertial_terms, terms
+from .contact_system import ContactSystem, drift, terms
 
 __all__ = [
     "NOISE",
@@ -25,8 +25,9 @@ _ROUNDED_LENGTH, _AT_REST, _SLOW_SHARE = 1e-12, 1e-8, 1e-4
 """Those of `dalembert.reduction.start_limits`: a length and a speed that rounding may have left of zero, and the share
 of the speed of the whole motion that counts as a rate where less moves."""
 
-_MOTIONLESS = 1e-12
-"""Share of the rate that a gap could have with the kinetic energy there is, up to which it has none."""
+_MOTIONLESS, _LIGHT = 1e-12, 1e-8
+"""Share of the rate that a gap could have with the kinetic energy there is, up to which it has none; and share of the
+largest inertia up to which a coordinate counts as that heavy in this: light bodies do not take all energy."""
 
 
 @compiled_subset
@@ -83,12 +84,19 @@ def gap_rate(system: ContactSystem, i: int) -> float:
 @compiled_subset
 def rate_noise(system: ContactSystem, i: int) -> float:
     """Return the size below which the rate of a gap counts as zero."""
-    slopes, energy = system.jacobian[system.constraint[i]], 0.0
+    slopes, energy, heavy, turning, most = system.jacobian[system.constraint[i]], 0.0, 0.0, 0.0, 0.0
     for j in range(system.coordinates):
+        if system.angle[j] != 0:
+            turning = max(turning, system.mass[j, j])
+        else:
+            heavy = max(heavy, system.mass[j, j])
         for m in range(system.coordinates):
             energy += system.rates[j] * system.mass[j, m] * system.rates[m]
-    most = sqrt(max(energy * inertial_terms(system, slopes, slopes), 0.0))
-    return NOISE * terms(slopes, system.rates, 0.0) + _MOTIONLESS * most
+    for j in range(system.coordinates):
+        if system.mass[j, j] > 0.0:
+            inertia = max(system.mass[j, j], _LIGHT * (turning if system.angle[j] != 0 else heavy))
+            most += slopes[j] * slopes[j] / inertia
+    return NOISE * terms(slopes, system.rates, 0.0) + _MOTIONLESS * sqrt(max(energy * most, 0.0))
 
 
 @compiled_subset

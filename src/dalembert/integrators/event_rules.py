@@ -7,6 +7,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from ..arrays import FloatArray
 from ..methods.event_constants import RESOLUTION, SHORT_SPAN, SOON, SOON_IN_A_ROW, TIME_NOISE, TOGETHER
 from .compiled_subset import compiled_subset
 
@@ -15,6 +18,7 @@ __all__ = [
     "carried_sign",
     "change_counts",
     "happens_together",
+    "last_instants",
     "recorded_after",
     "sign_beyond",
     "start_sign",
@@ -94,6 +98,16 @@ def recorded_after(wanted: float, t: float, forward: float) -> bool:
     times to record take other steps, and locate the same occurrence a few roundings earlier or later.
     """
     return (t - wanted) * forward <= RESOLUTION * abs(t)
+
+
+def last_instants(elapsed: FloatArray, start: float) -> FloatArray:
+    """Return the last instants (k,) since a start that round to the same times as those given.
+
+    `recorded_after` is asked about them: far from zero a time is rounded by more than what it allows.
+    """
+    if start == 0.0:
+        return elapsed
+    return elapsed + np.sign(elapsed) * 0.5 * np.spacing(np.abs(start + elapsed))
 
 
 @compiled_subset

@@ -12,6 +12,7 @@ from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
 from ..methods.step_constants import SMALLEST_PREVIOUS
 from ..methods.tableau import Tableau
+from .addresses import NO_CODE, OwnedAddress
 from .arguments import Address
 from .compiled_subset import compiled_subset
 from .explicit_stages import (
@@ -64,13 +65,13 @@ class Addresses(NamedTuple):
 @final
 @dataclass(frozen=True)
 class ExplicitCode:
-    """Compiled code, which must stay alive: the loop of this module, and what it calls."""
+    """Compiled code: the loop of this module, and what it calls."""
 
     loop: Callable[..., int]
-    rhs: int
-    position: int = 0
-    velocity: int = 0
-    knots: int = 0
+    rhs: OwnedAddress
+    position: OwnedAddress = NO_CODE
+    velocity: OwnedAddress = NO_CODE
+    knots: OwnedAddress = NO_CODE
 
 
 @final

@@ -17,6 +17,7 @@ from ..arrays import FloatArray
 from ..methods.collocation import NODES
 from ..methods.status import RUNNING, Status
 from ..methods.step_constants import LARGEST_GROWTH, LARGEST_REDUCTION, SAFETY
+from .addresses import NO_CODE, OwnedAddress
 from .arguments import Address
 from .compiled_subset import compiled_subset, exp, log, sqrt
 from .implicit_stages import between, estimate, first_step, keep_polynomial, scale_of, write_polynomial
@@ -83,7 +84,7 @@ class Addresses(NamedTuple):
 @final
 @dataclass(frozen=True)
 class ImplicitCode:
-    """Compiled code, which must stay alive: the loop of this module, and what it calls; 0 for what there is not.
+    """Compiled code: the loop of this module, and what it calls; 0 for what there is not.
 
     Kernels have the arguments of a step (`dalembert.transforms.taylor.STEP_ARGUMENTS`). Either ``jacobian``, which
     writes the derivatives of ``rhs`` row by row, or ``tangent``, which writes its derivative along the second half
@@ -91,12 +92,12 @@ class ImplicitCode:
     """
 
     loop: Callable[..., int]
-    rhs: int
-    jacobian: int
-    tangent: int
-    position: int = 0
-    velocity: int = 0
-    knots: int = 0
+    rhs: OwnedAddress
+    jacobian: OwnedAddress
+    tangent: OwnedAddress
+    position: OwnedAddress = NO_CODE
+    velocity: OwnedAddress = NO_CODE
+    knots: OwnedAddress = NO_CODE
     states: int = 0
 
 

@@ -14,7 +14,8 @@ from ..ir.input_parameters import WIDTH
 from ..ir.kernel import Kernel
 from ..ir.program import KnotSides
 from ..methods.step_constants import SMALLEST_OF_TIME
-from .arguments import address_of
+from .addresses import NO_CODE, AddressTable, OwnedAddress
+from .arguments import owned_address
 from .input_steps import InputTable
 from .samples import KINDS, Samples
 
@@ -39,7 +40,7 @@ class InputRecords:
         Which rows of records and shifts belong to the cases; None where row i is that of case i.
     sides : KnotSides or None
         `Program.knot_sides`: kernels of the state with which a motion goes on at a knot, None where it is the same.
-    sides_code : (int, int)
+    sides_code : (OwnedAddress, OwnedAddress)
         Addresses of these kernels as code for the lanes of a loop.
     """
 
@@ -48,10 +49,10 @@ class InputRecords:
     shift: FloatArray
     rows: NDArray[np.int64] | None = None
     sides: KnotSides | None = None
-    sides_code: tuple[int, int] = (0, 0)
+    sides_code: tuple[OwnedAddress, OwnedAddress] = (NO_CODE, NO_CODE)
 
-    def compiled(self, code: Callable[[Kernel], int]) -> InputRecords:
-        """Return the records with the addresses of the kernels of sides, code as long as its owner lives."""
+    def compiled(self, code: Callable[[Kernel], OwnedAddress]) -> InputRecords:
+        """Return the records with the addresses of the kernels of sides."""
         if self.sides is None:
             return self
         return replace(self, sides_code=(code(self.sides.near), code(self.sides.sides)))
@@ -101,27 +102,27 @@ class InputRecords:
         return every[apart] if t1 >= t0 else every[apart][::-1]
 
     def table(self, lanes: int, remembered: int = 0) -> InputTable:
-        """Return the table of the records for a loop over lanes whose steps have a memory of some size.
-
-        The records must live as long as the table is used.
-        """
+        """Return the table of the records for a loop over lanes whose steps have a memory of some size."""
         records, count = self.records, len(self.records)
 
         def each(numbers: list[int]) -> NDArray[np.int64]:
             return np.array(numbers, np.int64)
 
         return InputTable(
-            knots=each([address_of(record.t) for record in records]),
+            knots=AddressTable(owned_address(record.t) for record in records),
             counts=each([len(record.t) for record in records]),
-            values=each([address_of(record.values) for record in records]),
-            slopes=each([0 if record.slopes is None else address_of(record.slopes) for record in records]),
+            values=AddressTable(owned_address(record.values) for record in records),
+            slopes=AddressTable(
+                NO_CODE if record.slopes is None else owned_address(record.slopes) for record in records
+            ),
             strides=each([0 if record.cases is None else len(record.t) for record in records]),
             kinds=each([KINDS.index(record.kind) for record in records]),
             first=each([record.first for record in records]),
             last=each([record.last for record in records]),
             beyond=each([int(record.extrapolate == "linear") for record in records]),
             places=each(list(self.places)),
-            shift=each([address_of(self.shift), int(len(self.shift) > 1)]),
+            shift=owned_address(self.shift),
+            shift_stride=int(len(self.shift) > 1),
             rows=np.zeros(0, np.int64) if self.rows is None else self.rows,
             pieces=np.zeros((count, lanes), np.int64),
             edges=np.zeros((count, lanes)),

@@ -12,7 +12,8 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..methods.step_constants import SMALLEST_OF_TIME
-from .arguments import Address, IntMatrix, IntVector, Matrix
+from .addresses import NO_CODE, AddressTable
+from .arguments import Address, AddressVector, IntMatrix, IntVector, Matrix
 from .compiled_subset import call_code, compiled_subset, element, row
 
 __all__ = ["CUBIC", "HOLD", "LINEAR", "InputTable", "begin_inputs", "no_inputs", "pass_knots", "take_sides"]
@@ -34,8 +35,8 @@ class InputTable(NamedTuple):
     kinds, first, last, beyond, places : (n_records,)
         Kinds; numbers of the first and the last piece; whether the slope goes on beyond the knots; and where the knot
         and the coefficients are among the constants.
-    shift : (2,)
-        Address of the time at which the clock of a case is zero, and the distance from case to case.
+    shift, shift_stride : address, int
+        The time at which the clock of the first case is zero, and the distance from case to case.
     rows : (n_cases,) or (0,)
         Which row belongs to a case, where it is not that of its number.
     pieces, edges : (n_records, lanes)
@@ -51,17 +52,18 @@ class InputTable(NamedTuple):
         Gets the outputs of these.
     """
 
-    knots: IntVector
+    knots: AddressVector
     counts: IntVector
-    values: IntVector
-    slopes: IntVector
+    values: AddressVector
+    slopes: AddressVector
     strides: IntVector
     kinds: IntVector
     first: IntVector
     last: IntVector
     beyond: IntVector
     places: IntVector
-    shift: IntVector
+    shift: Address
+    shift_stride: int
     rows: IntVector
     pieces: IntMatrix
     edges: Matrix
@@ -77,7 +79,9 @@ def no_inputs() -> InputTable:
     none = np.zeros(0, np.int64)
     nothing = np.zeros((0, 1))
     pieces = np.zeros((0, 1), np.int64)
-    return InputTable(*(none,) * 10, np.zeros(2, np.int64), none, pieces, *(nothing,) * 3, 0, 0, nothing)
+    addresses = AddressTable()
+    about = addresses, none, addresses, addresses, *(none,) * 6, NO_CODE, 0, none, pieces
+    return InputTable(*about, *(nothing,) * 3, NO_CODE, NO_CODE, nothing)
 
 
 @compiled_subset
@@ -89,7 +93,7 @@ def begin_inputs(
     ``t`` and ``t1`` are start and end of the case.
     """
     number = _row(inputs, case)
-    shift = element(inputs.shift[0], inputs.shift[1] * number)
+    shift = element(inputs.shift, inputs.shift_stride * number)
     for r in range(inputs.knots.size):
         low, high, knots = 0, inputs.counts[r], inputs.knots[r]
         while low < high:  # so many knots lie before the start
@@ -111,7 +115,7 @@ def pass_knots(inputs: InputTable, constants: FloatArray, lane: int, case: int, 
     """Write the coefficients of the pieces that begin at a time; return where the first of the present pieces ends."""
     end, close = inputs.ends[0, lane], SMALLEST_OF_TIME * abs(t)
     number = _row(inputs, case)
-    shift = element(inputs.shift[0], inputs.shift[1] * number)
+    shift = element(inputs.shift, inputs.shift_stride * number)
     first = end
     for r in range(inputs.knots.size):
         edge = inputs.edges[r, lane]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import final
 
 __all__ = [
+    "ADDRESS",
+    "ADDRESS_VECTOR",
     "FLAG",
     "FLAG_MATRIX",
     "INTEGER",
@@ -35,10 +37,11 @@ class Kind(ABC):
 @final
 @dataclass(frozen=True)
 class Scalar(Kind):
-    """A number; ``stored`` is its LLVM type in arrays."""
+    """A number; ``stored`` is its LLVM type in arrays, ``owned`` says that it is an address with its owner."""
 
     type: str
     stored: str
+    owned: bool = field(default=False, compare=False)
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -91,3 +94,5 @@ class Group(Kind):
 INTEGER, NUMBER, FLAG = Scalar("i64", "i64"), Scalar("double", "double"), Scalar("i1", "i8")
 VECTOR, MATRIX = Array(NUMBER, 1), Array(NUMBER, 2)
 INT_VECTOR, INT_MATRIX, FLAG_MATRIX = Array(INTEGER, 1), Array(INTEGER, 2), Array(FLAG, 2)
+ADDRESS = Scalar("i64", "i64", owned=True)
+ADDRESS_VECTOR = Array(ADDRESS, 1)

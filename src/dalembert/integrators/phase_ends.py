@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from ..methods.status import Status
 from .compiled_subset import compiled_subset
-from .contact_decisions import SOON, SOON_IN_A_ROW
-from .phase_tables import JUMPS, CaseTable, PhasePlan, ThreadWorkspace
+from .contact_kinds import SOON, SOON_IN_A_ROW
+from .phase_tables import JUMPS, NO_RUNNER, CaseTable, PhasePlan, ThreadWorkspace
 
-__all__ = ["ended", "next_history"]
+__all__ = ["begins_motion", "ended", "next_history"]
 
 _SUCCESS, _EVENT = int(Status.SUCCESS), int(Status.EVENT)
 _IMPOSSIBLE, _ACCUMULATE = int(Status.CONTACT_IMPOSSIBLE), int(Status.EVENTS_ACCUMULATE)
-_MAX_STEPS = int(Status.MAX_STEPS)
+_MAX_STEPS, _INITIAL_STATE = int(Status.MAX_STEPS), int(Status.INITIAL_STATE)
+_FAILED = int(Status.PROJECTION_FAILED)
 _HISTORY, _HISTORIES = 31, 2_147_483_629
 """By which a history is multiplied for each phase, and how many there are."""
 
@@ -59,10 +60,28 @@ def _fire(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int
 
 
 @compiled_subset
+def begins_motion(table: CaseTable, i: int, t: float) -> bool:
+    """Return whether a phase that begins at a time t is the first of a case: no guard has fired, and no time passed."""
+    return table.numbers.phases[i] == 0 and table.cases.soon[i] == 0 and t == table.t0[i]
+
+
+@compiled_subset
+def _refuse(table: CaseTable, i: int, t: float) -> None:
+    """End a case whose next phase cannot start, and is not counted, in the state that the last one left."""
+    numbers = table.numbers
+    numbers.state[i], numbers.runner[i] = _FAILED, NO_RUNNER
+    if t == table.t0[i] and table.cases.passed[i] != 0.0:
+        numbers.phases[i] -= 1
+
+
+@compiled_subset
 def ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, place: int, lane: int) -> bool:
     """Record how a case ended its run; return whether a decision is needed."""
     i, t, status = space.chosen[place], space.ends[place, 0], int(space.ends[place, 1])
     numbers, cases = table.numbers, table.cases
+    if status == _INITIAL_STATE and not begins_motion(table, i, t):
+        _refuse(table, i, t)
+        return False
     numbers.steps[i] += int(space.ends[place, 2])
     for m in range(cases.x.shape[1]):
         cases.x[i, m] = space.posed[m, lane]
@@ -90,8 +109,8 @@ def ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int
     if not jumps and _fire(plan, table, space, runner, i, first, t):
         numbers.state[i] = _IMPOSSIBLE
         return False
-    numbers.soon[i] = numbers.soon[i] + 1 if abs(cases.passed[i]) <= SOON * abs(cases.span[i]) else 0
-    if numbers.soon[i] >= SOON_IN_A_ROW:
+    cases.soon[i] = cases.soon[i] + 1 if abs(cases.passed[i]) <= SOON * abs(cases.span[i]) else 0
+    if cases.soon[i] >= SOON_IN_A_ROW:
         numbers.state[i] = _ACCUMULATE
         return False
     if cases.passed[i] != 0.0:

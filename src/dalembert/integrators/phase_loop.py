@@ -32,7 +32,7 @@ class PhaseArguments(NamedTuple):
     space: ThreadWorkspace
 
 
-_SUCCESS = int(Status.SUCCESS)
+_SUCCESS, _INITIAL_STATE = int(Status.SUCCESS), int(Status.INITIAL_STATE)
 _COUNT = place_of(SweepArguments, "shape.cases")
 
 
@@ -167,7 +167,7 @@ def _sample(table: CaseTable, i: int) -> None:
     """Record the samples that a case has reached, those at the present time anew: it may be that of an impact."""
     numbers, count, cases, samples = table.numbers, table.t_eval.size, table.cases, table.samples
     forward, t = 1.0 if cases.span[i] >= 0.0 else -1.0, cases.t[i]
-    while numbers.next[i] > 0 and recorded_after(table.t_eval[numbers.next[i] - 1], t, forward):
+    while numbers.next[i] > 0 and recorded_after(table.t_last[numbers.next[i] - 1], t, forward):
         numbers.next[i] -= 1
     while numbers.next[i] < count and (table.t_eval[numbers.next[i]] - t) * forward <= 0.0:
         place = i * count + numbers.next[i]
@@ -218,8 +218,8 @@ def _conclude(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner:
         _decide(plan, table, space)
     for lane in range(here):
         i = space.chosen[first + lane]
-        running = table.numbers.state[i] == RUNNING and table.numbers.runner[i] != JUMPS
-        if starts or running or table.numbers.state[i] == _SUCCESS:
+        state, jumps = table.numbers.state[i], table.numbers.runner[i] == JUMPS
+        if state == _SUCCESS or (state == RUNNING and not jumps) or (starts and state != _INITIAL_STATE):
             _sample(table, i)
 
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from ..ir.input_parameters import WIDTH
 from ..methods.step_constants import SMALLEST_OF_TIME
-from .arguments import IntVector, Matrix, Vector
+from .addresses import AddressTable
+from .arguments import AddressVector, IntVector, Matrix, Vector
 from .compiled_subset import call_code, compiled_subset, row
 from .input_steps import InputTable, begin_inputs, no_inputs, pass_knots
 
@@ -59,7 +60,7 @@ class StopTable(NamedTuple):
     next: IntVector
     edges: Vector
     place: int
-    kernels: IntVector
+    kernels: AddressVector
     columns: IntVector
     places: IntVector
     inputs: InputTable
@@ -69,7 +70,7 @@ class StopTable(NamedTuple):
 def no_stops() -> StopTable:
     """Return a table without stops."""
     none, nothing = np.zeros(0, np.int64), np.zeros(0)
-    about = none, nothing, none, nothing, none, nothing, 0, none, none, none
+    about = none, nothing, none, nothing, none, nothing, 0, AddressTable(), none, none
     return StopTable(*about, no_inputs(), np.zeros((0, 0)))
 
 

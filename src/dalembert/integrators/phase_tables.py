@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .arguments import Address, IntMatrix, IntVector, Matrix, Record, Vector
+from .arguments import Address, AddressVector, IntMatrix, IntVector, Matrix, Record, Vector
 from .contact_cases import ContactCases
 from .phase_stops import StopTable
 
@@ -42,8 +42,6 @@ class CaseNumbers(NamedTuple):
         Phases that took time and that others have followed; steps.
     history : (k,)
         A hash of the modes of the phases that took time, in their order.
-    soon : (k,)
-        Phases in a row that ended too soon.
     next : (k,)
         The next sample.
     logged : (k,)
@@ -55,7 +53,6 @@ class CaseNumbers(NamedTuple):
     phases: IntVector
     steps: IntVector
     history: IntVector
-    soon: IntVector
     next: IntVector
     logged: IntVector
 
@@ -87,7 +84,7 @@ class RunnerTable(NamedTuple):
     parameters: IntVector
     events: IntVector
     first_guard: IntVector
-    expand: IntVector
+    expand: AddressVector
 
 
 class PhasePlan(NamedTuple):
@@ -145,8 +142,8 @@ class CaseTable(NamedTuple):
         Minima, maxima and integrals so far.
     order, turn : (n,), (1,)
         Cases that continue, and how many of them threads have taken.
-    t_eval : (m,)
-        Times of samples [s].
+    t_eval, t_last : (m,)
+        Times of samples [s], and the last instants that they mean (`event_rules.last_instants`).
     samples : CaseSamples
     log : (n_lines, n)
         For a case that is alone, a line for each phase that begins: time, number of the mode, parameters that the
@@ -165,6 +162,7 @@ class CaseTable(NamedTuple):
     order: IntVector
     turn: IntVector
     t_eval: Vector
+    t_last: Vector
     samples: CaseSamples
     log: Matrix
     stops: StopTable
@@ -210,7 +208,7 @@ class ThreadWorkspace(NamedTuple):
     """
 
     gathered: Matrix
-    entries: IntVector
+    entries: AddressVector
     packed_args: IntMatrix
     turns: IntVector
     y: Vector

@@ -8,21 +8,34 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
+from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
 from ..transforms.runge_kutta_parts import CONTROLS, GROWTH_AT, PROPOSAL_AT
+from .addresses import NO_CODE
 from .arguments import Address, IntVector, Matrix, Record
 from .compiled_subset import call_code, compiled_subset, row
 from .input_steps import InputTable, begin_inputs, pass_knots, take_sides
 from .projection import project_row
 from .step_control import ACCEPTED, REJECTED, attempt_test, blind_retry, end_of_step, largest_step, status_after
 
-__all__ = ["LOOP", "PreparedArguments", "PreparedKernels", "PreparedLimits", "PreparedProgress", "attempt"]
+__all__ = [
+    "LOOP",
+    "PreparedArguments",
+    "PreparedKernels",
+    "PreparedLimits",
+    "PreparedProgress",
+    "admission_status",
+    "attempt",
+]
 
 
 class PreparedKernels(NamedTuple):
     """Addresses of what the loop calls, 0 for what there is not.
 
-    Constants from parameters, the step, what fills in its memory before the first step, and the projections.
+    Constants from parameters, the step, what fills in its memory before the first step, the projections, and the tests
+    of what the run is given (`dalembert.reduction.admission`).
     """
 
     prepare: Address
@@ -30,13 +43,15 @@ class PreparedKernels(NamedTuple):
     start: Address
     position: Address
     velocity: Address
+    admission: Address = NO_CODE
 
 
 class PreparedLimits(NamedTuple):
     """Start, end and largest step [s], and numbers of attempts.
 
     After ``attempts`` the run ends; after ``patience`` of them it pauses, with the status `RUNNING`. ``going`` says
-    whether it continues one that has paused.
+    whether it continues one that has paused. ``slack`` is by how many times a start may exceed the residuals of
+    constraints that given initial values may have.
     """
 
     t0: float
@@ -45,6 +60,7 @@ class PreparedLimits(NamedTuple):
     attempts: int
     patience: int
     going: bool
+    slack: float
 
 
 class PreparedProgress(Record):
@@ -68,7 +84,7 @@ class PreparedArguments(NamedTuple):
         Parameters; gets the constants.
     settings : (1, ...)
         Gets the largest step; the direction of time, and what else a step reads.
-    clock, delta, mark : (1, 1), (n_y, 1), (1,)
+    clock, delta, mark, tests : (1, 1), (n_y, 1), (1,), (n_tests, 1)
         Are overwritten.
     states : (2, ...)
         The first row begins with the state, and gets the last one.
@@ -87,6 +103,7 @@ class PreparedArguments(NamedTuple):
     states: Matrix
     delta: Matrix
     mark: IntVector
+    tests: Matrix
     progress: PreparedProgress
     inputs: InputTable
 
@@ -117,12 +134,45 @@ def _begin(arguments: PreparedArguments) -> int:
     if arguments.inputs.knots.size > 0:
         forward = limits.t1 >= limits.t0
         progress.end = begin_inputs(arguments.inputs, constants, 0, 0, limits.t0, limits.t1, forward)
+    refusal = _admit(arguments)
+    if refusal != RUNNING:
+        return refusal
     status = status_after(limits.t0 == limits.t1, 0.0, limits.attempts)
     if kernels.start != 0 and status == RUNNING:
         clock[0, 0], settings[0, 0] = limits.t0, largest_step(limits.t0, progress.end, limits.largest)
         call_code(kernels.start, row(clock, 0), row(states, 0), row(constants, 0), row(settings, 0), row(states, 1))
         progress.row = 1
     return status
+
+
+@compiled_subset
+def _admit(arguments: PreparedArguments) -> int:
+    """Return the status of a run that may not start, with a state that is not a number; `RUNNING` where it may."""
+    states, clock, tests = arguments.states, arguments.clock, arguments.tests
+    if arguments.kernels.admission == 0:
+        return RUNNING
+    clock[0, 0] = arguments.limits.t0
+    code, target = arguments.kernels.admission, row(tests, 0)
+    call_code(code, row(clock, 0), row(states, 0), row(arguments.constants, 0), 0, target)
+    status = admission_status(tests, arguments.limits.slack)
+    if status != RUNNING:
+        for m in range(arguments.n):
+            states[0, m] = np.nan
+    return status
+
+
+@compiled_subset
+def admission_status(tests: FloatArray, slack: float) -> int:
+    """Return the status that the outputs (n_tests, 1) of an admission kernel give a run, `RUNNING` where it may start.
+
+    `slack` times the residuals of given initial values are allowed. What is not a number is left to the run.
+    """
+    if tests[0, 0] > 0.0:
+        return Status.ASSUMPTION
+    for k in range(tests.shape[0] // 2):
+        if abs(tests[1 + 2 * k, 0]) > slack * tests[2 + 2 * k, 0]:
+            return Status.INITIAL_STATE
+    return RUNNING
 
 
 @compiled_subset

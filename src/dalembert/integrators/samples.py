@@ -25,6 +25,9 @@ EXTRAPOLATE = ("error", "hold", "linear")
 _SMOOTHNESS = {"hold": -1, "linear": 0, "cubic": 2}
 """Number of continuous derivatives of each kind; -1 where values jump."""
 
+_WIDEST, _STEEPEST = 1e100, 1e300
+"""Largest distance of knots, and largest coefficient of a polynomial between them."""
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -186,8 +189,31 @@ def samples(t: Any, values: Any, kind: str = "linear", extrapolate: str = "error
         )
     if len(knots) == 1 and kind != "hold":
         raise ValueInputError(f"samples: one knot gives no values of kind {kind!r}; give two at least, or kind='hold'")
+    if concrete and kind != "hold":
+        _refuse_coefficients(knots, table, kind)
     slopes = _spline_slopes(knots, table) if kind == "cubic" and concrete else None
     return Samples(knots, table, kind, extrapolate, slopes, concrete)
+
+
+def _refuse_coefficients(t: FloatArray, values: FloatArray, kind: str) -> None:
+    """Refuse knots and values (n_case, n_t) whose polynomials between the knots have no doubles as coefficients.
+
+    Raises
+    ------
+    ValueInputError
+    """
+    degree = 3 if kind == "cubic" else 1
+    with np.errstate(over="ignore", divide="ignore"):
+        widths = np.diff(t)
+        steepest = 8.0 * max(abs(np.max(values)), abs(np.min(values))) / np.min(widths) ** degree
+    if np.max(widths) <= _WIDEST and steepest <= _STEEPEST:
+        return
+    raise ValueInputError(
+        f"samples: between knots {np.min(widths):g} to {np.max(widths):g} apart, coefficients of kind {kind!r} leave"
+        f" the range of floating-point numbers; the knots must be at most {_WIDEST:g} apart, and the largest value over"
+        f" the least distance{' cubed' if degree == 3 else ''} at most {_STEEPEST / 8.0:g}. Choose other units, or"
+        " kind='hold'"
+    )
 
 
 def checked_samples(name: str, record: Samples) -> Samples:

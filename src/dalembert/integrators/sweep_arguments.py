@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..once import once
-from .arguments import Address, FlagMatrix, IntVector, Matrix, Vector
+from .arguments import Address, AddressVector, FlagMatrix, IntVector, Matrix, Vector
 from .input_steps import InputTable
 from .workspace import EventKernels, EventWorkspace, LaneState
 
@@ -55,7 +55,7 @@ class CaseShape(NamedTuple):
 class Columns(NamedTuple):
     """Addresses of the values of start, end, parameters and given values, and the stride from case to case: 0 or 1."""
 
-    address: IntVector
+    address: AddressVector
     stride: IntVector
 
 

@@ -14,6 +14,7 @@ from ..interrupts import check
 from ..methods.status import RUNNING, Status
 from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK
 from ..transforms.taylor import scale_floor
+from .addresses import NO_CODE, OwnedAddress
 from .arguments import address_of, pack, place_of
 from .dense_output import PiecewisePolynomial
 from .input_records import InputRecords
@@ -69,9 +70,9 @@ class StepCode:
 
     loop: TaylorLoop
     order: int
-    step: int
-    position: int = 0
-    velocity: int = 0
+    step: OwnedAddress
+    position: OwnedAddress = NO_CODE
+    velocity: OwnedAddress = NO_CODE
     angles: tuple[int, ...] = ()
     workspaces: list[_Workspace] = field(default_factory=list, compare=False, repr=False)
 
@@ -308,8 +309,11 @@ class _Series:
     def _coefficients(self, rows: FloatArray, turns: FloatArray | None) -> FloatArray:
         n, raw = self.n, rows[:, self.n + 2 :].reshape(len(rows), self.n, self.order + 1)
         sizes = rows[:, n] * self.direction  # differences of late knots have lost digits
-        powers = sizes[:, np.newaxis] ** np.arange(self.order + 1)
-        series: FloatArray = np.ascontiguousarray((raw * powers[:, np.newaxis, :]).transpose(0, 2, 1))
+        with np.errstate(over="ignore", invalid="ignore"):
+            powers = sizes[:, np.newaxis] ** np.arange(self.order + 1)
+            series: FloatArray = np.ascontiguousarray((raw * powers[:, np.newaxis, :]).transpose(0, 2, 1))
+        if not np.all(np.isfinite(powers[:, -1])):  # of steps so long that their other terms are zero
+            series[raw.transpose(0, 2, 1) == 0.0] = 0.0
         gap = rows[:, :n] - series.sum(axis=1)
         series[:, 2] += 3.0 * gap
         series[:, 3] -= 2.0 * gap

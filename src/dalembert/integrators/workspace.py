@@ -12,7 +12,8 @@ from ..methods.event_constants import DEEPEST
 from ..methods.status import RUNNING
 from ..methods.step_constants import EPSILON
 from ..once import once
-from .arguments import Address, IntVector, Matrix, Record
+from .addresses import NO_CODE, AddressTable
+from .arguments import Address, AddressVector, IntVector, Matrix, Record
 
 __all__ = [
     "ATTEMPTS",
@@ -200,7 +201,7 @@ class EventKernels(NamedTuple):
     refill: Address
     given: int
     checks: int
-    jumps: IntVector
+    jumps: AddressVector
     directions: IntVector
     last: IntVector
     used: IntVector
@@ -218,7 +219,8 @@ class EventKernels(NamedTuple):
 def no_events() -> EventKernels:
     """Return empty fields, for loops without events."""
     nothing = np.zeros(0, np.int64)
-    return EventKernels(*(0,) * 8, *(nothing,) * 4, *(0,) * 3, *(nothing,) * 2)
+    tables = AddressTable(), *(nothing,) * 3
+    return EventKernels(*(NO_CODE,) * 6, 0, 0, *tables, *(NO_CODE,) * 3, *(nothing,) * 2)
 
 
 class EventWorkspace(NamedTuple):

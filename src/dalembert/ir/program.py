@@ -54,7 +54,8 @@ class Layout:
     Attributes
     ----------
     coordinates, rates, parameters, unknowns : tuple of str
-        Names of q, q_dot, p and of the reaction components.
+        Names of q, q_dot, p and of the reaction components. Among the parameters are some that runs set themselves,
+        for inputs and for conditions on time; `given` lists those that users give.
     state : tuple of str
         Names of the components of y.
     outputs : tuple of str

@@ -10,6 +10,7 @@ from ..ir.graph import Graph, Node
 from ..ir.kernel import Kernel
 from ..ir.program import Layout, Program
 from ..reduction.knot_starts import knot_sides
+from ..reduction.shared_reactions import shared_reactions
 from ..reduction.step_limits import step_limits
 from ..reduction.time_conditions import decided
 from ..transforms.conditions import decide
@@ -61,6 +62,12 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
             kernels.append(_energies(equations, scene, records))
         elif nodes or name == "initial":  # a mode may prescribe the whole motion
             kernels.append(lower_kernel(graph, name, nodes, scene, records=records))
+    shared = shared_reactions(system)
+    if shared is not None:
+        first = len(system.places)
+        wide = state | {node: ("y", first + i) for i, node in enumerate(equations.unknowns)}
+        kernels.append(lower_kernel(graph, "shared_loads", shared[0], state, records=records))
+        kernels.append(lower_kernel(graph, "outputs_of_reactions", shared[1], wide, records=records))
     if system.stages is not None:
         whole = common | {node: ("y", i) for i, node in enumerate(system.stages.inputs)}
         kernels.append(lower_kernel(graph, "stages", system.stages.rhs, whole, records=records))

@@ -34,6 +34,9 @@ class ConstraintRow:
         The part of the velocity constraint without rates.
     bias : Node
         Minus the part of the acceleration constraint without second rates.
+    undecided : bool
+        Whether its row depends on others at every state, as far as the rounding of decimals shows, by weights that
+        vary: runs decide whether it follows from them.
     """
 
     label: str
@@ -41,6 +44,7 @@ class ConstraintRow:
     jacobian: tuple[Node, ...]
     drift: Node
     bias: Node
+    undecided: bool = False
 
 
 @final
@@ -200,6 +204,9 @@ class EquationsOfMotion:
         Guards of the mode of the contacts.
     minimum_norm : bool
         Whether reactions that are not determined are those of minimum norm; they are an error otherwise.
+    cones : tuple of list of Node
+        Rows of as many columns as `reactions`, four a law of a closed contact where reactions are not determined: the
+        first is not less than the length of the next two, and the last, on which given friction depends, is kept.
     nonanalytic : bool
         Whether the equations have exponential functions of state or time or, in scenes with contacts, kinks or jumps:
         forces on what rests in a mode occur in no rates, so that no step ends there.
@@ -232,6 +239,7 @@ class EquationsOfMotion:
     defaults: Mapping[str, float] = field(default_factory=dict)
     guards: tuple[Guard, ...] = ()
     minimum_norm: bool = False
+    cones: tuple[list[Node], ...] = ()
     nonanalytic: bool = False
     load_energy: LoadEnergy = field(default_factory=LoadEnergy)
 

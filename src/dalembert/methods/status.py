@@ -83,7 +83,8 @@ _MESSAGES = {
     ),
     Status.PROJECTION_FAILED: (
         "The state could not be projected back onto the constraints: the constraint Jacobian has probably "
-        "lost rank (a singular configuration); check the constraints there, or tighten rtol and atol."
+        "lost rank (a singular configuration), or a contact closes where its gap is not zero; check the constraints "
+        "there, or tighten rtol and atol."
     ),
     Status.INITIAL_STATE: (
         "The initial state contradicts a constraint, or cannot be formed there; simulate this case alone to see "
@@ -126,12 +127,12 @@ _MESSAGES = {
     Status.EVENTS_ACCUMULATE: (
         "Events with apply follow each other ever faster, infinitely many within a finite time, or phases of contacts "
         "follow each other too fast to be separated; the run ends where they accumulate: continue from there with a "
-        "model of the rest, make the event terminal, or describe the bounces of a body by a UnilateralContact with "
-        "restitution, which comes to rest."
+        "model of the rest, make the event terminal, describe bounces by a UnilateralContact with restitution in place "
+        "of an event, or lower the restitution of contacts between which a body bounces."
     ),
     Status.EVENT_STATE: (
-        "The state that an event maps to contradicts a constraint or is not finite: let apply map every coordinate "
-        "and rate that jumps, in accordance with the constraints."
+        "The state that an event maps to contradicts a constraint, penetrates a contact or is not finite: let apply "
+        "map every coordinate and rate that jumps, in accordance with the constraints and contacts."
     ),
     Status.EVENT_NON_FINITE: (
         "The expression of an event or reduction is NaN or infinite during the run: make it finite along the whole "

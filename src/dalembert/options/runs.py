@@ -96,6 +96,8 @@ class SimulateOptions(StepOptions):
     ----------
     t_eval : ndarray (n_t,) or None
         Times to record [s]; None records the accepted steps.
+    origin : float
+        Time from which those of the run are counted [s].
     first_step : float or None
         First step [s]; None lets the method choose it.
     dense : bool
@@ -116,6 +118,7 @@ class SimulateOptions(StepOptions):
     """
 
     t_eval: Any = None
+    origin: float = 0.0
     first_step: float | None = None
     dense: bool = True
     error_estimate: bool = False
@@ -144,6 +147,8 @@ class SweepOptions(StepOptions):
         Combinations of some parameters and initial values.
     t_eval : ndarray (n_t,) or None
         Times to record for all cases [s]; None records final states only.
+    origin : float
+        Time from which those of the run are counted [s].
     threads : int or None
         Threads to use; None takes as many as there are processors.
     progress : bool
@@ -168,6 +173,7 @@ class SweepOptions(StepOptions):
 
     grid: Any = None
     t_eval: Any = None
+    origin: float = 0.0
     threads: int | None = None
     progress: bool = False
     error_estimate: bool = False
@@ -240,6 +246,8 @@ class SolveOptions:
         Whether the result can be evaluated at any time.
     throw : bool
         Whether a run that fails raises an error.
+    portable : bool
+        Whether traced programs call no machine code of this process.
 
     Raises
     ------
@@ -256,6 +264,7 @@ class SolveOptions:
     max_steps: int = 4096
     dense: bool = False
     throw: bool = False
+    portable: bool = False
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:
@@ -267,7 +276,7 @@ class SolveOptions:
         rtol, atol = self.tolerances
         kept: dict[str, Any] = {} if self.rtol is None else {"rtol": rtol}
         kept |= {} if self.atol is None else {"atol": atol}
-        flags = {name: flag(name, getattr(self, name)) for name in ("dense", "throw")}
+        flags = {name: flag(name, getattr(self, name)) for name in ("dense", "throw", "portable")}
         kept |= {"max_step": float(self.max_step), "max_steps": int(self.max_steps)}
         set_checked(self, **kept, **flags)
 

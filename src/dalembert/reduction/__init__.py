@@ -64,7 +64,7 @@ def reduce(
         if still is not None:
             return with_states(still, equations)
     rows = equations.constraints
-    left_out = tuple(without)
+    left_out = unproven = tuple(without)
     enforced = equations
     if left_out:
         enforced = replace(equations, constraints=tuple(row for i, row in enumerate(rows) if i not in left_out))
@@ -72,16 +72,17 @@ def reduce(
         reduced = _reduce(enforced, formulation, requested, gains)
     except ConstraintError:
         independent = independent_constraints(enforced)
-        if not independent.dropped:
+        if not independent.decided:
             raise
         left_out = tuple(i for i, row in enumerate(rows) if i in left_out or any(row is d for d in independent.dropped))
+        unproven = tuple(i for i in left_out if i in unproven or any(rows[i] is d for d in independent.unproven))
         reduced = _reduce(independent.equations, formulation, requested, gains)
     reduced = with_states(reduced, reduced.equations)
     if not left_out:
         return reduced
     note = f"left out, because they follow from the other constraints: {', '.join(rows[i].label for i in left_out)}"
     whole = replace(reduced.equations, constraints=rows)
-    return replace(reduced, equations=whole, notes=(*reduced.notes, note), left_out=left_out)
+    return replace(reduced, equations=whole, notes=(*reduced.notes, note), left_out=left_out, unproven=unproven)
 
 
 def _reduce(

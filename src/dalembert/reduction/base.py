@@ -113,6 +113,8 @@ class ReducedSystem:
         Whether the constraints are known to be independent at every configuration.
     left_out : tuple of int
         Numbers of constraints that follow from the others and are not enforced.
+    unproven : tuple of int
+        Those of them that need not follow everywhere: they do around the start of a run, or by weights that vary.
     pivots : tuple of (str, Node)
         Label of a constraint, and the function of the parameters that the formulation divides it by.
     inertia : tuple of (str, Node)
@@ -138,6 +140,7 @@ class ReducedSystem:
     defaults: Mapping[str, float] = field(default_factory=dict)
     regular: bool = True
     left_out: tuple[int, ...] = ()
+    unproven: tuple[int, ...] = ()
     pivots: tuple[tuple[str, Node], ...] = ()
     inertia: tuple[tuple[str, Node], ...] = ()
 

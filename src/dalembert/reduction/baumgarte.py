@@ -1,7 +1,8 @@
 """Formulation `baumgarte`: acceleration constraints with stabilising position and velocity terms.
 
 J q_ddot = bias - 2 alpha (J q_dot + drift) - beta^2 phi, so that each violation obeys the equation of a damped
-oscillator (J. Baumgarte, Computer Methods in Applied Mechanics and Engineering 1 (1972) 1-16).
+oscillator (J. Baumgarte, Computer Methods in Applied Mechanics and Engineering 1 (1972) 1-16). Runs backward in time
+take -|alpha| (`dalembert.ir.decay_rates`): with a positive one violations would grow.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import final
 
+from ..ir.decay_rates import DECAY_RATE
 from ..ir.graph import Node
 from ..mechanics.equations import EquationsOfMotion
 from .base import Formulation, ReducedSystem, ReductionSettings
@@ -17,7 +19,7 @@ from .saddle import SaddlePoint, reduce_saddle, velocity_residuals
 
 __all__ = ["DEFAULT_GAIN", "GAINS", "Baumgarte"]
 
-GAINS = ("baumgarte_alpha", "baumgarte_beta")
+GAINS = (DECAY_RATE, "baumgarte_beta")
 """Parameters that the formulation adds where the gains are not given; they may be left out."""
 
 DEFAULT_GAIN = 10.0

@@ -76,6 +76,8 @@ def requested_outputs(
     values: Mapping[Node, Node],
     accelerations: Sequence[Node],
     plain: Sequence[Node] | None = None,
+    *,
+    solve: bool = True,
 ) -> Requested:
     """Return the requested outputs.
 
@@ -92,6 +94,8 @@ def requested_outputs(
     plain : sequence of Node, optional
         The same without guards, where the constraints may come to depend on each other. Reactions that are not
         determined then are those of minimum norm.
+    solve : bool
+        Whether reactions are replaced by their values; they stay inputs otherwise.
 
     Raises
     ------
@@ -125,7 +129,7 @@ def requested_outputs(
     if held & set(state_rates):
         rates = graph.substitute(list(state_rates.values()), values)
         replace |= dict(zip(map(graph.input, state_rates), rates, strict=True))
-    if needed:
+    if needed and solve:
         replace.update(_solve(equations, values, accelerations, plain))
     found = graph.substitute(list(nodes.values()), replace)
     return Requested(dict(zip(nodes, found, strict=True)), undetermined)

@@ -1,7 +1,8 @@
 """Redundant constraints: those that follow from others at every state, found and removed on the graph.
 
 A row of the constraint Jacobian that is a combination of others is redundant. It is removed where the rest
-of the constraint is the same combination. Its reactions are not determined.
+of the constraint is the same combination. Its reactions are not determined. Where the weights of a combination vary,
+a constraint may not follow everywhere, and rows that are kept may vanish: runs watch that.
 """
 
 from __future__ import annotations
@@ -11,10 +12,11 @@ from dataclasses import dataclass, replace
 from typing import final
 
 from ..errors import ConstraintError
-from ..ir.graph import Node
+from ..ir.graph import Graph, Node
 from ..ir.zero_tests import magnitude, vanishes
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion
 from ..transforms.derivatives import tangents
+from ..transforms.linear import SingularMatrix, factorize, guarded_pivot, matmul, transpose
 
 __all__ = ["Independent", "independent_constraints"]
 
@@ -22,10 +24,25 @@ __all__ = ["Independent", "independent_constraints"]
 @final
 @dataclass(frozen=True)
 class Independent:
-    """Equations with independent constraints only, and the redundant constraints."""
+    """Equations with independent constraints only, and the redundant constraints.
+
+    Attributes
+    ----------
+    equations : EquationsOfMotion
+    dropped : tuple of ConstraintRow
+        Constraints that follow from the others.
+    unproven : tuple of ConstraintRow
+        Those of `dropped` that follow by weights that vary.
+    """
 
     equations: EquationsOfMotion
     dropped: tuple[ConstraintRow, ...]
+    unproven: tuple[ConstraintRow, ...]
+
+    @property
+    def decided(self) -> bool:
+        """Whether anything was decided that the equations did not say before."""
+        return bool(self.dropped) or any(row.undecided for row in self.equations.constraints)
 
 
 @final
@@ -60,24 +77,39 @@ def independent_constraints(equations: EquationsOfMotion) -> Independent:
     graph = equations.graph
     kept: list[ConstraintRow] = []
     reduced: list[_Reduced] = []
+    found: list[ConstraintRow] = []
     dropped: list[ConstraintRow] = []
+    unproven: list[ConstraintRow] = []
     for row in equations.constraints:
-        entries, weights = list(row.jacobian), [graph.zero] * len(kept)
-        for other in reduced:
-            if not entries[other.pivot].is_zero:
-                share = entries[other.pivot] / other.entries[other.pivot]
-                entries = [_less(a, share * b) for a, b in zip(entries, other.entries, strict=True)]
-                entries[other.pivot] = graph.zero
-                for i, weight in enumerate(other.weights):
-                    weights[i] = weights[i] - share * weight
+        entries, weights = _eliminated(graph, row, reduced)
         pivots = [i for i, entry in enumerate(entries) if not entry.is_zero]
         if pivots:
+            found.append(row)
             kept.append(row)
             reduced.append(_Reduced(entries, [*weights, graph.one], max(pivots, key=lambda i: magnitude(entries[i]))))
-        else:
-            _refuse_unless_it_follows(equations, kept, row, [-weight for weight in weights])
-            dropped.append(row)
-    return Independent(replace(equations, constraints=tuple(kept)), tuple(dropped))
+            continue
+        weights = [-weight for weight in weights]
+        varying = _vary(equations, weights)
+        if varying and row.position is not None and not _exactly_dependent(equations, kept, row):
+            found.append(replace(row, undecided=True))
+            continue
+        _refuse_unless_it_follows(equations, kept, row, weights, varying=varying)
+        dropped.append(row)
+        unproven += [row] if varying else []
+    return Independent(replace(equations, constraints=tuple(found)), tuple(dropped), tuple(unproven))
+
+
+def _eliminated(graph: Graph, row: ConstraintRow, reduced: Sequence[_Reduced]) -> tuple[list[Node], list[Node]]:
+    """Return a row of the Jacobian without what others span, and its weights."""
+    entries, weights = list(row.jacobian), [graph.zero] * len(reduced)
+    for other in reduced:
+        if not entries[other.pivot].is_zero:
+            share = entries[other.pivot] / other.entries[other.pivot]
+            entries = [_less(a, share * b) for a, b in zip(entries, other.entries, strict=True)]
+            entries[other.pivot] = graph.zero
+            for i, weight in enumerate(other.weights):
+                weights[i] = weights[i] - share * weight
+    return entries, weights
 
 
 def _less(a: Node, b: Node) -> Node:
@@ -86,8 +118,28 @@ def _less(a: Node, b: Node) -> Node:
     return a.graph.zero if vanishes(rest) else rest
 
 
+def _exactly_dependent(equations: EquationsOfMotion, kept: Sequence[ConstraintRow], row: ConstraintRow) -> bool:
+    """Return whether guarded pivots of a row and independent ones show the dependence without sampling decimals."""
+    graph, rows = equations.graph, [each.jacobian for each in (*kept, row)]
+    try:
+        factorize(graph, matmul(graph, rows, transpose(rows)), guarded_pivot)
+    except SingularMatrix as singular:
+        return singular.exact
+    return False
+
+
+def _vary(equations: EquationsOfMotion, weights: Sequence[Node]) -> bool:
+    """Return whether weights depend on anything that moves."""
+    return not all(vanishes(slope) for weight in weights for slope in _slopes(equations, weight))
+
+
 def _refuse_unless_it_follows(
-    equations: EquationsOfMotion, kept: Sequence[ConstraintRow], row: ConstraintRow, weights: Sequence[Node]
+    equations: EquationsOfMotion,
+    kept: Sequence[ConstraintRow],
+    row: ConstraintRow,
+    weights: Sequence[Node],
+    *,
+    varying: bool,
 ) -> None:
     graph = equations.graph
 
@@ -96,9 +148,8 @@ def _refuse_unless_it_follows(
 
     left = [rest(row.drift, [r.drift for r in kept])]
     if row.position is not None:
-        slopes = [slope for weight in weights for slope in _slopes(equations, weight)]
         nonholonomic = any(r.position is None and not vanishes(w) for r, w in zip(kept, weights, strict=True))
-        if nonholonomic or not all(vanishes(slope) for slope in slopes):
+        if nonholonomic or varying:
             raise ConstraintError(
                 f"scene {equations.name!r}: {row.label} depends on the other constraints at every state: it"
                 " follows from them or contradicts them. Remove it, or correct the one that it repeats"

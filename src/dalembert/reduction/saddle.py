@@ -16,16 +16,12 @@ from typing import final
 from ..errors import ConstraintError
 from ..ir.graph import Graph, Node
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion
-from ..transforms.linear import SET_ASIDE, Factorization, SingularMatrix, factorize
+from ..transforms.linear import SET_ASIDE, Factorization, Matrix, SingularMatrix, factorize, guarded_pivot
 from .base import Formulation, Projection, ReducedSystem, ReductionSettings, factorize_inertia, inertia_pivots
 from .reactions import requested_outputs
 from .vanishing_rows import row_scale
 
-__all__ = ["DEPENDENT", "Augmented", "Projected", "SaddlePoint", "reduce_saddle"]
-
-DEPENDENT = 1e-13
-"""Square of the sine of the angle to the constraints before it below which a constraint counts as dependent, and share
-of its size below which a row counts as zero."""
+__all__ = ["Augmented", "Projected", "SaddlePoint", "reduce_saddle"]
 
 
 @final
@@ -90,11 +86,10 @@ class SaddlePoint:
         ConstraintError
             When a constraint depends on the others whatever the state.
         """
-        halves = self.halves[:count]
-        matrix = [[self.mass.inner(halves[i], halves[j]) for j in range(i + 1)] for i in range(count)]
-        full = [[matrix[max(i, j)][min(i, j)] for j in range(count)] for i in range(count)]
+        full = self._inner_products(count)
         try:
-            return factorize(self.graph, full, self._guard if self.guarded else None)
+            undecided = any(row.undecided for row in self.rows[:count])
+            return factorize(self.graph, full, self._guard if self.guarded else None, set_aside=undecided)
         except SingularMatrix as singular:
             label = self.rows[singular.index].label
             raise ConstraintError(
@@ -103,13 +98,28 @@ class SaddlePoint:
                 " use formulation='minimal', which resolves smaller differences"
             ) from None
 
+    def _inner_products(self, count: int) -> Matrix:
+        halves = self.halves[:count]
+        matrix = [[self.mass.inner(halves[i], halves[j]) for j in range(i + 1)] for i in range(count)]
+        return [[matrix[max(i, j)][min(i, j)] for j in range(count)] for i in range(count)]
+
+    def set_aside(self) -> Node:
+        """Return the number of constraints that guarded pivots set aside."""
+        graph, found = self.graph, []
+
+        def guard(pivot: Node, diagonal: Node, row: int) -> Node:
+            guarded = self._guard(pivot, diagonal, row)
+            if guarded is not pivot:
+                found.append(graph.call("less_equal", graph.node(SET_ASIDE), guarded))
+            return guarded
+
+        pivots = factorize(graph, self._inner_products(len(self.rows)), guard, set_aside=True).pivots
+        always = sum(pivot.number == SET_ASIDE for pivot in pivots)
+        return graph.sum(found) + graph.node(float(always))
+
     def _guard(self, pivot: Node, diagonal: Node, row: int) -> Node:
-        graph = self.graph
         terms = self.scales[row] if pivot is diagonal else diagonal + self.scales[row]
-        if terms.is_zero:
-            return pivot
-        enough = graph.call("less", graph.node(DEPENDENT) * terms, pivot)
-        return graph.call("select", enough, pivot, graph.node(SET_ASIDE))
+        return pivot if terms.is_zero else guarded_pivot(pivot, terms)
 
     def combine(self, start: Sequence[Node], weights: Sequence[Node]) -> list[Node]:
         """Return M^-1 (start + J^T weights), `start` already half solved."""

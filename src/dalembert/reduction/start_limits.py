@@ -15,11 +15,14 @@ from typing import final
 from ..ir.graph import Graph, Node
 from ..ir.zero_tests import terms_of
 from ..mechanics.equations import EquationsOfMotion
+from ..scene.elapsed import START
+from ..scene.symbol_table import SymbolTable
+from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix
 
-__all__ = ["LEAST_SHARE", "StartLimits"]
+__all__ = ["LEAST_SHARE", "TOLERANCE", "StartLimits", "left_by_rounding_of_start"]
 
-_TOLERANCE = 1e-8
+TOLERANCE = 1e-8
 """Relative residual up to which an initial state counts as consistent."""
 
 _REPRODUCED = 1e-6
@@ -38,6 +41,16 @@ _ROUNDED = 1e-12
 """Length up to which the largest of all lengths may be what rounding left of zero."""
 
 _TINY = 1e-300
+
+_ULPS = 4.0
+"""By how many spacings of doubles a user may have rounded a late time."""
+
+
+def left_by_rounding_of_start(graph: Graph, symbols: SymbolTable, nodes: Sequence[Node]) -> list[Node]:
+    """Return what rounding of a late start, from which values are computed, leaves in nodes."""
+    slopes = tangents(graph, nodes, {graph.input(symbols.time): graph.one})
+    spacing = graph.node(_ULPS * 2.0**-52) * graph.input(START)
+    return [graph.call("abs", slope * spacing) for slope in slopes]
 
 
 @final
@@ -98,7 +111,7 @@ class StartLimits:
         graph = self.graph
         parts = [part for part in zip(row, self.q, self.sizes, strict=True) if not part[0].is_zero]
         terms = [self._abs(slope) * graph.call("max", self._abs(x), size) for slope, x, size in parts]
-        return graph.node(_TOLERANCE) * graph.sum([terms_of(graph, residual), *terms])
+        return graph.node(TOLERANCE) * graph.sum([terms_of(graph, residual), *terms])
 
     def rate(self, row: Sequence[Node], drift: Node) -> Node:
         """Return the largest residual that is allowed in a velocity constraint, row . qdot + drift."""
@@ -106,7 +119,7 @@ class StartLimits:
         parts = [part for part in zip(row, self.qdot, self.sizes, strict=True) if not part[0].is_zero]
         terms = graph.sum([self._abs(drift), *(self._abs(slope * rate) for slope, rate, _ in parts)])
         least = self.slow * graph.sum(self._abs(slope) * size for slope, _, size in parts)
-        return graph.node(_TOLERANCE) * graph.call("max", terms, least)
+        return graph.node(TOLERANCE) * graph.call("max", terms, least)
 
     def share(self, pivot: Node, rows: Matrix, place: int) -> Node:
         """Return the share of a value that was solved for, from its pivot; it is compared with `LEAST_SHARE`."""

@@ -21,7 +21,6 @@ from ..ir.program import DIRECTION
 from ..ir.zero_tests import TOLERANCE as ROUNDING
 from ..ir.zero_tests import terms_of
 from ..once import deriving
-from ..scene.elapsed import START
 from ..scene.symbol_table import Entry
 from ..transforms.derivatives import GUARDED, tangents
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
@@ -31,12 +30,9 @@ from .input_weights import seeds_of, with_weights
 from .jumps import has_jumps
 from .knot_starts import KnotStarts
 from .reactions import independent_columns
-from .start_limits import LEAST_SHARE, StartLimits
+from .start_limits import LEAST_SHARE, StartLimits, left_by_rounding_of_start
 
 __all__ = ["Start", "start_tangents", "starting"]
-
-_ULPS = 4.0
-"""By how many spacings of doubles a user may have rounded a late time."""
 
 
 @final
@@ -293,11 +289,8 @@ class _Starting:
         return found
 
     def _late(self, residual: Sequence[Node]) -> list[Node]:
-        """Return the residual of constraints left by rounding of a late start, from which values are computed."""
-        graph = self.graph
-        slopes = tangents(graph, residual, {graph.input(self.symbols.time): graph.one})
-        spacing = graph.node(_ULPS * 2.0**-52) * graph.input(START)
-        return [graph.call("abs", slope * spacing) for slope in self._at(slopes)]
+        """Return the residual of constraints left by rounding of a late start."""
+        return self._at(left_by_rounding_of_start(self.graph, self.symbols, residual))
 
     def _state(self) -> list[Node]:
         """Return the state of the formulation, projected onto the constraints where the formulation can."""

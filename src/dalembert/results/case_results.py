@@ -16,7 +16,7 @@ from ..errors import UnknownNameError, nesting_named, unknown_name
 from ..ir.program import Layout
 from ..methods.status import Status
 from .estimate import Estimated
-from .labels import attributes, flags, with_units
+from .labels import attributes, distinct, flags, given_name, value_name, with_units
 from .motion import ENERGIES, reaction_hint, xarray_package
 from .named_values import NamedValues
 from .notebook import ranges, summary
@@ -232,10 +232,11 @@ class CaseResults(Estimated):
 
         Values are those at the samples, or final ones. Where x is an axis or a case's own initial value and a result,
         too, each has a name of its own: the axis is ``x`` and the result ``x_value``; along ``case``, the result is
-        ``x`` and the initial value ``x_given``. A reduction whose name is taken is ``name_reduced``. Of an event there
-        are ``name_count``, ``name_first`` and ``name_last``, with ``_of_event`` behind a name that is taken. The
-        attributes ``flag_values`` and ``flag_meanings`` of ``status`` have the meaning of its numbers. Other attributes
-        are as for a trajectory.
+        ``x`` and the initial value ``x_given``. A result called ``time``, ``case``, ``status``, ``steps`` or ``t_end``
+        is ``time_value``, and an axis or given values ``time_given``: the data set has these itself. A reduction whose
+        name is taken is ``name_reduced``. Of an event there are ``name_count``, ``name_first`` and ``name_last``, with
+        ``_of_event`` behind a name that is taken. The attributes ``flag_values`` and ``flag_meanings`` of
+        ``status`` have the meaning of its numbers. Other attributes are as for a trajectory.
 
         Parameters
         ----------
@@ -251,27 +252,26 @@ class CaseResults(Estimated):
         """
         layout = self._layout
         shape = tuple(len(values) for values in self.axes.values()) or (len(self),)
-        dims: tuple[str, ...] = tuple(self.axes) or ("case",)
-        coords: dict[str, Any] = {name: (name, values) for name, values in self.axes.items()}
+        dims: tuple[str, ...] = tuple(map(given_name, self.axes)) or ("case",)
+        coords: dict[str, Any] = {dim: (dim, values) for dim, values in zip(dims, self.axes.values(), strict=False)}
         times: tuple[str, ...] = ()
         if self.t_eval is not None:
             times, coords["time"] = ("time",), ("time", self.t_eval, {"units": "s"})
         if not self.axes:
             varied = {name: v for name, v in {**self.initial, **self.parameters}.items() if len(v) > 1}
-            coords |= {f"{name}_given" if name in self._names() else name: ("case", v) for name, v in varied.items()}
+            coords |= {given_name(name, self._names()): ("case", v) for name, v in varied.items()}
         data: dict[str, Any] = {}
         for name, values in self._by_name(dict.fromkeys((*layout.variables, *layout.outputs, "energy"))).items():
-            key = f"{name}_value" if name in self.axes else name
-            data[key] = ((*dims, *times), values.reshape(*shape, *values.shape[1:]))
+            data[value_name(name, {*coords, *data})] = ((*dims, *times), values.reshape(*shape, *values.shape[1:]))
         data["status"] = (dims, self.status.reshape(shape), flags([status.name for status in Status]))
         data |= {name: (dims, counts.reshape(shape)) for name, counts in (("steps", self.steps), ("t_end", self.t))}
-        taken = {*data, *coords, *dims}
+        others = {*coords, *dims}
         for name, values in self.reduced.items():
-            data[f"{name}_reduced" if name in taken else name] = (dims, values.reshape(shape))
+            data[distinct(name, others | data.keys(), "_reduced")] = (dims, values.reshape(shape))
         for name, happened in self.events.items():
             for part in ("count", "first", "last"):
-                key = f"{name}_{part}"
-                data[f"{key}_of_event" if key in taken else key] = (dims, getattr(happened, part).reshape(shape))
+                key = distinct(f"{name}_{part}", others | data.keys(), "_of_event")
+                data[key] = (dims, getattr(happened, part).reshape(shape))
         fixed = {name: float(v[0]) for name, v in self.parameters.items() if len(v) == 1 and np.ndim(v) == 1}
         attrs = attributes(self._name, self._formulation, self.stats, fixed)
         dataset: xarray.Dataset = xarray_package().Dataset(data, coords=coords, attrs=attrs)

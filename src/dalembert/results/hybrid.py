@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
+from ..integrators.event_rules import last_instants
 from ..ir.program import Layout
 from ..methods.event_constants import RESOLUTION
 from ..methods.status import Status
@@ -18,7 +19,7 @@ from ..values import times_of
 from .estimate import NamedArrays
 from .events import EventRecords
 from .motion import ENERGIES, Motion, RunStatistics, reaction_hint
-from .trajectory import Trajectory
+from .trajectory import Trajectory, joined_variables
 
 if TYPE_CHECKING:
     import xarray
@@ -92,9 +93,10 @@ class HybridTrajectory(Motion):
         self.status, self.stats = status, stats
         self.events = EventRecords()
         self.t = self.elapsed = self._joined(lambda part: part.motion.elapsed)
-        self.q = self._joined(lambda part: part.motion.q)
-        self.qdot = self._joined(lambda part: part.motion.qdot)
-        self.y = self._joined(lambda part: part.motion.variables)
+        self.y, n_q = joined_variables([part.motion for part in self._parts]), len(layout.coordinates)
+        if order is not None:
+            self.y = self.y[order]
+        self.q, self.qdot = self.y[:, :n_q].copy(), self.y[:, n_q : 2 * n_q].copy()
 
     @property
     def variables(self) -> FloatArray:
@@ -213,12 +215,17 @@ class HybridTrajectory(Motion):
         OptionError
             Outside the span of the run, or where ``dense=False`` left nothing to evaluate.
         """
-        given, lasting = times_of("t", t), [*self._lasting]
+        given = times_of("t", t)
+        return self.at_elapsed(given, self._begin or 0.0, given)
+
+    def at_elapsed(self, times: FloatArray, origin: float, given: FloatArray | None = None) -> HybridTrajectory:
+        """Return the motion at times (k,) since an origin, or at times as they were given."""
+        lasting = [*self._lasting]
         if self._whole[-1] is not lasting[-1]:  # the state after an impact at the end
             lasting.append(self._whole[-1])
         first, last = lasting[0].phase.t0, lasting[-1].phase.t1
-        forward, times = 1.0 if last >= first else -1.0, given
-        if self._begin is not None:
+        forward = 1.0 if last >= first else -1.0
+        if given is not None and self._begin is not None:
             times = given - self._begin
             inside = np.clip(times, min(first, last), max(first, last))
             times = np.where(np.abs(times - inside) <= 4.0 * np.spacing(np.abs(given)), inside, times)
@@ -229,8 +236,9 @@ class HybridTrajectory(Motion):
             )
         begins = np.array([part.phase.t0 for part in lasting]) * forward
         place = np.clip(np.searchsorted(begins, times * forward, side="right") - 1, 0, len(begins) - 1)
+        until = last_instants(times, origin)
         following = np.minimum(place + 1, len(begins) - 1)
-        begun = begins[following] - times * forward <= RESOLUTION * np.abs(begins[following])  # as `recorded_after`
+        begun = begins[following] - until * forward <= RESOLUTION * np.abs(begins[following])  # as `recorded_after`
         place = np.where(begun, following, place)
         times = forward * np.maximum(times * forward, begins[place])
         rows = [np.flatnonzero(place == number) for number in range(len(lasting))]
@@ -243,7 +251,7 @@ class HybridTrajectory(Motion):
             part = lasting[0]
             parts = [Part(part.phase, part.motion.at(part.motion.t[:0], part.motion.y[:0]), part.violation)]
         order = np.argsort(np.concatenate(rows), kind="stable")
-        return self._regrouped(parts, order, given)
+        return self._regrouped(parts, order, times if given is None else given)
 
     def __repr__(self) -> str:
         span = f"t = {self.t[0]:g} .. {self.t[-1]:g}, " if len(self.t) else ""

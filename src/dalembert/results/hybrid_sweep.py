@@ -15,7 +15,7 @@ from ..hybrid.modes import STATES
 from ..ir.program import Layout
 from .case_results import CaseResults, SweepStatistics
 from .estimate import NamedArrays
-from .labels import flags
+from .labels import distinct, flags
 
 if TYPE_CHECKING:
     import xarray
@@ -113,7 +113,7 @@ class HybridSweep(CaseResults):
             codes = np.array([names.index(word) for word in words], np.int8)[places]
             columns[f"{contact}_mode"] = (values.dims, codes.reshape(values.shape), flags(names))
         for name, column in columns.items():
-            found[f"{name}_of_contacts" if name in {*found.variables, *found.dims} else name] = column
+            found[distinct(name, [*found.variables, *found.dims], "_of_contacts")] = column
         return found
 
     def _take_states(self, some: NDArray[np.bool_], other: HybridSweep) -> None:

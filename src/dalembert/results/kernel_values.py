@@ -13,6 +13,7 @@ from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..transforms.periodic import angles_in
+from .shared_loads import output_rows
 
 __all__ = ["KernelValues"]
 
@@ -64,7 +65,8 @@ class KernelValues:
     @cached_property
     def outputs(self) -> FloatArray:
         """Requested outputs (n_t, n_outputs)."""
-        return self._of_states("outputs")
+        kernel = self._program.kernel("outputs")
+        return output_rows(self._program, self._t, self._states(kernel), self.constants)
 
     @cached_property
     def state_rates(self) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..errors import OptionError, UnknownNameError, unknown_name
@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     from .case_results import SweepStatistics
     from .motion import RunStatistics
 
-__all__ = ["attributes", "flags", "with_units"]
+__all__ = ["attributes", "distinct", "flags", "given_name", "value_name", "with_units"]
+
+_OWN_NAMES = ("case", "time", "status", "steps", "t_end")
+"""Names that a data set has of its own: results, axes and given values of these names get other ones."""
 
 _OTHER_NAMES = ("", "_value", "_given", "_reduced", "_first", "_last")
 """Endings that tell a name of a data set from that of an axis, a result or another reduction; or those of an event."""
@@ -34,6 +37,23 @@ def attributes(
         "parameters": json.dumps(dict(parameters)),
         "dalembert_version": __version__,
     }
+
+
+def distinct(name: str, taken: Container[Any], ending: str) -> str:
+    """Return a name, with an ending if it is taken."""
+    while name in taken:
+        name += ending
+    return name
+
+
+def value_name(name: str, taken: Iterable[str] = ()) -> str:
+    """Return the name of a result in a data set: with ``_value`` behind one that is taken, or the data set's own."""
+    return distinct(name, {*_OWN_NAMES, *taken}, "_value")
+
+
+def given_name(name: str, taken: Iterable[str] = ()) -> str:
+    """Return the name of an axis or of given values in a data set: with ``_given`` behind one that is taken."""
+    return distinct(name, {*_OWN_NAMES, *taken}, "_given")
 
 
 def flags(names: Sequence[str]) -> dict[str, Any]:
@@ -72,6 +92,8 @@ def with_units(
     for key, unit in units.items():
         name = aliases.get(str(key), str(key))
         found = [name + ending for ending in _OTHER_NAMES if name + ending in dataset.variables]
+        if name in _OWN_NAMES:  # the quantity of the scene before what a data set has of its own
+            found = [place for place in found if place != name] or found
         for variable in found:
             dataset[variable].attrs["units"] = unit
         if name in parameters:

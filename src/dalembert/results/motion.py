@@ -18,7 +18,7 @@ from ..ir.program import Layout, Program
 from ..methods.status import Status
 from ..values import flag, option
 from .estimate import Estimated
-from .labels import attributes, with_units
+from .labels import attributes, value_name, with_units
 from .notebook import ranges, summary
 
 if TYPE_CHECKING:
@@ -140,7 +140,10 @@ class Motion(Estimated):
         formulation = ", ".join(self._formulations)
         attrs = {"status": self.status.name, **attributes(scene, formulation, self.stats, parameters)}
         times = {"time": ("time", self.t, {"units": "s"})}
-        dataset: xarray.Dataset = xarray_package().Dataset(data, coords=times, attrs=attrs)
+        named: dict[str, Any] = {}
+        for name, values in data.items():
+            named[value_name(name, named)] = values
+        dataset: xarray.Dataset = xarray_package().Dataset(named, coords=times, attrs=attrs)
         return with_units(dataset, units, self._layout.aliases, parameters)
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any, final
 
 import numpy as np
@@ -13,6 +14,7 @@ from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from .case_results import CaseResults, SweepStatistics
 from .motion import ENERGIES, warn_of_energy
+from .shared_loads import output_rows
 
 __all__ = ["Sweep"]
 
@@ -112,7 +114,10 @@ class Sweep(CaseResults):
             states, times, outputs = y[block].reshape(count * width, -1), t[block].ravel(), dict[str, FloatArray]()
             for kernel in needed:
                 at = outputs["expand"] if kernel == "energy" else states
-                outputs[kernel] = interpret_rows(self._program.kernel(kernel), times, at, c)
+                rows = partial(interpret_rows, self._program.kernel(kernel))
+                if kernel == "outputs":
+                    rows = partial(output_rows, self._program)
+                outputs[kernel] = rows(times, at, c)
             for values, kernel, column in sources:
                 chosen = outputs[kernel].sum(axis=1) if column is None else outputs[kernel][:, column]
                 values[block] = chosen.reshape(count, width)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from ..scene import Scene
 
-__all__ = ["Trajectory", "joined_runs"]
+__all__ = ["Trajectory", "joined_runs", "joined_variables"]
 
 Monitors = Callable[[FloatArray, FloatArray, FloatArray], dict[str, FloatArray]]
 
@@ -277,6 +277,29 @@ class Trajectory(Motion):
         names = dict.fromkeys((*layout.variables, *layout.outputs, "energy"))
         given = dict(zip(layout.given, self._first.tolist(), strict=False))
         return self._dataset(self._program.name, {name: ("time", self[name]) for name in names}, given, units)
+
+
+def joined_variables(motions: Sequence[Trajectory]) -> FloatArray:
+    """Return the variables of motions one after the other, those of one program computed together."""
+    found = [np.empty((0, 0))] * len(motions)
+    together: dict[int, list[int]] = {}
+    for i, motion in enumerate(motions):
+        if isinstance(motion._c, Segments) or motion._c.ndim != 1 or motion._wrapped is not None:
+            found[i] = motion.variables
+        else:
+            together.setdefault(id(motion._program), []).append(i)
+    for some in together.values():
+        own = [motions[i] for i in some]
+        if len(own) == 1:
+            found[some[0]] = own[0].variables
+            continue
+        t, y = np.concatenate([motion.elapsed for motion in own]), np.concatenate([motion.y for motion in own])
+        sizes = [len(motion.elapsed) for motion in own]
+        c = np.repeat(np.array([motion._c for motion in own]), sizes, axis=0)
+        values = KernelValues(own[0]._program, c, t, y, None).variables
+        for i, last, size in zip(some, np.cumsum(sizes).tolist(), sizes, strict=True):
+            found[i] = values[last - size : last]
+    return np.concatenate(found)
 
 
 def joined_runs(runs: Sequence[Trajectory], labels: Sequence[str], *, right: bool) -> Trajectory:

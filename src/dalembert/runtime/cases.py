@@ -14,6 +14,7 @@ from ..integrators.breakpoints import CaseBreaks
 from ..integrators.cases import CaseBlock, CaseColumns
 from ..integrators.input_records import InputRecords
 from ..integrators.problem import IntegrationProblem
+from ..ir.decay_rates import DECAY_RATE, directed_rates
 from ..ir.interpret import interpret, interpret_rows
 from ..ir.program import DIRECTION, Layout, Program
 from ..methods.status import Status
@@ -96,10 +97,18 @@ class Cases:
         count = len(range(*block.indices(self.count)))
         names = self.program.layout.parameters
         p = np.empty((count, len(names)))
-        for i, name in enumerate(names):
-            p[:, i] = _part(self.parameters[name], block)
+        for i, column in enumerate(self._parameters_of(block)):
+            p[:, i] = column
         self._decide(p, block)
         return inputs.prepare_rows(self.program, p)
+
+    def _parameters_of(self, block: slice) -> tuple[FloatArray, ...]:
+        """Return the columns (1,) or (k,) of parameters of a block of cases, as their runs take them."""
+        columns = {name: _part(self.parameters[name], block) for name in self.program.layout.parameters}
+        if DECAY_RATE in columns:
+            backward = _part(self.span["end"], block) < _part(self.span["start"], block)
+            columns[DECAY_RATE] = directed_rates(columns[DECAY_RATE], backward)
+        return tuple(columns.values())
 
     def _decide(self, p: FloatArray, block: slice) -> None:
         """Set conditions in parameters p (k, n_p) to those of the first segment of each case."""
@@ -145,7 +154,7 @@ class Cases:
         return CaseColumns(
             len(range(*block.indices(self.count))),
             (_part(self._begin, block), _part(self.span["end"], block)),
-            tuple(_part(self.parameters[name], block) for name in self.program.layout.parameters),
+            self._parameters_of(block),
             tuple(_part(self._values[name], block) for name in self.start.given),
             self.start,
             t_eval,
@@ -274,7 +283,11 @@ def _columns(
 
 def _finite_rows(values: FloatArray) -> NDArray[np.bool_]:
     """Return which rows hold nothing but finite numbers; a product does that much faster than sums of short rows."""
-    return np.isfinite(values @ np.ones(values.shape[1]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        finite = np.isfinite(values @ np.ones(values.shape[1]))
+    large = np.flatnonzero(~finite)  # or a sum of finite numbers that is not
+    finite[large] = np.isfinite(values[large]).all(axis=1)
+    return np.asarray(finite)
 
 
 def _part(values: FloatArray, block: slice) -> FloatArray:

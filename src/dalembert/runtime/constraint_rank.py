@@ -25,6 +25,7 @@ __all__ = [
     "correction_turns",
     "indeterminate",
     "jacobians_at",
+    "kept_shares",
     "lengths_along",
     "nearly_redundant",
     "redundant",
@@ -40,6 +41,9 @@ _LOST = 1e-7
 
 _ROUNDED = 1e-11
 """Share below which a constraint follows from the others up to rounding; larger differences are meant."""
+
+_MUCH = 0.5
+"""Share of what is new of the best row from which on another is taken before it."""
 
 _SHORT = 0.1
 """Share of the length that a row has elsewhere which it counts as having, and of the longest row, below which its own
@@ -138,6 +142,23 @@ def shares(j: FloatArray, lengths: FloatArray) -> FloatArray:
     return found
 
 
+def kept_shares(j: FloatArray, lengths: FloatArray, kept: Sequence[int]) -> FloatArray:
+    """Return how well some rows of Jacobians (k, n_rows, n_q) enforce all of them: 1 exactly, 0 where they lose rank.
+
+    The cosine of the angle between the combinations of all rows that do not vanish, and the rows that are kept; a
+    violation of the others is as large as one of these over it. NaN where all rows lose rank, or are not finite.
+    """
+    found, rank = np.full(len(j), np.nan), len(kept)
+    fine = np.flatnonzero(np.all(np.isfinite(j), axis=(1, 2)))
+    if not 0 < rank <= min(j.shape[1:]) or not len(fine):
+        return found
+    left, values, _ = np.linalg.svd(j[fine] / lengths[:, np.newaxis], full_matrices=False)
+    regular = values[:, rank - 1] > _LOST * values[:, 0]
+    chosen = left[regular][:, list(kept), :rank]
+    found[fine[regular]] = np.linalg.svd(chosen, compute_uv=False)[:, -1]
+    return found
+
+
 def correction_turns(
     program: Program, t: FloatArray, x: FloatArray, c: FloatArray, enforced: Sequence[int], lengths: FloatArray
 ) -> FloatArray:
@@ -164,20 +185,21 @@ def correction_turns(
 
 
 def _dependent(j: FloatArray, share: float = _LOST) -> list[int]:
-    """Return the rows of a Jacobian with rows of length one of which less than a share is new."""
-    basis: list[FloatArray] = []
-    found = []
-    for i, row in enumerate(j):
-        rest = row
-        for _ in range(2):
-            for direction in basis:
-                rest = rest - (rest @ direction) * direction
-        length = float(np.linalg.norm(rest))
-        if length < share:
-            found.append(i)
-        else:
-            basis.append(rest / length)
-    return found
+    """Return the rows of a Jacobian with rows of length one of which less than a share is new beside the others.
+
+    Those that are taken before it are far from vanishing, so that they enforce the others around the state: of rows
+    that are left, the first of which about as much is new as of any.
+    """
+    rest, left, basis = j.copy(), list(range(len(j))), np.zeros((0, j.shape[1]))
+    while left:
+        new = np.linalg.norm(rest[left], axis=1)
+        if np.max(new) < share:
+            break
+        place = left.pop(int(np.argmax(new >= _MUCH * np.max(new))))
+        direction = rest[place] - basis.T @ (basis @ rest[place])
+        basis = np.vstack([basis, direction / np.linalg.norm(direction)])
+        rest[left] -= np.outer(rest[left] @ basis[-1], basis[-1])
+    return left
 
 
 def redundant(

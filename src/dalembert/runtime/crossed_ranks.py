@@ -1,4 +1,6 @@
-"""Search of a run for singular configurations that it has crossed: where its constraints lose rank.
+"""Search of a run for configurations that it has crossed where its constraints lose rank.
+
+Where others were left out as redundant, those that are kept may lose rank where all together do not.
 
 Beyond one the branch of a motion is a matter of chance, unless its positions are projected onto the constraints. A run
 crosses one where the share of `dalembert.runtime.constraint_rank` falls to next to nothing. With an error, it passes
@@ -10,10 +12,10 @@ Jacobian by as much as the share, and may lead to any branch: the number h of th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..integrators.dense_output import DenseOutput
@@ -21,12 +23,15 @@ from ..integrators.problem import Solution
 from ..integrators.segments import Constants, constants_at
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
-from .constraint_rank import correction_turns, jacobians_at, lengths_along, shares
+from .constraint_rank import correction_turns, jacobians_at, kept_shares, lengths_along, shares
 
-__all__ = ["crossing"]
+__all__ = ["crossing", "vanishing_choice"]
 
 _CROSSED = 1e-5
 """Share below which a minimum along a motion is one where rank is lost."""
+
+_KEPT = 0.03
+"""Share below which kept constraints no longer enforce those that were left out: errors grow by its inverse."""
 
 _LOW = 0.5
 """Share below which a minimum is looked at."""
@@ -48,49 +53,90 @@ def crossing(
     program: Program, solution: Solution, c: Constants, enforced: Sequence[int]
 ) -> tuple[float, FloatArray] | None:
     """Return the first time and state at which rank is lost, None without any."""
-    t, y, dense = solution.t, solution.y, solution.dense
-    if dense is None and not len(t):
+    t, y = _searched_points(solution)
+    if not len(t):
         return None
-    if dense is not None:
-        parts = np.linspace(0.0, 1.0, _PER_STEP, endpoint=False)
-        knots = dense.knots
-        t = np.append((knots[:-1, np.newaxis] + np.diff(knots)[:, np.newaxis] * parts).ravel(), knots[-1])
-        y = dense(t)
     j = jacobians_at(program, t, y, c, enforced)
     lengths = lengths_along(program, t, y, c, j, enforced)
-    profile = shares(j, lengths)
-    for i in _minima(profile).tolist():
-        near = slice(max(i - 1, 0), i + 2)
-        times, states, found = t[near], y[near], profile[near]
-        if dense is not None:
-            times, states, found = _located(program, dense, c, enforced, lengths, (float(times[0]), float(times[-1])))
+    near = partial(_shares_at, program, c, enforced, lengths)
+    for times, states, found in _minima(t, y, shares(j, lengths), solution.dense, near):
         k = int(np.argmin(np.nan_to_num(found, nan=np.inf)))
         if found[k] < _CROSSED or _ambiguous(program, times, states, c, enforced, lengths, found):
             return float(times[k]), states[k]
     return None
 
 
-def _minima(profile: FloatArray) -> NDArray[np.intp]:
-    """Return the places of minima of shares (k,) that are low."""
+def vanishing_choice(
+    program: Program, solution: Solution, c: Constants, kept: Sequence[int]
+) -> tuple[float, FloatArray] | None:
+    """Return the first time and state at which kept constraints no longer enforce all, None without any.
+
+    They lose rank there, or nearly, and all constraints do not.
+    """
+    t, y = _searched_points(solution)
+    if not len(t) or not kept:
+        return None
+    rows = range(len(program.layout.constraints))
+    j = jacobians_at(program, t, y, c, rows)
+    lengths = lengths_along(program, t, y, c, j, rows)
+
+    def near(t: FloatArray, y: FloatArray) -> FloatArray:
+        return kept_shares(jacobians_at(program, t, y, c, rows), lengths, kept)
+
+    for times, states, found in _minima(t, y, kept_shares(j, lengths, kept), solution.dense, near):
+        with np.errstate(invalid="ignore"):
+            low = np.flatnonzero(found < _KEPT)
+        if len(low):
+            forward = 1.0 if t[-1] >= t[0] else -1.0
+            k = low[int(np.argmin(forward * times[low]))]
+            return float(times[k]), states[k]
+    return None
+
+
+def _shares_at(
+    program: Program, c: Constants, enforced: Sequence[int], lengths: FloatArray, t: FloatArray, y: FloatArray
+) -> FloatArray:
+    return shares(jacobians_at(program, t, y, c, enforced), lengths)
+
+
+def _searched_points(solution: Solution) -> tuple[FloatArray, FloatArray]:
+    """Return times (k,) and states (k, n_y) at which a run is searched: some in every step, as far as it is known."""
+    if solution.dense is None:
+        return solution.t, solution.y
+    parts = np.linspace(0.0, 1.0, _PER_STEP, endpoint=False)
+    knots = solution.dense.knots
+    t = np.append((knots[:-1, np.newaxis] + np.diff(knots)[:, np.newaxis] * parts).ravel(), knots[-1])
+    return t, solution.dense(t)
+
+
+def _minima(
+    t: FloatArray,
+    y: FloatArray,
+    profile: FloatArray,
+    dense: DenseOutput | None,
+    shares_at: Callable[[FloatArray, FloatArray], FloatArray],
+) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Yield times, states and shares around each minimum of shares (k,) that is low, in their order."""
     beside = np.concatenate([profile[:1], profile, profile[-1:]])
     with np.errstate(invalid="ignore"):
-        return np.flatnonzero((profile < _LOW) & (profile <= beside[:-2]) & (profile <= beside[2:]))
+        places = np.flatnonzero((profile < _LOW) & (profile <= beside[:-2]) & (profile <= beside[2:]))
+    for i in places.tolist():
+        near = slice(max(i - 1, 0), i + 2)
+        if dense is None:
+            yield t[near], y[near], profile[near]
+        else:
+            yield _located(dense, (float(t[near][0]), float(t[near][-1])), shares_at)
 
 
 def _located(
-    program: Program,
-    dense: DenseOutput,
-    c: Constants,
-    enforced: Sequence[int],
-    lengths: FloatArray,
-    span: tuple[float, float],
+    dense: DenseOutput, span: tuple[float, float], shares_at: Callable[[FloatArray, FloatArray], FloatArray]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return times (k,), states (k, n_y) and shares (k,) around the least share in a span, ever closer to it."""
     tried = []
     for _ in range(_ROUNDS):
         times = np.linspace(*span, _POINTS)
         states = dense(times)
-        found = shares(jacobians_at(program, times, states, c, enforced), lengths)
+        found = shares_at(times, states)
         tried.append((times, states, found))
         k = int(np.argmin(np.nan_to_num(found, nan=np.inf)))
         span = float(times[max(k - 1, 0)]), float(times[min(k + 1, _POINTS - 1)])

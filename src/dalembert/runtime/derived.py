@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING, Any, final
 
 from ..codegen.base import Engine
 from ..ir.program import DIRECTION
-from ..once import DERIVING, derived_once, derived_property
+from ..once import DERIVING, BoundedTable, derived_once, derived_property
 from ..pipeline import Stages
 from ..reduction.invariants import Candidates, candidates
 from ..reduction.jumps import has_jumps
 from ..reduction.starting import Start, starting
 from .partials import Partials
-from .symbol_assumptions import signed_names
+from .symbol_assumptions import ROUNDING, signed_names
 
 if TYPE_CHECKING:
+    from ..codegen.llvm.admission import AdmissionCode
     from ..integrators.event_code import EventCode
     from ..reduction.gimbal import Gimbals
     from .quick_start import QuickStart
@@ -27,8 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Derived"]
 
-_MOST_WATCHES = 64
-"""Sets of events of which the kernels are kept."""
+_MOST = 64
+"""Sets of events, of given values and of derivatives of which the kernels are kept."""
 
 
 @final
@@ -54,11 +55,11 @@ class Derived:
         layout = stages.program.layout
         self.signed = signed_names(layout.assumptions, (*layout.coordinates, *layout.states))
         self.partials = Partials(stages.program)
-        self._starts: dict[frozenset[str], Start] = {}
-        self._quick_starts: dict[frozenset[str], QuickStart] = {}
-        self._events: dict[str, EventCode] = {}
-        self._by_tuple: dict[int, tuple[Any, EventCode]] = {}
-        self._variations: dict[tuple[tuple[str, ...], ...], Variation] = {}
+        self._starts: BoundedTable[frozenset[str], Start] = BoundedTable(_MOST)
+        self._quick_starts: BoundedTable[frozenset[str], QuickStart] = BoundedTable(_MOST)
+        self._events: BoundedTable[str, EventCode] = BoundedTable(_MOST)
+        self._by_tuple: BoundedTable[int, tuple[Any, EventCode]] = BoundedTable(_MOST)
+        self._variations: BoundedTable[tuple[tuple[str, ...], ...], Variation] = BoundedTable(_MOST)
 
     def start(self, given: Iterable[str]) -> Start:
         """Return the kernel from given initial values to the state, made once for each set of names.
@@ -113,14 +114,9 @@ class Derived:
                 return None
             key = repr((listed, reductions, ranks))
             code = derived_once(
-                self._events,
-                key,
-                lambda: compiled_events(self._stages, listed, self.start, reductions, margins),
-                most=_MOST_WATCHES,
+                self._events, key, lambda: compiled_events(self._stages, listed, self.start, reductions, margins)
             )
             if same:  # a tuple is kept, so that no other can have its number
-                if len(self._by_tuple) >= _MOST_WATCHES:
-                    self._by_tuple.clear()
                 self._by_tuple[id(events)] = events, code
         return code
 
@@ -131,11 +127,30 @@ class Derived:
         return derived_once(self._variations, (given, of, wrt), lambda: vary(self._stages, given, of, wrt))
 
     @derived_property
+    def admission(self) -> AdmissionCode | None:
+        """The test of what prepared runs are given, None where there is nothing to test."""
+        from ..codegen.llvm.admission import AdmissionCode
+        from ..reduction.admission import admission_of_state
+
+        reduced, layout = self._stages.reduced, self._stages.program.layout
+        kernel, sizes = admission_of_state(reduced, ROUNDING), (len(layout.state), len(layout.parameters))
+        if kernel is None:
+            return None
+        return AdmissionCode(kernel, sizes, self._engine.folder, projected=reduced.projection is not None)
+
+    @derived_property
     def gimbals(self) -> Gimbals | None:
         """The angles that may lock."""
         from ..reduction.gimbal import gimbals
 
         return gimbals(self._stages.reduced)
+
+    @derived_property
+    def dependence(self) -> Start | None:
+        """How many constraints depend on others at a state; None where none can."""
+        from ..reduction.admission import dependence
+
+        return dependence(self._stages.reduced)
 
     @derived_property
     def tables(self) -> TableRange | None:

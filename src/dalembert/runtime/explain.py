@@ -55,7 +55,7 @@ def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
         f"right side    {describe_counts(program.kernel('rhs'))} per evaluation",
         *_energy(stages),
         *(f"projection    {name}: {describe_counts(program.kernel(name))}" for name in _projections(program)),
-        f"outputs       {list_names(layout.outputs)}" + (f" ({_outputs(program)})" if layout.outputs else ""),
+        *_outputs(stages),
         f"prepared      {layout.constants - len(layout.parameters)} expressions of parameters alone, once a run",
         f"left out      {'; '.join(_left_out(stages)) or 'nothing'}",
         f"formulations  {_formulations(model, every=formulations)}",
@@ -159,8 +159,16 @@ def _projections(program: Program) -> list[str]:
     return [name for name in ("project_position", "project_velocity") if name in program]
 
 
-def _outputs(program: Program) -> str:
-    return describe_counts(program.kernel("outputs"))
+def _outputs(stages: Stages) -> list[str]:
+    """Return a line for the outputs, and one for the guards of a mode, which only its own model gives as outputs."""
+    program, guards = stages.program, {guard.output for guard in stages.equations.guards}
+    names = program.layout.outputs
+    counts = describe_counts(program.kernel("outputs")) if names else ""
+    own, ends = ([name for name in names if (name in guards) == guard] for guard in (False, True))
+    if not ends:
+        return [f"outputs       {list_names(own)}" + (f" ({counts})" if own else "")]
+    alone = "outputs of the model of this mode alone, not of a run"
+    return [f"outputs       {list_names(own)}", f"guards        {list_names(ends)} (with outputs {counts}): {alone}"]
 
 
 def _left_out(stages: Stages) -> list[str]:

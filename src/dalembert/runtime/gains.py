@@ -11,6 +11,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..codegen.base import Engine
 from ..integrators.problem import IntegrationProblem, Solution
+from ..ir.decay_rates import along_run
 from ..ir.program import Layout, Program
 from ..reduction.baumgarte import GAINS
 from . import inputs
@@ -53,7 +54,8 @@ def with_gains(program: Program, run: Run, problem: IntegrationProblem, given: M
         return problem
 
     def constants(gain: float) -> FloatArray:
-        return inputs.constants(program, inputs.parameter_vector(layout, {**given, **dict.fromkeys(out, gain)}))
+        p = inputs.parameter_vector(layout, {**given, **dict.fromkeys(out, gain)})
+        return inputs.constants(program, along_run(layout.parameters, p, backward=problem.t1 < problem.t0))
 
     return replace(problem, constants=constants(_gain_for(problem, constants(0.0), run)))
 

@@ -47,7 +47,8 @@ class Derivatives:
 class Point:
     """A program at time t, state y (n_y,) and constants c (n_c,).
 
-    Derivatives by parameters are zeros where `parameters` is False, which saves their time.
+    Derivatives by parameters are zeros where `parameters` is False, which saves their time. Constraints `left_out`
+    follow from the others there.
     """
 
     program: Program
@@ -56,6 +57,7 @@ class Point:
     y: FloatArray
     c: FloatArray
     parameters: bool = True
+    left_out: tuple[int, ...] = ()
 
     def derivatives(self, kernel: str, state: FloatArray) -> Derivatives:
         """Return the outputs of a kernel at a state (n,), with their derivatives."""
@@ -138,9 +140,12 @@ def scene_equations(point: Point, x: FloatArray | None = None) -> LinearEquation
     if further:
         rates = point.derivatives("rhs", point.y).through(point.derivatives("initial", x))
         parts.append(rates.rows(range(len(rates.value) - further, len(rates.value))))
-    kernels = ("position_residual", "velocity_residual")
-    constraints = _stacked([point.derivatives(kernel, x) for kernel in kernels], len(x), count)
-    return LinearEquations(names, x, _stacked(parts, len(x), count), constraints, layout.holonomic, n, point)
+    positions = [i for i in range(layout.holonomic) if i not in point.left_out]
+    speeds = [i for i in range(len(layout.constraints)) if i not in point.left_out]
+    kernels = {"position_residual": positions, "velocity_residual": speeds}
+    rows = [point.derivatives(kernel, x).rows(kept) for kernel, kept in kernels.items()]
+    constraints = _stacked(rows, len(x), count)
+    return LinearEquations(names, x, _stacked(parts, len(x), count), constraints, len(positions), n, point)
 
 
 def own_equations(point: Point) -> LinearEquations:

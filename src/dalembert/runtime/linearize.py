@@ -90,7 +90,7 @@ def _point(model: CompiledModel, t: float, values: Mapping[str, float], p: Float
     program = model.stages.program
     c = at_time(program, run_input.constants(program, p), t)
     y = initial_state(model.derived.start(values), t, values, c, program)
-    return Point(program, model.derived.partials, t, y, c)
+    return Point(program, model.derived.partials, t, y, c, left_out=model.stages.reduced.left_out)
 
 
 def output_names(layout: Layout, given: Iterable[Any]) -> list[str]:
@@ -231,7 +231,7 @@ class _Scales:
 
     @classmethod
     def of(cls, equations: LinearEquations) -> _Scales:
-        """Return the scaled derivatives; a unit of time follows from how rates of constraints change with positions."""
+        """Return the scaled derivatives; the unit of time follows from rates, and how those of constraints change."""
         g_x, h, n = equations.constraints.by_state, equations.holonomic, equations.coordinates
         columns, point = np.ones(len(equations.state)), equations.point
         if not n:
@@ -239,7 +239,8 @@ class _Scales:
         sizes = distance_sizes(point.program, point.t, equations.state, point.c)
         lengths = np.linalg.norm(np.vstack([g_x[:h, :n], g_x[h:, n : 2 * n]]) * sizes, axis=1)
         rows = np.where(lengths > 0.0, lengths, 1.0)
-        time = float(np.max(np.linalg.norm(g_x[h:, :n] * sizes, axis=1) / rows[h:], initial=0.0)) or 1.0
+        speed = float(np.max(np.abs(equations.state[n : 2 * n]) / sizes))
+        time = float(np.max(np.linalg.norm(g_x[h:, :n] * sizes, axis=1) / rows[h:], initial=speed)) or 1.0
         rows[h:] *= time
         columns[: 2 * n] = np.concatenate([sizes, sizes * time])
         others = np.max(np.abs(g_x[:, 2 * n :]) / rows[:, np.newaxis], axis=0, initial=0.0)

@@ -28,6 +28,7 @@ from .input_values import GivenInputs
 from .linearize import independent_states, output_names, regular_point
 from .sampling import Sampling
 from .segment_constants import starting_constants
+from .single_run import ended_early
 
 if TYPE_CHECKING:
     from .linear_equations import Point
@@ -194,11 +195,12 @@ class _Map:
             sampled=replace(self.period.clock, requested=np.array([t, end])),
         )
         method = variation.engine.automatic(model.methods, rtol, atol)
+        problem, ended = ended_early(model, problem)
         run = variation.run(problem, self._first(), p, method, self._weighed())
-        if run.status is not Status.SUCCESS or len(run.t) < 2:
+        if run.status is not Status.SUCCESS or ended is not None or len(run.t) < 2:
             raise RunFailedError(
                 f"linearize: the motion from t = {t:.9g} does not reach the end of the period of the controllers,"
-                f" {self.period.length:.9g} s later: {run.message}"
+                f" {self.period.length:.9g} s later: {run.message if ended is None else ended.message}"
             )
         begun = self.states.equations.state[self.free].copy()
         seen = [_row(name, names, of, begun, run.values[0], run.jacobians[0]) for name in outputs]

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import FloatArray
+from ..codegen.llvm.admission import Admission
 from ..codegen.runs import Final, Prepared, PreparedStates
 from ..integrators.problem import IntegrationProblem
+from ..ir.decay_rates import DECAY_RATE, along_run
 from ..ir.interpret import interpret
 from ..ir.program import KnotSides
 from ..methods.status import Status
@@ -18,6 +20,7 @@ from ..once import derived_once
 from ..options import PrepareOptions
 from ..reduction.invariant_projection import refuse_formulation
 from . import inputs
+from .dependent_starts import runs_from_dependent, simulated
 from .elapsed import begins_elsewhere, extension, in_elapsed_time
 from .inputs import span_of
 from .invariant_projection import keeping_model, kept_values, refuse_unknown
@@ -64,8 +67,13 @@ def prepare_in_own_time(
         refuse_unknown(options.project_invariants, model.derived.invariants)
         return method, _prepared_keeping(model, t_span, options)
     inputs.warn_below_floor(options.rtol, options.atol, model.stages.program, method)
+    tests = model.derived.admission
+    otherwise = runs_from_dependent(model, t_span, method, options)
+    admission = None if tests is None else Admission(tests, t_span[0], options.rtol, otherwise)
     if not model.layout.state:  # the constraints prescribe the motion
-        return method, PreparedStates(lambda state, p: (np.zeros(0), Status.SUCCESS))
+        return method, PreparedStates(lambda state, p: (np.zeros(0), Status.SUCCESS), admission)
+    if model.stages.reduced.unproven:  # what follows from others at some places only is looked at along the run
+        return method, PreparedStates(lambda state, p: simulated(model, t_span, state, p, method, options))
     sides = model.stages.program.knot_sides
     problem = IntegrationProblem(
         t0=t_span[0],
@@ -78,10 +86,22 @@ def prepare_in_own_time(
         max_steps=options.max_steps,
         inputs=None if options.inputs is None else options.inputs.records(model.layout, sides),
     )
-    run = model.engine.prepared(problem, method, lambda p: inputs.constants(model.stages.program, p))
+    run = model.engine.prepared(problem, method, lambda p: inputs.constants(model.stages.program, p), admission)
     if t_span[1] < t_span[0] and sides is not None:
         run = _from_knots(model, sides, run, t_span)
+    if t_span[1] < t_span[0] and DECAY_RATE in model.layout.parameters:
+        run = _decaying(model.layout.parameters, run)
     return method, run
+
+
+def _decaying(names: tuple[str, ...], run: Prepared) -> Prepared:
+    """Return a prepared run backward in time whose violations of constraints decay."""
+
+    def decaying(state: FloatArray, p: FloatArray) -> Final:
+        final = run(state, along_run(names, p, backward=True))
+        return final, run.status()
+
+    return PreparedStates(decaying)
 
 
 def _from_knots(model: CompiledModel, sides: KnotSides, run: Prepared, t_span: tuple[float, float]) -> Prepared:

@@ -6,9 +6,10 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..integrators.segments import Segments
+from ..ir.decay_rates import along_run
 from ..ir.interpret import interpret
 from ..ir.program import Program
-from .inputs import prepare_rows
+from .inputs import constants, prepare_rows
 
 __all__ = ["at_time", "prepared_rows", "segments_of", "starting_constants"]
 
@@ -47,6 +48,11 @@ def prepared_rows(program: Program, p: FloatArray, middles: FloatArray) -> Float
 
 def starting_constants(program: Program, c: FloatArray, t0: float, t1: float) -> FloatArray:
     """Return the constants (n_c,) with which a run from t0 to t1 begins."""
+    if t1 < t0:
+        names = program.layout.parameters
+        p = c[: len(names)]
+        directed = along_run(names, p, backward=True)
+        c = c if directed is p else constants(program, directed)
     return c if program.conditions is None else segments_of(program, c, t0, t1).first
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..codegen.base import Engine
 from ..codegen.runs import Final, Prepared, PreparedStates
+from ..integrators.addresses import OwnedAddress
 from ..integrators.breakpoints import break_times
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.chaining import (
@@ -41,8 +42,11 @@ from .segment_constants import at_time, prepared_rows, segments_of
 from .segment_rounds import SegmentRounds
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from ..codegen.base import FunctionEngine, TracedEngine
     from ..codegen.host_runs import HostedRuns
+    from ..codegen.llvm.admission import Admission
     from ..codegen.runs import CaseRun
     from ..reduction.starting import Start
     from ..scene.symbol_table import InputSymbol
@@ -154,6 +158,11 @@ class SegmentedEngine(Engine):
         self.inner.accept_as_static(kind)
 
     @property
+    def folder(self) -> Path | None:
+        """See `Engine.folder`."""
+        return self.inner.folder
+
+    @property
     def functions(self) -> Any:
         """See `FunctionEngine.functions`."""
         return cast("FunctionEngine", self.inner).functions
@@ -228,7 +237,11 @@ class SegmentedEngine(Engine):
         yield from chained_blocks(parts, problem, step_blocks, landing, lambda k: segments.of(k, ending=True))
 
     def prepared(
-        self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
+        self,
+        problem: IntegrationProblem,
+        method: str,
+        constants: Callable[[FloatArray], FloatArray],
+        admission: Admission | None = None,
     ) -> Prepared:
         """See `Engine.prepared`: runs without a break are prepared, others are chained."""
         conditions, knots = self._conditions, problem.inputs is not None and not self.inner.follows_inputs
@@ -238,15 +251,20 @@ class SegmentedEngine(Engine):
         unbroken: dict[bytes, bool] = {}
 
         def run(state: FloatArray, p: FloatArray) -> Final:
-            p = p.copy()
+            given, p = p, p.copy()
             conditions.decide_at(p, middle)
             key = p.tobytes()
             if key not in unbroken:
                 unbroken.clear()
                 unbroken[key] = len(break_times(conditions, p, problem.t0, problem.t1)) == 0
-            if unbroken.get(key) and not knots and self.sampling is None:
-                return whole(state, p), whole.status()
+            plain = unbroken.get(key, False)
             own = replace(problem, y0=state, constants=constants(p), t_eval=np.array([problem.t1]))
+            if admission is not None:
+                status = admission(state, p if plain else self._unsampled(own).first[: len(p)])
+                if status is not Status.SUCCESS:
+                    return admission.final_of_refused(status, state, given)
+            if plain and not knots and self.sampling is None:
+                return whole(state, p), whole.status()
             solution = self.integrate(own, method)
             return (solution.y[-1] if len(solution.y) else np.full_like(state, np.nan)), Status(solution.status)
 
@@ -262,15 +280,23 @@ class SegmentedEngine(Engine):
         """See `TracedEngine.state_functions`."""
         return cast("TracedEngine", self.inner).state_functions
 
-    def solve_fn(self, start: Start | None, options: SolveOptions, inputs: tuple[InputSymbol, ...] = ()) -> Any:
+    def solve_fn(
+        self,
+        start: Start | None,
+        options: SolveOptions,
+        inputs: tuple[InputSymbol, ...] = (),
+        dependence: Start | None = None,
+    ) -> Any:
         """See `TracedEngine.solve_fn`."""
-        return cast("TracedEngine", self.inner).solve_fn(start, options, inputs)
+        return cast("TracedEngine", self.inner).solve_fn(start, options, inputs, dependence)
 
-    def hosted_solve_fn(self, start: Start | None, options: SolveOptions, hosted: HostedRuns) -> Any:
+    def hosted_solve_fn(
+        self, start: Start | None, options: SolveOptions, hosted: HostedRuns, dependence: Start | None = None
+    ) -> Any:
         """See `TracedEngine.hosted_solve_fn`."""
-        return cast("TracedEngine", self.inner).hosted_solve_fn(start, options, hosted)
+        return cast("TracedEngine", self.inner).hosted_solve_fn(start, options, hosted, dependence)
 
-    def code(self, kernel: Kernel) -> tuple[int, int]:
+    def code(self, kernel: Kernel) -> tuple[OwnedAddress, int]:
         """See `Engine.code`."""
         return self.inner.code(kernel)
 

@@ -22,6 +22,7 @@ from .initial_states import directed, initial_state
 from .input_derivatives import value_names, with_weights_of
 from .inputs import span_of
 from .segment_constants import starting_constants
+from .single_run import ended_early
 from .variation import chosen_names, through_offsets
 
 if TYPE_CHECKING:
@@ -148,4 +149,7 @@ def _in_own_time(
         method = model.choose_method(options.method, options.rtol, options.atol)
     given = np.array([values[name] for name in start.given])
     weighed = None if options.inputs is None else with_weights_of(options.inputs, symbols, wrt)
-    return replace(variation.run(problem, given, p, method, weighed), aliases=model.layout.aliases)
+    problem, status = ended_early(model, problem)
+    run = variation.run(problem, given, p, method, weighed)
+    status = run.status if status is None or not run.status.success else status
+    return replace(run, status=status, aliases=model.layout.aliases)

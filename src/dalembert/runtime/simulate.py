@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from ..arrays import FloatArray
 from ..errors import OptionError
 from ..integrators.problem import IntegrationProblem
+from ..ir.decay_rates import along_run
 from ..ir.program import Program
 from ..options import SimulateOptions
 from ..progress import run_meter
@@ -54,7 +55,7 @@ def simulate(
     if other is None:
         return model._simulate_in_own_time((t0, t1), initial, parameters, options)
     times = options.t_eval
-    options = replace(options, t_eval=elapsed_times(t0, t1, times))
+    options = replace(options, t_eval=elapsed_times(t0, t1, times), origin=t0)
     given = with_offsets(model, other, t0, parameters)
     if options.inputs is not None:
         options = replace(options, inputs=options.inputs.counted_from(t0))
@@ -130,7 +131,7 @@ def _problem(
         For values and options that are wrong.
     """
     program, (t0, t1) = model.stages.program, t_span
-    p = model.parameter_vector(parameters)
+    p = along_run(program.layout.parameters, model.parameter_vector(parameters), backward=t1 < t0)
     values = directed(model.initial_values(initial), t0, t1)
     inputs.warn_below_floor(options.rtol, options.atol, program, method)
     start = model.derived.quick_start(values)

@@ -20,9 +20,10 @@ from ..results.trajectory import Trajectory
 from .constraint_rank import indeterminate
 from .gimbal import locked, remedy
 from .jump_sliding import slid_along
+from .left_out_constraints import ended_where_left_out_matter
 from .pathway_lengths import lost_directions
 from .recording import Record
-from .singular import checked_run, searched, still_redundant
+from .singular import checked_run, searched
 from .symbol_assumptions import warn_of_motion
 from .table_range import ended_outside
 
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from ..integrators.watched import Occurrence
     from .model import CompiledModel
 
-__all__ = ["integrate"]
+__all__ = ["ended_early", "integrate"]
 
 
 def integrate(
@@ -49,7 +50,9 @@ def integrate(
     Where the method was chosen automatically, a stiff run without events changes to an implicit one. `carried` are
     signs of events (see `integrate_watched`).
     """
-    ready = time.perf_counter()
+    ready, wanted = time.perf_counter(), problem.dense
+    if model.stages.reduced.unproven:  # between steps too it is found out whether these constraints follow
+        problem = replace(problem, dense=True)
     if model.layout.state:
         enter_stage("machine code")
         model.engine.prepare(problem, method)
@@ -59,9 +62,11 @@ def integrate(
     solution, where = _ended_where_singular(model, problem, method, solution)
     along = model.engine.constants_along(problem)
     notes = [note, beyond, where, lost_directions(model, solution, along), slid_along(model, solution, along)]
-    if model.dropped:
-        solution, broken = _ended_where_constraints_matter(model, problem, solution)
+    reduced = model.stages.reduced
+    if reduced.unproven:
+        solution, broken = ended_where_left_out_matter(model.stages.program, reduced, problem, solution, along)
         notes = [model.note, *notes, broken]
+        solution = solution if wanted else replace(solution, dense=None)
     statistics = RunStatistics(
         method=method,
         steps=solution.steps,
@@ -80,6 +85,22 @@ def integrate(
         warn_of_motion(model.layout.assumptions, model.derived.signed, run.t, run.__getitem__)
     run.with_monitors(model.monitors).with_wrapped(solution.wrapped).of_scene(model.stages.scene)
     return run if watch is None else run.with_events(watch.labels, occurrences)
+
+
+def ended_early(model: CompiledModel, problem: IntegrationProblem) -> tuple[IntegrationProblem, Status | None]:
+    """Return a problem up to where a run ends because constraints that were left out matter, and the status of that.
+
+    Where it does not, return the problem and None.
+    """
+    if not model.stages.reduced.unproven:
+        return problem, None
+    method = model.choose_method("auto", problem.rtol, problem.atol)
+    run = integrate(model, problem, method, time.perf_counter(), automatic=True)
+    if run.status is not Status.SINGULAR_CONFIGURATION:
+        return problem, None
+    times, forward = problem.t_eval, 1.0 if problem.t1 >= problem.t0 else -1.0
+    times = None if times is None else times[forward * times < forward * run.t_end]
+    return replace(problem, t1=run.t_end, t_eval=times), run.status
 
 
 def _integrated(
@@ -162,16 +183,6 @@ def _ended_where_singular(
         solution, where = checked_run(program, solution, c, enforced, steps, span)
     loose = indeterminate(program, problem.t0, problem.y0, problem.constants)
     return solution, "; ".join(text for text in (where, loose) if text)
-
-
-def _ended_where_constraints_matter(
-    model: CompiledModel, problem: IntegrationProblem, solution: Solution
-) -> tuple[Solution, str]:
-    """Return a run ended where constraints that were dropped no longer follow from the others, and where that is."""
-    tolerance = max(1e3 * (problem.rtol + problem.atol), 1e-6)
-    left_out, span = model.stages.reduced.left_out, (problem.t0, problem.t1)
-    c = model.engine.constants_along(problem)
-    return still_redundant(model.stages.program, solution, c, left_out, tolerance, span)
 
 
 def _steps(model: CompiledModel, problem: IntegrationProblem, method: str, solution: Solution) -> Solution:

@@ -22,6 +22,7 @@ from . import inputs
 from .case_blocks import begin_cases, fitted
 from .case_settings import Settings, common_settings
 from .cases import Cases, single_problem, spans_of, with_grid
+from .checked_cases import check_cases
 from .constraint_choice import divisible_model, independent_model
 from .constraint_rank import unlike
 from .elapsed import begins_elsewhere, elapsed_times, far, in_elapsed_time, offset_columns
@@ -31,7 +32,7 @@ from .gimbal import locked_cases
 from .invariant_projection import keeping_model, kept_values, refuse_jumps
 from .reductions import reduction_table
 from .simulate import NO_ESTIMATE
-from .singular import check_cases, searched
+from .singular import searched
 from .symbol_assumptions import warn_of_motion
 from .table_range import outside_cases
 
@@ -66,7 +67,8 @@ def sweep(
     given = _with_offset_columns(model, other, t_span, initial, parameters, options.grid)
     near = ~far(starts, lasts) if other is not model else np.zeros(1, bool)
     begins = np.where(near, np.nan, starts) - starts  # NaN is not run
-    own = replace(options, t_eval=since, events=events, reduce=reduce)
+    start = 0.0 if since is None else float(starts[0])
+    own = replace(options, t_eval=since, origin=start, events=events, reduce=reduce)
     if options.inputs is not None:
         own = replace(own, inputs=options.inputs.counted_from(starts))
         given = own.inputs.case_parameters(given, begins, lasts - starts)
@@ -251,7 +253,8 @@ def _begin_cases(
     model: CompiledModel, cases: Cases, settings: Settings, axes: Mapping[str, FloatArray], begin: float
 ) -> Callable[..., Sweep]:
     """Begin to run all cases; return what waits for their results. The run time counts from `begin`."""
-    if model.derived.gimbals is not None or model.derived.tables is not None or _ranked(model):
+    checked = model.derived.gimbals is not None or model.derived.tables is not None
+    if checked or _ranked(model) or _unproven(model):
         settings = replace(settings, judge=lambda block, part: _check_results(model, settings.method, block, part))
     waiting = begin_cases(model.engine, cases, settings)
 
@@ -298,7 +301,7 @@ def _results(
 def runs_unchecked(model: CompiledModel) -> bool:
     """Whether a sweep is nothing but a run of the engine: no choice at the start, no check of the results."""
     derived = model.derived
-    checked = derived.enforced or model.dropped or derived.gimbals is not None or derived.tables is not None
+    checked = derived.enforced or _unproven(model) or derived.gimbals is not None or derived.tables is not None
     return bool(model.layout.state) and not checked
 
 
@@ -307,12 +310,17 @@ def _ranked(model: CompiledModel) -> bool:
     return bool(model.derived.enforced) and bool(model.layout.state) and searched(model.stages.program)
 
 
+def _unproven(model: CompiledModel) -> bool:
+    """Whether constraints were left out that need not follow from the others everywhere."""
+    return bool(model.stages.reduced.unproven) and bool(model.layout.state)
+
+
 def _check_results(model: CompiledModel, method: str, block: CaseBlock, done: BlockResult) -> None:
     """Set the status of cases whose angles locked, or whose constraints lost rank."""
     program = model.stages.program
     if model.derived.tables is not None:
         outside_cases(model.derived.tables, block, done)
-    if _ranked(model):
-        check_cases(program, model.engine, method, model.derived.enforced, block, done)
+    if _ranked(model) or _unproven(model):
+        check_cases(model, method, block, done)
     if model.derived.gimbals is not None:
         locked_cases(program, model.derived.gimbals, block, done)

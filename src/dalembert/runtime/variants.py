@@ -6,14 +6,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
-from ..once import derived_once
+from ..once import BoundedTable, derived_once
 from ..options import CompileOptions
 from ..pipeline import Compiled, Stages, compile_equations, derive_scene
 
 if TYPE_CHECKING:
     from .model import CompiledModel
 
-__all__ = ["Variants"]
+__all__ = ["MOST_VARIANTS", "Variants"]
+
+MOST_VARIANTS = 16
+"""Models made for the events and reductions of runs that are kept: those that were used last."""
 
 
 @final
@@ -35,6 +38,7 @@ class Variants:
     ) -> None:
         self._stages, self._dropped, self._make = stages, dropped, make
         self._tables: dict[tuple[str, tuple[Any, ...]], CompiledModel] = {}
+        self._watched: BoundedTable[tuple[str, tuple[Any, ...]], CompiledModel] = BoundedTable(MOST_VARIANTS)
 
     def without_constraints(self, numbers: Sequence[int]) -> CompiledModel:
         """Return the model that does not enforce some constraints besides those that this one does not enforce."""
@@ -51,7 +55,7 @@ class Variants:
         FormulationError
             Where the formulation cannot keep first integrals.
         """
-        left_out = self._stages.reduced.left_out
+        left_out = self._stages.reduced.unproven
         return self._once("keeping", names, lambda: self._make(self._recompiled(left_out, names), ()))
 
     def in_elapsed_time(self, watched: tuple[Any, ...]) -> CompiledModel:
@@ -68,7 +72,7 @@ class Variants:
             compiled = compile_equations(derivation, stages.options, stages.mode, (), stages.kept, seconds)
             return self._make(compiled, ())
 
-        return self._once("elapsed", watched, make)
+        return derived_once(self._watched, ("elapsed", watched), make)
 
     def with_parameters(self, symbols: tuple[Any, ...]) -> CompiledModel:
         """Return the model of the scene with further parameters, which only events and reductions of runs contain."""
@@ -76,13 +80,13 @@ class Variants:
 
         def make() -> CompiledModel:
             derivation = derive_scene(stages.scene.with_parameters(symbols), stages.options)
-            left_out = stages.reduced.left_out if self._dropped else ()
+            left_out = stages.reduced.unproven if self._dropped else ()
             compiled = compile_equations(
                 derivation, stages.options, stages.mode, left_out, stages.kept, derivation.seconds
             )
             return self._make(compiled, self._dropped)
 
-        return self._once("parameters", symbols, make)
+        return derived_once(self._watched, ("parameters", symbols), make)
 
     def in_formulation(self, name: str) -> CompiledModel:
         """Return the model in another formulation on the same backend, without requested outputs."""
@@ -98,7 +102,7 @@ class Variants:
         """Return the same model on another backend."""
         stages = self._stages
         options = replace(stages.options, backend=name, formulation=stages.program.formulation)
-        left_out = stages.reduced.left_out
+        left_out = stages.reduced.unproven
         return self._once(
             "backend",
             (name,),

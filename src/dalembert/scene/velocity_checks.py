@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
 from sympy.core.function import AppliedUndef
-from sympy.physics.vector import dynamicsymbols
 
-from ..ir.graph import Graph, Node
+from ..ir.graph import Node
 from ..ir.zero_tests import agree
-from ..naming import rate_name
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix, matmul, matvec, transpose
-from .expressions import ExpressionReader
+from .symbols import reader_of
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -69,15 +67,12 @@ class _Check:
 
     def __init__(self, scene: Scene, frames: Tree, points: Tree) -> None:
         self.scene, self.frames, self.points = scene, frames, points
-        self.graph = g = Graph()
-        time = dynamicsymbols._t
-        q = [g.input(c.func.__name__) for c in scene.coordinates]
-        rates = [g.input(rate_name(c.func.__name__)) for c in scene.coordinates]
-        leaves = {time: g.input("t"), **dict(zip(scene.coordinates, q, strict=True))}
-        leaves |= {c.diff(time): rate for c, rate in zip(scene.coordinates, rates, strict=True)}
-        self.flow = {g.input("t"): g.one, **dict(zip(q, rates, strict=True))}
-        self.reader = ExpressionReader(g, leaves)
+        self.reader = reader_of(scene)
+        self.graph, self.flow = self.reader.graph, self.reader.flow()
         self._from_root: dict[Any, Matrix | None] = {scene.frame: self._identity()}
+
+    def _read(self, e: Any) -> Node:
+        return self.reader.read(e, "", accelerations=True)  # of inputs whose rates are angles
 
     def _identity(self) -> Matrix:
         return [[self.graph.const(int(i == j)) for j in range(3)] for i in range(3)]
@@ -87,7 +82,7 @@ class _Check:
         if frame not in self._from_root:
             parent = self.frames.parent[frame]
             entries = frame._dcm_dict[parent]
-            step = [[self.reader.read(entries[i, j], "") for j in range(3)] for i in range(3)]
+            step = [[self._read(entries[i, j]) for j in range(3)] for i in range(3)]
             square = matmul(self.graph, step, transpose(step))
             rotation = agree([x for row in square for x in row], [x for row in self._identity() for x in row])
             above = self.from_root(parent)
@@ -102,7 +97,7 @@ class _Check:
             turn = self.from_root(frame) if frame in self.frames.parent else None
             if turn is None or any(f not in self.reader.leaves for f in matrix.atoms(AppliedUndef)):
                 return None
-            part = matvec(self.graph, transpose(turn), [self.reader.read(_of_real_numbers(x), "") for x in matrix])
+            part = matvec(self.graph, transpose(turn), [self._read(_of_real_numbers(x)) for x in matrix])
             total = [a + b for a, b in zip(total, part, strict=True)]
         return total
 

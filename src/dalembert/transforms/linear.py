@@ -10,6 +10,7 @@ from ..ir.graph import Graph, Node
 from ..ir.zero_tests import vanishes
 
 __all__ = [
+    "DEPENDENT",
     "SET_ASIDE",
     "Factorization",
     "Matrix",
@@ -17,6 +18,7 @@ __all__ = [
     "dependence",
     "determinant_and_solution",
     "factorize",
+    "guarded_pivot",
     "matmul",
     "matvec",
     "transpose",
@@ -26,11 +28,19 @@ Matrix = list[list[Node]]
 
 
 class SingularMatrix(ArithmeticError):
-    """A pivot of a symmetric matrix is identically zero, up to the rounding of decimals; `index` is its row."""
+    """A pivot of a symmetric matrix is identically zero, up to the rounding of decimals.
 
-    def __init__(self, index: int) -> None:
+    Attributes
+    ----------
+    index : int
+        Its row.
+    exact : bool
+        Whether it is zero without any rounding.
+    """
+
+    def __init__(self, index: int, *, exact: bool = True) -> None:
         super().__init__(f"pivot {index} is identically zero")
-        self.index = index
+        self.index, self.exact = index, exact
 
 
 def transpose(a: Sequence[Sequence[Node]]) -> Matrix:
@@ -123,10 +133,25 @@ SET_ASIDE = 1e300
 step ends at its zeros (`dalembert.transforms.switches`)."""
 
 
-def factorize(graph: Graph, a: Sequence[Sequence[Node]], guard: Guard | None = None) -> Factorization:
+DEPENDENT = 1e-13
+"""Square of the sine of the angle to the constraints before it below which a constraint counts as dependent, and share
+of its size below which a row counts as zero."""
+
+
+def guarded_pivot(pivot: Node, terms: Node, row: int = 0) -> Node:
+    """Return a pivot, or `SET_ASIDE` where it is next to nothing beside the terms that it came from."""
+    graph = pivot.graph
+    enough = graph.call("less", graph.node(DEPENDENT) * terms, pivot)
+    return graph.call("select", enough, pivot, graph.node(SET_ASIDE))
+
+
+def factorize(
+    graph: Graph, a: Sequence[Sequence[Node]], guard: Guard | None = None, *, set_aside: bool = False
+) -> Factorization:
     """Return the sparse L D L^T of a symmetric matrix of which only the lower triangle is read.
 
-    With `guard`, pivots are replaced by what it makes of them.
+    With `guard`, pivots are replaced by what it makes of them; with `set_aside`, those that are identically zero by
+    `SET_ASIDE`.
 
     Raises
     ------
@@ -142,8 +167,10 @@ def factorize(graph: Graph, a: Sequence[Sequence[Node]], guard: Guard | None = N
     for k in range(size):
         pivot = work[k][k]
         if vanishes(pivot):
-            raise SingularMatrix(order[k])
-        if guard is not None:
+            if not set_aside:
+                raise SingularMatrix(order[k], exact=pivot.is_zero)
+            pivot = graph.node(SET_ASIDE)
+        elif guard is not None:
             pivot = guard(pivot, full[order[k]][order[k]], order[k])
         pivots.append(pivot)
         column = [(i, work[i][k]) for i in range(k + 1, size) if not vanishes(work[i][k])]

@@ -141,7 +141,8 @@ def closing(
     """
     largest, direction, floor = SETTING_NAMES
     scale = _scale(lines, recurrences, floor)
-    size = lines.op("min", _radius(lines, recurrences, rates, order, scale), largest)
+    radius = _radius(lines, recurrences, rates, order, scale)
+    size: Operand = largest if radius is None else lines.op("min", radius, largest)
     for pole in poles:
         size = lines.op("min", size, lines.op("rough_exp2", lines.op("min", *_share_of_itself(lines, pole, order))))
     if recurrences.step_growth_limited:
@@ -232,19 +233,25 @@ def _scale(lines: Lines, recurrences: Recurrences, floor: Operand) -> Operand:
     return largest
 
 
-def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: int, scale: Operand) -> Operand:
-    """Return the step that the last two coefficients of the state allow, read off those of its rate."""
+def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: int, scale: Operand) -> Operand | None:
+    """Return the step that the last two coefficients of the state allow, read off those of its rate.
+
+    None, which allows any step, where both are zero whatever the state is, as of a polynomial in time.
+    """
     own = len(recurrences.states) - recurrences.events_with_series
     rates, event_series = rates[:own], rates[own:]
     size = lines.op("rough_log2", scale)
     steps = []
     for k in (order - 1, order):
-        norm = lines.op("rough_log2", _norm(lines, [coefficient(rate, k - 1) for rate in rates], 1e-300))
-        gap = lines.op("add", lines.op("sub", size, norm), math.log2(k))
-        steps.append(lines.mul(gap, 1.0 / k))
+        norm = _norm(lines, [coefficient(rate, k - 1) for rate in rates], _LESS)
+        if norm != _LESS:
+            gap = lines.op("add", lines.op("sub", size, lines.op("rough_log2", norm)), math.log2(k))
+            steps.append(lines.mul(gap, 1.0 / k))
     steps += [lines.op("min", *_share_of_itself(lines, series, order)) for series in event_series]
     share = _FLOOR_SHARE if order == _FLOOR_ORDER else _GROWTH
     safety = (-share - 0.7 / (order - 1)) / math.log(2.0)
+    if not steps:
+        return None
     shortest = steps[0]
     for step in steps[1:]:
         shortest = lines.op("min", step, shortest)

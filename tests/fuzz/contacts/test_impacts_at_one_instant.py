@@ -66,6 +66,20 @@ def test_masses_whose_load_vanishes_where_they_hit_a_wall(e_wall):
     assert words(found[2]) == [("open", "closed", "open"), ("closed" if e_wall == 0.0 else "open", "closed", "open")]
 
 
+@pytest.mark.parametrize("ratio", [1e-6, 1e-16, 1e-24])
+def test_a_light_mass_that_a_heavy_one_strikes_leaves_it_twice_as_fast(ratio):
+    """Elastically: at rest, on its way to meet the heavy one, or after it has come back from the wall with 3 m/s."""
+    p = CHAIN | {"k1": 1e-40, "k2": 1e-40, "k3": 1e-40, "m1": ratio, "e_wall": 1.0, "e": 1.0}
+    for light, meets, end in ((0.0, 0.0, 1.2), (0.5, 0.5, 1.2), (-3.0, 3.0, 3.1)):
+        start = {"x1": 5.0, "x2": 5.5, "x1_dot": light, "x2_dot": -1.0} | FAR | {"x3": 9.0}
+        found, sweep = runs("chain", p, start, end)
+        assert_same(found, sweep)
+        for motion in found:
+            exact = ((ratio - 1.0) * meets - 2.0) / (1.0 + ratio)
+            np.testing.assert_allclose(motion["x1_dot"][-1], exact, rtol=1e-12)
+            assert motion["x2_dot"][-1] == pytest.approx(exact + meets + 1.0, abs=1e-12)
+
+
 def test_infinitely_many_impacts_at_one_instant_end_at_rest():
     """A heavy mass drives a light one against a wall, faster and faster; what is left of it rests without load."""
     p = CHAIN | {"m1": 0.483, "m2": 2.641, "k1": 0.483, "k2": 2.641, "e_wall": 0.312, "e": 0.083}

@@ -26,6 +26,7 @@ from ..step_blocks import growing_step_blocks
 if TYPE_CHECKING:
     from ...reduction.starting import Start
     from ...scene.symbol_table import InputSymbol
+    from ..llvm.admission import Admission
 
 try:
     import diffrax  # noqa: F401  # of the extra, too
@@ -131,11 +132,15 @@ class JaxEngine(Engine):
         yield from growing_step_blocks(lambda part: self.integrate(part, method), problem, _FIRST_BLOCK)
 
     def prepared(
-        self, problem: IntegrationProblem, method: str, constants: Callable[[FloatArray], FloatArray]
+        self,
+        problem: IntegrationProblem,
+        method: str,
+        constants: Callable[[FloatArray], FloatArray],
+        admission: Admission | None = None,
     ) -> Prepared:
         """See `Engine.prepared`: one compiled function, constants included; other problems compile nothing anew."""
         if method in METHODS and METHODS[method].ends:
-            return super().prepared(problem, method, constants)
+            return super().prepared(problem, method, constants, admission)
         tolerance = clipped_tolerance(problem.rtol, problem.atol)
         key = method, order_for(tolerance) if method == "taylor" else 0
 
@@ -147,7 +152,7 @@ class JaxEngine(Engine):
             pieces = pieces_of(self._program, self.kernels, *key)
             return final_function(pieces, self.kernels, operations)
 
-        return prepared_run(computed_once(self._finals, key, make), problem)
+        return prepared_run(computed_once(self._finals, key, make), problem, admission)
 
     @once_property
     def vector_field(self) -> VectorField:
@@ -159,14 +164,22 @@ class JaxEngine(Engine):
         """See `TracedEngine.state_functions`."""
         return StateFunctions(self._program)
 
-    def solve_fn(self, start: Start | None, options: SolveOptions, inputs: tuple[InputSymbol, ...] = ()) -> Solve:
+    def solve_fn(
+        self,
+        start: Start | None,
+        options: SolveOptions,
+        inputs: tuple[InputSymbol, ...] = (),
+        dependence: Start | None = None,
+    ) -> Solve:
         """See `TracedEngine.solve_fn`."""
-        return Solve(self._program, start, options, inputs)
+        return Solve(self._program, start, options, inputs, dependence)
 
-    def hosted_solve_fn(self, start: Start | None, options: SolveOptions, hosted: HostedRuns) -> HostedSolve:
+    def hosted_solve_fn(
+        self, start: Start | None, options: SolveOptions, hosted: HostedRuns, dependence: Start | None = None
+    ) -> HostedSolve:
         """See `TracedEngine.hosted_solve_fn`."""
         plain = replace(options, dense=False, throw=False)
-        native = None if hosted.watched is None else Solve(self._program, start, plain, hosted.inputs)
+        native = None if hosted.watched is None else Solve(self._program, start, plain, hosted.inputs, dependence)
         return HostedSolve(hosted, options, native)
 
     whole_blocks: ClassVar[bool] = True

@@ -10,7 +10,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import jaxprs_in_params
 
 from ...errors import OptionError
 from ...integrators.feedback import Feedback
@@ -157,16 +156,17 @@ def function_of_weights(name: str, given: Feedback, n: int) -> Callable[..., Any
         return jnp.asarray(found, dtype=float)
 
     point = jnp.zeros(()), jnp.zeros(n), jnp.zeros(n), jnp.zeros(ends[-1])
-    if _reversed_only(jax.make_jaxpr(function)(*point).jaxpr):
+    if _reversed_only(jax.make_jaxpr(function)(*point)):
         return _pushed_too(name, function)
     return function
 
 
 def _reversed_only(code: Any) -> bool:
-    """Return whether code holds functions whose derivatives are given in reverse mode alone."""
+    """Return whether code, or code among parameters, holds functions with derivatives in reverse mode alone."""
+    code = getattr(code, "jaxpr", code)
     return any(
-        "custom_vjp" in line.primitive.name or any(map(_reversed_only, jaxprs_in_params(line.params)))
-        for line in code.eqns
+        "custom_vjp" in line.primitive.name or any(map(_reversed_only, jax.tree.leaves(list(line.params.values()))))
+        for line in getattr(code, "eqns", ())
     )
 
 

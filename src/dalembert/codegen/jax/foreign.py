@@ -3,8 +3,7 @@
 XLA takes a microsecond to start each fused loop, of which a step of one case has dozens. A run without inputs and
 conditions on time is therefore one operation of the traced program, which XLA calls as a foreign function: the compiled
 loop of prepared runs (`dalembert.integrators.foreign_loop`). A batch of such runs is one operation, too: the compiled
-loop over lanes (`dalembert.codegen.jax.foreign_batches`). On other devices, and in programs that are exported, these
-operations are traced loops.
+loop over lanes (`dalembert.codegen.jax.foreign_batches`). On other devices these operations are traced loops.
 """
 
 from __future__ import annotations
@@ -12,13 +11,10 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any, final
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import Primitive
-from jax.interpreters import mlir
 
 from ...integrators.jax.derivatives import Record, Steps
 from ...integrators.jax.run_data import Limits, Stepping
@@ -27,7 +23,7 @@ from ...once import computed_once, once
 from ...transforms.taylor import order_at
 from ..cache import digest_of
 from ..llvm.loops import debugging
-from .foreign_batches import Traced, run_batch, run_sweep
+from .foreign_batches import handled, on_processors, run_batch, run_sweep
 from .foreign_interface import foreign_interface
 
 if TYPE_CHECKING:
@@ -83,8 +79,17 @@ class ForeignRuns:
         """
         rows = (room, 2 + len(y)) if room or len(t) <= 2 else (len(t), 1 + len(y))
         run = _Run(self.program, self.method, limits)
-        bind: Any = _RUN.bind
-        end, numbers, taken = bind(t, y, c, run=run, rows=rows, traced=Traced(traced, (run, rows)))
+
+        def called(*given: Any) -> tuple[Any, ...]:
+            name, code = run.code
+            return handled(name, (y.shape, (_NUMBERS,), rows), (code.memory,), given)
+
+        def in_loop(*given: Any) -> tuple[Any, ...]:
+            record = traced(*given)
+            numbers = record.count, record.reached, record.status, record.steps, record.attempts
+            return record.end, jnp.stack([jnp.asarray(number, float) for number in numbers]), record.taken
+
+        end, numbers, taken = on_processors(called, in_loop, t, y, c)
         count, reached, status, steps, attempts = numbers
         return Record(count.astype(int), taken, end, reached, status, steps, attempts)
 
@@ -155,13 +160,6 @@ class _Run:
         return row_of_limits(self.limits, self.method)
 
 
-def _in_loop(t: Any, y: Any, c: Any, traced: Traced) -> tuple[Any, ...]:
-    """Return the last state, the numbers and the rows of a traced loop."""
-    record = traced(t, y, c)
-    numbers = record.count, record.reached, record.status, record.steps, record.attempts
-    return record.end, jnp.stack([jnp.asarray(number, float) for number in numbers]), record.taken
-
-
 @once
 def _of_one(run: _Run) -> tuple[str, ForeignCode]:
     """Return the handler of single runs, and its name."""
@@ -216,38 +214,3 @@ def _registered(
 
 _NAMED: dict[str, ForeignCode] = {}
 """Handlers that XLA knows, by name, for the life of the process; programs with the same kernels and sizes share one."""
-
-_RUN = Primitive("dalembert_run")
-_RUN.multiple_results = True
-
-
-@_RUN.def_impl
-def _run_at_once(t: Any, y: Any, c: Any, *, run: _Run, rows: tuple[int, int], traced: Traced) -> Sequence[Any]:
-    """Return the result of `traced`: the operation is compiled wherever a trace is."""
-    return _in_loop(t, y, c, traced)
-
-
-@_RUN.def_abstract_eval
-def _shapes(t: Any, y: Any, c: Any, *, run: _Run, rows: tuple[int, int], traced: Traced) -> Sequence[Any]:
-    """Return the shapes of the last state, the numbers and the rows."""
-    return tuple(jax.core.ShapedArray(shape, y.dtype) for shape in (y.shape, (_NUMBERS,), rows))
-
-
-def _lower_traced(context: Any, *values: Any, run: _Run, rows: tuple[int, int], traced: Traced) -> Sequence[Any]:
-    """Lower to the traced loop."""
-    return mlir.lower_fun(partial(_in_loop, traced=traced), multiple_results=True)(context, *values)
-
-
-def _lower_called(context: Any, *values: Any, run: _Run, rows: tuple[int, int], traced: Traced) -> Sequence[Any]:
-    """Lower to a call of the handler."""
-    if context.module_context.lowering_parameters.for_export:
-        return _lower_traced(context, *values, run=run, rows=rows, traced=traced)
-    name, code = run.code
-    memory = jax.core.ShapedArray((code.memory,), context.avals_in[1].dtype)
-    lower = jax.ffi.ffi_lowering(name)
-    found = lower(context.replace(avals_out=[*context.avals_out, memory]), *values)
-    return list(found)[: len(context.avals_out)]
-
-
-mlir.register_lowering(_RUN, _lower_traced)
-mlir.register_lowering(_RUN, _lower_called, platform="cpu")

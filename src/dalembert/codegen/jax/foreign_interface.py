@@ -12,7 +12,7 @@ from ..llvm.foreign_batch import Interface
 
 __all__ = ["foreign_interface"]
 
-_KNOWN_VERSION = 0, 3
+_KNOWN_VERSION = 0, 5
 """The major version that the handlers are written for, and its last minor one: a later one may add fields to what the
 handlers read."""
 

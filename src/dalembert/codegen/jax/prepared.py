@@ -23,6 +23,7 @@ from ..runs import Prepared, PreparedStates
 
 if TYPE_CHECKING:
     from ...integrators.jax.kernels import Kernels
+    from ..llvm.admission import Admission
 
 __all__ = ["final_function", "prepared_run"]
 
@@ -47,8 +48,8 @@ def final_function(pieces: Pieces, kernels: Kernels, operations: int) -> Final:
     return function
 
 
-def prepared_run(function: Final, problem: IntegrationProblem) -> Prepared:
-    """Return a prepared run of a function that `final_function` made."""
+def prepared_run(function: Final, problem: IntegrationProblem, admission: Admission | None) -> Prepared:
+    """Return a prepared run of a function that `final_function` made; `admission` tests what it is given."""
     floor = scale_floor(problem.rtol, problem.atol)
     scale = max(problem.atol, SMALLEST_SCALE)
     settings = (problem.t0, problem.t1, floor, problem.rtol, scale, problem.max_step, float(problem.max_steps))
@@ -60,4 +61,4 @@ def prepared_run(function: Final, problem: IntegrationProblem) -> Prepared:
             out = np.array(function(np.concatenate((state, p)), numbers))
         return out[:-1], _STATUSES[int(out[-1])]
 
-    return PreparedStates(run)
+    return PreparedStates(run, admission)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, final
 
@@ -20,6 +21,7 @@ from ...integrators.jax.run_constants import RunConstants
 from ...integrators.jax.run_data import Limits, Path, Pieces, Reached, middles
 from ...integrators.jax.solvers import METHODS
 from ...integrators.jax.starts import started
+from ...ir.decay_rates import DECAY_RATE, directed_rates
 from ...ir.program import DIRECTION, Program, representative
 from ...methods.status import Status
 from ...once import once
@@ -78,6 +80,10 @@ class Solve:
         From given values to the state.
     options : SolveOptions
         As for `CompiledModel.solve_fn`.
+    inputs : tuple of InputSymbol
+        Inputs of the scene.
+    dependence : Start or None
+        How many constraints depend on others at a state: a run that starts where some do is not made.
 
     Attributes
     ----------
@@ -86,7 +92,12 @@ class Solve:
     """
 
     def __init__(
-        self, program: Program, start: Start | None, options: SolveOptions, inputs: tuple[InputSymbol, ...] = ()
+        self,
+        program: Program,
+        start: Start | None,
+        options: SolveOptions,
+        inputs: tuple[InputSymbol, ...] = (),
+        dependence: Start | None = None,
     ) -> None:
         if options.method not in SERVED:
             raise OptionError(f"solve_fn integrates by {list_names(SERVED)}, not by {options.method!r}")
@@ -105,7 +116,8 @@ class Solve:
             refuse_adjoint(program, options, implicit=self._implicit)
         program = representative(program)  # so that comparing equal functions compares no code
         self._program, self._start, self._options, self._inputs = program, start, options, inputs
-        self._key = program, start, options, inputs
+        self._dependence = dependence
+        self._key = program, start, options, inputs, dependence
         self._hash = hash(self._key)
         register_samples()
         register_feedback()
@@ -117,9 +129,10 @@ class Solve:
         in_elapsed = self._elapsed is not self._kernels
         self._courses = Courses(program, self._kernels, inputs, options.max_steps, in_elapsed=in_elapsed)
         self._begin = None if start is None else stacked(compile_kernel(start.kernel, JAX))
+        self._dependent = None if dependence is None else stacked(compile_kernel(dependence.kernel, JAX))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Solve, (self._program, self._start, self._options, self._inputs)
+        return Solve, self._key
 
     def __call__(self, t: Any, initial: Any, p: Any, inputs: Mapping[Any, Any] | None = None) -> Solved:
         """Return the motion; see the class."""
@@ -163,11 +176,15 @@ class Solve:
 
     def motion(self, t: Any, initial: Any, p: Any, given: Given | None = None) -> Solved:
         """Return the motion from arrays."""
+        p = self._decaying(t, p)
         course = self._courses.with_inputs(t, p, given) if given else self._courses.of(t, p)
         y0 = initial
         if self._begin is not None:
             values = initial if self._undirected else jnp.append(initial, jnp.where(t[-1] < t[0], -1.0, 1.0))
             y0 = self._begin(t[0], values, course.first)[: len(self._program.layout.state)]
+        dependent = None if self._dependent is None else self._dependent(t[0], y0, course.first)[0] > 0.0
+        if dependent is not None:
+            y0 = y0 * jnp.where(dependent, jnp.nan, 1.0)  # derivatives are NaN too
         reached, path = self._integrate(t, y0, course)
         q, qdot, outputs = self._expanded(t, reached.y, course.rows, course)
         status = reached.status
@@ -178,9 +195,19 @@ class Solve:
         steps, rejected = reached.steps, reached.attempts - reached.steps
         if course.wrong is not None:
             status = failed(status, course.wrong)
+        if dependent is not None:
+            status = jnp.where(dependent, int(Status.SINGULAR_CONFIGURATION), status)
         of_run = p, course.run, course.breaks
         dense = None if path is None else Dense(self, path, t[0], *of_run, course.constants)
         return Solved(t, reached.y, q, qdot, outputs, status, steps, rejected, dense)
+
+    def _decaying(self, t: Any, p: Any) -> Any:
+        """Return parameters (n_p,) with which violations of constraints decay; see `dalembert.ir.decay_rates`."""
+        names = self._program.layout.parameters
+        if DECAY_RATE not in names:
+            return p
+        place = names.index(DECAY_RATE)
+        return p.at[place].set(directed_rates(p[place], t[-1] < t[0], jnp))
 
     def _expanded(self, t: Any, y: Any, c: Any, course: Course | None = None) -> tuple[Any, Any, Any]:
         """Return coordinates, rates (n_t, n_q) and outputs (n_t, n_outputs) of states at times."""
@@ -270,7 +297,8 @@ class Solve:
         options = self._effective
         order = order_at(*options.tolerances) if options.method == "taylor" else 0
         given = self._elapsed.program, self._elapsed, options.method, order, constants
-        return pieces_of(*given) if feedback is None else pieces_with(*given, feedback)
+        pieces = pieces_of(*given) if feedback is None else pieces_with(*given, feedback)
+        return replace(pieces, foreign=None) if options.portable else pieces
 
 
 @partial(jax.jit, static_argnums=0)

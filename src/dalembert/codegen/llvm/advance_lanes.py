@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ...integrators.addresses import OwnedAddress
 from ...methods.step_constants import SMALLEST_OF_REST, SMALLEST_OF_TIME
 from ...once import once
 from ..rendering import render
@@ -39,6 +40,6 @@ def _code(lanes: int) -> Compiled:
     return library_code(f"advance_lanes_{lanes}", lambda: advance_lanes_assembly(lanes))
 
 
-def advance_lanes(lanes: int) -> int:
-    """Return the address of the code for so many lanes."""
+def advance_lanes(lanes: int) -> OwnedAddress:
+    """Return the code for so many lanes."""
     return _code(lanes).address("advance_lanes")

@@ -14,6 +14,7 @@ from typing import Any, Literal, final
 
 import llvmlite.binding as llvm
 
+from ...integrators.addresses import OwnedAddress
 from ...ir.kernel import Kernel
 from ...once import computed_once, once
 from ..rendering import render
@@ -124,19 +125,19 @@ def _compiled(source: str, shape: Shape) -> tuple[Any, Any]:
 
 @final
 class Compiled:
-    """Loaded object code; addresses are good as long as it lives."""
+    """Loaded object code, which lives as long as an address of it."""
 
     def __init__(self, engine: Any) -> None:
         self._engine = engine
-        self._addresses: dict[str, int] = {}
+        self._addresses: dict[str, OwnedAddress] = {}
 
-    def address(self, name: str) -> int:
+    def address(self, name: str) -> OwnedAddress:
         """Return the address of a function."""
         return computed_once(self._addresses, name, lambda: self._address(name))
 
-    def _address(self, name: str) -> int:
+    def _address(self, name: str) -> OwnedAddress:
         with _ENTERED:
-            return int(self._engine.get_function_address(name))
+            return OwnedAddress(self._engine.get_function_address(name), self._engine)
 
 
 def load_object(*codes: bytes) -> Compiled:

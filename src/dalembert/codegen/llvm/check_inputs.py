@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ...integrators.addresses import OwnedAddress
 from ...once import once
 from ..rendering import render
 from .assembly import Compiled
@@ -33,6 +34,6 @@ def _code(lanes: int) -> Compiled:
     return library_code(f"check_inputs_{lanes}", lambda: check_inputs_assembly(lanes))
 
 
-def check_inputs(lanes: int) -> int:
-    """Return the address of the code for so many lanes."""
+def check_inputs(lanes: int) -> OwnedAddress:
+    """Return the code for so many lanes."""
     return _code(lanes).address("check_inputs")

@@ -8,13 +8,14 @@ from typing import Any, final
 
 import numpy as np
 
+from ...integrators.addresses import OwnedAddress
 from ...integrators.arguments import pack, place_of
 from ...integrators.foreign_loop import ForeignArguments
 from ...integrators.input_steps import no_inputs
 from ...integrators.prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
 from ..rendering import render
 from .assembly import compile_object, load_object
-from .loops import loop_named
+from .loops import compiled_entry
 
 __all__ = ["ForeignCode", "buffer", "foreign_arguments", "foreign_code", "handler_assembly"]
 
@@ -31,33 +32,31 @@ class ForeignCode:
 
     Attributes
     ----------
-    address : int
+    address : OwnedAddress
         The handler.
     memory : int
         Length of the last result, of batches for each thread.
     held : tuple
-        What keeps the code at that address, and what it calls.
+        The arguments that it has copied, and the code that it calls.
     """
 
-    address: int
+    address: OwnedAddress
     memory: int
     held: tuple[Any, ...]
 
 
 def foreign_code(
-    codes: tuple[int, int, int, int, int],
+    kernels: PreparedKernels,
     sizes: tuple[int, int, int],
     reads: Sequence[float],
     limits: tuple[float, int],
     version: tuple[int, int],
-    steps: object,
 ) -> ForeignCode:
     """Return the handler of runs by the same steps and limits.
 
     Parameters
     ----------
-    codes : addresses
-        See `dalembert.integrators.prepared_loop`.
+    kernels : PreparedKernels
     sizes : (int, int, int)
         Number of components of the state, of constants, and of what a step remembers.
     reads : sequence of float
@@ -66,13 +65,10 @@ def foreign_code(
         Largest step, and number of attempts.
     version : (int, int)
         Of XLA's interface.
-    steps : object
-        What keeps the code at these addresses.
     """
-    loop, arguments = loop_named("foreign_loop"), foreign_arguments(codes, sizes, np.array(reads), limits)
-    text, memory = handler_assembly(arguments, version, loop.address)
-    code = load_object(compile_object(text))
-    return ForeignCode(code.address("handler"), memory, (code, arguments, steps, loop))
+    arguments, entry = foreign_arguments(kernels, sizes, np.array(reads), limits), compiled_entry("foreign_loop")
+    text, memory = handler_assembly(arguments, version, entry)
+    return ForeignCode(load_object(compile_object(text)).address("handler"), memory, (arguments, entry))
 
 
 def handler_assembly(arguments: ForeignArguments, version: tuple[int, int], entry: int) -> tuple[str, int]:
@@ -126,14 +122,14 @@ def buffer(name: str, side: str, number: int, words: Sequence[int], lengths: Seq
 
 
 def foreign_arguments(
-    codes: tuple[int, int, int, int, int], sizes: tuple[int, int, int], reads: Any, limits: tuple[float, int]
+    kernels: PreparedKernels, sizes: tuple[int, int, int], reads: Any, limits: tuple[float, int]
 ) -> ForeignArguments:
     """Return the arguments of the loop with arrays of the right lengths; what they hold lies in buffers of the call."""
     n, n_c, memory = sizes
     largest, attempts = limits
     run = PreparedArguments(
-        kernels=PreparedKernels(*codes),
-        limits=PreparedLimits(0.0, 0.0, largest, attempts, attempts, going=False),
+        kernels=kernels,
+        limits=PreparedLimits(0.0, 0.0, largest, attempts, attempts, going=False, slack=1.0),
         n=n,
         memory=memory,
         parameters=np.zeros((1, 0)),
@@ -143,6 +139,7 @@ def foreign_arguments(
         states=np.zeros((2, n + 2 + memory)),
         delta=np.zeros((n, 1)),
         mark=np.zeros(1, np.int64),
+        tests=np.zeros((0, 1)),
         progress=PreparedProgress(),
         inputs=no_inputs(),
     )

@@ -14,6 +14,7 @@ from typing import Any, final
 
 import numpy as np
 
+from ...integrators.addresses import AddressTable
 from ...integrators.arguments import pack, place_of
 from ...integrators.input_steps import no_inputs
 from ...integrators.sweep_arguments import CaseRows, CaseShape, Columns, SweepArguments, SweepKernels
@@ -21,7 +22,7 @@ from ...integrators.workspace import LaneNumbers, LaneState, lane_state, no_even
 from ..rendering import render
 from .assembly import compile_object, load_object
 from .foreign import ForeignCode, buffer
-from .loops import loop_named
+from .loops import compiled_entry
 
 __all__ = ["BatchSizes", "Interface", "batch_arguments", "batch_assembly", "foreign_batch"]
 
@@ -66,9 +67,7 @@ class BatchSizes:
     n_s: int
 
 
-def foreign_batch(
-    kernels: SweepKernels, sizes: BatchSizes, recorded: bool, interface: Interface, steps: object
-) -> ForeignCode:
+def foreign_batch(kernels: SweepKernels, sizes: BatchSizes, recorded: bool, interface: Interface) -> ForeignCode:
     """Return the handler of batches by the same steps.
 
     Its arguments are rows of times, first states and constants, one for each case or one for all, and one of limits;
@@ -82,15 +81,12 @@ def foreign_batch(
         Without those that make cases.
     recorded : bool
         Whether steps are recorded.
-    steps : object
-        What keeps the code at these addresses.
     """
     projected = bool(kernels.position or kernels.velocity)
-    loop = loop_named("recorded_lane_loop" if recorded else "projected_lane_loop" if projected else "lane_loop")
+    entry = compiled_entry("recorded_lane_loop" if recorded else "projected_lane_loop" if projected else "lane_loop")
     arguments = batch_arguments(kernels, sizes)
-    text, memory = batch_assembly(arguments, recorded, interface, loop.address)
-    code = load_object(compile_object(text))
-    return ForeignCode(code.address("handler"), memory, (code, arguments, steps, loop))
+    text, memory = batch_assembly(arguments, recorded, interface, entry)
+    return ForeignCode(load_object(compile_object(text)).address("handler"), memory, (arguments, entry))
 
 
 def batch_arguments(kernels: SweepKernels, sizes: BatchSizes) -> SweepArguments:
@@ -101,7 +97,7 @@ def batch_arguments(kernels: SweepKernels, sizes: BatchSizes) -> SweepArguments:
         kernels=kernels,
         shape=CaseShape(n, 0, 0, sizes.memory, 0, 0, 0, 0, 0),
         limits=none,
-        columns=Columns(nothing, nothing),
+        columns=Columns(AddressTable(), nothing),
         turn=np.zeros(1, np.int64),
         t_eval=np.zeros(0),
         out=np.zeros((1, n)),

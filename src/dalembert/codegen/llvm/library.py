@@ -77,4 +77,4 @@ class LLVMLibrary(KernelLibrary):
 
     def _load(self, name: str, lanes: int, text: Callable[[], str], functions: tuple[str, ...]) -> Code:
         """See `KernelLibrary._load`."""
-        return load_object(object_code(self._folder, f"{name}_{lanes}", text))
+        return load_object(object_code(self.folder, f"{name}_{lanes}", text))

@@ -12,12 +12,13 @@ import importlib
 import os
 import sys
 from collections.abc import Callable
-from typing import Any, final
+from typing import Any, NoReturn, final
 
 import llvmlite
 import numpy as np
 
 from ...errors import OptionError
+from ...integrators.addresses import OwnedAddress
 from ...integrators.arguments import address_of, arguments_of, kind_of, pack, unpack
 from ...integrators.checked_arrays import CheckedArray
 from ...integrators.compiled_subset import PLAIN_LOOPS, tell_target
@@ -25,13 +26,20 @@ from ...once import once, once_property
 from ...version import __version__
 from ..cache import digest_of, directory
 from ..generator_digest import generator_digest
+from ..host_code import host_code
 from .assembly import Compiled, Shape, load_object
 from .objects import object_code
 from .target import target
 
-__all__ = ["DEBUG_VARIABLE", "Loop", "debugging", "library_code", "loop_named", "toolchain"]
+__all__ = ["DEBUG_VARIABLE", "Loop", "compiled_entry", "debugging", "library_code", "loop_named", "toolchain"]
 
 DEBUG_VARIABLE = "DALEMBERT_DEBUG"
+
+_PERMANENT: list[Compiled] = []
+"""Code of no scene, which is never unloaded, whatever caches forget."""
+
+
+_ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
 
 
 @once
@@ -57,17 +65,22 @@ def toolchain() -> str:
 
 
 def library_code(name: str, text: Callable[[], str], shape: Shape = "straight") -> Compiled:
-    """Return code that is independent of scenes, compiled from a module of assembly once per installation."""
+    """Return code that is independent of scenes, compiled from a module of assembly once per installation.
+
+    It stays loaded for the life of the process.
+    """
     folder = directory() / f"loops_{digest_of('loops', toolchain(), generator_digest(), '')}"
-    return load_object(object_code(folder, name, text, shape))
+    code = load_object(object_code(folder, name, text, shape))
+    _PERMANENT.append(code)
+    return code
 
 
 @final
 class Loop:
-    """The function ``LOOP`` of the module `name` of `dalembert.integrators`."""
+    """The function ``LOOP`` of the module `name` of `dalembert.integrators`: machine code, or plain Python."""
 
-    def __init__(self, name: str) -> None:
-        self._name = name
+    def __init__(self, name: str, *, plain: bool = False) -> None:
+        self._name, self.plain = name, plain
 
     @once_property
     def _function(self) -> Callable[[Any], int | None]:
@@ -86,18 +99,29 @@ class Loop:
     @once_property
     def call(self) -> Any:
         """The function of one pointer to packed arguments; as machine code it releases the interpreter."""
-        if debugging():
+        if self.plain:
             tell_target(fused=target().fused)
             return self._plain
-        return ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._code.address("entry"))
+        return self._code.address("entry").function(_ENTRY)
 
     @once_property
-    def address(self) -> int:
-        """Address of that function; other loops call it by `dalembert.integrators.compiled_subset.call_test`."""
-        if debugging():
-            PLAIN_LOOPS[id(self)] = self._plain
-            return id(self)
-        return self._code.address("entry")
+    def entry(self) -> OwnedAddress:
+        """Address of that function; other loops call it by `dalembert.integrators.compiled_subset.call_test`.
+
+        Machine code that calls a loop which runs as plain Python raises an error (`raise_failure`).
+        """
+        if not self.plain:
+            return self._code.address("entry")
+        entry = host_code(self.refuse)
+        PLAIN_LOOPS[entry] = self._plain
+        return entry
+
+    def refuse(self, *_: int) -> NoReturn:
+        """Raise the error of compiled code that calls this loop, which runs as plain Python."""
+        raise OptionError(
+            f"the loop {self._name} runs as plain Python, which compiled code cannot call: set {DEBUG_VARIABLE} before"
+            " the first run of a process, and leave it as it is"
+        )
 
     def _plain(self, pointer: Any) -> int:
         """Run the loop as plain Python, with bounds checks."""
@@ -115,5 +139,19 @@ class Loop:
 
 @once
 def loop_named(name: str) -> Loop:
-    """Return the loop of a name, one for the process."""
-    return Loop(name)
+    """Return the loop of a name, one for the process: as plain Python where these are debugged."""
+    return Loop(name, plain=debugging())
+
+
+def compiled_entry(name: str) -> OwnedAddress:
+    """Return the address of a loop for code outside of this library, which can call machine code alone.
+
+    Raises
+    ------
+    OptionError
+        Where loops run as plain Python.
+    """
+    loop = loop_named(name)
+    if loop.plain:
+        loop.refuse()
+    return loop.entry

@@ -19,6 +19,7 @@ from ...integrators.problem import IntegrationProblem
 from ...interrupts import check
 from ...methods.status import Status
 from ..runs import Prepared
+from .admission import Admission
 from .loops import loop_named
 
 __all__ = ["prepared_run"]
@@ -27,6 +28,8 @@ _PATIENCE, _MOST_PATIENCE, _QUICK = 1000, 1 << 24, 0.02
 """Attempts after which a run first returns to Python, and at most; seconds below which the next may take longer."""
 
 _PATIENCE_AT = place_of(PreparedArguments, "limits.patience")
+
+_REFUSED = int(Status.INITIAL_STATE)
 
 _Memory = tuple[FloatArray, FloatArray, ctypes.c_void_p, list[int], NDArray[np.int64], object]
 """Start and final state (n_y,), parameters (n_p,), the address of the arguments, the last status, the arguments of a
@@ -48,19 +51,23 @@ def _finished(code: Callable[[ctypes.c_void_p], int], going: NDArray[np.int64]) 
 
 
 def _memory(
-    codes: tuple[int, int, int, int, int],
+    kernels: PreparedKernels,
     sizes: tuple[int, int, int],
     memory: int,
     settings: Sequence[float],
     problem: IntegrationProblem,
+    tests: tuple[int, float],
 ) -> _Memory:
-    """Return the memory of a thread; for the arguments see `prepared_run`."""
-    n, n_p, n_c = sizes
+    """Return the memory of a thread; for the arguments see `prepared_run`.
+
+    `tests` are the number of outputs and the slack of the tests of what the run is given.
+    """
+    (n_tests, slack), (n, n_p, n_c) = tests, sizes
     states, p = np.zeros((2, n + 2 + memory)), np.zeros((1, n_p))
     span = float(problem.t0), float(problem.t1), float(problem.max_step)
     arguments = PreparedArguments(
-        kernels=PreparedKernels(*codes),
-        limits=PreparedLimits(*span, problem.max_steps, _PATIENCE, going=False),
+        kernels=kernels,
+        limits=PreparedLimits(*span, problem.max_steps, _PATIENCE, going=False, slack=slack),
         n=n,
         memory=memory,
         parameters=p,
@@ -70,6 +77,7 @@ def _memory(
         states=states,
         delta=np.zeros((n, 1)),
         mark=np.zeros(1, np.int64),
+        tests=np.zeros((n_tests, 1)),
         progress=PreparedProgress(),
         inputs=no_inputs() if problem.inputs is None else problem.inputs.table(1, n + 2 + memory),
     )
@@ -79,19 +87,18 @@ def _memory(
 
 
 def prepared_run(
-    codes: tuple[int, int, int, int, int],
+    kernels: PreparedKernels,
     sizes: tuple[int, int, int],
     memory: int,
     settings: Sequence[float],
     problem: IntegrationProblem,
-    steps: object,
+    admission: Admission | None = None,
 ) -> Prepared:
     """Return a prepared run; every thread that uses it has a memory of its own.
 
     Parameters
     ----------
-    codes : addresses
-        See `dalembert.integrators.prepared_loop`.
+    kernels : PreparedKernels
     sizes : (int, int, int)
         Number of components of the state, of parameters and of constants.
     memory : int
@@ -100,12 +107,13 @@ def prepared_run(
         Settings of the step after the largest step and the direction of time.
     problem : IntegrationProblem
         Span, largest step, number of steps, and records of inputs.
-    steps : object
-        Owner of the code at these addresses, kept alive by the run.
+    admission : Admission, optional
+        Test of what the run is given, whose kernel is among `kernels`.
     """
+    tests = (0, 1.0) if admission is None else (admission.code.count, admission.slack)
 
     def own_memory() -> _Memory:
-        return _memory(codes, sizes, memory, settings, problem)
+        return _memory(kernels, sizes, memory, settings, problem, tests)
 
     code, statuses = loop_named("prepared_loop").call, tuple(Status)
     own = {get_ident(): own_memory()}
@@ -121,6 +129,9 @@ def prepared_run(
         ended[0] = status = code(pointer)
         if status < 0:
             ended[0] = _finished(code, going)
+        elif status == _REFUSED and admission is not None:
+            final, ended[0] = admission.final_of_refused(Status.INITIAL_STATE, state, parameters)
+            return final
         return start.copy()
 
     def status() -> Status:
@@ -129,5 +140,4 @@ def prepared_run(
         return Status.INTERRUPTED if last < 0 else statuses[last]
 
     run.status = status  # type: ignore[attr-defined]
-    run.held = steps  # type: ignore[attr-defined]  # the code lives as long as `run`
     return cast(Prepared, run)

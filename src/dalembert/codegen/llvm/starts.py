@@ -9,6 +9,7 @@ from threading import get_ident
 import numpy as np
 
 from ...arrays import FloatArray
+from ...integrators.addresses import OwnedAddress
 from ...integrators.arguments import address_of
 from ..runs import StartCode
 
@@ -18,19 +19,17 @@ _KERNEL = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 5)
 _Memory = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, tuple[int, ...]]
 
 
-def start_code(prepare: int, start: int, sizes: tuple[int, int, int, int], library: object) -> StartCode:
+def start_code(prepare: OwnedAddress, start: OwnedAddress, sizes: tuple[int, int, int, int]) -> StartCode:
     """Return the start of runs; every thread that uses it has a memory of its own.
 
     Parameters
     ----------
-    prepare, start : address
+    prepare, start : OwnedAddress
         Kernels of constants from parameters, and of the state from given values.
     sizes : (int, int, int, int)
         Number of parameters, constants, given values and outputs.
-    library : object
-        Owner of the code at these addresses, kept alive.
     """
-    constants_of, state_of = _KERNEL(prepare), _KERNEL(start)
+    constants_of, state_of = prepare.function(_KERNEL), start.function(_KERNEL)
 
     def memory_of_one() -> _Memory:
         arrays = [np.zeros(size) for size in (1, *sizes)]
@@ -49,5 +48,4 @@ def start_code(prepare: int, start: int, sizes: tuple[int, int, int, int], libra
         state_of(at_t, at_given, at_c, 0, at_out)
         return c, out
 
-    run.library = library  # type: ignore[attr-defined]  # the code lives as long as `run`
     return run

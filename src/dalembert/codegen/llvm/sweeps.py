@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ...integrators.arguments import address_of, pack
+from ...integrators.addresses import AddressTable
+from ...integrators.arguments import address_of, owned_address, pack
 from ...integrators.cases import BlockResult, CaseColumns
 from ...integrators.input_steps import no_inputs
 from ...integrators.sample_projection import SampleArguments
@@ -70,7 +71,7 @@ class SweepShape:
 
 
 def case_run(
-    codes: tuple[int, int, int, int, int, int, int, int],
+    kernels: SweepKernels,
     shape: SweepShape,
     settings: Sequence[float],
     cases: CaseColumns,
@@ -83,8 +84,7 @@ def case_run(
 
     Parameters
     ----------
-    codes : addresses
-        Fields of `SweepKernels`.
+    kernels : SweepKernels
     settings : sequence of float
         Settings of the step after the largest step and the direction of time.
     constants : (k, n_c) or (0, 0)
@@ -92,13 +92,13 @@ def case_run(
     watched : bool
         Whether there are events or reductions, or steps are recorded.
     """
-    run = _Run(SweepKernels(*codes), shape, settings, cases, result, constants, events, watched)
+    run = _Run(kernels, shape, settings, cases, result, constants, events, watched)
     loop, turn = loop_named(run.loop_name), np.zeros(1, np.int64)
 
     def call(turn: NDArray[np.int64]) -> LoopCall:
         made = run.arguments(turn)
         about = made.state.progress, made.steps, made.workspace.occurrences
-        return LoopCall(loop.address, pack(made), *about, (run, made))
+        return LoopCall(loop.entry, pack(made), *about, (run, made))
 
     def work() -> None:
         made, code = run.arguments(turn), loop.call
@@ -135,7 +135,7 @@ class _Run:
         self.result, self.constants, self.events, self.watched = result, constants, events, watched
         k, n_times = cases.count, len(cases.t_eval)
         self.projected = bool(kernels.position or kernels.velocity)
-        self.columns, self.held = _columns(cases)
+        self.columns = _columns(cases)
         self.samples = result.samples.reshape(k, n_times * shape.n) if n_times else np.empty((1, 1))
         self.inside = np.zeros((k, n_times) if n_times and self.projected else (0, 0), np.bool_)
         self.t_eval = np.ascontiguousarray(cases.t_eval)
@@ -212,9 +212,9 @@ def _state(made: LaneState) -> LaneState:
     return made
 
 
-def _columns(cases: CaseColumns) -> tuple[Columns, tuple[FloatArray, ...]]:
-    """Return address and stride of every column, and the columns."""
+def _columns(cases: CaseColumns) -> Columns:
+    """Return address and stride of every column."""
     columns = (*cases.spans, *cases.parameters, *cases.given)
     assert all(column.dtype == np.float64 and column.flags.c_contiguous for column in columns)
     strides = [int(len(column) > 1) for column in columns]
-    return Columns(np.array([address_of(column) for column in columns]), np.array(strides)), columns
+    return Columns(AddressTable(map(owned_address, columns)), np.array(strides))

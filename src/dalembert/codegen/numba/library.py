@@ -51,9 +51,9 @@ class NumbaLibrary(KernelLibrary):
         configure_numba()
         module = load_in_memory(digest_of("numba", self._module), self._module, named=True)
         kernels = {kernel.name: getattr(module, kernel.name) for kernel in self._program}
-        if self._folder is not None:
+        if self.folder is not None:
             for kernel in kernels.values():
-                keep_compiled(kernel, self._folder)
+                keep_compiled(kernel, self.folder)
         return SimpleNamespace(**kernels)
 
     def kernel_text(self, name: str, kernel: Kernel, lanes: int, *, exact: bool = False) -> str:
@@ -78,4 +78,4 @@ class NumbaLibrary(KernelLibrary):
 
     def _load(self, name: str, lanes: int, text: Callable[[], str], functions: tuple[str, ...]) -> Code:
         """See `KernelLibrary._load`."""
-        return load_functions(self._folder, f"{name}_{lanes}", text, functions)
+        return load_functions(self.folder, f"{name}_{lanes}", text, functions)

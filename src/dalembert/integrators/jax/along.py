@@ -149,15 +149,10 @@ class Along:
         """See `LinearMap`."""
         return _Against(self.linear, self.kept, self.sources)
 
-    @property
-    def in_batches(self) -> LinearMap:
-        """See `LinearMap`."""
-        return self
-
-    def change(self, held: Course, dheld: Course, moving: Any, value: Any, still: Any) -> Any:
+    def change(self, held: Course, dheld: Course, moving: Any, still: Any) -> Any:
         """See `LinearMap`."""
         dy, dc = moving[:2]
-        rows = value[2] if self.kept else apply(Along(self.linear, True, self.sources), held, moving)[2]
+        rows = apply(Along(self.linear, True, self.sources), held, moving)[2]
         step = Step(self.linear)
         given = _steps(held, rows, (held.c, dc, held.end))
         none = jnp.zeros_like
@@ -169,7 +164,7 @@ class Along:
         def over(y: Any, c: Any) -> Any:
             return PushedStep(step)(sizes, (y, rows[at]), (c, dc, held.end))[0]
 
-        later = jax.jvp(over, (states, held.c), (dheld.taken[at, 2:], dheld.c))[1] if len(at) else none(value[1])
+        later = jax.jvp(over, (states, held.c), (dheld.taken[at, 2:], dheld.c))[1] if len(at) else states
         return apply(Along(self.linear, self.kept, True), held, (none(dy), none(dc), new, later))
 
 
@@ -235,13 +230,9 @@ class _Against:
     def transposed(self) -> LinearMap:
         return Along(self.linear, self.kept, self.sources)
 
-    @property
-    def in_batches(self) -> LinearMap:
-        return self
-
-    def change(self, held: Course, dheld: Course, moving: Any, value: Any, still: Any) -> Any:
+    def change(self, held: Course, dheld: Course, moving: Any, still: Any) -> Any:
         end, at_times = moving[:2]
-        ahead = value[2] if self.sources else apply(_Against(self.linear, self.kept, True), held, moving)[2]
+        ahead = apply(_Against(self.linear, self.kept, True), held, moving)[2]
         step, none = Step(self.linear), jnp.zeros_like
         given = _steps(held, ahead, (held.c, held.end))
         moved = (dheld.taken[:, 2:], none(ahead)), (dheld.c, none(held.end))

@@ -37,12 +37,7 @@ class FirstOrder:
         """See `LinearMap`."""
         return _Transposed(self)
 
-    @property
-    def in_batches(self) -> LinearMap:
-        """See `LinearMap`."""
-        return self
-
-    def change(self, held: Any, dheld: Any, moving: Any, value: Any, still: Any) -> Any:
+    def change(self, held: Any, dheld: Any, moving: Any, still: Any) -> Any:
         """See `LinearMap`.
 
         Raises

@@ -113,12 +113,7 @@ class PushedRows:
         """See `LinearMap`."""
         return _PulledRows(self.function, self.size)
 
-    @property
-    def in_batches(self) -> LinearMap:
-        """See `LinearMap`."""
-        return self
-
-    def change(self, held: Given, dheld: Given, moving: Any, value: Any, still: Any) -> Any:
+    def change(self, held: Given, dheld: Given, moving: Any, still: Any) -> Any:
         """See `LinearMap`."""
         return _changed(_Moved(self.function), self.size, held, dheld, moving)
 
@@ -138,9 +133,5 @@ class _PulledRows:
     def transposed(self) -> LinearMap:
         return PushedRows(self.function, self.size)
 
-    @property
-    def in_batches(self) -> LinearMap:
-        return self
-
-    def change(self, held: Given, dheld: Given, moving: Any, value: Any, still: Any) -> Any:
+    def change(self, held: Given, dheld: Given, moving: Any, still: Any) -> Any:
         return _changed(_Back(self.function), self.size, held, dheld, moving)

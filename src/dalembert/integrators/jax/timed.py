@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple, final
 
 import jax
@@ -51,16 +52,11 @@ class Timed:
         """See `LinearMap`."""
         return _Given(self.rates)
 
-    @property
-    def in_batches(self) -> LinearMap:
-        """See `LinearMap`."""
-        return self
-
-    def change(self, held: At, dheld: At, moving: Any, value: Any, still: At) -> Any:
+    def change(self, held: At, dheld: At, moving: Any, still: At) -> Any:
         """See `LinearMap`."""
         if still.t:
-            return jnp.zeros_like(value)
-        return dheld.t[:, None] * _changed(self.rates, held, value, moving[1])
+            return jnp.zeros_like(held.y)
+        return dheld.t[:, None] * _changed(self.rates, held, *moving)
 
 
 @final
@@ -77,11 +73,8 @@ class _Given:
     def transposed(self) -> LinearMap:
         return Timed(self.rates)
 
-    @property
-    def in_batches(self) -> LinearMap:
-        return self
-
-    def change(self, held: At, dheld: At, moving: Any, value: Any, still: At) -> Any:
+    def change(self, held: At, dheld: At, moving: Any, still: At) -> Any:
         if still.t:
-            return jax.tree.map(jnp.zeros_like, value)
-        return jax.vjp(lambda dy, dc: _changed(self.rates, held, dy, dc), *value)[1](dheld.t[:, None] * value[0])
+            return jnp.zeros_like(held.y), jnp.zeros_like(held.c)
+        back = jax.vjp(partial(_changed, self.rates, held), held.y, held.c)[1]
+        return back(dheld.t[:, None] * moving)

@@ -56,15 +56,10 @@ class OrNan:
         """See `LinearMap`."""
         return _Asked(self.moved_by)
 
-    @property
-    def in_batches(self) -> LinearMap:
-        """See `LinearMap`."""
-        return self
-
-    def change(self, held: Known, dheld: Known, moving: Any, value: Any, still: Any) -> Any:
+    def change(self, held: Known, dheld: Known, moving: Any, still: Any) -> Any:
         """See `LinearMap`: zero, or NaN where the value is, and where the constants move what is not known."""
         none = jax.tree.map(jnp.zeros_like, moving)
-        known = held.known * jnp.all(jnp.isfinite(value), axis=1)
+        known = held.known * jnp.all(jnp.isfinite(self(held, moving)), axis=1)
         return apply(self, held._replace(known=known), (none[0], (*none[1][:2], dheld.c)))
 
 
@@ -90,13 +85,9 @@ class _Asked:
     def transposed(self) -> LinearMap:
         return OrNan(self.moved_by)
 
-    @property
-    def in_batches(self) -> LinearMap:
-        return self
-
-    def change(self, held: Known, dheld: Known, moving: Any, value: Any, still: Any) -> Any:
+    def change(self, held: Known, dheld: Known, moving: Any, still: Any) -> Any:
         """Return zero, NaN where the value is NaN or a requested value depends on the constants."""
-        changes = jax.tree.map(lambda found: jnp.where(jnp.isfinite(found), 0.0, jnp.nan), value)
+        changes = jax.tree.map(lambda found: jnp.where(jnp.isfinite(found), 0.0, jnp.nan), self(held, moving))
         if not self.moved_by:
             return changes
         asked = held.moved * jnp.any(moving != 0.0, axis=1)
@@ -125,12 +116,7 @@ class Sloped:
         """See `LinearMap`."""
         return Sloped(not self.backward)
 
-    @property
-    def in_batches(self) -> LinearMap:
-        """See `LinearMap`."""
-        return self
-
-    def change(self, held: Any, dheld: Any, moving: Any, value: Any, still: Any) -> Any:
+    def change(self, held: Any, dheld: Any, moving: Any, still: Any) -> Any:
         """See `LinearMap`."""
         return apply(Sloped(self.backward), jax.lax.stop_gradient(moving), dheld)
 

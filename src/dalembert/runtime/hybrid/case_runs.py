@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ...arrays import FloatArray
 from ...integrators.cases import BlockResult
 from ...integrators.contact_cases import ADDED, UNDECIDED, contact_cases
+from ...integrators.event_rules import last_instants
 from ...integrators.phase_stops import no_stops
 from ...integrators.phase_tables import JUMPS, NOT_STARTED, CaseSamples, CaseTable, case_numbers
 from ...methods.status import RUNNING, Status
@@ -49,6 +50,8 @@ class CaseRuns:
         0 for one case that runs in the thread that calls, and may begin again and again.
     t_eval : ndarray (m,) or None
         Times of samples [s].
+    origin : float
+        Time from which times are counted [s].
 
     Attributes
     ----------
@@ -62,7 +65,13 @@ class CaseRuns:
     """
 
     def __init__(
-        self, choice: RunnerChoice, count: int = 1, *, threads: int = 0, t_eval: FloatArray | None = None
+        self,
+        choice: RunnerChoice,
+        count: int = 1,
+        *,
+        threads: int = 0,
+        t_eval: FloatArray | None = None,
+        origin: float = 0.0,
     ) -> None:
         self.choice, layout, lines = choice, choice.modes.layout, _LINES if choice.recorded else 0
         k, n, n_p = len(choice.modes.equations.contacts), len(layout.variables), len(layout.parameters)
@@ -83,6 +92,7 @@ class CaseRuns:
             order=none,
             turn=none,
             t_eval=times,
+            t_last=last_instants(times, origin),
             samples=CaseSamples(samples.t, samples.x, samples.added, samples.mode, samples.history),
             log=self.log,
             stops=no_stops(),
@@ -90,6 +100,7 @@ class CaseRuns:
         )
         self.executor = PhaseExecutor(choice, self._table, threads)
         changing = () if threads else (*self.cases, *self.numbers, self.occurred)
+        self._before_map: tuple[FloatArray, NDArray[np.int64]] | None = None
         self._initial = [(values, values.copy()) for values in changing]
 
     def begin(
@@ -118,7 +129,7 @@ class CaseRuns:
         """
         for values, first in self._initial:
             values[...] = first
-        cases, table = self.cases, self._table
+        cases, table, self._before_map = self.cases, self._table, None
         cases.t[...] = table.t0[...] = t0
         table.t1[...], cases.span[...] = t1, t1 - t0
         cases.x[...], cases.p[...] = x, p
@@ -173,14 +184,25 @@ class CaseRuns:
                 if advance is not None:
                     advance(len(running) - len(self.running()))
         finally:
+            self._mark_refused_maps()
             self._mark_paradoxes()
 
     def _jump(self, jumps: EventJumps, some: NDArray[np.intp]) -> None:
         """Map the states of cases in which events have occurred that do so, and begin a phase anew in each."""
+        x, modes = self._before_map = self._before_map or (np.full_like(self.cases.x, np.nan), self.cases.number.copy())
+        x[some], modes[some] = self.cases.x[some], self.cases.number[some]
         self.numbers.state[some] = jumps.apply(self.cases, self.occurred, some)
         ended = some[self.numbers.state[some] != RUNNING]
         self.numbers.phases[ended] -= self.cases.passed[ended] != 0.0
         self.numbers.runner[some] = NOT_STARTED
+
+    def _mark_refused_maps(self) -> None:
+        """Distinguish states that contacts refuse after a map from those at starts; such a map does not take place."""
+        if self._before_map is not None:
+            x, modes = self._before_map
+            some = np.flatnonzero((self.cases.status == Status.INITIAL_STATE) & np.isfinite(x).any(axis=1))
+            self.numbers.state[some] = int(Status.EVENT_STATE)
+            self.cases.x[some], self.cases.number[some] = x[some], modes[some]
 
     def _mark_paradoxes(self) -> None:
         """Distinguish failures near Painleve's paradox from others."""
@@ -192,13 +214,18 @@ class CaseRuns:
 
     def interrupt(self) -> None:
         """Set the status of cases that an interrupt has stopped, or kept from running, and NaN for their results."""
-        some, samples, numbers, cases = self.running(), self.samples, self.numbers, self.cases
-        width = len(samples.t) // max(len(numbers.state), 1)
-        rows = (some[:, np.newaxis] * width + np.arange(width)).ravel()
+        some, numbers = self.running(), self.numbers
         numbers.state[some], numbers.steps[some], numbers.phases[some] = int(Status.INTERRUPTED), 0, 0
-        cases.t[some], cases.x[some], cases.number[some] = np.nan, np.nan, UNDECIDED
-        samples.t[rows], samples.x[rows], samples.mode[rows] = np.nan, np.nan, NO_MODE
+        self.cases.t[some] = np.nan
+        self.drop_results(some)
         self.occurred[some] = BlockResult.at_start(len(some), self.occurred.shape[1] // 3, ())[0]
+
+    def drop_results(self, some: NDArray[np.intp]) -> None:
+        """Set NaN for the results of some cases."""
+        samples, width = self.samples, len(self.samples.t) // max(len(self.numbers.state), 1)
+        rows = (some[:, np.newaxis] * width + np.arange(width)).ravel()
+        self.cases.x[some], self.cases.number[some] = np.nan, UNDECIDED
+        samples.t[rows], samples.x[rows], samples.mode[rows] = np.nan, np.nan, NO_MODE
 
     def states(self, some: NDArray[np.intp]) -> States:
         """Return the states of some cases as they are."""

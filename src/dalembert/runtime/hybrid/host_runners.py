@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ...codegen.host_code import HostCode
+from ...codegen.host_code import host_code
 from ...codegen.runs import LoopCall
+from ...errors import InitialStateError
 from ...integrators.arguments import kind_of, place_of
 from ...integrators.event_code import Event
+from ...integrators.phase_ends import begins_motion
 from ...integrators.phase_tables import CaseTable, ThreadWorkspace
 from ...integrators.sweep_arguments import SweepArguments
 from ...integrators.workspace import OCCURRENCE, LoopProgress
@@ -112,7 +114,7 @@ class HostRunner:
             if self._jumps is not None:
                 self._jumps.apply(group)
             if recorded:
-                self._simulate(group, space)
+                self._simulate(group, space, table)
             else:
                 self._sweep(group, space)
             if self._jumps is not None:
@@ -122,10 +124,8 @@ class HostRunner:
                 space.carried[: count * n] = group.carried[:, :n].ravel()
             return 0
 
-        code, nothing = HostCode(run), np.empty((0, 0))
-        return LoopCall(
-            code.address, np.zeros(_WORDS, np.int64), LoopProgress(), nothing, np.zeros((1, OCCURRENCE)), code
-        )
+        nothing, occurrences = np.empty((0, 0)), np.zeros((1, OCCURRENCE))
+        return LoopCall(host_code(run), np.zeros(_WORDS, np.int64), LoopProgress(), nothing, occurrences, None)
 
     def _group(self, rows: GatheredRows, space: ThreadWorkspace, count: int, stops: bool) -> CaseGroup:
         """Return the cases that are gathered."""
@@ -217,7 +217,7 @@ class HostRunner:
             own[:, 2] = np.where(record.count > 0, record.last, own[:, 2])
         return happened
 
-    def _simulate(self, group: CaseGroup, space: ThreadWorkspace) -> None:
+    def _simulate(self, group: CaseGroup, space: ThreadWorkspace, table: CaseTable) -> None:
         """Run and record the only case, and write how it ends."""
         assert isinstance(self._options, SimulateOptions)
         happened, t1 = self._happened(space, 1)[0], float(group.t1[0])
@@ -225,7 +225,13 @@ class HostRunner:
         options = replace(self._options, method=self.method, events=events, first_step=self._first_step())
         x, p = ({name: float(values[0]) for name, values in table.items()} for table in (group.x, group.p))
         carried = None if group.carried is None else group.carried[0]
-        run = simulate_in_own_time(self.model, (float(group.t0[0]), t1), x, p, options, carried)
+        try:
+            run = simulate_in_own_time(self.model, (float(group.t0[0]), t1), x, p, options, carried)
+        except InitialStateError:
+            if begins_motion(table, 0, float(group.t0[0])):
+                raise
+            space.ends[0] = group.t0[0], Status.INITIAL_STATE, 0.0
+            return
         t = t1 if run.status is Status.SUCCESS else float(run.t[-1])
         for i, event in enumerate(self.events):
             record = run.events[event.label]

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...codegen.base import Engine
+from ...codegen.llvm.admission import AdmissionCode
 from ...hybrid import OPEN, HybridAutomaton, Mode
 from ...hybrid.modes import mode_parameters
 from ...integrators.breakpoints import CaseBreaks
@@ -20,6 +21,7 @@ from ...ir.program import Layout
 from ...mechanics.equations import EquationsOfMotion, Guard
 from ...once import derived_once, derived_property
 from ...pipeline import SeveralModes, compile_mode
+from ...reduction.admission import admission_of_variables
 from ...reduction.event_functions import coordinates_kernel
 from ...reduction.sampling_kernels import SampledVariables, SamplingKernels, sampling_kernels
 from ...reduction.time_conditions import decided
@@ -27,6 +29,7 @@ from ...results.trajectory import Trajectory
 from ..impulses import Impulses, impulses_of
 from ..model import CompiledModel
 from ..sampling import Sampling
+from ..symbol_assumptions import ROUNDING
 from .decisions import Decisions
 
 __all__ = ["ModeModels", "Violation"]
@@ -91,6 +94,14 @@ class ModeModels:
     def conditions(self) -> Conditions | None:
         """The conditions on time alone, in the parameters of the scene."""
         return decided(self.equations)
+
+    @derived_property
+    def admission(self) -> AdmissionCode | None:
+        """The test of what prepared runs are given, None where there is nothing to test."""
+        model, names = self.model(self.open_mode), self.layout.parameters
+        kernel = admission_of_variables(model.stages.reduced.equations, names, ROUNDING)
+        sizes = len(self.layout.variables), len(names)
+        return None if kernel is None else AdmissionCode(kernel, sizes, model.engine.folder)
 
     @property
     def changes(self) -> bool:

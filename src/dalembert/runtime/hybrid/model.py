@@ -14,7 +14,7 @@ from ...errors import CapabilityError, OptionError, list_names
 from ...hybrid import OPEN
 from ...ir.program import Layout
 from ...mechanics.equations import EquationsOfMotion
-from ...once import derived_once
+from ...once import BoundedTable, derived_once
 from ...options import (
     CompileOptions,
     PrepareOptions,
@@ -38,6 +38,7 @@ from ..capabilities import WITHOUT
 from ..input_values import GivenInputs
 from ..interface.traced import hybrid_solve_fn
 from ..model import CompiledModel
+from ..variants import MOST_VARIANTS
 from .at_state import assemble_open, linearize_mode, trim_mode
 from .given_values import moving_events, refuse_open_gains, run_cases, run_motion, start_state
 from .mode_models import ModeModels
@@ -67,7 +68,9 @@ class HybridModel(Model[HybridTrajectory, HybridSweep]):
     modes: ModeModels = field(init=False)
     layout: Layout = field(init=False)
     contacts: tuple[str, ...] = field(init=False)
-    _variants: dict[tuple[Any, ...], HybridModel] = field(init=False, default_factory=dict)
+    _variants: BoundedTable[tuple[Any, ...], HybridModel] = field(
+        init=False, default_factory=lambda: BoundedTable(MOST_VARIANTS)
+    )
 
     def __post_init__(self) -> None:
         modes = ModeModels(self.several)

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import itertools
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...hybrid import Mode
+from ...integrators.phase_tables import NO_RUNNER
 from ...integrators.step_records import ENDED_AT, START_AT
 from ...interrupts import check
+from ...methods.status import Status
 from ...options import SimulateOptions
 from ...results.trajectory import Trajectory
 from .case_runs import CaseRuns
 from .host_runners import HostRunner
-from .mode_models import ModeModels
 from .mode_runners import ModeRunner
 from .request import MotionRequest
 from .runner_choice import RunnerChoice
@@ -71,12 +74,6 @@ class RecordedPhase:
         """All records of steps (k, ...)."""
         return self.rows[0] if len(self.rows) == 1 else np.concatenate(self.rows)
 
-    def parameters(self, modes: ModeModels, given: Mapping[str, float]) -> list[float]:
-        """Return the parameters of the model of its mode."""
-        layout = modes.model(self.mode).layout
-        values = {**layout.defaults, **given, **modes.added(self.mode, self.added)}
-        return [float(values[name]) for name in layout.parameters]
-
 
 @contextmanager
 def recorder_of(request: MotionRequest[SimulateOptions]) -> Iterator[MotionRecorder]:
@@ -128,6 +125,8 @@ class MotionRecorder:
         span = float(request.t0[0]), float(request.t1[0])
         self.case.begin(*span, request.x, request.p, stops, request.options.first_step)
         self.case.run(request.jumps, paused=self._take, jumped=self._jumped)
+        if self.case.status is Status.EVENT_STATE:  # the map did not take place
+            self._jumped()
         self._sort()
         self.note = self._runs[-1][1].stats.note if self._runs else ""
         return self._phases
@@ -160,6 +159,9 @@ class MotionRecorder:
 
     def _sort(self) -> None:
         """Give every phase its end, its steps, and what occurred in it."""
+        numbers = self.case.numbers
+        if self.case.status is Status.PROJECTION_FAILED and numbers.runner[0] == NO_RUNNER and len(self._phases) > 1:
+            self._phases.pop()  # the phase that could not start
         if not self._phases:
             return
         for phase, following in zip(self._phases, self._phases[1:], strict=False):
@@ -168,12 +170,13 @@ class MotionRecorder:
         forward = 1.0 if self._phases[-1].t1 >= self._phases[0].t0 else -1.0
         begins = forward * np.array([phase.t0 for phase in self._phases])
         for runner, recorded in self._rows:
-            rows = recorded[recorded[:, ENDED_AT] != recorded[:, START_AT]]  # others are of phases that took no time
+            lasting = recorded[:, ENDED_AT] != recorded[:, START_AT]  # others are of phases that took no time
+            rows = recorded if lasting.all() else recorded[lasting]
             places = np.searchsorted(begins, forward * rows[:, START_AT], side="right") - 1
-            for place in np.unique(places):
+            for place, some in _in_a_row(places):
                 phase = self._phases[place]
                 phase.runner = runner
-                phase.rows.append(rows[places == place])
+                phase.rows.append(rows[some])
         for k, (host, run) in enumerate(self._runs, 1):
             place = int(np.searchsorted(begins, forward * run.t[0], side="right")) - 1
             if run.t[-1] != run.t[0] or (k == len(self._runs) and self._phases[place].mode == host.mode):
@@ -183,5 +186,12 @@ class MotionRecorder:
             found = np.concatenate(self._occurrences)
             found = found[np.argsort(forward * found[:, 1], kind="stable")]
             places = np.maximum(np.searchsorted(begins, forward * found[:, 1], side="left") - 1, 0)
-            for place in np.unique(places):
-                self._phases[place].occurrences = found[places == place]
+            for place, some in _in_a_row(places):
+                self._phases[place].occurrences = found[some]
+
+
+def _in_a_row(places: NDArray[np.intp]) -> Iterator[tuple[int, slice]]:
+    """Yield the equal numbers that follow each other in some (k,), with where they are."""
+    edges = [*np.flatnonzero(np.diff(places, prepend=-1)).tolist(), len(places)]
+    for first, last in itertools.pairwise(edges):
+        yield int(places[first]), slice(first, last)

@@ -14,6 +14,7 @@ from ...ir.conditions import CONDITION_TIME
 from ...ir.interpret import interpret_rows
 from ...results.hybrid_sweep import States
 from ...results.motion import ENERGIES
+from ...results.shared_loads import output_rows
 from .. import inputs
 from .mode_models import ModeModels
 from .stops import Stops
@@ -70,7 +71,7 @@ class OutputValues:
                 continue
             outputs = program.layout.outputs
             column = outputs.index(key if key in outputs else name)
-            values[here] = interpret_rows(program.kernel("outputs"), part.t, y, c)[:, column]
+            values[here] = output_rows(program, part.t, y, c)[:, column]
         return values
 
     def jammed(self, states: States) -> NDArray[np.bool_]:

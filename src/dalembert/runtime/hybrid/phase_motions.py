@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,7 +31,7 @@ from .stops import Stops
 if TYPE_CHECKING:
     from ..model import CompiledModel
 
-__all__ = ["trajectories"]
+__all__ = ["parameters_of_phases", "trajectories"]
 
 
 def trajectories(
@@ -57,7 +58,7 @@ def trajectories(
     for mode in dict.fromkeys(phase.mode for phase in phases if not phase.runs):
         some = [i for i, phase in enumerate(phases) if phase.mode == mode and not phase.runs]
         model = modes.model(mode)
-        p = np.array([phases[i].parameters(modes, request.parameters) for i in some]).reshape(len(some), -1)
+        p = parameters_of_phases(modes, [phases[i] for i in some], request.parameters)
         c: Iterable[Constants] = inputs.prepare_rows(model.stages.program, p) if stops is None else ()
         if stops is not None:
             c = [_constants_along(model, phases[i], own, stops) for i, own in zip(some, p, strict=True)]
@@ -65,6 +66,16 @@ def trajectories(
             ended = status if i == len(phases) - 1 else Status.SUCCESS
             found[i] = _trajectory(modes, model, phases[i], row, ended, labels, dense, acts)
     return [motion for motion in found if motion is not None]
+
+
+def parameters_of_phases(modes: ModeModels, phases: Sequence[RecordedPhase], given: Mapping[str, float]) -> FloatArray:
+    """Return the parameters (k, n_p) of the model of the mode that phases share."""
+    layout, mode = modes.model(phases[0].mode).layout, phases[0].mode
+    values = {**layout.defaults, **given, **modes.added(mode, np.array([phase.added for phase in phases]))}
+    p = np.empty((len(phases), len(layout.parameters)))
+    for place, name in enumerate(layout.parameters):
+        p[:, place] = values[name]
+    return p
 
 
 def _constants_along(model: CompiledModel, phase: RecordedPhase, p: FloatArray, stops: Stops) -> Segments:
@@ -101,8 +112,8 @@ def _trajectory(
         t = np.array([phase.t0])
         y = modes.states(phase.mode, t, phase.x[np.newaxis], constants_at(c, t).reshape(1, -1))
         output = PiecewisePolynomial(np.array([phase.t0, phase.t0]), y.reshape(1, 1, n))
-    counted = rows[:, ATTEMPTS_AT]  # anew behind every stop
-    attempts = int(counted[np.append(counted[1:] <= counted[:-1], True)].sum()) if len(rows) else 0
+    counted = rows[:, ATTEMPTS_AT].tolist()  # anew behind every stop
+    attempts = int(sum(a for a, b in pairwise([*counted, 0.0]) if b <= a))
     stats = RunStatistics(method, len(rows), attempts - len(rows), attempts, model.stages.compile_seconds, 0.0, "")
     run = Trajectory(model.stages.program, c, status, t, y, stats, output if dense else None)
     run.ended_at(phase.t1)
@@ -116,8 +127,10 @@ def _recorded(
     rows: FloatArray, n: int, t0: float, method: str, acts: bool
 ) -> tuple[FloatArray, FloatArray, PiecewisePolynomial]:
     """Return times, states (k + 1, n) and the continuous output of recorded steps from a start on."""
-    polynomials, t = rows[:, FIRST_AT + 2 * n :].reshape(len(rows), n, -1), np.append(t0, rows[:, ENDED_AT])
-    y = np.concatenate([polynomials[:1, :, 0], rows[:, FIRST_AT + n : FIRST_AT + 2 * n]])
+    polynomials = rows[:, FIRST_AT + 2 * n :].reshape(len(rows), n, -1)
+    t, y = np.empty(len(rows) + 1), np.empty((len(rows) + 1, n))
+    t[0], t[1:] = t0, rows[:, ENDED_AT]
+    y[0], y[1:] = polynomials[0, :, 0], rows[:, FIRST_AT + n : FIRST_AT + 2 * n]
     if acts:
         y[1:-1] = polynomials[1:, :, 0]
     return t, y, PiecewisePolynomial(t, partial(_coefficients, rows, polynomials, in_time=method == "taylor"))

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...codegen.host_code import raise_failure
-from ...codegen.llvm.loops import loop_named
+from ...codegen.llvm.loops import Loop, loop_named
 from ...codegen.runs import CaseRun, LoopCall
 from ...hybrid.automaton import BITS
+from ...integrators.addresses import AddressTable
 from ...integrators.arguments import address_of, pack
 from ...integrators.phase_loop import PhaseArguments
 from ...integrators.phase_stops import StopTable, no_stops
@@ -38,8 +39,9 @@ _PATIENCE = 4096
 @final
 @dataclass(frozen=True, eq=False)
 class _Threads:
-    """Runners as the loop sees them, the memory of threads, the calls of the first, and what must stay alive."""
+    """The loop, runners as it sees them, the memory of threads, the calls of the first, and what must stay alive."""
 
+    loop: Loop
     plan: PhasePlan
     spaces: list[ThreadWorkspace]
     turn: NDArray[np.int64]
@@ -109,7 +111,7 @@ class PhaseExecutor:
 
     def _work_here(self, threads: _Threads, order: NDArray[np.int64], paused: Callable[[], None] | None) -> None:
         """Call the loop in this thread."""
-        loop, packed = loop_named("phase_loop").call, self._packed
+        loop, packed = threads.loop.call, self._packed
         if not packed:
             packed = threads.packed(self.table, order)
             self._packed = [] if self.threads else packed
@@ -124,7 +126,7 @@ class PhaseExecutor:
 
     def _work(self, threads: _Threads, order: NDArray[np.int64]) -> None:
         """Call the loop in threads."""
-        loop, packed, numbers = loop_named("phase_loop").call, threads.packed(self.table, order), itertools.count()
+        loop, packed, numbers = threads.loop.call, threads.packed(self.table, order), itertools.count()
         stopping = threading.Event()
 
         def work() -> None:
@@ -160,7 +162,8 @@ class PhaseExecutor:
         patience = 0 if self.threads else _PATIENCE
         made = [thread_workspace(choice, self.table, together, lanes, patience) for _ in range(key[2])]
         spaces, calls = [each[0] for each in made], made[0][1]
-        self._made, self._packed = (key, _Threads(self._plan(), spaces, np.zeros(1, np.int64), calls, made)), []
+        loop, turn = loop_named("phase_loop"), np.zeros(1, np.int64)
+        self._made, self._packed = (key, _Threads(loop, self._plan(), spaces, turn, calls, made)), []
         return self._made[1]
 
     def _carry_signs(self) -> None:
@@ -177,18 +180,20 @@ class PhaseExecutor:
         choice, modes, runners = self.choice, self.choice.modes, self.choice.runners
         width = max((len(runner.model.layout.parameters) for runner in runners), default=0)
         columns = np.zeros((len(runners), max(width, 1)), np.int64)
-        lines, guards = np.zeros((len(runners), len(RunnerTable._fields)), np.int64), list[tuple[int, int]]()
-        for line, row, runner in zip(lines, columns, runners, strict=True):
+        lines, guards = np.zeros((4, len(runners)), np.int64), list[tuple[int, int]]()
+        expand = AddressTable.zeros(len(runners))
+        for i, (row, runner) in enumerate(zip(columns, runners, strict=True)):
             names = runner.model.layout.parameters if runner.expands else ()
             row[: len(names)] = [choice.rows.parameters[name] for name in names]
-            expand = runner.model.engine.code(modes.expansion(runner.mode))[0] if runner.expands else 0
-            line[1:] = runner.size, len(names), len(runner.events), len(guards), expand
+            if runner.expands:
+                expand[i] = runner.model.engine.code(modes.expansion(runner.mode))[0]
+            lines[:, i] = runner.size, len(names), len(runner.events), len(guards)
             guards += [(g.contact, BITS.get((g.kind, g.sign), 0)) for g in modes.guards(runner.mode)]
         watched = choice.reductions.events
         return PhasePlan(
             contact_data=modes.engine().code(modes.automaton.contact_data)[0],
-            decide=loop_named(LOOP).address,
-            runners=RunnerTable(*np.ascontiguousarray(lines.T))._replace(mode=choice.served),
+            decide=loop_named(LOOP).entry,
+            runners=RunnerTable(choice.served, lines[0], lines[1], lines[2], lines[3], expand),
             columns=columns,
             guards=np.array(guards, np.int64).reshape(len(guards), 2),
             terminal=np.array([int(event.terminal) for event in watched], np.int64),

@@ -7,6 +7,7 @@ from threading import get_ident
 import numpy as np
 
 from ...arrays import FloatArray
+from ...codegen.llvm.admission import Admission
 from ...codegen.runs import Final, Prepared, PreparedStates
 from ...methods.status import Status
 from ...options import PrepareOptions
@@ -24,6 +25,8 @@ def prepared(modes: ModeModels, t_span: tuple[float, float], options: PrepareOpt
 
     Every thread keeps its memory.
     """
+    tests = modes.admission
+    admission = None if tests is None else Admission(tests, t_span[0], options.rtol)
     spans = np.array([t_span[0]]), np.array([t_span[1]])
     stopping = modes.changes or (options.inputs is not None and options.inputs.sampled)
     own: dict[int, CaseRuns] = {}
@@ -39,4 +42,4 @@ def prepared(modes: ModeModels, t_span: tuple[float, float], options: PrepareOpt
         case.run()
         return case.cases.x[0].copy(), case.status
 
-    return PreparedStates(run)
+    return PreparedStates(run, admission)

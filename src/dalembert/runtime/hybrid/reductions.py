@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
+from ...errors import list_names
 from ...integrators.cases import BlockResult
 from ...integrators.event_code import Event
 from ...methods.status import Status
 from ...results.hybrid_sweep import States
+from ...results.shared_loads import shared_outputs
 from ..reductions import Reduction
 from .output_values import OutputValues
 
@@ -91,6 +95,7 @@ class PhaseReductions:
         about : (ndarray, ndarray)
             What happened, and minima, maxima and integrals, as `at_start` has them.
         """
+        self._warn_of_shared_loads(value)
         happened, totals = about
         found = np.full((len(last.t), len(self.table)), np.nan)
         names = list(self.table)
@@ -107,3 +112,22 @@ class PhaseReductions:
             found[np.ix_(here, columns)] = code.reduced(spans, ends, y, c, totals[here], np.empty((len(here), 0)))
         found[~np.isin(status, (Status.SUCCESS, Status.EVENT))] = np.nan
         return found
+
+    def _warn_of_shared_loads(self, value: OutputValues) -> None:
+        """Warn of reductions of reactions that contacts may have shared: they are of least norm, whatever the laws."""
+        shared = frozenset[str]().union(
+            *(shared_outputs(model.stages.program) for model in value.modes.compiled.values())
+        )
+        lost = [
+            name
+            for name, each in self.table.items()
+            if str(each.expression) in shared or not shared.isdisjoint(re.findall(r"\w+", str(each.expression)))
+        ]
+        if lost:
+            warnings.warn(
+                f"reductions {list_names(lost)}: contacts may share loads that the equations do not determine, and"
+                " reductions take reactions of least norm, which may pull at contacts or leave their cones of friction."
+                " Samples at t_eval have those of least norm that do not",
+                UserWarning,
+                stacklevel=2,
+            )

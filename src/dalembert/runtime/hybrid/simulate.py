@@ -19,9 +19,9 @@ from ...results.hybrid import HybridTrajectory, Part, Phase
 from ...results.motion import RunStatistics
 from ...results.trajectory import Trajectory
 from ..simulate import simulate_in_own_time
-from .mode_models import ModeModels
+from .mode_models import ModeModels, Violation
 from .motion_recorder import RecordedPhase, recorder_of
-from .phase_motions import trajectories
+from .phase_motions import parameters_of_phases, trajectories
 from .request import MotionRequest
 
 __all__ = ["simulate"]
@@ -47,7 +47,9 @@ def simulate(request: MotionRequest[SimulateOptions]) -> HybridTrajectory:
             _refuse(request, phases, now)
         kept = _kept(phases, status)
         runs = trajectories(kept, request, status, stops)
-        parts = [_part(modes, phase, run) for phase, run in zip(kept, runs, strict=True)] or [_start(request, now)]
+        about = {mode: (modes.named(mode), modes.violation(mode)) for mode in {phase.mode: None for phase in kept}}
+        parts = [_part(phase, run, *about[phase.mode]) for phase, run in zip(kept, runs, strict=True)]
+        parts = parts or [_start(request, now)]
         note = _note(modes, phases, now, status) or recorder.note
         end = now.x[0].copy()
     stats = _statistics(parts, options, note, (seconds, time.perf_counter() - begin - seconds))
@@ -60,21 +62,21 @@ def simulate(request: MotionRequest[SimulateOptions]) -> HybridTrajectory:
         whole.append(_after_jump(parts[-1], request, after))
 
     def make(some: Sequence[Part]) -> HybridTrajectory:
-        about = status, stats, modes.equations.name, modes.layout
-        return HybridTrajectory(some, [part.phase for part in parts], None, whole, *about)
+        ended = status, stats, modes.equations.name, modes.layout
+        return HybridTrajectory(some, [part.phase for part in parts], None, whole, *ended)
 
     run, times = make(whole), options.t_eval
     if times is not None:
         forward = 1.0 if request.t1[0] >= request.t0[0] else -1.0
-        run = run(times[(times - parts[-1].phase.t1) * forward <= 0.0])
+        run = run.at_elapsed(times[(times - parts[-1].phase.t1) * forward <= 0.0], options.origin)
     if not request.labels or not kept:
         return run
     return run.with_events(EventRecords(_event_history(request, kept, parts, make), modes.equations.symbols.aliases))
 
 
-def _part(modes: ModeModels, phase: RecordedPhase, run: Trajectory) -> Part:
-    """Return a phase with its motion."""
-    return Part(Phase(phase.t0, phase.t1, modes.named(phase.mode)), run, modes.violation(phase.mode))
+def _part(phase: RecordedPhase, run: Trajectory, named: Mapping[str, str], violation: Violation) -> Part:
+    """Return a phase with its motion, what each contact does in it, and how constraints are violated."""
+    return Part(Phase(phase.t0, phase.t1, named), run, violation)
 
 
 def _after_jump(part: Part, request: MotionRequest[SimulateOptions], x: FloatArray) -> Part:
@@ -158,7 +160,8 @@ def _refuse(request: MotionRequest[SimulateOptions], phases: Sequence[RecordedPh
     modes = request.modes
     for phase in phases[-1:]:
         model = modes.model(phase.mode)
-        own = dict(zip(model.layout.parameters, phase.parameters(modes, request.parameters), strict=True))
+        p = parameters_of_phases(modes, [phase], request.parameters)[0]
+        own = dict(zip(model.layout.parameters, p.tolist(), strict=True))
         x = dict(zip(model.layout.variables, phase.x.tolist(), strict=True))
         model.for_segments.state(x, own, t=phase.t0)
     raise modes.decisions.start_error(now) or InitialStateError("the initial state contradicts the contacts")

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ...codegen.host_code import HostCode, columns_at
+from ...codegen.host_code import columns_at, host_code
+from ...integrators.addresses import AddressTable, OwnedAddress
 from ...integrators.breakpoints import CaseBreaks
 from ...integrators.input_steps import no_inputs
 from ...integrators.phase_stops import BEFORE_START, StopTable
@@ -24,7 +25,7 @@ __all__ = ["Stops", "stops_of"]
 @final
 @dataclass(frozen=True, eq=False)
 class Stops:
-    """Stops of some cases, as the loop over phases has them, and what must stay alive with them.
+    """Stops of some cases, as the loop over phases has them.
 
     `breaks` are the changes of conditions on time, `inputs` values with knots; None without any. In cases that are
     `senseless` (k,) the periods or offsets of controllers make no sense, and nothing acts.
@@ -34,12 +35,11 @@ class Stops:
     breaks: CaseBreaks | None
     inputs: GivenInputs | None
     senseless: NDArray[np.bool_]
-    held: object
 
     @property
     def acts(self) -> bool:
         """Whether controllers act."""
-        return len(self.table.kernels) > 0
+        return self.table.kernels.size > 0
 
 
 def stops_of(
@@ -93,21 +93,13 @@ def stops_of(
         next=np.full(k, BEFORE_START, np.int64),
         edges=np.zeros(k),
         place=0 if breaks is None or breaks.place is None else breaks.place,
-        kernels=np.array([code.address for code in codes], np.int64),
+        kernels=AddressTable(codes),
         columns=np.cumsum([0, *(len(own) for own in places)]).astype(np.int64),
         places=np.array([place for own in places for place in own], np.int64),
         inputs=no_inputs() if records is None else records.table(k),
         coefficients=np.zeros((0, 0)) if records is None else np.zeros((p.shape[1], k)),
     )
-    return Stops(table, breaks, None if records is None else given, senseless, (records, codes))
-
-
-@final
-@dataclass(frozen=True)
-class _Code:
-    """Code of an engine."""
-
-    address: int
+    return Stops(table, breaks, None if records is None else given, senseless)
 
 
 def _places(sampling: Sampling, action: Action) -> tuple[int, ...]:
@@ -116,11 +108,11 @@ def _places(sampling: Sampling, action: Action) -> tuple[int, ...]:
     return action.places or tuple(names.index(name) for name in (*action.inputs, *action.states))
 
 
-def _action_code(modes: ModeModels, sampling: Sampling, action: Action) -> HostCode | _Code:
+def _action_code(modes: ModeModels, sampling: Sampling, action: Action) -> OwnedAddress:
     """Return code of what a controller sets; that of a Python function is for a case that is alone."""
     engine = modes.engine()
     if action.kernel is not None:
-        return _Code(engine.code(action.kernel)[0])
+        return engine.code(action.kernel)[0]
     lanes, layout = engine.code(modes.automaton.contact_data)[1], sampling.layout
     places = list(_places(sampling, action))
 
@@ -133,7 +125,7 @@ def _action_code(modes: ModeModels, sampling: Sampling, action: Action) -> HostC
         columns_at(out, len(places), lanes)[:, 0] = sampling.called(action, float(now[0]), x.copy(), p.copy())[places]
         return 0
 
-    return HostCode(act)
+    return host_code(act)
 
 
 _Lists = list[tuple[FloatArray, FloatArray, NDArray[np.int64]]]

@@ -7,6 +7,7 @@ import time
 import numpy as np
 
 from ...arrays import FloatArray
+from ...integrators.contact_cases import UNDECIDED
 from ...methods.status import RUNNING, Status
 from ...options import SweepOptions
 from ...progress import meter
@@ -39,7 +40,7 @@ def sweep(
     assert options.threads is not None
     chosen = None if options.chosen is None else options.method_chosen
     choice = RunnerChoice(request.modes, options, request.reductions, fits=options.fits, chosen=chosen)
-    runs = CaseRuns(choice, count, threads=options.threads, t_eval=options.t_eval)
+    runs = CaseRuns(choice, count, threads=options.threads, t_eval=options.t_eval, origin=options.origin)
     runs.begin(request.t0, request.t1, request.x, request.p, stops)
     status = runs.numbers.state
     status[:] = request.status
@@ -53,6 +54,9 @@ def sweep(
             runs.run(request.jumps, together=_BETWEEN_LOOKS if options.progress else None, advance=advance)
         except KeyboardInterrupt:
             runs.interrupt()
+    refused = np.isin(status, (Status.INITIAL_STATE, Status.ASSUMPTION)) | (request.status != RUNNING)
+    refused |= runs.cases.number == UNDECIDED  # no motion begins from where the contacts select no mode
+    runs.drop_results(np.flatnonzero(refused))
     return _results(request, runs, stops, varied, time.perf_counter() - begin)
 
 

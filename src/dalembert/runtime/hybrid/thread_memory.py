@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...codegen.runs import LoopCall
+from ...integrators.addresses import AddressTable
 from ...integrators.arguments import kind_of, pack
 from ...integrators.phase_tables import CaseTable, PhaseProgress, ThreadWorkspace
 from ...integrators.sweep_arguments import SweepArguments
@@ -43,7 +44,7 @@ def thread_workspace(
     deciding = decisions.arguments(table.cases, np.zeros((lanes, numbers)), np.full(lanes, -1), choice.options.rtol)
     space = ThreadWorkspace(
         gathered=aligned(rows.count, together),
-        entries=np.zeros(len(runners), np.int64),
+        entries=AddressTable.zeros(len(runners)),
         packed_args=np.zeros((len(runners), _WORDS), np.int64),
         turns=np.zeros(len(runners), np.int64),
         y=np.zeros(together * size),

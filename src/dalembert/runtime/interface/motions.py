@@ -85,8 +85,8 @@ def simulate(
         Whether to run a twin at a hundredth of the tolerances beside it, from which
         ``trajectory.error_estimate["x"]`` estimates the global error of anything at the recorded times.
     events : sequence of Event, SymPy expressions or names
-        Expressions whose sign changes are located to rounding, all of them; see `Event`. They are in
-        ``trajectory.events``, by name. A sign change at the very start is none.
+        Expressions whose sign changes are all located, to rounding where they are simple roots; see `Event`. They
+        are in ``trajectory.events``, by name. A sign change at the very start is none.
     project_invariants : bool, str or sequence of str
         First integrals to keep at their initial values by a correction after every step, together with the
         constraints: names as in ``trajectory.invariants``, or True for all that are conserved.
@@ -145,6 +145,10 @@ def prepare(
     project_invariants: Any = False,
 ) -> PreparedRun:
     """Return ``run(state, p)``, which gives the final state of many short runs with next to no overhead.
+
+    A state that contradicts the constraints ends with the status INITIAL_STATE, a number that the declaration of its
+    symbol excludes with ASSUMPTION; the state is then NaN. Residuals of constraints may be those of initial values, or
+    `rtol` of the terms where that is more, and 1e-4 of them in formulations that do not project.
 
     With contacts, states are coordinates, rates and first-order states (2 n_q + n_z,), `max_steps` counts the steps of
     all phases together, a state that the contacts forbid is the status INITIAL_STATE, and `project_invariants` is an

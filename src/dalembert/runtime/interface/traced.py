@@ -36,6 +36,7 @@ def solve_fn(
     max_steps: int = 4096,
     dense: bool = False,
     throw: bool = False,
+    portable: bool = False,
     events: Any = (),
     reduce: Any = None,
 ) -> Any:
@@ -68,6 +69,9 @@ def solve_fn(
     throw : bool
         Whether a run that fails raises `RunFailedError`. Inside ``jax.jit``, ``jax.grad`` and ``jax.vmap`` it is
         raised on the host while the program runs, so that JAX raises an error of its own with that text.
+    portable : bool
+        Whether programs with such runs may be exported (``jax.export``). Else single runs and batches on CPUs are calls
+        of machine code of this process, which are faster, and which ``jax.export`` refuses.
     events, reduce
         As for `sweep`: ``solved.events``, ``solved.reduced`` and ``solved.end`` hold what they give. Symbols that only
         events and reductions contain are further parameters of the function. Such runs, and those of scenes whose
@@ -90,6 +94,11 @@ def solve_fn(
     require(self.backend, self.stages.program, Capability.SOLVE_FUNCTION)
     watching = reduce is not None or not (isinstance(events, tuple) and not events)
     if watching:
+        if portable:
+            raise OptionError(
+                "runs with events or reductions are calls of the host, which jax.export refuses: take portable=True"
+                " without events= and reduce="
+            )
         from ..hosted import hosted_runs, with_symbols  # for these runs alone
 
         self = with_symbols(self, self.layout, events, reduce, self._with_parameters)
@@ -110,15 +119,19 @@ def solve_fn(
         max_steps=max_steps,
         dense=dense,
         throw=throw,
+        portable=portable,
     )
     options = replace(options, method=self.choose_method(method, *options.tolerances))
     engine = cast("TracedEngine", self.engine)
     hosted = hosted_runs(self, given, method, options, events, reduce) if watching else None
-    return (
-        engine.solve_fn(start, options, self._inputs)
-        if hosted is None
-        else engine.hosted_solve_fn(start, options, hosted)
-    )
+    if hosted is not None:
+        return engine.hosted_solve_fn(start, options, hosted, self.derived.dependence)
+    if self.stages.reduced.unproven:
+        raise OptionError(
+            f"solve_fn does not watch constraints that were left out and need not follow everywhere ({self.note}): use"
+            " simulate or sweep, or write the scene with constraints that are independent everywhere"
+        )
+    return engine.solve_fn(start, options, self._inputs, self.derived.dependence)
 
 
 def hybrid_solve_fn(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from ...options import SweepOptions
+from ...results.labels import distinct, value_name
 from .request import Part, Request
 from .store import Columns, Store
 from .swept_models import SweptModel
@@ -52,16 +53,20 @@ def results_of(model: SweptModel, part: Part, options: SweepOptions) -> xarray.D
     results = found.to_xarray()
     if options.error_estimate:
         for name in (*model.model.layout.coordinates, *model.model.layout.rates):
-            results[f"{name}_error"] = (results[name].dims, found.error_estimate[name])
+            place = distinct(f"{name}_error", results.variables, "_value")
+            results[place] = (results[value_name(name)].dims, found.error_estimate[name])
     return results.isel(case=slice(part.leaders, None))
 
 
 def columns_of(results: xarray.Dataset, request: Request) -> Columns:
     """Return the arrays over the cases: results and varied values. Values of axes are stored once, elsewhere."""
     columns = {str(name): np.asarray(v) for name, v in results.variables.items() if v.dims[:1] == ("case",)}
-    for axis in () if request.cases is None else request.cases.axes:
-        given = columns.pop(f"{axis}_given", None)
-        values = columns.pop(axis)
-        if given is not None:
-            columns[f"{axis}_value"] = values
-    return columns
+    axes: Sequence[str] = () if request.cases is None else tuple(request.cases.axes)
+    given = {axis: f"{axis}_given" if f"{axis}_given" in results.coords else axis for axis in axes}
+    renamed = {
+        axis: distinct(f"{axis}_value", columns, "_value")
+        for axis, name in given.items()
+        if name != axis and value_name(axis) == axis
+    }
+    left_out = set(given.values())
+    return {renamed.get(name, name): values for name, values in columns.items() if name not in left_out}

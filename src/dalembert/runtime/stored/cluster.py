@@ -18,7 +18,7 @@ from typing import Any, final
 from uuid import uuid4
 
 from ...errors import StoredSweepError, StoredSweepWarning
-from ...once import derived_once
+from ...once import BoundedTable, derived_once
 from ...options import SweepOptions
 from .chunks import ChunkJob
 from .digests import digest_of
@@ -39,9 +39,9 @@ _LOOK = 20.0
 """Seconds after which it is looked again whether a cluster has any worker."""
 _MOST = 4
 """Jobs, and models, that a process of a cluster keeps."""
-_JOBS: dict[bytes, ChunkJob] = {}
+_JOBS: BoundedTable[bytes, ChunkJob] = BoundedTable(_MOST)
 """Jobs that were sent to this process."""
-_MODELS: dict[str, SweptModel] = {}
+_MODELS: BoundedTable[str, SweptModel] = BoundedTable(_MOST)
 """Models of these jobs, and of earlier ones, by the digests of their programs."""
 
 
@@ -89,7 +89,7 @@ class _SentJob:
             from .jax_device import take_own_device
 
             take_own_device()
-        model = derived_once(_MODELS, self.program, lambda: unpacked(program or b""), most=_MOST)
+        model = derived_once(_MODELS, self.program, lambda: unpacked(program or b""))
         return ChunkJob(model, self.options, self.request, self.leaders, store)
 
 
@@ -181,7 +181,7 @@ def _run_remotely(wanted: Mapping[str, str], text: bytes, chunk: int, given: Par
 
 def _job_of(text: bytes) -> ChunkJob:
     """Return a job that was sent to this process, its model compiled once, whichever threads need it."""
-    return derived_once(_JOBS, text, lambda: _received(text), most=_MOST)
+    return derived_once(_JOBS, text, lambda: _received(text))
 
 
 def _received(text: bytes) -> ChunkJob:

@@ -13,6 +13,7 @@ from ...errors import ValueInputError
 from ...integrators.samples import Samples
 from ...ir.program import Layout
 from ...results.grid import Grid
+from ...results.labels import given_name
 from ...results.sampler import CaseSampler, CaseSet, case_set
 
 __all__ = ["Given", "Part", "Request", "request_of"]
@@ -157,7 +158,7 @@ def request_of(layout: Layout, given: Given, cases: Any) -> Request:
     shape: tuple[int, ...] = (next(iter(lengths.values()), 1),)
     dims: tuple[str, ...] = ("case",)
     if isinstance(cases, Grid):
-        shape, dims = cases.shape, tuple(cases.axes)
+        shape, dims = cases.shape, tuple(map(given_name, cases.axes))
         if lengths and set(lengths.values()) != {int(np.prod(shape))}:
             listed = ", ".join(f"{name} has {n}" for name, n in lengths.items())
             raise ValueInputError(

@@ -2,45 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import MissingExtraError, OptionError
+from .description import PROGRESS, begin, described_group, packages
 from .digests import checksum, digest_of
 from .request import Request
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["COORDINATES", "DIGEST", "Store", "StoreLayout", "packages"]
+__all__ = ["COORDINATES", "VARIABLES", "Store", "StoreLayout"]
 
-DIGEST, CHUNK, COORDINATES = "dalembert_digest", "dalembert_chunk", "dalembert_coordinates"
-_PROGRESS, _DONE, _PROGRAM = "progress", "progress/done", "program-"
+CHUNK, COORDINATES, VARIABLES = "dalembert_chunk", "dalembert_coordinates", "dalembert_variables"
+_DONE, _PROGRAM = f"{PROGRESS}/done", "program-"
 
 Columns = Mapping[str, NDArray[Any]]
-
-
-def packages() -> tuple[Any, Any]:
-    """Return the packages zarr and xarray.
-
-    Raises
-    ------
-    MissingExtraError
-        Without them.
-    """
-    try:
-        import xarray
-        import zarr
-    except ImportError as reason:
-        raise MissingExtraError(
-            f'sweep(to=...) needs {reason.name}; install it with: pip install "dalembert[dask]"'
-        ) from None
-    return zarr, xarray
 
 
 @final
@@ -85,97 +67,70 @@ class Store:
 
     @classmethod
     def create(cls, where: Any, rows: int, attributes: Mapping[str, Any]) -> Store:
-        """Begin a store without arrays."""
-        zarr, _ = packages()
-        described = {**attributes, CHUNK: rows}
-        group = zarr.create_group(where, attributes=described, overwrite=False)
-        group.create_group(_PROGRESS, attributes=described)
-        return cls(where, group, rows)
+        """Begin a store without arrays, or return the one that another process has begun in the meantime."""
+        begin(where, {**attributes, CHUNK: rows})
+        store = cls.open(where)
+        assert store is not None
+        return store
 
     @classmethod
     def open(cls, where: Any) -> Store | None:
-        """Return the store that is there, None where there is none.
-
-        Raises
-        ------
-        OptionError
-            Where there is something else, and for what is no place of a store.
-        """
-        zarr, _ = packages()
-        try:
-            group = zarr.open_group(where, mode="r+")
-        except TypeError as error:
-            raise OptionError(
-                f"to= takes a path of a folder or a store of zarr, not {where!r}, of type {type(where).__name__}"
-            ) from error
-        except FileExistsError:  # a file, where zarr makes a folder
-            raise OptionError(
-                f"to={str(where)!r} is a file, and a store is a folder; nothing was written. Choose another name"
-            ) from None
-        except (FileNotFoundError, zarr.errors.GroupNotFoundError, ValueError):
-            group = cls._recovered(where)
-            if group is None and isinstance(where, str | Path) and Path(where).exists() and any(Path(where).iterdir()):
-                raise OptionError(
-                    f"to={str(where)!r} exists and is no store of a sweep; nothing was written. Choose another name, or"
-                    " remove it"
-                ) from None
-            if group is None:
-                return None
-        if DIGEST not in group.attrs:
-            raise OptionError(
-                f"to={where!r} is a zarr group that no sweep wrote; nothing was written. Choose another name"
-            )
-        return cls(where, group, int(group.attrs[CHUNK]))
-
-    @staticmethod
-    def _recovered(where: Any) -> Any:
-        """Return the group whose first file is missing or damaged, written anew; None where there is no store."""
-        zarr, _ = packages()
-        try:
-            attributes = dict(zarr.open_group(where, path=_PROGRESS, mode="r").attrs)
-        except (FileNotFoundError, zarr.errors.GroupNotFoundError, ValueError):
-            return None
-        return zarr.create_group(where, attributes=attributes, overwrite=False) if DIGEST in attributes else None
+        """Return the store that is there, None where there is none; see `described_group`."""
+        group = described_group(where)
+        return None if group is None else cls(where, group, int(group.attrs[CHUNK]))
 
     def lay_out(self, request: Request, layout: StoreLayout) -> None:
         """Make the arrays that are missing or damaged."""
-        if not self._is_whole(_PROGRESS):
-            self.group.create_group(_PROGRESS, attributes=dict(self.group.attrs), overwrite=True)
         for name, values in layout.coordinates.items():
-            if not self._is_whole(name, values):
-                array = self.group.create_array(name, data=np.asarray(values), dimension_names=(name,), overwrite=True)
-                array.attrs["units"] = "s" if name == "time" else ""
+            units = {"units": "s" if name == "time" else ""}
+            self._make(name, values.shape, values.dtype, dimension_names=(name,), attributes=units)
+            if not self._has(name, values):
+                self.group[name][:] = values
         for name, values in layout.columns.items():
-            if not self._is_whole(name):
-                self._create_column(name, values, request, layout.attributes.get(name, {}))
-        if not self._is_whole(_DONE):
-            count = -(-request.shape[0] // self.rows)
-            done = {"shape": (count,), "chunks": (1,), "dtype": "uint64", "fill_value": 0}
-            self.group.create_array(_DONE, **done, config={"write_empty_chunks": True}, overwrite=True)
+            self._make_column(name, values, request, layout.attributes.get(name, {}))
+        count = -(-request.shape[0] // self.rows)
+        self._make(_DONE, (count,), np.dtype("uint64"), chunks=(1,), fill_value=0, config={"write_empty_chunks": True})
 
-    def _create_column(self, name: str, values: NDArray[Any], request: Request, attributes: Mapping[str, Any]) -> None:
+    def _make_column(self, name: str, values: NDArray[Any], request: Request, attributes: Mapping[str, Any]) -> None:
         """Make an array over the cases."""
         from zarr.codecs import BloscCodec
 
         further = values.shape[1:]
-        self.group.create_array(
+        self._make(
             name,
-            shape=(*request.shape, *further),
+            (*request.shape, *further),
+            values.dtype,
             chunks=(min(self.rows, request.shape[0]), *request.shape[1:], *further),
-            dtype=values.dtype,
             compressors=BloscCodec(cname="lz4", clevel=5, shuffle="shuffle"),
             fill_value=np.nan if values.dtype.kind == "f" else -1,
             dimension_names=(*request.dims, *(("time",) if further else ())),
             attributes=dict(attributes),
             config={"write_empty_chunks": True},
-            overwrite=True,
         )
 
-    def _is_whole(self, name: str, values: NDArray[Any] | None = None) -> bool:
-        """Whether an array or group is there, with these values if any are given."""
+    def _make(self, name: str, shape: tuple[int, ...], dtype: Any, **further: Any) -> None:
+        """Make an array, unless it is there.
+
+        Another process may make it at the same time: what is not damaged is not replaced, since there may be results.
+        """
+        zarr, _ = packages()
+        damaged = False
         try:
             found = self.group[name]
-            return values is None or np.array_equal(found[:], values)
+            if (found.shape, found.dtype) == (shape, dtype) and found.chunks == further.get("chunks", found.chunks):
+                return
+            damaged = True
+        except KeyError:
+            pass
+        except Exception:  # whatever a decoder says of a damaged file
+            damaged = True
+        with contextlib.suppress(zarr.errors.ContainsArrayError):
+            self.group.create_array(name, shape=shape, dtype=dtype, **further, overwrite=damaged)
+
+    def _has(self, name: str, values: NDArray[Any]) -> bool:
+        """Whether an array has these values."""
+        try:
+            return np.array_equal(self.group[name][:], values)
         except Exception:  # whatever a decoder says of a damaged piece
             return False
 
@@ -220,20 +175,20 @@ class Store:
     def keep_program(self, digest: str, data: bytes) -> None:
         """Keep the program of a model for the workers of a cluster."""
         if self.program(digest) != data:
-            place = f"{_PROGRESS}/{_PROGRAM}{digest}"
+            place = f"{PROGRESS}/{_PROGRAM}{digest}"
             self.group.create_array(place, data=np.frombuffer(data, np.uint8), overwrite=True)
 
     def program(self, digest: str) -> bytes | None:
         """Return the program that has a digest, None where there is none, or where it is damaged."""
         try:
-            data = np.asarray(self.group[f"{_PROGRESS}/{_PROGRAM}{digest}"][:]).tobytes()
+            data = np.asarray(self.group[f"{PROGRESS}/{_PROGRAM}{digest}"][:]).tobytes()
         except Exception:  # whatever a decoder says of a damaged piece
             return None
         return data if digest_of(data) == digest else None
 
     def drop_programs(self) -> None:
         """Remove the programs, of clusters that were lost too."""
-        progress = self.group[_PROGRESS]
+        progress = self.group[PROGRESS]
         for name in [name for name in progress.array_keys() if name.startswith(_PROGRAM)]:
             del progress[name]
 
@@ -243,15 +198,15 @@ class Store:
             unit = variable.attrs.get("units")
             if unit != self.group[str(name)].attrs.get("units"):
                 self.group[str(name)].attrs["units"] = unit
-        for group in (self.group, self.group[_PROGRESS]):
+        for group in (self.group, self.group[PROGRESS]):
             if "parameter_units" in found.attrs:
                 group.attrs["parameter_units"] = found.attrs["parameter_units"]
 
     def dataset(self) -> Any:
-        """Return the results as an ``xarray.Dataset`` that reads the store on demand.
+        """Return the results as an ``xarray.Dataset`` that reads the store on demand, in the order of a sweep's own.
 
         Units are texts: those of times do not make dates.
         """
         _, xarray = packages()
         found = xarray.open_zarr(self.where, consolidated=False, decode_times=False)
-        return found.set_coords(list(self.group.attrs[COORDINATES]))
+        return found.set_coords(list(self.group.attrs[COORDINATES]))[list(self.group.attrs[VARIABLES])]

@@ -15,13 +15,14 @@ import numpy as np
 from ...errors import MissingExtraError, OptionError, StoredSweepError
 from ...options import StoreOptions, SweepOptions
 from ...processors import available_threads
-from ...results.labels import with_units
+from ...results.labels import given_name, with_units
 from ...version import __version__
 from .chunks import ChunkJob, columns_of, results_of
+from .description import DIGEST, packages
 from .execution import compute_missing
 from .machines import difference, machine, names_of
 from .request import Given, Request, request_of
-from .store import COORDINATES, DIGEST, Columns, Store, StoreLayout, packages
+from .store import COORDINATES, VARIABLES, Columns, Store, StoreLayout
 from .swept_models import SweptModel
 
 if TYPE_CHECKING:
@@ -34,8 +35,8 @@ _PILOT, _LARGEST_PILOT, _PILOT_SECONDS = 256, 1 << 14, 0.02
 _SECONDS, _BYTES, _FEWEST_BYTES = 4.0, 128 << 20, 16 << 20
 """Most seconds of one thread, and most bytes of results, of a chunk; threads of this process share these bytes."""
 _MACHINE = "dalembert_machine"
-_NO_MATTER = ("grid", "inputs", "threads", "progress")
-"""Options on which results do not depend, or that are among the cases."""
+_NO_MATTER = ("grid", "inputs", "threads", "progress", "origin")
+"""Options on which results do not depend, or that are among the cases: the origin is the start of each."""
 
 
 def stored_sweep(model: SweptModel, given: Given, options: SweepOptions, where: StoreOptions) -> xarray.Dataset:
@@ -101,13 +102,15 @@ def _laid_out(
     most: Callable[[Columns], int],
 ) -> Store:
     """Return the store with all its arrays; a new one has chunks of as many cases as `most` says of some results."""
-    columns = columns_of(pilot, request)
+    columns, axes = columns_of(pilot, request), _coordinates(request, pilot)
     if store is None:
-        coordinates = sorted(set(map(str, pilot.coords)) & set(columns))
+        coordinates = [name for name in map(str, pilot.coords) if name in columns]
         rows = int(min(max(1, most(columns) // request.row), request.shape[0]))
-        store = Store.create(where.to, rows, {**attributes, COORDINATES: coordinates})
+        names = {COORDINATES: coordinates, VARIABLES: list(dict.fromkeys((*axes, *coordinates, *columns)))}
+        store = Store.create(where.to, rows, {**attributes, **names})
+        _refuse_other(store, where, attributes)  # another process may have begun another sweep in the meantime
     labels = {str(name): dict(values.attrs) for name, values in pilot.variables.items() if values.attrs}
-    store.lay_out(request, StoreLayout(columns, _coordinates(request, pilot), labels))
+    store.lay_out(request, StoreLayout(columns, axes, labels))
     return store
 
 
@@ -156,7 +159,7 @@ def _require_distributed(where: StoreOptions) -> None:
 
 def _coordinates(request: Request, pilot: xarray.Dataset) -> Columns:
     """Return the values along axes."""
-    axes = {} if request.cases is None else dict(request.cases.axes)
+    axes = {} if request.cases is None else {given_name(name): values for name, values in request.cases.axes.items()}
     return axes | ({"time": np.asarray(pilot["time"])} if "time" in pilot.coords else {})
 
 
