@@ -103,3 +103,12 @@ def test_kinds_of_times_in_jax():
         model = da.compile_model(ball(False), backend="jax")
         run = model.simulate((0, 1.5), START, {}, events=[JUMP], t_eval=[0.5, 1.0], method="taylor")
         assert run["x_dot"][0] == pytest.approx(-1) and run["x_dot"][1] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_times_are_recorded_as_they_are_given(models):
+    """Also those within rounding before an impact, whose values are those after it."""
+    times = np.array([near(1.0, roundings) for roundings in range(-6, 7)])
+    for method in {"taylor", "dop853", "radau"} & {*models[True].methods}:
+        run = models[True].simulate((0, 1.5), START, {}, t_eval=times, method=method)
+        np.testing.assert_array_equal(run.t, times)
+        np.testing.assert_array_equal(run(times).t, times)

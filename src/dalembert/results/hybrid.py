@@ -240,10 +240,10 @@ class HybridTrajectory(Motion):
         following = np.minimum(place + 1, len(begins) - 1)
         begun = begins[following] - until * forward <= RESOLUTION * np.abs(begins[following])  # as `recorded_after`
         place = np.where(begun, following, place)
-        times = forward * np.maximum(times * forward, begins[place])
+        inside = forward * np.maximum(times * forward, begins[place])  # of the phase that has begun by then
         rows = [np.flatnonzero(place == number) for number in range(len(lasting))]
         parts = [
-            Part(part.phase, _at(part, times[some]), part.violation)
+            Part(part.phase, _at(part, inside[some]), part.violation)
             for part, some in zip(lasting, rows, strict=True)
             if len(some)
         ]
