@@ -27,6 +27,7 @@ from .once import deriving
 from .options import CompileOptions
 from .progress import enter_stage
 from .reduction import ReducedSystem, reduce
+from .reduction.baumgarte import with_fixed_gains
 from .scene import Scene
 from .scene.model import SceneModel
 from .scene.reading import read
@@ -173,7 +174,7 @@ def derive_scene(scene: Scene, options: CompileOptions) -> Derivation:
                 for name in unused
             ],
         )
-    equations = watch("derive", lambda: derive(model))
+    equations = watch("derive", lambda: with_fixed_gains(derive(model), options.gains))
     return Derivation(scene, model, equations, watch.seconds)
 
 
@@ -218,7 +219,7 @@ def compile_equations(
         single, whole = mode, equations
         equations = watch("mode", lambda: mode_equations(whole, single))
         names += [point.output for point in equations.guards]
-    reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, options.gains, without))
+    reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, without))
     _refuse_names_of_the_state(derivation.model, reduced)
     if kept:
         from .reduction.invariant_projection import project_invariants

@@ -19,9 +19,9 @@ from dalembert.runtime.symbol_assumptions import contradicts
 from dalembert.transforms.lower_kernels import lower_kernel
 from scene.builders import quaternion_body
 
-x, y, u = dynamicsymbols("x y u")
+x, y, z, u = dynamicsymbols("x y z u")
 t = dynamicsymbols._t
-m, g, k, ell = symbols("m g k ell", positive=True)
+m, g, k, ell, e = symbols("m g k ell e", positive=True)
 P = {m: 1.0, g: 9.81}
 
 
@@ -37,6 +37,21 @@ def ring(*, given: bool = False, late: bool = False) -> da.Scene:
         scene.add_inputs(u)
     if late:
         scene.add_loads((bead, Piecewise((0, t < sqrt(2) / 4), (1, True)) * N.x))
+    return scene
+
+
+def pipe() -> da.Scene:
+    """Return a ball in an upright pipe of radius 1, with a floor."""
+    N, O = ReferenceFrame("N"), Point("O")
+    R, normal = da.unknowns("R normal")
+    ball = O.locatenew("P", x * N.x + y * N.y + z * N.z)
+    scene = da.Scene("ball in a pipe", frame=N, origin=O, coordinates=[x, y, z])
+    scene.add_bodies(Particle("p", ball, m))
+    scene.apply_uniform_gravity(-g * N.y)
+    scene.add_joints(da.Joint("floor", body="p", at=ball, force=normal * N.y))
+    scene.add_joints(da.Joint("pipe", body="p", at=ball, force=R * (x * N.x + z * N.z)))
+    scene.add_holonomic_constraints(x**2 + z**2 - 1)
+    scene.add_contacts(da.UnilateralContact(gap=y, normal=normal, restitution=e, name="floor"))
     return scene
 
 
@@ -154,18 +169,7 @@ def test_residuals_are_compared_with_their_limits() -> None:
 
 
 def test_variables_of_scenes_with_contacts() -> None:
-    N, O, e = ReferenceFrame("N"), Point("O"), symbols("e", positive=True)
-    R, normal = da.unknowns("R normal")
-    z = dynamicsymbols("z")
-    ball = O.locatenew("P", x * N.x + y * N.y + z * N.z)
-    scene = da.Scene("ball in a pipe", frame=N, origin=O, coordinates=[x, y, z])
-    scene.add_bodies(Particle("p", ball, m))
-    scene.apply_uniform_gravity(-g * N.y)
-    scene.add_joints(da.Joint("floor", body="p", at=ball, force=normal * N.y))
-    scene.add_joints(da.Joint("pipe", body="p", at=ball, force=R * (x * N.x + z * N.z)))
-    scene.add_holonomic_constraints(x**2 + z**2 - 1)
-    scene.add_contacts(da.UnilateralContact(gap=y, normal=normal, restitution=e, name="floor"))
-    model = da.compile_model(scene)
+    model = da.compile_model(pipe())
     run, p = model.prepare((0.0, 1.0)), model.parameter_vector({**P, e: 0.5})
     start = np.array([1.0, 0.3, 0.0, 0.0, 0.0, 1.0])
     np.testing.assert_allclose(run(start, p)[[0, 2]], [np.cos(1.0), np.sin(1.0)], atol=1e-7)
@@ -178,17 +182,62 @@ def test_variables_of_scenes_with_contacts() -> None:
         assert run.status is status
 
 
+BEAD = np.array([0.6, -0.8, 0.8, 0.6])
+
+
+def ring_before() -> Any:
+    """Return the state of the bead of `ring` at -1, when it is at `BEAD` at 0.5."""
+    exact = da.compile_model(ring(), formulation="projected", backend="llvm")
+    return exact.prepare((0.5, -1.0), rtol=1e-12, atol=1e-13)(BEAD, exact.parameter_vector(P))
+
+
 def test_violations_decay_in_runs_backward_in_time() -> None:
     """A ring whose violations grow by exp(10 t) where the gain does not follow the direction of time."""
-    start = np.array([0.6, -0.8, 0.8, 0.6])
-    initial = dict(zip(("x", "y", "x_dot", "y_dot"), start, strict=True))
-    exact = da.compile_model(ring(), formulation="projected", backend="llvm")
-    end = exact.prepare((0.5, -1.0), rtol=1e-12, atol=1e-13)(start, exact.parameter_vector(P))
+    initial, end = dict(zip(("x", "y", "x_dot", "y_dot"), BEAD, strict=True)), ring_before()
     model = da.compile_model(ring(), formulation="baumgarte", backend="llvm")
     p = model.parameter_vector(P)
-    np.testing.assert_allclose(model.prepare((0.5, -1.0))(start, p), end, atol=1e-9)
+    np.testing.assert_allclose(model.prepare((0.5, -1.0))(BEAD, p), end, atol=1e-9)
     for gains in ({}, {"baumgarte_alpha": 10.0, "baumgarte_beta": 10.0}):
         run = model.simulate((0.5, -1.0), initial, {**P, **gains})
         np.testing.assert_allclose(run.y[-1], end, atol=1e-9)
         sweep = model.sweep((0.5, -1.0), initial, {**P, **gains})
         np.testing.assert_allclose(np.ravel(sweep.y)[-4:], end, atol=1e-9)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "llvm", "numba", "jax"])
+def test_violations_decay_backward_with_gains_of_the_compiler(backend: str) -> None:
+    initial, end = dict(zip(("x", "y", "x_dot", "y_dot"), BEAD, strict=True)), ring_before()
+    model = da.compile_model(ring(), formulation="baumgarte", gains=(10.0, 10.0), backend=backend)
+    assert model.layout.given == ("g", "m")
+    span, wrt = (0.5, -1.0), ["g"]
+    found = [
+        model.simulate(span, initial, P).y[-1],
+        np.ravel(model.sweep(span, initial, P).y)[-4:],
+        model.prepare(span)(BEAD, model.parameter_vector(P)),
+        model.sensitivity(span, initial, P, wrt=wrt).values[-1],
+    ]
+    if backend == "jax":
+        jax = pytest.importorskip("jax")
+        with jax.enable_x64(True):
+            found.append(np.asarray(model.solve_fn(list(initial))(np.array(span), BEAD, P).y[-1]))
+    for state in found:
+        np.testing.assert_allclose(state, end, atol=2e-9)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "llvm"])
+def test_violations_decay_backward_beside_contacts(backend: str) -> None:
+    """A ball in a pipe goes round it by the angle of its speed times the time, whatever its height."""
+    model = da.compile_model(pipe(), formulation="baumgarte", gains=(10.0, 10.0), backend=backend)
+    names, p = model.layout.variables, {**P, e: 0.5}
+    assert model.layout.given == ("e", "g", "m")
+    start = np.array([1.0, 30.0, 0.0, 0.0, 0.0, 1.0])
+    for span in ((0.0, 2.0), (0.0, -2.0)):
+        initial, end = dict(zip(names, start, strict=True)), span[1]
+        sweep = model.sweep(span, initial, p)
+        found = [
+            model.simulate(span, initial, p).q[-1, [0, 2]],
+            [sweep.final["x"][0], sweep.final["z"][0]],
+            model.prepare(span)(start, model.parameter_vector(p))[[0, 2]],
+        ]
+        for place in found:
+            np.testing.assert_allclose(place, [np.cos(end), np.sin(end)], atol=1e-8)

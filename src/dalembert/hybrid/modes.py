@@ -170,7 +170,7 @@ class _ModeEquations:
             symbols=symbols,
             forcing=friction.forcing,
             outputs=outputs | {guard.output: node for guard, node in guards},
-            defaults=added,
+            defaults={**whole.defaults, **added},
             guards=tuple(guard for guard, _ in guards),
             minimum_norm=bool(self.groups),
             cones=self._cones() if self.groups else (),

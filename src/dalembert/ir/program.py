@@ -9,6 +9,7 @@ from typing import final
 from ..naming import rate_name
 from ..once import once
 from .conditions import CONDITION_TIME, Conditions
+from .decay_rates import FIXED_GAINS
 from .input_parameters import hidden_parameters
 from .kernel import Kernel
 from .notation import Reader, word
@@ -55,7 +56,7 @@ class Layout:
     ----------
     coordinates, rates, parameters, unknowns : tuple of str
         Names of q, q_dot, p and of the reaction components. Among the parameters are some that runs set themselves,
-        for inputs and for conditions on time; `given` lists those that users give.
+        for inputs, conditions on time and gains given to the compiler; `given` lists those that users give.
     state : tuple of str
         Names of the components of y.
     outputs : tuple of str
@@ -106,7 +107,7 @@ class Layout:
     @property
     def given(self) -> tuple[str, ...]:
         """Names of the parameters that users give: all that runs do not set themselves."""
-        own = {name for u in self.inputs for name in hidden_parameters(u)} | {CONDITION_TIME}
+        own = {name for u in self.inputs for name in hidden_parameters(u)} | {CONDITION_TIME, *FIXED_GAINS}
         return tuple(name for name in self.parameters if name not in own)
 
     @property

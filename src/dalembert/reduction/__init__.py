@@ -28,7 +28,6 @@ def reduce(
     equations: EquationsOfMotion,
     formulation: str = "auto",
     requested: Sequence[str] = (),
-    gains: tuple[float, float] | None = None,
     without: Sequence[int] = (),
 ) -> ReducedSystem:
     """Return the equations of motion in the given formulation.
@@ -42,8 +41,6 @@ def reduce(
         configuration, else `projected`.
     requested : sequence of str
         Outputs to compute, by name or text.
-    gains : (float, float), optional
-        Gains of `baumgarte` [1/s].
     without : sequence of int
         Constraints that a run found to follow from the others; they are monitored, but not enforced.
 
@@ -69,14 +66,14 @@ def reduce(
     if left_out:
         enforced = replace(equations, constraints=tuple(row for i, row in enumerate(rows) if i not in left_out))
     try:
-        reduced = _reduce(enforced, formulation, requested, gains)
+        reduced = _reduce(enforced, formulation, requested)
     except ConstraintError:
         independent = independent_constraints(enforced)
         if not independent.decided:
             raise
         left_out = tuple(i for i, row in enumerate(rows) if i in left_out or any(row is d for d in independent.dropped))
         unproven = tuple(i for i in left_out if i in unproven or any(rows[i] is d for d in independent.unproven))
-        reduced = _reduce(independent.equations, formulation, requested, gains)
+        reduced = _reduce(independent.equations, formulation, requested)
     reduced = with_states(reduced, reduced.equations)
     if not left_out:
         return reduced
@@ -85,15 +82,13 @@ def reduce(
     return replace(reduced, equations=whole, notes=(*reduced.notes, note), left_out=left_out, unproven=unproven)
 
 
-def _reduce(
-    equations: EquationsOfMotion, formulation: str, requested: Sequence[str], gains: tuple[float, float] | None
-) -> ReducedSystem:
+def _reduce(equations: EquationsOfMotion, formulation: str, requested: Sequence[str]) -> ReducedSystem:
     if formulation == "minimal":
         return FORMULATIONS["minimal"].reduce(equations, requested)
     try:
         minimal = FORMULATIONS["minimal"].reduce(equations, requested if formulation == "auto" else ())
     except FormulationError as reason:
-        settings = ReductionSettings(gains, regular=False)
+        settings = ReductionSettings(regular=False)
         if formulation != "auto":
             return replace(FORMULATIONS[formulation].reduce(equations, requested, settings), regular=False)
         reduced = replace(FORMULATIONS["projected"].reduce(equations, requested, settings), regular=False)
@@ -104,5 +99,5 @@ def _reduce(
         return minimal if not equations.constraints else replace(minimal, notes=(*minimal.notes, why))
     # what minimal has made offers the graph forms of the same accelerations that are often a third as long
     regular = not minimal.pivots  # which vanish at some parameters, where constraints may depend on each other
-    reduced = FORMULATIONS[formulation].reduce(equations, requested, ReductionSettings(gains, regular=regular))
+    reduced = FORMULATIONS[formulation].reduce(equations, requested, ReductionSettings(regular=regular))
     return replace(reduced, regular=regular)

@@ -32,13 +32,10 @@ class ReductionSettings:
 
     Attributes
     ----------
-    gains : (float, float) or None
-        Gains [1/s] of the stabilised acceleration constraint; None leaves them to each run.
     regular : bool
         Whether the constraints are known to be independent at every configuration.
     """
 
-    gains: tuple[float, float] | None = None
     regular: bool = False
 
 

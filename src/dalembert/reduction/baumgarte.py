@@ -11,13 +11,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import final
 
-from ..ir.decay_rates import DECAY_RATE
+from ..ir.decay_rates import DECAY_RATE, FIXED_GAINS
 from ..ir.graph import Node
 from ..mechanics.equations import EquationsOfMotion
 from .base import Formulation, ReducedSystem, ReductionSettings
 from .saddle import SaddlePoint, reduce_saddle, velocity_residuals
 
-__all__ = ["DEFAULT_GAIN", "GAINS", "Baumgarte"]
+__all__ = ["DEFAULT_GAIN", "GAINS", "Baumgarte", "with_fixed_gains"]
 
 GAINS = (DECAY_RATE, "baumgarte_beta")
 """Parameters that the formulation adds where the gains are not given; they may be left out."""
@@ -40,16 +40,16 @@ class Baumgarte(Formulation):
     ) -> ReducedSystem:
         """See `Formulation.reduce`."""
         defaults: dict[str, float] = {}
-        if equations.constraints and settings.gains is None:
-            symbols = equations.symbols
-            equations = replace(equations, symbols=replace(symbols, parameters=(*symbols.parameters, *GAINS)))
+        fixed = FIXED_GAINS[0] in equations.symbols.parameters
+        if equations.constraints and not fixed:
             defaults = dict.fromkeys(GAINS, DEFAULT_GAIN)
+            equations = _with_parameters(equations, GAINS)
             how = "of one over a run's typical step unless given as parameters"
         else:
             how = "given with the formulation"
         saddle = SaddlePoint.of(equations, guarded=not settings.regular)
         found = saddle.accelerations([row.bias for row in saddle.rows], equations.name)
-        pulled = saddle.accelerations(_demand(equations, settings.gains), equations.name)
+        pulled = saddle.accelerations(_demand(equations, FIXED_GAINS if fixed else GAINS), equations.name)
         note = f"q and q_dot, accelerations from the saddle-point system, stabilised with gains {how}"
         reduced = reduce_saddle(self.name, equations, requested, found, [note], saddle=saddle)
         return replace(
@@ -60,13 +60,22 @@ class Baumgarte(Formulation):
         )
 
 
-def _demand(equations: EquationsOfMotion, gains: tuple[float, float] | None) -> list[Node]:
-    """Return the stabilised right-hand side of the acceleration constraints, J q_ddot = demand."""
-    graph = equations.graph
-    if gains is None:
-        alpha, beta = (graph.input(name) for name in GAINS)
-    else:
-        alpha, beta = (graph.node(float(gain)) for gain in gains)
+def with_fixed_gains(equations: EquationsOfMotion, gains: tuple[float, float] | None) -> EquationsOfMotion:
+    """Return equations whose parameters include gains [1/s] that are given with the formulation, if there are any."""
+    if gains is None or not equations.constraints:
+        return equations
+    known = dict(zip(FIXED_GAINS, gains, strict=True))
+    return replace(_with_parameters(equations, FIXED_GAINS), defaults={**equations.defaults, **known})
+
+
+def _with_parameters(equations: EquationsOfMotion, names: tuple[str, ...]) -> EquationsOfMotion:
+    symbols = equations.symbols
+    return replace(equations, symbols=replace(symbols, parameters=(*symbols.parameters, *names)))
+
+
+def _demand(equations: EquationsOfMotion, gains: Sequence[str]) -> list[Node]:
+    """Return the stabilised right-hand side of the acceleration constraints, J q_ddot = demand, for gains by name."""
+    alpha, beta = (equations.graph.input(name) for name in gains)
     demand = []
     for row, left in zip(equations.constraints, velocity_residuals(equations), strict=True):
         pull = 2 * alpha * left

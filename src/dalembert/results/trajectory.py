@@ -275,7 +275,8 @@ class Trajectory(Motion):
         """
         layout = self._program.layout
         names = dict.fromkeys((*layout.variables, *layout.outputs, "energy"))
-        given = dict(zip(layout.given, self._first.tolist(), strict=False))
+        values = dict(zip(layout.parameters, self._first.tolist(), strict=False))
+        given = {name: values[name] for name in layout.given}
         return self._dataset(self._program.name, {name: ("time", self[name]) for name in names}, given, units)
 
 

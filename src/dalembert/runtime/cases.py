@@ -14,7 +14,7 @@ from ..integrators.breakpoints import CaseBreaks
 from ..integrators.cases import CaseBlock, CaseColumns
 from ..integrators.input_records import InputRecords
 from ..integrators.problem import IntegrationProblem
-from ..ir.decay_rates import DECAY_RATE, directed_rates
+from ..ir.decay_rates import decay_rate_among, directed_rates
 from ..ir.interpret import interpret, interpret_rows
 from ..ir.program import DIRECTION, Layout, Program
 from ..methods.status import Status
@@ -97,18 +97,19 @@ class Cases:
         count = len(range(*block.indices(self.count)))
         names = self.program.layout.parameters
         p = np.empty((count, len(names)))
-        for i, column in enumerate(self._parameters_of(block)):
+        for i, column in enumerate(self.parameters_of(block).values()):
             p[:, i] = column
         self._decide(p, block)
         return inputs.prepare_rows(self.program, p)
 
-    def _parameters_of(self, block: slice) -> tuple[FloatArray, ...]:
-        """Return the columns (1,) or (k,) of parameters of a block of cases, as their runs take them."""
+    def parameters_of(self, block: slice) -> dict[str, FloatArray]:
+        """Return the columns (1,) or (k,) of parameters of a block of cases by name, as their runs take them."""
         columns = {name: _part(self.parameters[name], block) for name in self.program.layout.parameters}
-        if DECAY_RATE in columns:
+        rate = decay_rate_among(columns)
+        if rate is not None:
             backward = _part(self.span["end"], block) < _part(self.span["start"], block)
-            columns[DECAY_RATE] = directed_rates(columns[DECAY_RATE], backward)
-        return tuple(columns.values())
+            columns[rate] = directed_rates(columns[rate], backward)
+        return columns
 
     def _decide(self, p: FloatArray, block: slice) -> None:
         """Set conditions in parameters p (k, n_p) to those of the first segment of each case."""
@@ -154,7 +155,7 @@ class Cases:
         return CaseColumns(
             len(range(*block.indices(self.count))),
             (_part(self._begin, block), _part(self.span["end"], block)),
-            self._parameters_of(block),
+            tuple(self.parameters_of(block).values()),
             tuple(_part(self._values[name], block) for name in self.start.given),
             self.start,
             t_eval,

@@ -12,7 +12,7 @@ from ..arrays import FloatArray
 from ..codegen.llvm.admission import Admission
 from ..codegen.runs import Final, Prepared, PreparedStates
 from ..integrators.problem import IntegrationProblem
-from ..ir.decay_rates import DECAY_RATE, along_run
+from ..ir.decay_rates import along_run, decay_rate_among
 from ..ir.interpret import interpret
 from ..ir.program import KnotSides
 from ..methods.status import Status
@@ -89,7 +89,7 @@ def prepare_in_own_time(
     run = model.engine.prepared(problem, method, lambda p: inputs.constants(model.stages.program, p), admission)
     if t_span[1] < t_span[0] and sides is not None:
         run = _from_knots(model, sides, run, t_span)
-    if t_span[1] < t_span[0] and DECAY_RATE in model.layout.parameters:
+    if t_span[1] < t_span[0] and decay_rate_among(model.layout.parameters):
         run = _decaying(model.layout.parameters, run)
     return method, run
 

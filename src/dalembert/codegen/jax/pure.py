@@ -21,7 +21,7 @@ from ...integrators.jax.run_constants import RunConstants
 from ...integrators.jax.run_data import Limits, Path, Pieces, Reached, middles
 from ...integrators.jax.solvers import METHODS
 from ...integrators.jax.starts import started
-from ...ir.decay_rates import DECAY_RATE, directed_rates
+from ...ir.decay_rates import decay_rate_among, directed_rates
 from ...ir.program import DIRECTION, Program, representative
 from ...methods.status import Status
 from ...once import once
@@ -204,9 +204,10 @@ class Solve:
     def _decaying(self, t: Any, p: Any) -> Any:
         """Return parameters (n_p,) with which violations of constraints decay; see `dalembert.ir.decay_rates`."""
         names = self._program.layout.parameters
-        if DECAY_RATE not in names:
+        rate = decay_rate_among(names)
+        if rate is None:
             return p
-        place = names.index(DECAY_RATE)
+        place = names.index(rate)
         return p.at[place].set(directed_rates(p[place], t[-1] < t[0], jnp))
 
     def _expanded(self, t: Any, y: Any, c: Any, course: Course | None = None) -> tuple[Any, Any, Any]:

@@ -12,6 +12,7 @@ from ...arrays import FloatArray
 from ...errors import ExpressionError, OptionError, ValueInputError
 from ...hybrid import Mode
 from ...integrators.event_code import Event, event_list
+from ...ir.decay_rates import along_run
 from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
 from ...methods.status import RUNNING, Status
@@ -92,6 +93,7 @@ def run_motion(
 ) -> HybridTrajectory:
     """Return one trajectory from initial values by name and parameters p (n_p,); see `HybridModel.simulate`."""
     (t0, t1), times = t_span, options.t_eval
+    p = along_run(modes.layout.parameters, p, backward=t1 < t0)
     given = dict(zip(modes.layout.parameters, p.tolist(), strict=True))
     inputs.warn_below_floor(options.rtol, options.atol)
     if events and options.error_estimate:
@@ -142,7 +144,8 @@ def run_cases(
         cases, options, model.choose_method(options.method, options.rtol, options.atol, many=True)
     )
     block, status = cases.block(slice(0, cases.count), settings)
-    columns, p = {name: cases.parameters[name] for name in layout.parameters}, np.zeros((cases.count, 0))
+    own, p = cases.parameters_of(slice(0, cases.count)), np.zeros((cases.count, 0))
+    columns = {name: own[name] for name in layout.parameters}
     if columns:
         p = np.column_stack([np.broadcast_to(values, cases.count) for values in columns.values()])
     request = MotionRequest(

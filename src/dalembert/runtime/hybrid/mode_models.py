@@ -87,7 +87,7 @@ class ModeModels:
             parameters=symbols.parameters,
             unknowns=symbols.unknowns,
             outputs=tuple(str(output) for output in self.several.options.outputs),
-            defaults={CONDITION_TIME: 0.0} if CONDITION_TIME in symbols.parameters else {},
+            defaults={**self.equations.defaults, **dict.fromkeys({CONDITION_TIME} & {*symbols.parameters}, 0.0)},
         )
 
     @cached_property

@@ -9,6 +9,7 @@ import numpy as np
 from ...arrays import FloatArray
 from ...codegen.llvm.admission import Admission
 from ...codegen.runs import Final, Prepared, PreparedStates
+from ...ir.decay_rates import along_run
 from ...methods.status import Status
 from ...options import PrepareOptions
 from .case_runs import CaseRuns
@@ -29,11 +30,13 @@ def prepared(modes: ModeModels, t_span: tuple[float, float], options: PrepareOpt
     admission = None if tests is None else Admission(tests, t_span[0], options.rtol)
     spans = np.array([t_span[0]]), np.array([t_span[1]])
     stopping = modes.changes or (options.inputs is not None and options.inputs.sampled)
+    names, backward = modes.layout.parameters, t_span[1] < t_span[0]
     own: dict[int, CaseRuns] = {}
 
     def run(x: FloatArray, p: FloatArray) -> Final:
         if not (np.isfinite(x.sum()) and np.isfinite(p.sum())):
             return np.full_like(x, np.nan), Status.NON_FINITE
+        p = along_run(names, p, backward=backward)
         case = own.get(get_ident())
         if case is None:
             case = own[get_ident()] = CaseRuns(RunnerChoice(modes, options, PhaseReductions({}, ())))
