@@ -11,7 +11,7 @@ from sympy import Rational, cos, sin, symbols
 from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
-from dalembert.errors import InitialStateError, OptionError, SceneError, UnknownNameError
+from dalembert.errors import ExpressionError, InitialStateError, OptionError, SceneError
 from dalembert.methods.status import Status
 from hard_cases import hard_case
 
@@ -314,9 +314,9 @@ def test_quaternions_and_angles_start_alike(sphere):
     ("change", "words"),
     [
         ({"theta": None}, "missing for theta"),
-        ({"phi_dot": None}, "missing for phi_dot"),
+        ({"phi_dot": None}, "missing for the rates x_dot, y_dot, phi_dot: the constraints do not fix them"),
         ({"e0_S": 1.0}, "e0_S.*given too"),
-        ({"omega_S_x": 1.0}, "missing for omega_S_y, omega_S_z"),
+        ({"omega_S_x": 1.0}, "given too"),
     ],
 )
 def test_faults_of_a_start(sphere, change, words):
@@ -329,8 +329,102 @@ def test_missing_rates_are_named_with_what_may_be_given_instead(sphere):
     start = {"x": 0, "y": 0, **{name: START[name] for name in ANGLES}}
     with pytest.raises(InitialStateError, match="psi_dot, theta_dot, phi_dot or omega_S_x, omega_S_y, omega_S_z"):
         sphere.simulate((0, 1), start, SPHERE)
-    with pytest.raises(UnknownNameError, match="unknown initial value 'psi'"):
-        sphere.assemble(start, SPHERE)
+
+
+def test_guesses_in_angles(sphere):
+    """`assemble` and `trim` take what `simulate` takes."""
+    start = {"x": 0, "y": 0, **START}
+    first = sphere.simulate((0, 1), start, SPHERE, t_eval=[0])
+    found = sphere.assemble(start, SPHERE)
+    assert set(found) == {*sphere.layout.coordinates, *sphere.layout.rates}
+    for name, value in found.items():
+        assert value == pytest.approx(first[name][0], abs=1e-12), name
+    with pytest.raises(InitialStateError, match=r"omega_S_x, omega_S_y, omega_S_z.*e0_S_dot.*given too"):
+        sphere.assemble(found | {"omega_S_x": 1, "omega_S_y": 0, "omega_S_z": 0}, SPHERE)
+    with pytest.raises(InitialStateError, match=r"with psi, theta, phi, all of|missing for phi"):
+        sphere.assemble({name: value for name, value in start.items() if name != "phi"}, SPHERE)
+
+
+def test_steady_spin_from_an_angular_velocity():
+    scene, e, _ = free_body()
+    model = da.compile_model(scene, backend="numpy")
+    guess = {e[0]: 1, e[1]: 0, e[2]: 0, e[3]: 0}
+    point = model.trim(guess | {"omega_S_x": 0, "omega_S_y": 0, "omega_S_z": 0}, BODY)
+    assert point.converged and point.initial["e3_S_dot"] == 0
+    with pytest.raises(InitialStateError, match="missing for omega_S_x"):
+        model.trim(guess | {"omega_S_y": 0, "omega_S_z": 0}, BODY)
+
+
+def rolling_ball():
+    x, y = dynamicsymbols("x y")
+    N, O, S = ReferenceFrame("N"), Point("O"), ReferenceFrame("S")
+    scene = da.Scene("rolling_ball", frame=N, origin=O, coordinates=[x, y])
+    e = da.free_orientation(scene, S)
+    G = O.locatenew("G", x * N.x + y * N.y + r * N.z)
+    scene.add_bodies(RigidBody("ball", G, S, m, (inertia(S, A, A, A), G)))
+    slip = G.pos_from(O).dt(N) + S.ang_vel_in(N).cross(-r * N.z)
+    scene.add_nonholonomic_constraints(slip.dot(N.x), slip.dot(N.y))
+    return scene, {x: 0, y: 0, e[0]: 0.6, e[1]: 0, e[2]: 0, e[3]: 0.8}
+
+
+@pytest.mark.parametrize("formulation", ["minimal", "projected", "baumgarte"])
+@pytest.mark.parametrize("backend", ["numpy", "llvm"])
+def test_angular_velocity_that_constraints_give_may_be_left_out(formulation, backend):
+    scene, at = rolling_ball()
+    model = da.compile_model(scene, backend=backend, formulation=formulation, outputs=["omega_S_x", "omega_S_y"])
+    p = {m: 1, r: 0.5, A: 0.1}
+    moving = {"omega_S_x": 0.2, "omega_S_y": -0.6, "omega_S_z": 2.0}
+    whole = model.simulate((0, 1), at | moving, p, t_eval=[0, 1])
+    rates = {name: whole[name][0] for name in ("x_dot", "y_dot")}
+    assert min(map(abs, rates.values())) > 0.05
+    for left in (["omega_S_x"], ["omega_S_y"], ["omega_S_x", "omega_S_y"]):
+        start = at | {name: value for name, value in moving.items() if name not in left} | rates
+        for run in (model.simulate((0, 1), start, p, t_eval=[0, 1]), model.sweep((0, 1), start, p, t_eval=[0, 1])):
+            for name in ("x", "y", "e1_S", "omega_S_x", "omega_S_y"):
+                np.testing.assert_allclose(np.ravel(run[name]), whole[name], atol=1e-9)
+    with pytest.raises(InitialStateError, match="omega_S_z: the constraints do not fix them"):
+        model.simulate((0, 1), at | {"omega_S_x": 0.2, "omega_S_y": -0.6}, p)
+    with pytest.raises(InitialStateError, match="y_dot: the constraints do not fix them at this configuration"):
+        upright = {key: {0.6: 1, 0.8: 0}.get(value, value) for key, value in at.items()}
+        model.simulate((0, 1), upright | {"x_dot": -0.3, "omega_S_y": -0.6, "omega_S_z": 2.0}, p)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "llvm"])
+def test_events_watch_and_set_angular_velocities(backend):
+    """A free body about an axis of its own: its spin is tripled, then reversed, with closed forms for the angle."""
+    scene, e, _ = free_body()
+    model = da.compile_model(scene, backend=backend, outputs=["omega_S_z"])
+    start = {e[0]: 1, e[1]: 0, e[2]: 0, e[3]: 0, "omega_S_x": 0, "omega_S_y": 0, "omega_S_z": 0.5}
+    w = symbols("omega_S_z")
+    faster = da.Event(e[3] - math.sin(0.2), apply={"omega_S_z": 3 * w}, name="faster", direction=1)
+    back = da.Event(e[3] - math.sin(0.5), apply={w: -w}, name="back", direction=1)
+    run = model.simulate((0, 2), start, BODY, events=[faster, back], t_eval=[2.0], rtol=1e-11)
+    at = 0.8, 0.8 + 0.6 / 1.5  # the half-angle reaches 0.2, then 0.5
+    assert run.events["faster"].t == pytest.approx([at[0]], abs=1e-9)
+    assert run.events["back"].t == pytest.approx([at[1]], abs=1e-9)
+    angle = 1.0 - 1.5 * (2.0 - at[1])
+    assert run["e3_S"][-1] == pytest.approx(math.sin(angle / 2), abs=1e-9)
+    assert run["omega_S_z"][-1] == pytest.approx(-1.5)
+    with pytest.raises(ExpressionError, match=r"omega_S_z, which determine e0_S_dot.*twice"):
+        model.simulate((0, 1), start, BODY, events=[da.Event(e[3] - 0.1, apply={w: 1, e[0].diff(): 0})])
+
+
+@pytest.mark.parametrize("change", [{"psi": psi + 1}, {"phi_dot": 2.0}])
+def test_events_set_angles_as_in_the_scene_in_angles(change):
+    """With a quaternion, an event that sets an angle or its rate leads to the motion that the angles have."""
+    scene = da.Scene("top", frame=(N := ReferenceFrame("N")), origin=(O := Point("O")), coordinates=[psi, theta, phi])
+    S = ReferenceFrame("S")
+    S.orient(N, "Body", (psi, theta, phi), "ZXZ")
+    scene.add_bodies(RigidBody("top", O, S, m, (inertia(S, A, B, C), O)))
+    event = da.Event(theta - Rational(3, 5), apply=change, direction=-1)
+    ends = []
+    for orientation in (None, "quaternion"):
+        options = {} if orientation is None else {"orientation": orientation}
+        model = da.compile_model(scene, backend="numpy", outputs={"c": sin(theta) * sin(phi) * cos(psi)}, **options)
+        run = model.simulate((0, 1), START, BODY, events=[event], t_eval=[1.0], rtol=1e-10, atol=1e-12)
+        assert len(run.events[event.expression].t)
+        ends.append(run["c"][-1])
+    assert ends[0] == pytest.approx(ends[1], abs=1e-8)
 
 
 def test_linearised_motion_has_no_direction_that_changes_the_length():

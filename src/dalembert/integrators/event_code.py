@@ -56,7 +56,7 @@ class Event:
         integrated.
     apply : mapping of symbols or names to expressions, optional
         Coordinates and rates that jump, and what they are after it in terms of the state before, as in
-        ``{y.diff(): -e * y.diff()}``. Others stay.
+        ``{y.diff(): -e * y.diff()}``, or ``{"omega_T_x": 0}`` of a free orientation. Others stay.
     name : str, optional
         What results call it; by default, the text of the expression.
 

@@ -7,18 +7,19 @@ its state, requested outputs and energies.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, final
 
-from ..errors import EnergyWarning, ExpressionError, UnknownNameError, unknown_name
+from ..errors import EnergyWarning, ExpressionError, UnknownNameError, list_names, unknown_name
 from ..ir.graph import Graph, Node
 from ..ir.kernel import Kernel
 from ..methods.step_constants import EPSILON
 from ..naming import acceleration_input, acceleration_name, rate_name, unwritable
 from ..once import once_property
 from ..scene.scene import Scene
-from ..scene.symbols import RESERVED_OUTPUTS, reader_of
+from ..scene.symbol_table import Entry
+from ..scene.symbols import RESERVED_OUTPUTS, symbol_reader_of
 from ..transforms.derivatives import tangents
 from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
@@ -117,7 +118,7 @@ def jump_kernel(scene: Scene, system: ReducedSystem, changes: Mapping[Any, Any],
     ----------
     changes : mapping of symbols or names to expressions
         Coordinates, rates and states that jump, with their values after the jump in terms of the state before; others
-        are unchanged.
+        are unchanged. Angles of a quaternion, their rates and angular velocities may jump in place of the former.
 
     Raises
     ------
@@ -127,15 +128,36 @@ def jump_kernel(scene: Scene, system: ReducedSystem, changes: Mapping[Any, Any],
         For an expression that cannot be compiled.
     """
     reader, symbols = _Reader(scene, system), system.equations.symbols
-    known = symbols.variables
+    known = [*symbols.variables, *(name for entry in symbols.entries for name in entry.names)]
     after = {name: reader.table[name] for name in known}
+    changed = set()
     for key, expression in changes.items():
         name = symbols.aliases.get(str(key), str(key))
         if name not in known:
             why = unknown_name("coordinate, rate or state", name, known)
             raise UnknownNameError(f"{what} applies to {str(key)!r}, which does not jump: {why}")
         after[name] = reader.read(expression, f"{what}, {name} after it")
-    return reader.kernel("jump", list(after.values()))
+        changed.add(name)
+    for entry in _entries(symbols.entries, changed, what):
+        values = dict(zip(map(reader.graph.input, after), after.values(), strict=True))
+        found = reader.graph.substitute(reader.graph.adopt(entry.values), values)
+        after |= dict(zip(entry.targets, found, strict=True))
+    return reader.kernel("jump", [after[name] for name in symbols.variables])
+
+
+def _entries(entries: Sequence[Entry], changed: set[str], what: str) -> Iterator[Entry]:
+    """Yield the entries by which other variables change; where angles alone are named, their rates remain."""
+    used = [entry for entry in entries if changed & {*entry.names}]
+    targets = [*changed, *(name for entry in used for name in entry.targets)]
+    twice = [name for name in dict.fromkeys(targets) if targets.count(name) > 1]
+    if twice:
+        names = list_names(name for entry in used for name in entry.names if name in changed)
+        raise ExpressionError(
+            f"{what} applies to {names}, which determine {list_names(twice)} twice: name one of the two"
+        )
+    for entry in entries:
+        if entry in used or (changed & {*entry.needs} and not {*entry.targets} & {*targets}):
+            yield entry
 
 
 def coordinates_kernel(system: ReducedSystem) -> Kernel:
@@ -157,7 +179,8 @@ class _Reader:
         equations = system.equations
         self.symbols = equations.symbols
         self.energy_note = equations.load_energy.incomplete(equations.name)
-        self.expressions = reader_of(scene)
+        reader = symbol_reader_of(scene)
+        self.expressions = reader.expressions
         self.graph: Graph = self.expressions.graph
         self.inputs = self.graph.adopt(system.inputs)
         self.time = self.graph.input(self.symbols.time)
@@ -172,6 +195,10 @@ class _Reader:
         rates = dict(zip(map(rate_name, self.symbols.states), self.graph.adopt(system.state_rates), strict=True))
         self.table = state | rates | dict(named) | outputs | self.table
         self._accelerations = system.accelerations
+        entered = [name for entry in self.symbols.entries for name in entry.names if name not in self.table]
+        if entered:  # angles and angular velocities
+            values = reader.named_values()
+            self.table |= dict(zip(entered, self._on_state([values[name] for name in entered]), strict=True))
 
     def define(self, named: Mapping[str, Node]) -> None:
         """Give names to nodes of the equations."""

@@ -125,7 +125,8 @@ class StartLimits:
         """Return the share of a value that was solved for, from its pivot; it is compared with `LEAST_SHARE`."""
         graph, shares = self.graph, []
         for row in rows:
-            squares = [(slope * size) * (slope * size) for slope, size in zip(row, self.sizes, strict=True)]
+            sizes = [*self.sizes, *[graph.one] * (len(row) - len(self.sizes))]  # angular velocities stand behind rates
+            squares = [(slope * size) * (slope * size) for slope, size in zip(row, sizes, strict=True)]
             shares.append(self._over(squares[place], graph.sum(squares)))
         return self._over(pivot, graph.sum(row[place] * row[place] for row in rows)) * self._largest(shares)
 

@@ -21,6 +21,7 @@ from ..ir.program import DIRECTION
 from ..ir.zero_tests import TOLERANCE as ROUNDING
 from ..ir.zero_tests import terms_of
 from ..once import deriving
+from ..scene.entries import chosen_entries
 from ..scene.symbol_table import Entry
 from ..transforms.derivatives import GUARDED, tangents
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
@@ -100,6 +101,7 @@ class _Starting:
         self.fixed: list[tuple[Node, Matrix, int]] = []
         self.fixed_labels: list[tuple[str, str]] = []
         self.entered: set[str] = set()
+        self.loose: list[str] = []  # in terms of which rates are entered, and which the constraints fix
         for item in equations.controllers:  # what is set at the start anyway
             if item.offset.is_zero:
                 self.values |= {self.graph.input(u): self.graph.zero for u in item.inputs if u not in given}
@@ -107,26 +109,12 @@ class _Starting:
         missing = [name for name in self.symbols.states if name not in (*given, *ready)]
         if missing:
             self._refuse("states", missing, "nothing fixes them")
-        for entry in self.symbols.entries:
+        for entry, out in chosen_entries(self.symbols.entries, self.given, self.symbols.rates):
             self._enter(entry)
+            self.loose += out
 
     def _enter(self, entry: Entry) -> None:
         """Take coordinates or rates from other values that are given in their place."""
-        there = [name for name in entry.names if name in self.given]
-        if not there:
-            return
-        lacking = [name for name in (*entry.names, *entry.needs) if name not in self.given]
-        if lacking:
-            raise InitialStateError(
-                f"initial values are missing for {list_names(lacking)}: with {list_names(there)}, all of"
-                f" {list_names((*entry.names, *entry.needs))} are needed; or give"
-                f" {list_names(entry.targets)} instead"
-            )
-        twice = [name for name in entry.targets if name in self.given or name in self.entered]
-        if twice:
-            raise InitialStateError(
-                f"{list_names(entry.names)} determine {list_names(twice)}, which are given too; give one of the two"
-            )
         values = self._at(self.graph.adopt(entry.values))
         self.values |= {self.graph.input(name): node for name, node in zip(entry.targets, values, strict=True)}
         self.entered |= set(entry.targets)
@@ -221,11 +209,23 @@ class _Starting:
 
     def _solve_velocities(self, residual: list[Node], jacobian: Matrix) -> None:
         places, missing, names = self._missing(self.qdot, self.symbols.rates)
-        if missing:
-            columns = [self._at([row[i] for i in places]) for row in jacobian]
-            whole = [self._at(row) for row in jacobian]
-            why = "the constraints do not fix them"
-            self._solve(self._at(residual), columns, whole, missing, (places, names), ("rates", why))
+        loose = [self.graph.input(name) for name in self.loose]
+        if not missing and not loose:
+            return
+        whole = [self._at(row) for row in jacobian]
+        qdot = self._at(self.qdot)
+        for node in loose:  # rates are linear in it
+            slopes = tangents(self.graph, qdot, {node: self.graph.one})
+            across = matvec(self.graph, [row[: len(qdot)] for row in whole], slopes)
+            whole = [[*row, slope] for row, slope in zip(whole, across, strict=True)]
+        places += range(len(qdot), len(qdot) + len(loose))
+        columns = [[row[i] for i in places] for row in whole]
+        why = "the constraints do not fix them"
+        found = places, [*names, *self.loose]
+        self._solve(self._at(residual), columns, whole, [*missing, *loose], found, ("rates", why))
+        if loose:
+            entered = self.graph.substitute(list(self.values.values()), {node: self.values[node] for node in loose})
+            self.values = dict(zip(self.values, entered, strict=True))
 
     def _solve(
         self,

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..errors import (
+    InitialStateError,
     PrecisionWarning,
     UnknownNameError,
     ValueInputError,
@@ -17,8 +18,13 @@ from ..errors import (
     unknown_name,
     warn_caller,
 )
+from ..ir.graph import Graph, Node
 from ..ir.interpret import ARRAY_OPERATIONS, interpret, rows_of_columns
 from ..ir.program import Layout, Program
+from ..once import deriving
+from ..scene.entries import chosen_entries
+from ..scene.symbol_table import Entry
+from ..transforms.lower_kernels import lower_kernel
 from ..values import listed, number, traced_note
 from .symbol_assumptions import ROUNDING, refuse_contradictions
 from .vanished_constraints import vanished_text
@@ -29,6 +35,7 @@ __all__ = [
     "MULTIPLIERS_FLOOR",
     "constants",
     "given_values",
+    "guessed_values",
     "in_order",
     "parameter_text",
     "parameter_values",
@@ -230,16 +237,41 @@ def parameter_text(program: Program, p: FloatArray) -> str:
     return ", ".join(f"{name} = {value:g}" for name, value in rows if name in given)
 
 
-def given_values(layout: Layout, initial: Mapping[Any, Any], *, plain: bool = False) -> dict[str, float]:
-    """Return initial values by name; `plain` ones are coordinates, rates and states alone.
+def given_values(layout: Layout, initial: Mapping[Any, Any]) -> dict[str, float]:
+    """Return initial values by name.
 
     Raises
     ------
     UnknownNameError, ValueInputError
         For unknown names, and values that are not finite numbers or that their symbols exclude.
     """
-    known = layout.variables if plain else layout.initial
     refuse_inputs(layout, initial, "which has no initial value")
-    values = resolve("initial value", initial, known, layout.aliases)
+    values = resolve("initial value", initial, layout.initial, layout.aliases)
     refuse_contradictions(layout.assumptions, values, ROUNDING)
     return values
+
+
+@deriving
+def guessed_values(layout: Layout, entries: Sequence[Entry], guess: Mapping[Any, Any]) -> dict[str, float]:
+    """Return values of coordinates, rates and states by name; what `entries` say gives others is read, too.
+
+    Raises
+    ------
+    UnknownNameError, ValueInputError
+        As for `given_values`.
+    InitialStateError
+        Where values of an entry, or coordinates that it needs, are missing, or given twice.
+    """
+    values = given_values(layout, guess)
+    for entry, _ in chosen_entries(entries, values):
+        graph = Graph()
+        nodes = graph.adopt(entry.values)
+        read = [str(node.payload) for node in graph.topological(nodes) if node.op == "input"]
+        lacking = [name for name in read if name not in values]
+        if lacking:
+            raise InitialStateError(f"with {list_names(entry.names)}, {list_names(lacking)} are needed, too")
+        inputs: dict[Node, tuple[str, int | None]] = {graph.input(name): ("y", i) for i, name in enumerate(read)}
+        kernel = lower_kernel(graph, "entry", nodes, inputs, arguments=("y",))
+        found = interpret(kernel, {"y": [values[name] for name in read]})
+        values |= dict(zip(entry.targets, found, strict=True))
+    return {name: value for name, value in values.items() if name in layout.variables}

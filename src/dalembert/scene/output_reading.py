@@ -78,7 +78,7 @@ def names_as_nodes(reader: GeometryReader, symbols: SymbolTable, outputs: Sequen
     OptionError
         For a name that an acceleration has and something else, too.
     """
-    named, graph = reader._named_values(), reader.graph
+    named, graph = reader.named_values(), reader.graph
     values = [item.value for item in outputs if isinstance(item, NamedOutput)]
     symbols.refuse_ambiguous([value for value in values if isinstance(value, str)])
     known = {name: name for name in (*symbols.unknowns, *symbols.variables, *RESERVED_OUTPUTS)}

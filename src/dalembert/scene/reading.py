@@ -67,7 +67,7 @@ class _SceneReader(ContentReader):
         symbols = self._symbols(requirements)
         self._refuse_kinks(holonomic, nonholonomic)
         self._check(bodies, actions, symbols, requirements, placed)
-        named = self._named_values()
+        named = self.named_values()
         chosen = tuple(x for x in requested.chosen if x not in named or requested.values.get(x) is not named[x])
         named = {name: node for name, node in named.items() if name in outputs}
         return SceneModel(

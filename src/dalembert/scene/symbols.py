@@ -26,7 +26,7 @@ from .speeds import read_speeds
 from .states import state_symbols
 from .symbol_table import InputSymbol, SymbolTable
 
-__all__ = ["RESERVED_OUTPUTS", "Requirement", "SymbolReader", "reader_of"]
+__all__ = ["RESERVED_OUTPUTS", "Requirement", "SymbolReader", "reader_of", "symbol_reader_of"]
 
 Requirement = tuple[int, str, Sequence[Node]]
 """Required number of continuous derivatives of inputs, the places that require it, and the nodes there."""
@@ -42,8 +42,13 @@ RESERVED_OUTPUTS = ("energy", "kinetic_energy", "potential_energy")
 
 def reader_of(scene: Scene) -> ExpressionReader:
     """Return a reader of further expressions in the symbols of a scene that was read before, on a graph of its own."""
-    reader = SymbolReader(scene).expressions
-    reader.ignore_conditions()  # steps do not end at breaks of expressions that are read later
+    return symbol_reader_of(scene).expressions
+
+
+def symbol_reader_of(scene: Scene) -> SymbolReader:
+    """Return a reader of the symbols of a scene that was read before, for `reader_of`."""
+    reader = SymbolReader(scene)
+    reader.expressions.ignore_conditions()  # steps do not end at breaks of expressions that are read later
     return reader
 
 
@@ -134,7 +139,7 @@ class SymbolReader:
             flow |= {self.graph.input(name): rate, rate: self.graph.input(acceleration_input(name))}
         return flow
 
-    def _named_values(self) -> dict[str, Node]:
+    def named_values(self) -> dict[str, Node]:
         """Return angles that quaternions stand for, their rates, angular velocities, speeds and inputs, by name."""
         time, leaves = dynamicsymbols._t, self.expressions.leaves
         found: dict[str, Node] = {u.func.__name__: leaves[u] for u in (*self.scene.speeds, *self.inputs)}

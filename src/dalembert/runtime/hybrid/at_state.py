@@ -89,7 +89,7 @@ def trim_mode(
         For guesses that the contacts forbid, or from which no motion continues.
     """
     layout, t = model.layout, options.t
-    values = run_input.given_values(layout, guess, plain=True)
+    values = run_input.guessed_values(layout, model._equations.symbols.entries, guess)
     values, mode, own = _on_contacts(model, t, values, model.parameter_values(parameters))
     for _ in range(_MOST_MODES):
         found = find_operating_point(model.modes.model(mode), values, own, options)

@@ -145,6 +145,6 @@ def assemble(
     """
     time = option("t", t)
     given = with_inputs(self.layout, self._inputs, inputs, parameters, time)
-    values = run_input.given_values(self.layout, guess, plain=True)
+    values = run_input.guessed_values(self.layout, self._equations.symbols.entries, guess)
     held = run_input.resolve_names("fixed name", fixed, values, self.layout.aliases)
     return self._assemble(time, values, given, held)
