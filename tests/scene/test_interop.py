@@ -159,7 +159,7 @@ def test_speeds_by_name_and_symbol():
     motion = model.simulate((0, 0.1), case.state, case.parameters)
     np.testing.assert_array_equal(motion[case.source.u[0]], motion["w1"])
     fewer = {key: value for key, value in case.state.items() if key not in ("w2", "w3")}
-    with pytest.raises(InitialStateError, match=r"missing for w2, w3: with w1, all of .* or give a_dot, b_dot, c_dot"):
+    with pytest.raises(InitialStateError, match=r"for the rates w2, w3: .* In their place, a_dot, b_dot, c_dot may"):
         model.simulate((0, 1), fewer, case.parameters)
     with pytest.raises(UnknownNameError, match="w3"):
         model.simulate((0, 1), {**case.state, "v": 1.0}, case.parameters)

@@ -257,7 +257,9 @@ class _Starting:
         self.values |= dict(zip(missing, found, strict=True))
 
     def _refuse(self, what: str, names: Sequence[str], why: str) -> None:
-        others = [list_names(entry.names) for entry in self.symbols.entries if set(entry.targets) & set(names)]
+        entries = self.symbols.entries
+        others = [list_names(entry.names) for entry in entries if set(entry.targets) & set(names)]
+        others += [list_names(entry.targets) for entry in entries if set(entry.names) & set(names)]
         instead = f". In their place, {' or '.join(others)} may be given" if others else ""
         raise InitialStateError(
             f"initial values are missing for the {what} {list_names(names)}: {why}, and nothing defaults to zero"
