@@ -14,6 +14,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.methods.status import Status
+from dalembert.reduction.rank import short_time
 
 x, y = dynamicsymbols("x y")
 m, a = sp.symbols("m a", positive=True)
@@ -101,3 +102,22 @@ def test_no_run_that_succeeds_is_on_a_wrong_branch(formulation):
             assert status != Status.SUCCESS or np.hypot(u - place[0], v - place[1]) < 0.3, (method, rtol, level)
         assert run.success or abs(level) < rtol
     assert 0 < ended < 30
+
+
+@pytest.mark.parametrize("second", [1e-6, 1e-3, 1e3, 1e6])
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_sweeps_into_the_crossing_end_in_all_units_of_time(formulation, second):
+    """The dip of the determinant is found by how the Jacobian changes in a time that is short beside the runs."""
+    model, gain = lemniscate(formulation), {"baumgarte_alpha": 10.0 / second, "baumgarte_beta": 10.0 / second}
+    p = {m: np.ones(2), a: 1.0, b: 0.0} | (gain if formulation == "baumgarte" else {})
+    for method in methods_of(formulation):
+        for rtol in (1e-3, 1e-6):
+            options = {"method": method, "rtol": rtol, "atol": rtol / 100 / max(second, 1.0), "max_steps": 20_000}
+            for angle in (0.15, 0.3, 0.5):
+                cases = model.sweep((0, END * second), start(angle, 0.0, 1.0 / second), p, **options)
+                assert list(cases.status) == [Status.SINGULAR_CONFIGURATION] * 2, (method, rtol, angle)
+
+
+def test_short_times_follow_the_duration_of_runs():
+    assert [short_time(span) for span in (0.0, 1e-3, 2.5, 1e3, np.inf)] == [0.01] * 5
+    assert [short_time(span) for span in (2.5e3, 2.5e6, 2.5e-6)] == [0.01 * 1024, 0.01 * 1024**2, 0.01 / 1024]

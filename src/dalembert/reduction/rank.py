@@ -3,7 +3,7 @@
 The Gram determinant of the rows J_i of the constraint Jacobian, over the squares of their lengths s_i, is at most some
 times the square of the smallest singular value. The singular value itself, or what follows it more closely, dips too
 narrowly for the points at which a step is looked at; the determinant is as smooth as the Jacobian. A row that vanishes
-is not to hide it: s_i^2 = |J_i|^2 + 0.01 sum |J_k|^2 / n + 1e-4 |dJ_i/dt|^2, the last with time in seconds.
+is not to hide it: s_i^2 = |J_i|^2 + 0.01 sum |J_k|^2 / n + |T dJ_i/dt|^2, with a time T that is short beside the runs.
 
 Where a motion with an error passes beside a place where rank is lost, the determinant falls no further than the error
 allows. So the turn of the Jacobian by the correction of the positions onto the constraints is watched too, against the
@@ -12,6 +12,7 @@ least share of a pivot (`dalembert.runtime.crossed_ranks`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from ..ir.graph import Node
@@ -19,9 +20,12 @@ from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matvec, transpose
 from .base import ReducedSystem
 
-__all__ = ["rank_margins"]
+__all__ = ["rank_margins", "short_time"]
 
-_OTHERS, _RATES = 1e-2, 1e-4
+_OTHERS = 1e-2
+_SHORT, _STEP = 1e-2, 1024.0
+"""A time [s], and the factor from one such time to the next: runs of ordinary duration have the first."""
+
 _LEVELS = (1e-3, 1e-6, 1e-9, 1e-12)
 """A determinant that is small all along falls below the next of them where rank is lost."""
 
@@ -31,8 +35,15 @@ _TURN = 0.05
 _TINY = 1e-300
 
 
-def rank_margins(system: ReducedSystem) -> dict[str, Node]:
+def short_time(duration: float) -> float:
+    """Return a time that is short beside runs of a duration, in whatever unit: 0.01 for all from 1/1024 to 1024."""
+    return _SHORT * _STEP ** int(math.log(duration, _STEP)) if 0.0 < duration < math.inf else _SHORT
+
+
+def rank_margins(system: ReducedSystem, short: float) -> dict[str, Node]:
     """Return functions of coordinates, rates and time by name, one of which changes its sign where rank is lost.
+
+    `short` is a time in which no row changes by much, unless it vanishes (`short_time`).
 
     None where the Jacobian is constant along motions, or of less than full rank whatever the state.
     """
@@ -51,7 +62,7 @@ def rank_margins(system: ReducedSystem) -> dict[str, Node]:
         share = share * pivot
     for i, row in enumerate(rows):
         rates = tangents(graph, row, flow)
-        share = share / (gram[i][i] + mean + graph.node(_RATES) * graph.sum(rate * rate for rate in rates))
+        share = share / (gram[i][i] + mean + graph.node(short * short) * graph.sum(rate * rate for rate in rates))
     if graph.freed_of(share, list(equations.moving)) is not None:
         return {}
     levels = {f"Gram determinant less {level:g}": share - graph.node(level) for level in _LEVELS}

@@ -65,6 +65,11 @@ class Cases:
             self._values[DIRECTION] = np.where(last < first, -1.0, 1.0)
         self.start = start(self._values)
 
+    @property
+    def duration(self) -> float:
+        """Duration of the longest run [s]."""
+        return float(np.max(np.abs(self.span["end"] - self.span["start"])))
+
     def _count(self) -> int:
         known = {*self.program.layout.given, *self.initial, *self.span}  # others are parameters of inputs
         lengths = {

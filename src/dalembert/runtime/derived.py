@@ -87,12 +87,12 @@ class Derived:
             found = self._quick_starts.setdefault(key, found)
         return found
 
-    def events(self, events: Any, reduce: Any = None, *, ranks: bool = False) -> EventCode | None:
+    def events(self, events: Any, reduce: Any = None, *, ranks: float | None = None) -> EventCode | None:
         """Return the kernels of events and reductions, made once for each set of them; None where there are none.
 
-        With `ranks` the rank of the constraints is watched too.
+        The rank of the constraints is watched too in runs of a duration `ranks` [s], where that is given.
         """
-        same = isinstance(events, tuple) and reduce is None and not ranks
+        same = isinstance(events, tuple) and reduce is None and ranks is None
         if same and not events:
             return None
         from ..integrators.event_code import Event
@@ -102,17 +102,18 @@ class Derived:
         if kept is not None and kept[0] is events:
             return kept[1]
         from ..integrators.event_code import event_list
-        from ..reduction.rank import rank_margins
+        from ..reduction.rank import rank_margins, short_time
         from .events import compiled_events
         from .reductions import reduction_table
 
         aliases = self._stages.program.layout.aliases
         listed, reductions = event_list(events, aliases), reduction_table(reduce, aliases)
         with DERIVING:
-            margins = rank_margins(self._stages.reduced) if ranks else {}
+            short = None if ranks is None else short_time(ranks)
+            margins = {} if short is None else rank_margins(self._stages.reduced, short)
             if not listed and not reductions and not margins:
                 return None
-            key = repr((listed, reductions, ranks))
+            key = repr((listed, reductions, short))
             code = derived_once(
                 self._events, key, lambda: compiled_events(self._stages, listed, self.start, reductions, margins)
             )

@@ -164,7 +164,8 @@ def begin_sweep(
     if options.fits:
         settings = fitted(model.engine, cases, settings)
     if _ranked(model) and settings.method != "radau":
-        settings = replace(settings, watch=model.derived.events(options.events, options.reduce, ranks=True))
+        watch = model.derived.events(options.events, options.reduce, ranks=cases.duration)
+        settings = replace(settings, watch=watch)
     give_gains(model.engine, cases, settings, parameters)
     axes = {} if options.grid is None else options.grid.axes
     settings = _unlike_left_out(model, cases, settings)

@@ -143,7 +143,7 @@ class HostRunner:
     def _width(self) -> int:
         """Number of events that a sweep watches for, of which some may be losses of rank."""
         derived = self.model.derived
-        code = derived.events(self.events, self._reductions.along or None, ranks=bool(derived.enforced))
+        code = derived.events(self.events, self._reductions.along or None, ranks=1.0 if derived.enforced else None)
         return 0 if code is None else len(code.events)
 
     # -- runs ------------------------------------------------------------------------------
