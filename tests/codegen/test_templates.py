@@ -27,6 +27,7 @@ from dalembert.codegen.numba.tables import table_definitions
 from dalembert.codegen.printers import JAX, NUMPY
 from dalembert.codegen.rendering import program_variables, render, template_directory
 from dalembert.integrators.addresses import OwnedAddress
+from dalembert.integrators.foreign_batch_loop import BatchCode
 from dalembert.integrators.prepared_loop import PreparedKernels
 from dalembert.integrators.sweep_arguments import SweepKernels
 from dalembert.ir.kernel import Assignment, Kernel, Load
@@ -63,10 +64,11 @@ def render_everything():
 
 
 def render_batch_handlers():
-    """Render handlers of batches, with threads and without."""
-    batch = batch_arguments(SweepKernels(*code_at(1, 2, 3, 4, 0, 0, 5, 6)), BatchSizes(4, 2, 3, 4, 4))
-    for places in ({"ThreadPool_Schedule": 136, "ThreadPool_NumThreads": 144, "Error_Destroy": 64}, {}):
-        batch_assembly(batch, True, Interface((0, 3), places), 7)
+    """Render handlers of batches, with records and without."""
+    kernels, interface = SweepKernels(*code_at(1, 2, 3, 4, 0, 0, 5, 6)), Interface((0, 3), {})
+    batch = batch_arguments(kernels, BatchSizes(4, 2, 3, 4, 4), interface, BatchCode(*code_at(1, 2, 3), 4))
+    for recorded in (True, False):
+        batch_assembly(batch, recorded, interface, 7)
 
 
 def render_numba(rhs):

@@ -161,7 +161,7 @@ def test_records_of_many_cases(plainly, monkeypatch, formulation, room, extra):
         times = np.array([[0.0, 0.3, 0.8]])
         out, ends, record = np.zeros((cases, n)), np.zeros((cases, 5)), np.zeros((cases * room, n + extra))
         loop_named("recorded_lane_loop")(
-            foreign_batch.batch_arguments(kernels, sizes)._replace(
+            foreign_batch.sweep_arguments(kernels, sizes)._replace(
                 shape=CaseShape(n, 0, 0, sizes.memory, 0, 0, 0, cases, 2),
                 limits=np.array([[np.inf, 100.0, 1e-6, 1e-8]]),
                 out=out,

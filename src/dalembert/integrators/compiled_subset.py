@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "PLAIN_LOOPS",
+    "call_c",
     "call_code",
     "call_test",
     "compiled_subset",
@@ -43,6 +44,7 @@ PLAIN_LOOPS: dict[int, Callable[[int], int]] = {}
 
 _ADDRESSES = (ctypes.c_int64,) * 5
 _CODE, _TEST = ctypes.CFUNCTYPE(None, *_ADDRESSES), ctypes.CFUNCTYPE(ctypes.c_int64, *_ADDRESSES)
+_FOREIGN = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
 _TAKING = Lock()
 _TARGET = {"fused": True}
 
@@ -77,6 +79,11 @@ def call_test(address: int, t: int, y: int, c: int, s: int, out: int) -> int:
     return int(_TEST(address)(t, y, c, s, out))
 
 
+def call_c(address: int, argument: int) -> int:
+    """Call the C function at ``address`` with an address or an integer, and return what it returns."""
+    return int(_FOREIGN(address)(argument))
+
+
 def element(address: int, index: int) -> np.float64:
     """Return the double at an index from an address."""
     return np.float64(ctypes.c_double.from_address(address + 8 * index).value)
@@ -92,7 +99,10 @@ def lowest(bits: int) -> int:
 
 
 def take(array: NDArray[np.int64], amount: int) -> int:
-    """Add to the first element of an array of integers, which threads share; return the former value."""
+    """Add to the first element of an array of integers, which threads share; return the former value.
+
+    What a thread wrote before is seen by those that find its change.
+    """
     with _TAKING:
         before = int(array[0])
         array[0] = before + amount

@@ -16,8 +16,8 @@ _KNOWN_VERSION = 0, 5
 """The major version that the handlers are written for, and its last minor one: a later one may add fields to what the
 handlers read."""
 
-_BEFORE, _WORD = 48, 8
-"""Bytes before the first function of the interface, and of each."""
+_BEFORE = 6
+"""Words before the first function of the interface."""
 
 
 @once
@@ -35,4 +35,4 @@ def foreign_interface() -> Interface | None:
     if version[0] != _KNOWN_VERSION[0] or version[1] > _KNOWN_VERSION[1]:
         return None
     functions = re.findall(r"^ *_XLA_FFI_API_STRUCT_FIELD\(XLA_FFI_(\w+)\);", text, re.MULTILINE)
-    return Interface(version, {name: _BEFORE + _WORD * place for place, name in enumerate(functions)})
+    return Interface(version, {name: _BEFORE + place for place, name in enumerate(functions)})

@@ -1,41 +1,34 @@
-"""Batches that XLA calls: a handler in machine code, which runs cases in lanes, in threads of XLA's own pool.
-
-A thread that comes when the others have done all cases touches nothing but what they share, which the last to let go of
-it frees: so no call waits for threads that have not begun, and calls on all threads of the pool do not wait for each
-other.
-"""
+"""Batches that XLA calls: a handler in machine code, which runs cases in lanes, in threads of XLA's own pool."""
 
 from __future__ import annotations
 
+import ctypes
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...integrators.addresses import AddressTable
+from ...integrators.addresses import AddressTable, OwnedAddress
 from ...integrators.arguments import pack, place_of
+from ...integrators.foreign_batch_loop import HEAD, BatchArguments, BatchCode, PoolFunctions
+from ...integrators.foreign_task import TaskSlots, task_slots
 from ...integrators.input_steps import no_inputs
 from ...integrators.sweep_arguments import CaseRows, CaseShape, Columns, SweepArguments, SweepKernels
 from ...integrators.workspace import LaneNumbers, LaneState, lane_state, no_event_workspace, no_events
+from ...once import once
 from ..rendering import render
 from .assembly import compile_object, load_object
 from .foreign import ForeignCode, buffer
 from .loops import compiled_entry
 
-__all__ = ["BatchSizes", "Interface", "batch_arguments", "batch_assembly", "foreign_batch"]
+__all__ = ["BatchSizes", "Interface", "batch_arguments", "batch_assembly", "foreign_batch", "sweep_arguments"]
 
-_WORD, _LINE = 8, 64
-_LARGEST_SHARE, _SHARES_PER_THREAD = 64, 64
-_CLOSED = 1 << 32
-_ROUNDS = 1000
-"""Number of looks at whether other threads have ended, after which a call sleeps between them."""
-
-_THREADING = {"schedule": "ThreadPool_Schedule", "threads": "ThreadPool_NumThreads", "destroy": "Error_Destroy"}
-"""Functions of XLA's interface by which threads are started."""
-
-_WAIT = {"name": "Sleep", "argument": 0} if os.name == "nt" else {"name": "usleep", "argument": 20}
+_WORD, _LINE = 8, 8
+_SLOTS = 64
+"""Calls that may have threads at once; others run their cases alone."""
 
 
 @final
@@ -48,11 +41,18 @@ class Interface:
     version : (int, int)
         Major and minor.
     places : mapping of str to int
-        Bytes before each of its functions; without those that start threads a batch has one.
+        Words before each of its functions; without those that start threads a batch has one.
     """
 
     version: tuple[int, int]
     places: Mapping[str, int]
+
+    @property
+    def pool(self) -> PoolFunctions:
+        """The functions that start threads."""
+        names = "ThreadPool_NumThreads", "ThreadPool_Schedule", "Error_Destroy"
+        known = all(name in self.places for name in names)
+        return PoolFunctions(*(self.places[name] if known else 0 for name in names))
 
 
 @final
@@ -84,13 +84,38 @@ def foreign_batch(kernels: SweepKernels, sizes: BatchSizes, recorded: bool, inte
     """
     projected = bool(kernels.position or kernels.velocity)
     entry = compiled_entry("recorded_lane_loop" if recorded else "projected_lane_loop" if projected else "lane_loop")
-    arguments = batch_arguments(kernels, sizes)
-    text, memory = batch_assembly(arguments, recorded, interface, entry)
-    return ForeignCode(load_object(compile_object(text)).address("handler"), memory, (arguments, entry))
+    code = BatchCode(entry, compiled_entry("foreign_task"), *_sleep())
+    arguments = batch_arguments(kernels, sizes, interface, code)
+    called = compiled_entry("foreign_batch_loop")
+    text, memory = batch_assembly(arguments, recorded, interface, called)
+    return ForeignCode(load_object(compile_object(text)).address("handler"), memory, (arguments, called))
 
 
-def batch_arguments(kernels: SweepKernels, sizes: BatchSizes) -> SweepArguments:
-    """Return the arguments of the loop; what its arrays hold lies in buffers of the call."""
+@once
+def _slots() -> TaskSlots:
+    """Return the slots of all batches, for the life of the process."""
+    return task_slots(_SLOTS)
+
+
+def _sleep() -> tuple[OwnedAddress, int]:
+    """Return the address of a C function that lets other threads run, and its argument."""
+    library, name, pause = ("kernel32", "Sleep", 0) if os.name == "nt" else (None, "usleep", 20)
+    function = getattr(ctypes.CDLL(library), name)
+    address = ctypes.cast(function, ctypes.c_void_p).value
+    assert address is not None
+    return OwnedAddress(address, function), pause
+
+
+def batch_arguments(kernels: SweepKernels, sizes: BatchSizes, interface: Interface, code: BatchCode) -> BatchArguments:
+    """Return the arguments of a batch; what is not given here lies in buffers of the call."""
+    sweep, none = sweep_arguments(kernels, sizes), np.zeros(0, np.int64)
+    arrays, size = _own_arrays(sweep.state, len(pack(sweep)))
+    memory = np.zeros((0, size), np.int64)
+    return BatchArguments(none, 0, interface.pool, code, _slots(), memory, none, arrays, sweep)
+
+
+def sweep_arguments(kernels: SweepKernels, sizes: BatchSizes) -> SweepArguments:
+    """Return the arguments of the loop over lanes; what its arrays hold lies in buffers of the call."""
     lanes, n, rows = sizes.lanes, sizes.n, sizes.n + 2 + sizes.memory
     none, nothing = np.zeros((0, 0)), np.zeros(0, np.int64)
     return SweepArguments(
@@ -116,16 +141,15 @@ def batch_arguments(kernels: SweepKernels, sizes: BatchSizes) -> SweepArguments:
     )
 
 
-def batch_assembly(arguments: SweepArguments, recorded: bool, interface: Interface, entry: int) -> tuple[str, int]:
-    """Return a handler in assembly that calls the loop at an address, and how many doubles a thread needs."""
-    words = pack(arguments).tolist()
-    parts, used = _thread_parts(arguments.state)
-    size = _WORD * len(words)
-    thread_size = _to_line(used + size) + _LINE
+def batch_assembly(arguments: BatchArguments, recorded: bool, interface: Interface, entry: int) -> tuple[str, int]:
+    """Return a handler in assembly that calls the code at an address, and how many words of memory a thread needs."""
+    words, sweep = pack(arguments), place_of(BatchArguments, "sweep")
+    words[place_of(BatchArguments, "words") + 1] = len(words) - sweep
+    memory = place_of(BatchArguments, "memory")
     variables = {
-        "words": words,
+        "words": words.tolist(),
         "count": len(words),
-        "size": size,
+        "size": _WORD * len(words),
         "version": {"major": interface.version[0], "minor": interface.version[1]},
         "buffers": [
             _rows("times", "given", 0, "rows.times"),
@@ -135,51 +159,34 @@ def batch_assembly(arguments: SweepArguments, recorded: bool, interface: Interfa
             _rows("numbers", "results", 1, "ends"),
             _rows("limits", "given", 3, "limits"),
             *([_rows("rows", "results", 2, "rows.record")] if recorded else []),
-            buffer("memory", "results", 3 if recorded else 2, [], []),
+            buffer("memory", "results", 3 if recorded else 2, [memory], [memory + 1, memory + 2]),
         ],
-        "thread_parts": parts,
-        "thread_size": thread_size,
-        "arguments_offset": used,
-        "cases": _place("shape.cases"),
-        "share": _place("shape.share"),
-        "turn": _place("turn"),
-        "shares": _SHARES_PER_THREAD,
-        "largest_share": _LARGEST_SHARE,
-        "closed": _CLOSED,
-        "rounds": _ROUNDS,
-        "wait": _WAIT,
-        "pooled": all(name in interface.places for name in _THREADING.values()),
-        "api": {key: interface.places.get(name, 0) for key, name in _THREADING.items()},
+        "table": place_of(BatchArguments, "table"),
+        "context": place_of(BatchArguments, "context"),
+        "own": place_of(BatchArguments, "words"),
+        "sweep": sweep,
         "entry": entry,
     }
-    return render("llvm/foreign_batch_handler.ll.j2", variables), thread_size // _WORD
+    return render("llvm/foreign_batch_handler.ll.j2", variables), arguments.memory.shape[1]
 
 
-def _thread_parts(state: LaneState) -> tuple[list[dict[str, int]], int]:
-    """Return the offsets [bytes] of the arrays of a thread in its memory, and the size of all of them."""
-    arrays: dict[str, int] = {}
+def _own_arrays(state: LaneState, words: int) -> tuple[NDArray[np.int64], int]:
+    """Return the words that are addresses of a thread's own arrays, with their places in its memory, and its size."""
+    found, used = [], _to_line(HEAD + words)
     for field in LaneState._fields:
         value: Any = getattr(state, field)
-        if field == "numbers":
-            arrays |= {f"numbers.{name}": row.size for name, row in zip(LaneNumbers._fields, value, strict=True)}
-        else:
-            arrays[field] = len(value.words) if field == "progress" else value.size
-    parts, used = [], 0
-    for name, size in arrays.items():
-        parts.append({"word": _place(f"state.{name}"), "offset": used})
-        used += _to_line(_WORD * size)
-    return parts, used
+        parts = zip(LaneNumbers._fields, value, strict=True) if field == "numbers" else [("", value)]
+        for name, array in parts:
+            found.append((place_of(SweepArguments, f"state.{field}.{name}".rstrip(".")), used))
+            used += _to_line(len(array.words) if field == "progress" else array.size)
+    return np.array(found), used
 
 
-def _to_line(size: int) -> int:
-    return -(-size // _LINE) * _LINE
-
-
-def _place(field: str) -> int:
-    return place_of(SweepArguments, field)
+def _to_line(words: int) -> int:
+    return -(-words // _LINE) * _LINE
 
 
 def _rows(name: str, side: str, number: int, field: str) -> dict[str, Any]:
     """Return the template's variables of a buffer that is a matrix among the arguments."""
-    place = _place(field)
+    place = place_of(BatchArguments, f"sweep.{field}")
     return buffer(name, side, number, [place], [place + 1, place + 2])

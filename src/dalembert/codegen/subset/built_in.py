@@ -85,6 +85,11 @@ def _call_test(lines: Expressions, *given: Value) -> Value:
     return Value(INTEGER, (lines.set(f"call i64 {pointer}({', '.join(f'i64 {word}' for word in addresses)})"),))
 
 
+def _call_c(lines: Expressions, address: Value, argument: Value) -> Value:
+    pointer = lines.set(f"inttoptr i64 {_word(address, INTEGER)} to ptr")
+    return Value(INTEGER, (lines.set(f"call i64 {pointer}(i64 {_word(argument, INTEGER)})"),))
+
+
 def _load(lines: Expressions, address: Value, index: Value) -> Value:
     pointer = lines.set(f"inttoptr i64 {_word(address, INTEGER)} to ptr")
     return lines.load(lines.place(Value(VECTOR, (pointer, "0")), [index]))
@@ -102,7 +107,7 @@ def _lowest(lines: Expressions, bits: Value) -> Value:
 
 
 def _take(lines: Expressions, array: Value, amount: Value) -> Value:
-    added = f"atomicrmw add ptr {_word(array, INT_VECTOR)}, i64 {_word(amount, INTEGER)} monotonic"
+    added = f"atomicrmw add ptr {_word(array, INT_VECTOR)}, i64 {_word(amount, INTEGER)} acq_rel"
     return Value(INTEGER, (lines.set(added),))
 
 
@@ -117,6 +122,7 @@ BUILT_IN: dict[Any, Callable[..., Value]] = {
     code.log: _library("log"),
     code.square: lambda lines, value: lines.combined(ast.Mult(), value, value),
     code.row: _row,
+    code.call_c: _call_c,
     code.call_code: _call_code,
     code.call_test: _call_test,
     code.prefetch: _prefetch,
