@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import DOP853 as SCIPY_DOP853
 
-from dalembert.methods.rooted_trees import density, node_count, trees_of_order
+from dalembert.methods.rooted_trees import density, elementary_weights, node_count, trees_of_order
+from dalembert.methods.step_constants import POLYNOMIAL_ERROR
 from dalembert.methods.tableaus import DOP853, TABLEAUS, TSIT5
 
 tableaus = pytest.mark.parametrize("tableau", TABLEAUS, ids=lambda tableau: tableau.name)
@@ -72,3 +73,34 @@ def test_import_needs_no_backend():
         for _ in range(3)
     ]
     assert runs[0][1].strip() == "set()"
+
+
+# -- dense output between the ends of a step ----------------------------------------------
+
+
+def largest_share_between(tableau):
+    """Return the largest error of the polynomial over the error estimate, of stable steps of y' = z y."""
+    theta, stages = np.linspace(0.0, 1.0, 41), len(tableau.c)
+    weights = theta[:, np.newaxis] ** np.arange(1, tableau.degree + 1) @ tableau.P.T
+    found = 0.0
+    for angle in np.linspace(np.pi / 2, np.pi, 61):
+        for z in np.linspace(0.5, 8.0, 120) * np.exp(1j * angle):
+            slopes = z * np.linalg.solve(np.eye(stages) - z * tableau.A, np.ones(stages))
+            if abs(1.0 + tableau.b @ slopes) <= 1.0:
+                first, *more = np.abs(tableau.error @ slopes)
+                estimate = first**2 / np.hypot(first, 0.1 * more[0]) if more else first
+                found = max(found, np.abs(1.0 + weights @ slopes - np.exp(theta * z)).max() / estimate)
+    return found
+
+
+def test_where_steps_are_stable_their_estimate_bounds_the_polynomials_of_tsit5():
+    assert largest_share_between(TSIT5) < 3.0 < POLYNOMIAL_ERROR
+    assert largest_share_between(DOP853) > 100.0 * POLYNOMIAL_ERROR
+
+
+def test_the_stages_of_tsit5_have_one_estimate_of_order_four():
+    """Another one, for points between the ends, would need another stage."""
+    trees = [tree for order in range(1, 5) for tree in trees_of_order(order)]
+    conditions = np.array([elementary_weights(tree, TSIT5.A) for tree in trees])
+    assert np.linalg.matrix_rank(conditions, tol=1e-9) == TSIT5.n_total - 1
+    np.testing.assert_allclose(conditions @ TSIT5.error[0], 0.0, atol=1e-14)
