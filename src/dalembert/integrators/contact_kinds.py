@@ -18,6 +18,7 @@ __all__ = [
     "STILL",
     "approaches",
     "arrives",
+    "forget_breaks",
     "gap_allowance",
     "kind_at_end",
     "refused",
@@ -206,6 +207,16 @@ def kind_at_end(system: ContactSystem, cases: ContactCases, case: int, i: int) -
     if free or (gap_rate(system, i) > noise and (before == UNDECIDED or not _unresolved(system, cases, case, i))):
         return FREE
     return _closed_at_end(system, cases, case, i)
+
+
+@compiled_subset
+def forget_breaks(cases: ContactCases, case: int) -> None:
+    """Forget the guards that say that friction fails to hold, where a force has a kink: it may stay at its limit there.
+
+    A contact sticks on where that breaks no law, and its guard fires again at once where the force goes on to grow.
+    """
+    for i in range(cases.fired.shape[1]):
+        cases.fired[case, i] %= BREAK_UP
 
 
 @compiled_subset

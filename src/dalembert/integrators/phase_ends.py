@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from ..methods.status import Status
 from .compiled_subset import compiled_subset
-from .contact_kinds import SOON, SOON_IN_A_ROW
+from .contact_kinds import SOON, SOON_IN_A_ROW, forget_breaks
+from .event_rules import happens_together
 from .phase_tables import JUMPS, NO_RUNNER, CaseTable, PhasePlan, ThreadWorkspace
 
 __all__ = ["begins_motion", "ended", "next_history"]
@@ -45,7 +46,7 @@ def _happened(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, i: int,
 @compiled_subset
 def _fire(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, i: int, first: int, t: float) -> bool:
     """Record the guards that have fired; return whether the reactions are no longer determined."""
-    requested, paradox = plan.terminal.size, False
+    requested, paradox, kinked = plan.terminal.size, False, False
     for m in range(table.cases.fired.shape[1]):
         table.cases.fired[i, m] = 0
     for e in range(requested, plan.runners.events[runner]):
@@ -56,6 +57,9 @@ def _fire(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int
                 paradox = True
             elif table.cases.fired[i, contact] & bit == 0:
                 table.cases.fired[i, contact] += bit
+            kinked = kinked or plan.guards[guard, 2] != 0
+    if kinked and not happens_together(table.cases.passed[i], t, t):
+        forget_breaks(table.cases, i)
     return paradox
 
 

@@ -16,6 +16,7 @@ from ..methods.step_constants import SMALLEST_OF_TIME
 from .addresses import AddressTable
 from .arguments import AddressVector, IntVector, Matrix, Vector
 from .compiled_subset import call_code, compiled_subset, row
+from .contact_kinds import forget_breaks
 from .input_steps import InputTable, begin_inputs, no_inputs, pass_knots
 
 if TYPE_CHECKING:
@@ -133,10 +134,13 @@ def _reach(table: CaseTable, i: int) -> int:
         if not math.isnan(stops.middles[place]):
             table.cases.p[i, stops.place] = stops.middles[place]
         place += 1
-    stops.next[i] = place
+    passes, stops.next[i] = place > stops.next[i], place
     if stops.inputs.knots.size > 0 and (stops.edges[i] - t) * direction <= close:
         stops.edges[i] = pass_knots(stops.inputs, stops.coefficients, i, i, t, forward)
         _write_inputs(table, i)
+        passes = True
+    if passes:
+        forget_breaks(table.cases, i)
     return acts
 
 

@@ -99,8 +99,9 @@ class PhasePlan(NamedTuple):
     runners : RunnerTable
     columns : (n_runners, n)
         Rows of ``ThreadWorkspace.gathered`` that hold the parameters of each runner.
-    guards : (n_guards, 2)
-        Contact of each guard, and the bit that it sets; -1 and 0 for a paradox.
+    guards : (n_guards, 3)
+        Contact of each guard, the bit that it sets (-1 and 0 for a paradox), and 1 where it may have a kink within a
+        phase.
     terminal, jumps : (n_requested,)
         Of events of users: the occurrence that ends a case (0: none does), and 1 for those that map the state.
     most_steps : int

@@ -23,7 +23,7 @@ from ..scene.symbols import RESERVED_OUTPUTS, symbol_reader_of
 from ..transforms.derivatives import tangents
 from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
-from .state_noise import terms
+from .state_noise import summands, terms
 
 __all__ = ["EventFunctions", "coordinates_kernel", "event_functions", "jump_kernel"]
 
@@ -42,7 +42,8 @@ class EventFunctions:
         The value of each expression (k,).
     begins : Kernel
         For each expression its value, its rate along the motion, and what rounding of the state may make of the
-        value where it should be zero (3 k,).
+        value where it should be zero (3 k,). That of a friction force at its limit is rounding of these two, too: they
+        may stay equal, and depend on nothing but parameters.
     """
 
     values: Kernel
@@ -100,7 +101,10 @@ def event_functions(
             )
     flow = dict(zip(y, graph.adopt(system.rhs), strict=True)) | {time: graph.one}
     rates = tangents(graph, nodes, flow)
-    noise = [graph.node(_ROUNDINGS) * size for size in terms(system, graph, y, time, nodes)]
+    limits = {guard.output for guard in system.equations.guards if guard.kind == "break"}
+    summed = [summands(graph, n) if e in limits else graph.zero for e, n in zip(expressions, nodes, strict=True)]
+    sizes = zip(terms(system, graph, y, time, nodes), summed, strict=True)
+    noise = [graph.node(_ROUNDINGS) * (size + own) for size, own in sizes]
     begins = [node for row in zip(nodes, rates, noise, strict=True) for node in row]
     still = [place for place in y if flow[place].is_zero]
     rhs = [flow[place] for place in y]

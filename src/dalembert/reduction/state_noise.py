@@ -14,7 +14,7 @@ from ..transforms.derivatives import tangents
 from .base import ReducedSystem
 from .saddle import SaddlePoint, velocity_residuals
 
-__all__ = ["terms"]
+__all__ = ["summands", "terms"]
 
 
 def terms(system: ReducedSystem, graph: Graph, y: Sequence[Node], time: Node, nodes: Sequence[Node]) -> list[Node]:
@@ -45,6 +45,13 @@ def terms(system: ReducedSystem, graph: Graph, y: Sequence[Node], time: Node, no
         slopes = tangents(graph, nodes, dict(zip(y, graph.adopt(change), strict=False)))
         found = [size + graph.call("abs", slope) * residual for size, slope in zip(found, slopes, strict=True)]
     return found
+
+
+def summands(graph: Graph, node: Node) -> Node:
+    """Return the sum of the sizes of the summands of a value: small multiples of it are rounding errors of the sum."""
+    if node.op in ("add", "sub", "neg"):
+        return graph.sum(summands(graph, arg) for arg in node.args)
+    return graph.call("abs", node)
 
 
 def _is_projected(system: ReducedSystem) -> bool:

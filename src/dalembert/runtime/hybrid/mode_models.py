@@ -16,6 +16,7 @@ from ...hybrid.modes import mode_parameters
 from ...integrators.breakpoints import CaseBreaks
 from ...integrators.event_code import Event, armed
 from ...ir.conditions import CONDITION_TIME, Conditions
+from ...ir.graph import Graph
 from ...ir.kernel import Kernel
 from ...ir.program import Layout
 from ...mechanics.equations import EquationsOfMotion, Guard
@@ -53,6 +54,7 @@ class ModeModels:
     compiled: dict[Mode, CompiledModel] = field(default_factory=dict, init=False)
     recorders: dict[str, list[Any]] = field(default_factory=dict, init=False)
     _guards: dict[Mode, list[Guard]] = field(default_factory=dict, init=False)
+    _kinked: dict[Mode, set[str]] = field(default_factory=dict, init=False)
     _expansions: dict[Mode, Kernel] = field(default_factory=dict, init=False)
 
     @property
@@ -138,6 +140,16 @@ class ModeModels:
             return [guard for guard in found if graph.freed_of(reduced.outputs[guard.output], moving) is None]
 
         return derived_once(self._guards, mode, make)
+
+    def kinked(self, mode: Mode) -> set[str]:
+        """Return the outputs of the guards of a mode that contain tables: steps end beside their knots, not on them."""
+
+        def make() -> set[str]:
+            outputs = self.model(mode).stages.reduced.outputs
+            nodes = {guard.output: Graph.topological([outputs[guard.output]]) for guard in self.guards(mode)}
+            return {name for name, found in nodes.items() if any(node.op == "table" for node in found)}
+
+        return derived_once(self._kinked, mode, make)
 
     def events(self, mode: Mode) -> list[Event]:
         """Return the guards of a mode as events, which occur where they fall through zero, or at once below it."""
