@@ -286,6 +286,19 @@ def test_two_reactions_of_which_only_the_sum_is_determined():
     assert model.layout.undetermined == ("R", "T")
 
 
+def test_component_that_occurs_in_no_reaction_is_zero():
+    """As the moment of the sleigh's blade, which the text writes down beside the forces, and ideality makes zero."""
+    scene, N, P, (_, y) = bead("x", "y")
+    R, S = da.unknowns("R S")
+    scene.add_joints(da.Joint("rail", body="bead", at=P, force=R * N.y + S * N.x))
+    scene.add_holonomic_constraints(y)
+    model = da.compile_model(scene, backend="numpy", outputs=["R", "S"])
+    run = model.simulate((0, 1), {"x": 0.0, "y": 0.0, "x_dot": 1.5, "y_dot": 0.0}, FALL)
+    np.testing.assert_allclose(run["R"], FALL["m"] * FALL["g"], rtol=1e-12)
+    np.testing.assert_array_equal(run["S"], 0.0)
+    assert run["x"][-1] == pytest.approx(1.5, rel=1e-12)
+
+
 def test_joint_that_cannot_exert_the_reaction():
     scene, N, P, (_, y) = bead("x", "y")
     R = da.unknowns("R")

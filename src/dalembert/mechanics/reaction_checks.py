@@ -19,8 +19,9 @@ def require_reactions_of_constraints(model: SceneModel, equations: EquationsOfMo
 
     Constraints are ideal: they are held by reactions without power on the motions that they allow. A joint none of
     whose forces is such a reaction would hold nothing, and the motion would be that of another joint than the one
-    described. Unknowns of contacts have laws of their own, and unknowns without any power are undetermined, which is an
-    error where an output asks for them.
+    described. Components with power beside others that make a reaction are zero, as the moment of the Chaplygin
+    sleigh's blade, and no fault. Unknowns of contacts have laws of their own, and unknowns without any power are
+    undetermined, which is an error where an output asks for them.
 
     Raises
     ------
