@@ -8,7 +8,7 @@ import pytest
 
 from codegen.llvm_texts import FURTHER_TEXTS, TEXTS
 from codegen.programs import oscillator
-from dalembert.codegen.llvm import order_loops
+from dalembert.codegen.llvm import lane_types
 from dalembert.codegen.llvm.library import LLVMLibrary
 
 PRELUDE = "declare double @sin(double)\n"
@@ -40,9 +40,10 @@ def test_text_is_a_valid_module_and_neatly_laid_out(write):
     assert not [line for line in text.splitlines() if line != line.rstrip()]
 
 
-def test_order_loop_whose_rows_are_too_large_for_the_stack_takes_memory_and_frees_it(monkeypatch):
-    monkeypatch.setattr(order_loops, "_LARGEST_FRAME", 0)
-    text = TEXTS["pendulum_order_loop"]()
+@pytest.mark.parametrize("name", ["pendulum_order_loop", "pendulum_series_loop"])
+def test_step_whose_memory_is_too_large_for_the_stack_takes_it_and_frees_it(name, monkeypatch):
+    monkeypatch.setattr(lane_types, "_LARGEST_FRAME", 0)
+    text = TEXTS[name]()
     llvm.parse_assembly(text).verify()
     assert "alloca" not in text
     assert text.count("call ptr @malloc") == text.count("call void @free(ptr %n.memory)\n  ret void") == 1

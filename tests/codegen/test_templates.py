@@ -17,7 +17,7 @@ from codegen.llvm_texts import FURTHER_TEXTS, TEXTS
 from codegen.programs import PROGRAMS
 from dalembert.codegen import rendering
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
-from dalembert.codegen.llvm import order_loops
+from dalembert.codegen.llvm import lane_types
 from dalembert.codegen.llvm.assembly import assembly
 from dalembert.codegen.llvm.foreign import foreign_arguments, handler_assembly
 from dalembert.codegen.llvm.foreign_batch import BatchSizes, Interface, batch_arguments, batch_assembly
@@ -59,8 +59,9 @@ def render_everything():
     render_batch_handlers()
     for write in (*TEXTS.values(), *FURTHER_TEXTS):
         write()
-    with mock.patch.object(order_loops, "_LARGEST_FRAME", 0):
+    with mock.patch.object(lane_types, "_LARGEST_FRAME", 0):
         TEXTS["pendulum_order_loop"]()
+        TEXTS["pendulum_series_loop"]()
 
 
 def render_batch_handlers():

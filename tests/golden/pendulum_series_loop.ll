@@ -373,7 +373,7 @@ entry:
 ; A Taylor step: the series of every value lies in memory, and each pass of the loop computes the next order.
 define void @step(ptr noalias nocapture %t, ptr noalias nocapture %y, ptr noalias nocapture %c, ptr noalias nocapture %s, ptr noalias nocapture %out) nounwind noinline {
 entry:
-  %n.work = call ptr @malloc(i64 304)
+  %n.work = alloca [304 x i8], align 64
   %x.at = getelementptr double, ptr %y, i64 0
   %x = load double, ptr %x.at, align 8
   %x.81 = add i64 0, 0
@@ -556,6 +556,5 @@ close:
   %x.149 = load double, ptr %x.151, align 8
   %x.152 = getelementptr double, ptr %out, i64 11
   store double %x.149, ptr %x.152, align 8
-  call void @free(ptr %n.work)
   ret void
 }

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import struct
+from typing import Any
 
 from .target import target
 
-__all__ = ["bits", "constant", "fma_name", "integer", "native_lanes", "suffix", "vector"]
+__all__ = ["bits", "constant", "fma_name", "integer", "memory_of_call", "native_lanes", "suffix", "vector"]
+
+_LARGEST_FRAME = 1 << 16
+"""Bytes that a call takes from the stack at most; beyond, the time of malloc is not measurable beside a step."""
+
+_LINE = 64
 
 
 def native_lanes() -> int:
@@ -43,3 +49,9 @@ def constant(value: float, lanes: int) -> str:
 def integer(value: int, lanes: int) -> str:
     """Return a whole number in every lane."""
     return str(value) if lanes == 1 else f"<{', '.join(f'i64 {value}' for _ in range(lanes))}>"
+
+
+def memory_of_call(size: int) -> dict[str, Any]:
+    """Return the variables of the memory that a call needs, of so many bytes, for ``memory.ll.j2``."""
+    on_heap = size > _LARGEST_FRAME
+    return {"on_heap": on_heap, "bytes": size + (_LINE if on_heap else 0)}

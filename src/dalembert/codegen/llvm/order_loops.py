@@ -21,7 +21,7 @@ from ...transforms.recurrences import Recurrences
 from ...transforms.taylor import LOW_TERMS, closing, closing_loads
 from ..rendering import render
 from .lane_printer import LanePrinter
-from .lane_types import constant, fma_name, vector
+from .lane_types import constant, fma_name, memory_of_call, vector
 from .order_loop_sums import Pack, Row, planned_sums
 from .vector_functions import prelude_variables
 
@@ -34,9 +34,6 @@ LEAST_ORDER = _FIRST + 1
 
 _TOGETHER = 8
 """Packs that are summed in one loop: with two factors each they fill the registers."""
-
-_LARGEST_FRAME = 1 << 16
-"""Bytes up to which rows lie on the stack."""
 
 
 def order_loop_assembly(name: str, recurrences: Recurrences, order: int, lanes: int, width: int, *, dense: bool) -> str:
@@ -153,7 +150,6 @@ class _Step:
 
     def variables(self) -> dict[str, Any]:
         """Return names, numbers and lines of the step."""
-        on_heap = self._size > _LARGEST_FRAME
         return {
             "prelude": prelude_variables(self.lanes),
             "lanes": self.lanes,
@@ -162,8 +158,7 @@ class _Step:
             "row_of_zeros": self.zero,
             "order": self.order,
             "first_order": _FIRST,
-            "on_heap": on_heap,
-            "bytes": self._size + (64 if on_heap else 0),
+            "memory": memory_of_call(self._size),
             "stride": self.stride,
             "stride_back": -self.stride,
             "two_strides_back": -2 * self.stride,

@@ -16,7 +16,7 @@ from ...transforms.recurrences import Integrated, Recurrences
 from ...transforms.taylor import closing_loads, ending
 from ..rendering import render
 from .lane_printer import LanePrinter
-from .lane_types import constant, fma_name, vector
+from .lane_types import constant, fma_name, memory_of_call, vector
 from .vector_functions import prelude_variables
 
 __all__ = ["series_loop_assembly"]
@@ -57,7 +57,7 @@ class _Step:
             "fma": fma_name(self.lanes),
             "zero": constant(0.0, self.lanes),
             "order": self.order,
-            "bytes": (self.count * (self.order + 1) + len(self.fixed)) * 8 * self.lanes,
+            "memory": memory_of_call((self.count * (self.order + 1) + len(self.fixed)) * 8 * self.lanes),
             "pieces": [
                 {
                     "number": number,
