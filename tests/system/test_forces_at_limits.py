@@ -70,8 +70,6 @@ def test_a_contact_sticks_at_its_limit(force, kind):
     """The law is |F| <= mu_static N: what goes beyond slips, however little, and what stays below does not."""
     model = da.compile_model(block(FORCES[force], kind))
     for method in METHODS if kind == "line" else ["taylor", "dop853"]:
-        if (kind, force, method) == ("plane", "rational", "taylor"):
-            continue  # the series of the guard has more than its rounding in error there
         assert slips(model, cases(), method) == 0, method
         assert slips(model, cases(1 + 1e-9), method) == 30, method
         assert slips(model, cases(1 - 1e-9), method) == 0, method
@@ -94,7 +92,7 @@ def test_slip_begins_when_the_force_passes_the_limit():
     for i in range(30):
         one = {name: values[i] for name, values in p.items() if name in model.layout.parameters}
         at = one["F_0"] / one["r"]
-        for share, begins in ((1.0, at), (1 - 1e-9, at * (1 + 1e-9))):
+        for share, begins in ((1.0, at), (1 - 1e-9, at * (1 + 1e-9)), (1 - 1e-12, at * (1 + 1e-12))):
             one["F_0"] = share * p["F_0"][i]
             run = model.simulate((0, 4), dict.fromkeys(model.layout.variables, 0.0), one)
             assert run.phases[-1].modes == {"floor": "slip"}
@@ -105,6 +103,5 @@ def test_tables_that_rise_to_the_limit():
     model = da.compile_model(block(F0 * da.table(t, [0, 1, 5], [0, 1, 1], name="ramp")))
     p = cases()
     for method in METHODS:
-        if method != "taylor":  # a step ends 1e-13 of its size behind the knot, where a few of these products slip
-            assert slips(model, p, method) == 0, method
+        assert slips(model, p, method) == 0, method
         assert slips(model, p | {"F_0": p["F_0"] * (1 + 1e-9)}, method) == 30, method

@@ -28,6 +28,10 @@ from .state_noise import summands, terms
 __all__ = ["EventFunctions", "coordinates_kernel", "event_functions", "jump_kernel"]
 
 _ROUNDINGS = 64 * EPSILON
+_AT_LIMIT = 1024 * EPSILON
+"""Share of a friction force and its limit up to which their difference counts as zero: what rounding leaves of it in
+the series of a step that touches the limit, and in one that ends just behind a knot of a table."""
+
 _ARGUMENTS = ("t", "y", "c")
 
 
@@ -42,7 +46,7 @@ class EventFunctions:
         The value of each expression (k,).
     begins : Kernel
         For each expression its value, its rate along the motion, and what rounding of the state may make of the
-        value where it should be zero (3 k,). That of a friction force at its limit is rounding of these two, too: they
+        value where it should be zero (3 k,). That of a friction force at its limit follows from these two: they
         may stay equal, and depend on nothing but parameters.
     """
 
@@ -104,7 +108,7 @@ def event_functions(
     limits = {guard.output for guard in system.equations.guards if guard.kind == "break"}
     summed = [summands(graph, n) if e in limits else graph.zero for e, n in zip(expressions, nodes, strict=True)]
     sizes = zip(terms(system, graph, y, time, nodes), summed, strict=True)
-    noise = [graph.node(_ROUNDINGS) * (size + own) for size, own in sizes]
+    noise = [graph.node(_ROUNDINGS) * size + graph.node(_AT_LIMIT) * own for size, own in sizes]
     begins = [node for row in zip(nodes, rates, noise, strict=True) for node in row]
     still = [place for place in y if flow[place].is_zero]
     rhs = [flow[place] for place in y]
