@@ -52,6 +52,18 @@ def test_motions_are_those_of_scipy_stopped_at_the_knots(backend, method, kind):
     assert [run["x"][-1], run["x_dot"][-1]] == pytest.approx(list(expected), abs=1e-9)
 
 
+@pytest.mark.parametrize(("backend", "method"), METHODS[:7], ids=lambda value: value)
+def test_states_between_steps_and_events(backend, method):
+    """Also in the short steps with which runs pass knots."""
+    made, times, fine = model("linear", backend), np.linspace(0, END, 501), {"method": method, **TIGHT}
+    expected = model("linear").simulate((0, END), start(), GIVEN, method="taylor", t_eval=times, rtol=1e-12)
+    run = made.simulate((0, END), start(), GIVEN, **fine)
+    watched = made.simulate((0, END), start(), GIVEN, events=[x], **fine)
+    for found in (run(times), watched(times)):
+        np.testing.assert_allclose(found["x"], expected["x"], atol=1e-8)
+    np.testing.assert_allclose(run(watched.events["x(t)"].t)["x"], 0.0, atol=1e-8)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5"])
 def test_sweeps_and_prepared_runs_are_single_runs(method, kind):

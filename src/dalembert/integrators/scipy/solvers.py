@@ -175,10 +175,8 @@ class _Run:
             check(float(solver.t))
             before, proposed = solver.nfev, self._limit_at_knots(solver)
             solver.step()
-            if proposed and proposed > solver.h_abs:
+            if shortened := proposed > solver.h_abs:
                 solver.h_abs = proposed
-                if self.method == "radau":
-                    solver.sol = None  # no polynomial of so short a step foretells a longer one
             self.evaluations += solver.nfev - before
             if solver.status == "failed":
                 in_last_attempt = self._calls.since_non_finite < max(per_attempt, 1)
@@ -187,6 +185,8 @@ class _Run:
             if per_attempt:
                 self.rejected += (solver.nfev - before) // per_attempt - 1
             status = self._finish_step(solver)
+            if shortened and self.method == "radau":
+                solver.sol = None  # no polynomial of so short a step foretells a longer one
             yield status
             if status is not Status.SUCCESS:
                 return
