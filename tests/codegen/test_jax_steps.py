@@ -12,6 +12,8 @@ from runtime.test_sensitivity import MOTIONS
 jax = pytest.importorskip("jax")
 jnp = jax.numpy
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 PARAMETERS = {"M": 1.0, "m": 0.1, "l": 0.5, "g": 9.81}
 START = {"x": 0.0, "theta": 0.3, "x_dot": 0.1, "theta_dot": 0.0}
 

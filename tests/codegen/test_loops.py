@@ -172,10 +172,10 @@ class Engines:
 @pytest.mark.parametrize("what", ["events", "reductions"])
 def test_code_of_a_model_is_bounded(monkeypatch, what):
     """Each distinct event or reduction used to keep its code as long as the model lived, 0.2 MB."""
-    monkeypatch.setattr(derived, "_MOST", 3)
-    monkeypatch.setattr(steppers, "_MOST_EVENTS", 3)
+    monkeypatch.setattr(derived, "_MOST", 2)
+    monkeypatch.setattr(steppers, "_MOST_EVENTS", 2)
     for module in (base, compiled_engine, kernel_library):
-        monkeypatch.setattr(module, "MOST_FURTHER", 8)
+        monkeypatch.setattr(module, "MOST_FURTHER", 4)
     model, engines, counts = da.compile_model(da.scenes.chaplygin_sleigh()), Engines(monkeypatch), []
 
     def swept(number):
@@ -186,10 +186,10 @@ def test_code_of_a_model_is_bounded(monkeypatch, what):
         return model.sweep((0, 0.1), START, {**PARAMETERS, "b": [0.2, 0.3]}, **options).y
 
     first = swept(0)
-    for number in range(1, 9):
+    for number in range(1, 6):
         swept(number)
         counts.append(engines.count())
-    assert counts[-1] == counts[-2] == counts[-3] < 30, counts
+    assert counts[-1] == counts[-2] == counts[-3] < 20, counts
     np.testing.assert_array_equal(swept(0), first)
 
 

@@ -117,6 +117,7 @@ def test_events_and_recorded_times():
         assert sampled["x"] == pytest.approx(KNOT - 2 * np.maximum(0, times - 1) ** 2, abs=1e-9)
 
 
+@pytest.mark.usefixtures("quick_xla")
 def test_traced_runs():
     pytest.importorskip("jax")
     check_traced_runs(pulled(u + jump(x, -1.0, 0.0), "jax"))

@@ -242,6 +242,7 @@ def test_cases_of_a_sweep_have_the_bits_of_prepared_runs(method):
             assert end.tolist() == [cases[name][i] for name in made.layout.state]
 
 
+@pytest.mark.usefixtures("quick_xla")
 def test_traced_runs():
     pytest.importorskip("jax")
     check_traced_runs(pulled(u - BELOW, "jax"))

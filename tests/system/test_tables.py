@@ -252,6 +252,7 @@ def test_sensitivities_across_a_jump_are_refused():
     assert inside.success
 
 
+@pytest.mark.usefixtures("quick_xla")
 def test_pairs_of_jax_stop_at_knots_and_are_differentiated():
     jax = pytest.importorskip("jax")
     made, tolerances = model("linear", "jax"), {"rtol": 1e-10, "atol": 1e-12}
