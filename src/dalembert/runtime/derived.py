@@ -21,9 +21,7 @@ from .symbol_assumptions import ROUNDING, signed_names
 if TYPE_CHECKING:
     from ..codegen.llvm.admission import AdmissionCode
     from ..integrators.event_code import EventCode
-    from ..reduction.gimbal import Gimbals
     from .quick_start import QuickStart
-    from .table_range import TableRange
     from .variation import Variation
 
 __all__ = ["Derived"]
@@ -140,25 +138,11 @@ class Derived:
         return AdmissionCode(kernel, sizes, self._engine.folder, projected=reduced.projection is not None)
 
     @derived_property
-    def gimbals(self) -> Gimbals | None:
-        """The angles that may lock."""
-        from ..reduction.gimbal import gimbals
-
-        return gimbals(self._stages.reduced)
-
-    @derived_property
     def dependence(self) -> Start | None:
         """How many constraints depend on others at a state; None where none can."""
         from ..reduction.admission import dependence
 
         return dependence(self._stages.reduced)
-
-    @derived_property
-    def tables(self) -> TableRange | None:
-        """The tables that have values within their knots only."""
-        from .table_range import table_range
-
-        return table_range(self._stages.program)
 
     @derived_property
     def invariants(self) -> Candidates:

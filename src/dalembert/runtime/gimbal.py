@@ -7,7 +7,8 @@ whether the mass matrix on the directions that the constraints leave free is sin
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
@@ -19,14 +20,18 @@ from ..integrators.segments import Constants, constants_at
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..methods.status import Status
-from ..reduction.gimbal import Gimbals
+from ..reduction.gimbal import Gimbals, gimbals
 from ..scene.orientation import with_quaternions
 from ..scene.scene import Scene
 from .constraint_rank import row_lengths
+from .run_check import EndedRun, RunCheck
 from .singular import cut
 from .state_sizes import distance_sizes
 
-__all__ = ["locked", "locked_cases", "remedy"]
+if TYPE_CHECKING:
+    from .model import CompiledModel
+
+__all__ = ["GimbalCheck"]
 
 _NEAR = 0.05
 """Determinant below which a run that failed is taken to have failed for it."""
@@ -37,35 +42,57 @@ _NOTHING, _DEPENDENT = 1e-12, 1e-9
 _FAILED = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED, Status.MAX_STEPS)
 
 
-def locked(
-    program: Program,
-    found: Gimbals,
-    solution: Solution,
-    c: Constants,
-    steps: Solution,
-    span: tuple[float, float],
-) -> tuple[Solution, str]:
-    """Return a run ended before the first attitude at which its angles are singular, and where that was.
+@final
+@dataclass(frozen=True, eq=False)
+class GimbalCheck(RunCheck):
+    """The angles of a program that may lock."""
 
-    `steps` is the same run with its accepted steps for records, `span` its start and end as they were asked for.
-    """
-    if len(steps.t) == 0:
-        return solution, ""
-    failed = steps.status in _FAILED
-    values = interpret_rows(found.kernel, steps.t, steps.y, constants_at(c, steps.t))
-    place, group = _first(values, failed=failed)
-    if place < 0:
-        return solution, ""
-    where = (float(steps.t[place]), steps.y[place])
-    if not _singular(program, found, group, where, c, float(values[place, group])):
-        return solution, ""
-    value = float(values[place, group])
-    if failed and place == len(steps.t) - 1:
-        note = _where(program, found, group, where, c, value)
-        return replace(solution, status=Status.SINGULAR_COORDINATES), note
-    t = _located(found, group, steps, place, values, c)
-    note = _where(program, found, group, (t, steps.y[place]), c, value)
-    return cut(solution, t, span, Status.SINGULAR_COORDINATES), note
+    program: Program
+    found: Gimbals
+    scene: Scene
+
+    @classmethod
+    def of(cls, model: CompiledModel) -> GimbalCheck | None:
+        """Return the check of a model; None where no angles can lock."""
+        found = gimbals(model.stages.reduced)
+        return None if found is None else cls(model.stages.program, found, model.stages.scene)
+
+    def after(self, run: EndedRun) -> tuple[Solution, str]:
+        """See `RunCheck.after`: a run ends before the first attitude at which its angles are singular."""
+        solution, steps, c = run.solution, run.steps, run.constants
+        if len(steps.t) == 0:
+            return solution, ""
+        failed = steps.status in _FAILED
+        values = interpret_rows(self.found.kernel, steps.t, steps.y, constants_at(c, steps.t))
+        place, group = _first(values, failed=failed)
+        if place < 0:
+            return solution, ""
+        where, value = (float(steps.t[place]), steps.y[place]), float(values[place, group])
+        if not _singular(self.program, self.found, group, where, c, value):
+            return solution, ""
+        ended = replace(solution, status=Status.SINGULAR_COORDINATES)
+        if not (failed and place == len(steps.t) - 1):
+            where = _located(self.found, group, steps, place, values, c), steps.y[place]
+            ended = cut(solution, where[0], run.span, Status.SINGULAR_COORDINATES)
+        return ended, f"{_where(self.program, self.found, group, where, c, value)}; {_remedy(self.scene)}"
+
+    def after_cases(self, method: str, block: CaseBlock, done: BlockResult) -> None:
+        """See `RunCheck.after_cases`: the angles of a case locked by a sign that changed, or an end near zero."""
+        status = done.ends[:, 1]
+        first = interpret_rows(self.found.kernel, block.spans[:, 0], block.y, block.c)
+        last = interpret_rows(self.found.kernel, done.ends[:, 0], done.y, block.c)
+        ran = np.isin(status, (Status.SUCCESS, Status.EVENT))
+        with np.errstate(invalid="ignore"):
+            turned = np.any(first * last < 0.0, axis=1) & ran
+            stopped = np.any(np.abs(last) < _NEAR, axis=1) & np.isin(status, _FAILED)
+        met = np.flatnonzero(turned | stopped)
+        if not len(met):
+            return
+        i = int(met[0])  # what is singular in one case is so in all
+        group = int(np.argmin(first[i] * last[i])) if turned[i] else int(np.nanargmin(np.abs(last[i])))
+        c, where = block.c[i if len(block.c) > 1 else 0], (float(done.ends[i, 0]), done.y[i])
+        if _singular(self.program, self.found, group, where, c, float(last[i, group])):
+            status[met] = float(Status.SINGULAR_COORDINATES)
 
 
 def _located(found: Gimbals, group: int, steps: Solution, place: int, values: FloatArray, c: Constants) -> float:
@@ -82,25 +109,6 @@ def _located(found: Gimbals, group: int, steps: Solution, place: int, values: Fl
         else:
             high = float(t[0])
     return high
-
-
-def locked_cases(program: Program, found: Gimbals, block: CaseBlock, done: BlockResult) -> None:
-    """Set the status of cases of a sweep whose angles locked: a sign that changed, or an end near zero."""
-    status = done.ends[:, 1]
-    first = interpret_rows(found.kernel, block.spans[:, 0], block.y, block.c)
-    last = interpret_rows(found.kernel, done.ends[:, 0], done.y, block.c)
-    ran = np.isin(status, (Status.SUCCESS, Status.EVENT))
-    with np.errstate(invalid="ignore"):
-        turned = np.any(first * last < 0.0, axis=1) & ran
-        stopped = np.any(np.abs(last) < _NEAR, axis=1) & np.isin(status, _FAILED)
-    met = np.flatnonzero(turned | stopped)
-    if not len(met):
-        return
-    i = int(met[0])  # what is singular in one case is so in all
-    group = int(np.argmin(first[i] * last[i])) if turned[i] else int(np.nanargmin(np.abs(last[i])))
-    c = block.c[i if len(block.c) > 1 else 0]
-    if _singular(program, found, group, (float(done.ends[i, 0]), done.y[i]), c, float(last[i, group])):
-        status[met] = float(Status.SINGULAR_COORDINATES)
 
 
 def _first(values: FloatArray, *, failed: bool) -> tuple[int, int]:
@@ -183,7 +191,7 @@ def _angle(value: float) -> str:
     return {1: "pi/2", -1: "-pi/2"}.get(quarters, f"{quarters} pi/2")
 
 
-def remedy(scene: Scene) -> str:
+def _remedy(scene: Scene) -> str:
     """Return the remedy for angles that lock in a scene."""
     try:
         with_quaternions(scene)

@@ -13,7 +13,7 @@ from ..codegen.base import Capability, Engine
 from ..errors import OptionError, list_names, unknown_name
 from ..ir.program import Layout, representative
 from ..mechanics.equations import EquationsOfMotion
-from ..once import once_property
+from ..once import derived_property, once_property
 from ..options import (
     CompileOptions,
     PrepareOptions,
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from ..results.sweep import Sweep
     from ..results.trajectory import Trajectory
     from .input_values import GivenInputs
+    from .run_check import RunCheck
 
 __all__ = ["CompiledModel"]
 
@@ -115,6 +116,13 @@ class CompiledModel(Model["Trajectory", "Sweep"]):
         return replace(self, stages=stages, engine=self.engine.for_segments, variants=variants)
 
     # -- what was compiled -----------------------------------------------------------------
+
+    @derived_property
+    def checks(self) -> tuple[RunCheck, ...]:
+        """What runs of the model are checked for."""
+        from .run_checks import run_checks
+
+        return run_checks(self)
 
     @property
     def name(self) -> str:

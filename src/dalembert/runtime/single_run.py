@@ -8,24 +8,19 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ..arrays import FloatArray
-from ..integrators.problem import IntegrationProblem, SamplingClock, Solution, prescribed
+from ..integrators.problem import IntegrationProblem, Solution, prescribed
 from ..ir.interpret import interpret_rows
 from ..methods.status import Status
 from ..progress import enter_stage
 from ..results.motion import RunStatistics
 from ..results.trajectory import Trajectory
-from .constraint_rank import indeterminate
-from .gimbal import locked, remedy
 from .jump_sliding import slid_along
-from .left_out_constraints import ended_where_left_out_matter
 from .pathway_lengths import lost_directions
 from .recording import Record
+from .run_checks import checked
 from .singular import checked_run, searched
 from .symbol_assumptions import warn_of_motion
-from .table_range import ended_outside
 
 if TYPE_CHECKING:
     from ..integrators.event_code import EventCode
@@ -51,22 +46,18 @@ def integrate(
     signs of events (see `integrate_watched`).
     """
     ready, wanted = time.perf_counter(), problem.dense
-    if model.stages.reduced.unproven:  # between steps too it is found out whether these constraints follow
-        problem = replace(problem, dense=True)
+    for check in model.checks:
+        problem = check.before(problem)
     if model.layout.state:
         enter_stage("machine code")
         model.engine.prepare(problem, method)
     compiled = time.perf_counter() - ready
     solution, occurrences, method, note = _integrated(model, problem, method, watch, automatic, carried)
-    solution, beyond = ended_outside(model.derived.tables, problem, solution, model.engine.constants_along(problem))
-    solution, where = _ended_where_singular(model, problem, method, solution)
+    solution, notes = checked(model, problem, method, solution)
     along = model.engine.constants_along(problem)
-    notes = [note, beyond, where, lost_directions(model, solution, along), slid_along(model, solution, along)]
-    reduced = model.stages.reduced
-    if reduced.unproven:
-        solution, broken = ended_where_left_out_matter(model.stages.program, reduced, problem, solution, along)
-        notes = [model.note, *notes, broken]
-        solution = solution if wanted else replace(solution, dense=None)
+    notes = [note, *notes, lost_directions(model, solution, along), slid_along(model, solution, along)]
+    if problem.dense and not wanted:
+        solution = replace(solution, dense=None)
     statistics = RunStatistics(
         method=method,
         steps=solution.steps,
@@ -78,8 +69,8 @@ def integrate(
         rtol=problem.rtol,
         atol=problem.atol,
     )
-    program, c = model.stages.program, model.engine.constants_along(problem)
-    run = Trajectory(program, c, solution.status, solution.t, solution.y, statistics, solution.dense)
+    program = model.stages.program
+    run = Trajectory(program, along, solution.status, solution.t, solution.y, statistics, solution.dense)
     run.ended_at(solution.end)
     if model.derived.signed:
         warn_of_motion(model.layout.assumptions, model.derived.signed, run.t, run.__getitem__)
@@ -161,43 +152,3 @@ def _watched(
     # guards of modes are evaluated in every phase, so that compiling them pays
     rows = engine.rows if watch.smooth else interpret_rows
     return integrate_watched(step_blocks, problem, watch.watched(engine.constants_along(problem), rows), carried)
-
-
-def _ended_where_singular(
-    model: CompiledModel, problem: IntegrationProblem, method: str, solution: Solution
-) -> tuple[Solution, str]:
-    """Return a run ended where its angles lock or its constraints lose rank, and a note on where that is."""
-    program, enforced, gimbals = model.stages.program, model.derived.enforced, model.derived.gimbals
-    if gimbals is None and not enforced:
-        return solution, ""
-    c, steps = model.engine.constants_along(problem), _steps(model, problem, method, solution)
-    span = problem.t0, problem.t1
-    if gimbals is not None:
-        solution, where = locked(program, gimbals, solution, c, steps, span)
-        if where:
-            return solution, f"{where}; {remedy(model.stages.scene)}"
-    if not enforced:
-        return solution, ""
-    where = ""
-    if solution.status is not Status.SINGULAR_CONFIGURATION:
-        solution, where = checked_run(program, solution, c, enforced, steps, span)
-    loose = indeterminate(program, problem.t0, problem.y0, problem.constants)
-    return solution, "; ".join(text for text in (where, loose) if text)
-
-
-def _steps(model: CompiledModel, problem: IntegrationProblem, method: str, solution: Solution) -> Solution:
-    """Return a run with its accepted steps for records, as far as that says more of it.
-
-    Of a run that failed they are integrated once more, from what it recorded last.
-    """
-    if problem.t_eval is None or not model.layout.state:
-        return solution
-    if solution.dense is not None:
-        return replace(solution, t=solution.dense.knots, y=solution.dense(solution.dense.knots))
-    if solution.success:
-        return solution
-    t, y = (solution.t[-1], solution.y[-1]) if len(solution.t) else (problem.t0, problem.y0)
-    rest = replace(problem, t0=float(t), y0=y, t_eval=None, first_step=None, sampled=SamplingClock(problem.t0, t))
-    again = model.engine.integrate(rest, method)
-    t, y = np.concatenate([solution.t, again.t]), np.concatenate([solution.y, again.y])
-    return replace(solution, t=t, y=y)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..errors import InitialStateError, OptionError, ValueInputError
-from ..integrators.cases import BlockResult, CaseBlock
+from ..integrators.cases import BlockResult
 from ..methods.status import Status
 from ..options import SweepOptions
 from ..results.case_results import NO_MODE, SweepStatistics
@@ -22,19 +22,16 @@ from . import inputs
 from .case_blocks import begin_cases, fitted
 from .case_settings import Settings, common_settings
 from .cases import Cases, single_problem, spans_of, with_grid
-from .checked_cases import check_cases
 from .constraint_choice import divisible_model, independent_model
 from .constraint_rank import unlike
 from .elapsed import begins_elsewhere, elapsed_times, far, in_elapsed_time, offset_columns
 from .event_parameters import with_event_parameters
 from .gains import give_gains
-from .gimbal import locked_cases
 from .invariant_projection import keeping_model, kept_values, refuse_jumps
 from .reductions import reduction_table
+from .run_checks import checked_cases
 from .simulate import NO_ESTIMATE
-from .singular import searched
 from .symbol_assumptions import warn_of_motion
-from .table_range import outside_cases
 
 if TYPE_CHECKING:
     from ..results.case_results import CaseResults
@@ -163,7 +160,7 @@ def begin_sweep(
         return begin_sweep(able, *given)
     if options.fits:
         settings = fitted(model.engine, cases, settings)
-    if _ranked(model) and settings.method != "radau":
+    if any(check.guards(settings.method) for check in model.checks):
         watch = model.derived.events(options.events, options.reduce, ranks=cases.duration)
         settings = replace(settings, watch=watch)
     give_gains(model.engine, cases, settings, parameters)
@@ -254,9 +251,8 @@ def _begin_cases(
     model: CompiledModel, cases: Cases, settings: Settings, axes: Mapping[str, FloatArray], begin: float
 ) -> Callable[..., Sweep]:
     """Begin to run all cases; return what waits for their results. The run time counts from `begin`."""
-    checked = model.derived.gimbals is not None or model.derived.tables is not None
-    if checked or _ranked(model) or _unproven(model):
-        settings = replace(settings, judge=lambda block, part: _check_results(model, settings.method, block, part))
+    if model.checks:
+        settings = replace(settings, judge=lambda block, part: checked_cases(model, settings.method, block, part))
     waiting = begin_cases(model.engine, cases, settings)
 
     def wait(stop: bool = False) -> Sweep:
@@ -301,27 +297,4 @@ def _results(
 
 def runs_unchecked(model: CompiledModel) -> bool:
     """Whether a sweep is nothing but a run of the engine: no choice at the start, no check of the results."""
-    derived = model.derived
-    checked = derived.enforced or _unproven(model) or derived.gimbals is not None or derived.tables is not None
-    return bool(model.layout.state) and not checked
-
-
-def _ranked(model: CompiledModel) -> bool:
-    """Whether the cases of sweeps are searched for a rank that the constraints lose."""
-    return bool(model.derived.enforced) and bool(model.layout.state) and searched(model.stages.program)
-
-
-def _unproven(model: CompiledModel) -> bool:
-    """Whether constraints were left out that need not follow from the others everywhere."""
-    return bool(model.stages.reduced.unproven) and bool(model.layout.state)
-
-
-def _check_results(model: CompiledModel, method: str, block: CaseBlock, done: BlockResult) -> None:
-    """Set the status of cases whose angles locked, or whose constraints lost rank."""
-    program = model.stages.program
-    if model.derived.tables is not None:
-        outside_cases(model.derived.tables, block, done)
-    if _ranked(model) or _unproven(model):
-        check_cases(model, method, block, done)
-    if model.derived.gimbals is not None:
-        locked_cases(program, model.derived.gimbals, block, done)
+    return bool(model.layout.state) and not model.checks

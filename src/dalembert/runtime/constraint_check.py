@@ -1,0 +1,153 @@
+"""Runs that end where their constraints lose rank, or where constraints that were left out no longer follow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from ..integrators.cases import BlockResult, CaseBlock
+from ..integrators.problem import IntegrationProblem, Solution
+from ..integrators.segments import Constants
+from ..methods.status import Status
+from ..reduction.base import ReducedSystem
+from .constraint_rank import indeterminate
+from .left_out_constraints import ended_where_left_out_matter
+from .run_check import EndedRun, RunCheck
+from .singular import checked_run, searched
+
+if TYPE_CHECKING:
+    from .model import CompiledModel
+
+__all__ = ["ConstraintCheck"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ConstraintCheck(RunCheck):
+    """The constraints that a model enforces and that may lose rank, and those left out that need not follow from them.
+
+    Runs whose formulation does not project are searched for losses of rank that they have crossed, others are looked at
+    where they failed.
+    """
+
+    model: CompiledModel
+    enforced: Sequence[int]
+    reduced: ReducedSystem
+
+    @classmethod
+    def of(cls, model: CompiledModel) -> ConstraintCheck | None:
+        """Return the check of a model; None where its constraints are independent everywhere."""
+        enforced, reduced = model.derived.enforced, model.stages.reduced
+        return cls(model, enforced, reduced) if enforced or reduced.unproven else None
+
+    def before(self, problem: IntegrationProblem) -> IntegrationProblem:
+        """See `RunCheck.before`: between steps too it is found out whether constraints that were left out follow."""
+        return replace(problem, dense=True) if self.reduced.unproven else problem
+
+    def after(self, run: EndedRun) -> tuple[Solution, str]:
+        """See `RunCheck.after`."""
+        program, solution, c, notes = self.model.stages.program, run.solution, run.constants, []
+        if self.enforced:
+            if solution.status is not Status.SINGULAR_CONFIGURATION:
+                solution, where = checked_run(program, solution, c, self.enforced, run.steps, run.span)
+                notes.append(where)
+            problem = run.problem
+            notes.append(indeterminate(program, problem.t0, problem.y0, problem.constants))
+        if self.reduced.unproven:
+            solution, broken = ended_where_left_out_matter(program, self.reduced, run.problem, solution, c)
+            notes += [self.model.note, broken]
+        return solution, "; ".join(text for text in notes if text)
+
+    @property
+    def _ranked(self) -> bool:
+        """Whether the cases of sweeps are searched for a rank that the constraints lose."""
+        return bool(self.enforced and self.model.layout.state) and searched(self.model.stages.program)
+
+    def guards(self, method: str) -> bool:
+        """See `RunCheck.guards`: the cases of "radau" run alone in any case, and are all looked at."""
+        return self._ranked and method != "radau"
+
+    def after_cases(self, method: str, block: CaseBlock, done: BlockResult) -> None:
+        """See `RunCheck.after_cases`: cases that came near a lost rank, or failed, run alone once more.
+
+        Where constraints were left out that followed from others around the start, all do. Samples behind the place are
+        NaN, as are reductions, and events are not reported.
+        """
+        if not (self._ranked or self.reduced.unproven):
+            return
+        from ..integrators.event_code import SUSPECT
+
+        marked = done.ends[:, 1] <= SUSPECT
+        done.ends[marked, 1] = SUSPECT - done.ends[marked, 1]
+        looked = [Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED]
+        if method == "radau" or self.reduced.unproven:
+            looked += [Status.SUCCESS, Status.EVENT, Status.MAX_STEPS]
+        started = np.all(np.isfinite(np.hstack([block.y, block.c, block.spans])), axis=1)
+        for i in np.flatnonzero(started & (marked | np.isin(done.ends[:, 1], looked))):
+            for bounded in (
+                (False, True) if marked[i] else (False,)
+            ):  # as a single run, then with the steps of the sweep
+                problem = replace(block.problem(int(i), dense=True), bounded=bounded)
+                if _ended_alone(self.model, method, block, done, int(i), problem):
+                    break
+
+
+def _ended_alone(
+    model: CompiledModel, method: str, block: CaseBlock, done: BlockResult, i: int, problem: IntegrationProblem
+) -> bool:
+    """Run case i alone, and end it if it met a singular configuration; return whether it did."""
+    c, before = model.engine.constants_along(problem), 0
+    for solution in _alone(model, method, block, problem):
+        ended = _ended(model, block, problem, solution, c)
+        if ended is not None:
+            forward = 1.0 if problem.t1 >= problem.t0 else -1.0
+            steps = max(1, int(np.sum((solution.t - ended) * forward <= 0.0)))
+            status = float(Status.SINGULAR_CONFIGURATION)
+            done.y[i], done.ends[i] = solution.y[steps - 1], (solution.t[steps - 1], status, before + steps - 1)
+            done.samples[i, (block.t_eval - ended) * forward > 0.0] = np.nan
+            done.totals[i] = np.nan
+            done.happened[i] = np.nan
+            done.happened[i, ::3] = 0.0
+            return True
+        before += len(solution.t) - 1
+    return False
+
+
+def _ended(
+    model: CompiledModel, block: CaseBlock, problem: IntegrationProblem, solution: Solution, c: Constants
+) -> float | None:
+    """Return the last time before a singular configuration in a run, or a part of one; None where it met none."""
+    program, forward = model.stages.program, 1.0 if problem.t1 >= problem.t0 else -1.0
+    requested = block.t_eval[(block.t_eval - solution.t[-1]) * forward <= 0.0]
+    requested = requested[(requested - solution.t[0]) * forward >= 0.0]
+    times = forward * np.union1d(forward * solution.t, forward * requested)
+    states = solution.y if solution.dense is None else solution.dense(times)
+    found = replace(solution, t=times, y=states)
+    if model.derived.enforced:
+        found, _ = checked_run(program, found, c, model.derived.enforced, solution, (problem.t0, problem.t1))
+    if found.status is not Status.SINGULAR_CONFIGURATION:
+        part = replace(problem, t0=float(solution.t[0]), y0=solution.y[0])
+        found, _ = ended_where_left_out_matter(program, model.stages.reduced, part, found, c)
+    return float(found.t[-1]) if found.status is Status.SINGULAR_CONFIGURATION else None
+
+
+def _alone(model: CompiledModel, method: str, block: CaseBlock, problem: IntegrationProblem) -> Iterator[Solution]:
+    """Yield a case of a block with its continuous output, and with its events where it has any.
+
+    Without constraints that need not follow everywhere it comes in parts: beyond the place where these matter, steps
+    may become very small.
+    """
+    engine = model.engine
+    blocks = partial(engine.step_blocks, method=method)
+    if block.watch is None or not block.watch.reported:
+        return blocks(problem) if model.stages.reduced.unproven else iter([engine.integrate(problem, method)])
+    from ..integrators.chaining import blocks_between_knots
+    from ..integrators.events import integrate_watched
+
+    watched = block.watch.watched(engine.constants_along(problem))
+    between = partial(blocks_between_knots, blocks) if block.watch.reads_inputs else blocks
+    return iter([integrate_watched(between, problem, watched)[0]])
