@@ -27,6 +27,7 @@ from .segment_constants import starting_constants
 from .single_run import integrate
 
 if TYPE_CHECKING:
+    from ..integrators.event_code import EventCode
     from ..results.motion import Motion
     from .base import Model
     from .model import CompiledModel
@@ -92,27 +93,44 @@ def simulate_in_own_time(
         from .invariant_projection import keeping_from, refuse_jumps
 
         refuse_jumps(options.events, model.layout.aliases)
-        keeper, kept = keeping_from(model, options.project_invariants, t_span, initial, parameters)
-        options = replace(options, project_invariants=False)
-        return simulate_in_own_time(keeper, t_span, initial, {**parameters, **kept}, options, carried)
+        model, kept = keeping_from(model, options.project_invariants, t_span, initial, parameters)
+        options, parameters = replace(options, project_invariants=False), {**parameters, **kept}
     begin = time.perf_counter()
-    method = model.choose_method(options.method, options.rtol, options.atol)
-    able = divisible_model(model, t_span[0], initial, parameters)
-    if able is not model:
-        return simulate_in_own_time(able, t_span, initial, parameters, options, carried)
-    problem = _problem(model, t_span, initial, parameters, options, method)
-    watch = model.derived.events(options.events)
-    if watch is not None and options.error_estimate:
-        raise OptionError(NO_ESTIMATE)
-    found = independent_model(model, problem, method, begin)
-    if isinstance(found, Trajectory):
-        return found
-    if found is not model:
-        return simulate_in_own_time(found, t_span, initial, parameters, options, carried)
+    decided = _decided(model, t_span, initial, parameters, options, begin)
+    if isinstance(decided, Trajectory):
+        return decided
+    model, method, problem, watch = decided
     engine = model.engine
     problem = with_gains(model.stages.program, lambda pilot: engine.integrate(pilot, method), problem, parameters)
     run = integrate(model, problem, method, begin, watch, automatic=options.automatic, carried=carried)
     return run.with_twin(_twin(model, problem, run, options)) if options.error_estimate else run
+
+
+def _decided(
+    model: CompiledModel,
+    t_span: tuple[float, float],
+    initial: Given,
+    parameters: Given,
+    options: SimulateOptions,
+    begin: float,
+) -> tuple[CompiledModel, str, IntegrationProblem, EventCode | None] | Trajectory:
+    """Return the model that a run takes, without constraints that depend on others at its start, and what it runs.
+
+    That is a method, a problem and events. Where nothing can run from the start, return the run that ends there.
+    """
+    while True:
+        able = divisible_model(model, t_span[0], initial, parameters)
+        method = able.choose_method(options.method, options.rtol, options.atol)
+        problem = _problem(able, t_span, initial, parameters, options, method)
+        watch = able.derived.events(options.events)
+        if watch is not None and options.error_estimate:
+            raise OptionError(NO_ESTIMATE)
+        found = independent_model(able, problem, method, begin)
+        if isinstance(found, Trajectory):
+            return found
+        if found is able:
+            return able, method, problem, watch
+        model = found
 
 
 def _problem(

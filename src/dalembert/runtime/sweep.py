@@ -101,12 +101,11 @@ def sweep_in_own_time(
     model: CompiledModel, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
 ) -> Sweep:
     """Return the results of many cases of a model without contacts, in the time of the model."""
-    if options.project_invariants is False:
-        return begin_sweep(model, t_span, initial, parameters, options)()
-    refuse_jumps(options.events, model.layout.aliases)
-    keeper, further = _keeping_cases(model, options.project_invariants, t_span, initial, parameters, options.grid)
-    options = replace(options, project_invariants=False)
-    return sweep_in_own_time(keeper, t_span, initial, {**parameters, **further}, options)
+    if options.project_invariants is not False:
+        refuse_jumps(options.events, model.layout.aliases)
+        model, further = _keeping_cases(model, options.project_invariants, t_span, initial, parameters, options.grid)
+        options, parameters = replace(options, project_invariants=False), {**parameters, **further}
+    return begin_sweep(model, t_span, initial, parameters, options)()
 
 
 def _keeping_cases(
@@ -144,20 +143,11 @@ def begin_sweep(
     `carried` (k, n_events) are signs of events, for runs that are parts of others (`CaseColumns.carried`). What is
     returned takes one argument, whether to stop (see `dalembert.runtime.case_blocks.begin_cases`).
     """
-    begin, given = time.perf_counter(), (t_span, initial, parameters, options, carried)
-    method = model.choose_method(options.method, options.rtol, options.atol, many=True)
-    method = options.method_chosen(NO_MODE, method)
-    inputs.warn_below_floor(options.rtol, options.atol, model.stages.program, method)
+    begin = time.perf_counter()
     if options.grid is not None:
         initial, parameters = with_grid(model.layout, options.grid, initial, parameters)
-    cases = Cases(model.stages.program, model.derived.start, t_span, initial, parameters, options.inputs)
-    able = _divisible_cases(model, cases)
-    if able is not model:
-        return begin_sweep(able, *given)
-    settings = replace(_settings(model, cases, options, method), carried=carried)
-    able = _independent_cases(model, cases, settings, begin)
-    if able is not model:
-        return begin_sweep(able, *given)
+    model, cases, settings = _decided(model, t_span, initial, parameters, options, begin)
+    settings = replace(settings, carried=carried)
     if options.fits:
         settings = fitted(model.engine, cases, settings)
     if any(check.guards(settings.method) for check in model.checks):
@@ -183,6 +173,35 @@ def begin_sweep(
         return done
 
     return estimated
+
+
+def _decided(
+    model: CompiledModel,
+    t_span: tuple[Any, Any],
+    initial: Given,
+    parameters: Given,
+    options: SweepOptions,
+    begin: float,
+) -> tuple[CompiledModel, Cases, Settings]:
+    """Return the model that cases take, without constraints that depend on others at the first start, and what it runs.
+
+    Raises
+    ------
+    OptionError, ValueInputError
+        For options that make no sense with these cases, or with each other.
+    """
+    while True:
+        method = model.choose_method(options.method, options.rtol, options.atol, many=True)
+        method = options.method_chosen(NO_MODE, method)
+        inputs.warn_below_floor(options.rtol, options.atol, model.stages.program, method)
+        cases = Cases(model.stages.program, model.derived.start, t_span, initial, parameters, options.inputs)
+        able = _divisible_cases(model, cases)
+        if able is model:
+            settings = _settings(model, cases, options, method)
+            able = _independent_cases(model, cases, settings, begin)
+            if able is model:
+                return model, cases, settings
+        model = able
 
 
 def _settings(model: CompiledModel, cases: Cases, options: SweepOptions, method: str) -> Settings:
