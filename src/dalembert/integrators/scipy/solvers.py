@@ -175,7 +175,8 @@ class _Run:
             check(float(solver.t))
             before, proposed = solver.nfev, self._limit_at_knots(solver)
             solver.step()
-            if shortened := proposed > solver.h_abs:
+            shortened = proposed > 0.0 and proposed > solver.h_abs
+            if shortened:
                 solver.h_abs = proposed
             self.evaluations += solver.nfev - before
             if solver.status == "failed":
