@@ -18,12 +18,12 @@ from ..options import (
     CompileOptions,
     PrepareOptions,
     SensitivityOptions,
-    SimulateOptions,
     StoreOptions,
     SweepOptions,
     TrimOptions,
 )
 from ..pipeline import Compiled, Stages, compile_equations, derive_scene
+from ..results.trajectory import Trajectory
 from ..scene import Scene
 from ..values import tolerances
 from . import inputs as run_input
@@ -34,7 +34,7 @@ from .engines import engine_of
 from .initial_states import initial_state
 from .interface import motions, states, traced
 from .segment_constants import at_time
-from .simulate import simulate_with_meter
+from .simulate import simulate_in_own_time
 from .variants import Variants
 
 if TYPE_CHECKING:
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from ..results.operating_point import OperatingPoint
     from ..results.sensitivity import Sensitivity
     from ..results.sweep import Sweep
-    from ..results.trajectory import Trajectory
     from .input_values import GivenInputs
     from .run_check import RunCheck
 
@@ -58,7 +57,7 @@ _MOST_CHOSEN = 64
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
-class CompiledModel(Model["Trajectory", "Sweep"]):
+class CompiledModel(Model[Trajectory, "Sweep"]):
     """A scene compiled for one backend in one formulation.
 
     It holds what was compiled and does not change; `simulate`, `sweep`, `prepare`, `sensitivity`, `linearize` and
@@ -294,10 +293,7 @@ class CompiledModel(Model["Trajectory", "Sweep"]):
     def _starting_model(self) -> CompiledModel:
         return self
 
-    def _simulate_in_own_time(
-        self, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
-    ) -> Trajectory:
-        return simulate_with_meter(self, t_span, initial, parameters, options)
+    _simulate_in_own_time = simulate_in_own_time
 
     def _with_parameters(self, symbols: tuple[Any, ...]) -> CompiledModel:
         return self.variants.with_parameters(symbols)

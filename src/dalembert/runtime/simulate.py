@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from .base import Model
     from .model import CompiledModel
 
-__all__ = ["NO_ESTIMATE", "simulate", "simulate_in_own_time", "simulate_with_meter"]
+__all__ = ["NO_ESTIMATE", "simulate", "simulate_in_own_time"]
 
 NO_ESTIMATE = "error_estimate compares motions time by time, which events may end or cut: leave out one of the two"
 
@@ -49,32 +49,20 @@ def simulate(
     if options.inputs is not None:
         options.inputs.refuse_span(t0, t1)
         parameters = options.inputs.parameters(parameters, t0, after=t1 >= t0)
-    if not begins_elsewhere(t0, t1):
-        return model._simulate_in_own_time((t0, t1), initial, parameters, options)
-    other, events, _ = in_elapsed_time(model, t0, t1, options.events)
-    options = replace(options, events=events)
-    if other is None:
-        return model._simulate_in_own_time((t0, t1), initial, parameters, options)
-    times = options.t_eval
-    options = replace(options, t_eval=elapsed_times(t0, t1, times), origin=t0)
-    given = with_offsets(model, other, t0, parameters)
-    if options.inputs is not None:
-        options = replace(options, inputs=options.inputs.counted_from(t0))
-        given = options.inputs.parameters(given, 0.0, after=t1 >= t0)
-    run = other._simulate_in_own_time((0.0, t1 - t0), initial, given, options)
-    return run.counted_from(t0, times, noted_from(run.stats.note, t0))
-
-
-def simulate_with_meter(
-    model: CompiledModel, t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
-) -> Trajectory:
-    """Return one trajectory in the time of the model, with a progress bar if requested."""
-    if not options.progress:
-        return simulate_in_own_time(model, t_span, initial, parameters, options)
-    with run_meter(*t_span, wanted=True) as show:
-        run = simulate_in_own_time(model, t_span, initial, parameters, options)
+    span, times, other = (t0, t1), options.t_eval, None
+    if begins_elsewhere(t0, t1):
+        other, events, _ = in_elapsed_time(model, t0, t1, options.events)
+        options = replace(options, events=events)
+    if other is not None:
+        span, parameters = (0.0, t1 - t0), with_offsets(model, other, t0, parameters)
+        options = replace(options, t_eval=elapsed_times(t0, t1, times), origin=t0)
+        if options.inputs is not None:
+            options = replace(options, inputs=options.inputs.counted_from(t0))
+            parameters = options.inputs.parameters(parameters, 0.0, after=t1 >= t0)
+    with run_meter(*span, options.progress) as show:
+        run = (model if other is None else other)._simulate_in_own_time(span, initial, parameters, options)
         show(run.t_end)
-    return run
+    return run if other is None else run.counted_from(t0, times, noted_from(run.stats.note, t0))
 
 
 def simulate_in_own_time(

@@ -17,7 +17,6 @@ from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
 from ...methods.status import RUNNING, Status
 from ...options import SimulateOptions, SweepOptions
-from ...progress import run_meter
 from ...reduction.baumgarte import GAINS, Baumgarte
 from ...results.estimate import TIGHTER
 from ...results.hybrid import HybridTrajectory
@@ -110,9 +109,7 @@ def run_motion(
         options=options,
         reductions=PhaseReductions({}, events),
     )
-    with run_meter(t0, t1, options.progress) as show:
-        run = simulate(request)
-        show(run.t_end)
+    run = simulate(request)
     if not options.error_estimate:
         return run
     finer = replace(_tighter(options), dense=True, t_eval=None)
