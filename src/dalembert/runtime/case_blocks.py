@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -22,9 +22,9 @@ from .case_settings import Settings
 from .cases import Cases, single_problem
 
 if TYPE_CHECKING:
-    from concurrent.futures import Future, ThreadPoolExecutor
+    from concurrent.futures import ThreadPoolExecutor
 
-__all__ = ["begin_cases", "begin_whole", "fitted"]
+__all__ = ["fitted", "run_cases", "run_shared"]
 
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD, _CUT_BLOCKS_PER_THREAD = 8, 2
@@ -50,14 +50,10 @@ def fitted(engine: Engine, cases: Cases, settings: Settings) -> Settings:
     return settings
 
 
-Waiting = Callable[..., BlockResult]
-"""A function that waits for results; with True, only for cases that were begun: the others are INTERRUPTED."""
+def run_cases(engine: Engine, cases: Cases, settings: Settings, stop: bool = False) -> BlockResult:
+    """Run cases, in threads where the engine supports it, and return all results; to `stop`, none is run.
 
-
-def begin_cases(engine: Engine, cases: Cases, settings: Settings) -> Waiting:
-    """Begin to run cases, in threads where the engine supports it; return a function that waits for all results.
-
-    A case that fails is a status; an interrupt keeps what is finished.
+    A case that fails is a status; an interrupt keeps what is finished, and the others are INTERRUPTED.
     """
     count, samples = cases.count, 0 if settings.t_eval is None else len(settings.t_eval)
     size = len(cases.program.layout.state)
@@ -66,11 +62,12 @@ def begin_cases(engine: Engine, cases: Cases, settings: Settings) -> Waiting:
     if watch is not None:
         result = replace(result, totals=np.full((count, len(watch.plan)), np.nan))
     result.ends[:, 1] = float(Status.INTERRUPTED)
+    if stop:
+        return _interrupted(result)
     threads = settings.threads if engine.parallel else 1
-    waiting = None if samples else _whole(engine, cases, settings, result, threads)
-    if waiting is not None:
-        return waiting
-    return lambda stop=False: _interrupted(result) if stop else _in_blocks(engine, cases, settings, result, threads)
+    if samples or not _whole(engine, cases, settings, result, threads):
+        _in_blocks(engine, cases, settings, result, threads)
+    return result
 
 
 def _interrupted(result: BlockResult) -> BlockResult:
@@ -79,7 +76,7 @@ def _interrupted(result: BlockResult) -> BlockResult:
     return result
 
 
-def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> BlockResult:
+def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> None:
     """Run all cases, block by block."""
     count = cases.count
     share = 1 if engine.whole_blocks else threads * (_CUT_BLOCKS_PER_THREAD if engine.cuts else _BLOCKS_PER_THREAD)
@@ -105,11 +102,12 @@ def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockRe
                 advance(finished)
         except KeyboardInterrupt:
             stopping.set()
-    return _interrupted(result) if stopping.is_set() else result
+    if stopping.is_set():
+        _interrupted(result)
 
 
-def _whole(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> Waiting | None:
-    """Begin to run all cases in threads that share them; return a function that waits, None where unsupported.
+def _whole(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> bool:
+    """Run all cases in threads that share them, where the engine makes them itself; return whether that is so.
 
     Reductions need the constants of all cases of a part, so parts are of a limited size.
     """
@@ -118,30 +116,16 @@ def _whole(engine: Engine, cases: Cases, settings: Settings, result: BlockResult
     share = min(_LARGEST_SHARE, max(1, min(count, length) // (threads * _SHARES_PER_THREAD)))
     parts = [slice(first, min(first + length, count)) for first in range(0, count, length)]
 
-    def begin(part: slice) -> Callable[..., bool] | None:
-        run = _columns_run(engine, cases, settings, part, result[part], share)
+    for part in parts:
+        run, size = _columns_run(engine, cases, settings, part, result[part], share), part.stop - part.start
         if run is None:
-            return None
-        size = part.stop - part.start
-        return begin_whole(run, size, max(1, min(threads, -(-size // share))), settings.progress)
-
-    waiting = begin(parts[0]) if parts else lambda stop: True
-    if waiting is None:
-        return None
-
-    def wait(stop: bool = False) -> BlockResult:
-        going, rest = waiting(stop) and not stop, parts[1:]
-        while going and rest:
-            following = begin(rest.pop(0))
-            assert following is not None
-            going = following(False)
-        if not going:
+            return False
+        if not run_shared(run, size, max(1, min(threads, -(-size // share))), settings.progress):
             _interrupted(result)
-        for first in range(0, count, _LARGEST_BLOCK):
-            _check_results(cases, settings, slice(first, min(first + _LARGEST_BLOCK, count)), result)
-        return result
-
-    return wait
+            break
+    for first in range(0, count, _LARGEST_BLOCK):
+        _check_results(cases, settings, slice(first, min(first + _LARGEST_BLOCK, count)), result)
+    return True
 
 
 @once
@@ -159,11 +143,8 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_pool.cache_clear)  # a forked process has none of them
 
 
-def begin_whole(run: CaseRun, count: int, threads: int, progress: bool) -> Callable[[bool], bool]:
-    """Run the work in threads; return a function that waits for them or stops them, and returns whether all ended.
-
-    Few cases need no thread.
-    """
+def run_shared(run: CaseRun, count: int, threads: int, progress: bool) -> bool:
+    """Run the work in threads; return whether all cases have ended. Few cases need no thread."""
     if threads == 1 and count <= _SMALLEST_BLOCK and not progress and run.stop is None:
         whole = True
         try:
@@ -171,21 +152,11 @@ def begin_whole(run: CaseRun, count: int, threads: int, progress: bool) -> Calla
         except KeyboardInterrupt:
             whole = False
         run.finish()
-        return lambda stop: whole
-    pool = _pool()
-    workers = [pool.submit(run.work) for _ in range(threads)]
-
-    def wait(stop: bool) -> bool:
-        if stop:
-            run.turn[0] = count
-        return _wait_whole(run, workers, count, progress)
-
-    return wait
-
-
-def _wait_whole(run: CaseRun, workers: Sequence[Future[None]], count: int, progress: bool) -> bool:
+        return whole
     from concurrent.futures import wait
 
+    pool = _pool()
+    workers = [pool.submit(run.work) for _ in range(threads)]
     shown, whole = 0, True
     with meter(count, progress) as advance:
         try:

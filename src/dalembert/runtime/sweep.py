@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -19,7 +19,7 @@ from ..results.estimate import TIGHTER
 from ..results.sampler import CaseSet
 from ..results.sweep import Sweep
 from . import inputs
-from .case_blocks import begin_cases, fitted
+from .case_blocks import fitted, run_cases
 from .case_settings import Settings, common_settings
 from .cases import Cases, single_problem, spans_of, with_grid
 from .constraint_choice import divisible_model, independent_model
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from .base import Model
     from .model import CompiledModel
 
-__all__ = ["begin_sweep", "runs_unchecked", "sweep", "sweep_in_own_time"]
+__all__ = ["runs_unchecked", "sweep", "sweep_in_own_time"]
 
 Given = Mapping[Any, Any]
 SweepT = TypeVar("SweepT", bound="CaseResults")
@@ -98,14 +98,45 @@ def _with_offset_columns(
 
 
 def sweep_in_own_time(
-    model: CompiledModel, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
+    model: CompiledModel,
+    t_span: tuple[Any, Any],
+    initial: Given,
+    parameters: Given,
+    options: SweepOptions,
+    carried: FloatArray | None = None,
 ) -> Sweep:
-    """Return the results of many cases of a model without contacts, in the time of the model."""
+    """Return the results of many cases of a model without contacts, in the time of the model.
+
+    `carried` (k, n_events) are signs of events, for runs that are parts of others (`CaseColumns.carried`).
+    """
     if options.project_invariants is not False:
         refuse_jumps(options.events, model.layout.aliases)
         model, further = _keeping_cases(model, options.project_invariants, t_span, initial, parameters, options.grid)
         options, parameters = replace(options, project_invariants=False), {**parameters, **further}
-    return begin_sweep(model, t_span, initial, parameters, options)()
+    begin = time.perf_counter()
+    if options.grid is not None:
+        initial, parameters = with_grid(model.layout, options.grid, initial, parameters)
+    model, cases, settings = _decided(model, t_span, initial, parameters, options, begin)
+    settings = replace(settings, carried=carried)
+    if options.fits:
+        settings = fitted(model.engine, cases, settings)
+    if any(check.guards(settings.method) for check in model.checks):
+        watch = model.derived.events(options.events, options.reduce, ranks=cases.duration)
+        settings = replace(settings, watch=watch)
+    give_gains(model.engine, cases, settings, parameters)
+    axes = {} if options.grid is None else options.grid.axes
+    settings = _unlike_left_out(model, cases, settings)
+    run = _run(model, cases, settings, axes, begin)
+    if not options.error_estimate:
+        return run
+    tighter = replace(options, rtol=options.rtol * TIGHTER, atol=options.atol * TIGHTER)
+    method = model.choose_method(options.method, tighter.rtol, tighter.atol, many=True)
+    method = tighter.method_chosen(NO_MODE, method)
+    finer = replace(settings, rtol=tighter.rtol, atol=tighter.atol, method=method)
+    if options.fits:
+        finer = fitted(model.engine, cases, finer)
+    stop = bool(np.any(run.status == Status.INTERRUPTED))
+    return run.with_twin(_run(model, cases, finer, axes, time.perf_counter(), stop))
 
 
 def _keeping_cases(
@@ -128,51 +159,6 @@ def _keeping_cases(
     first = able[0]
     keeper, names = keeping_model(model, requested, c[first], float(t[first]), y[first])
     return keeper, kept_values(names, program, model.derived.invariants, c, t, y)
-
-
-def begin_sweep(
-    model: CompiledModel,
-    t_span: tuple[Any, Any],
-    initial: Given,
-    parameters: Given,
-    options: SweepOptions,
-    carried: FloatArray | None = None,
-) -> Callable[..., Sweep]:
-    """Begin to run many cases in the time of the model; return a function that waits for their results.
-
-    `carried` (k, n_events) are signs of events, for runs that are parts of others (`CaseColumns.carried`). What is
-    returned takes one argument, whether to stop (see `dalembert.runtime.case_blocks.begin_cases`).
-    """
-    begin = time.perf_counter()
-    if options.grid is not None:
-        initial, parameters = with_grid(model.layout, options.grid, initial, parameters)
-    model, cases, settings = _decided(model, t_span, initial, parameters, options, begin)
-    settings = replace(settings, carried=carried)
-    if options.fits:
-        settings = fitted(model.engine, cases, settings)
-    if any(check.guards(settings.method) for check in model.checks):
-        watch = model.derived.events(options.events, options.reduce, ranks=cases.duration)
-        settings = replace(settings, watch=watch)
-    give_gains(model.engine, cases, settings, parameters)
-    axes = {} if options.grid is None else options.grid.axes
-    settings = _unlike_left_out(model, cases, settings)
-    waiting = _begin_cases(model, cases, settings, axes, begin)
-    if not options.error_estimate:
-        return waiting
-
-    def estimated() -> Sweep:
-        done = waiting()
-        tighter = replace(options, rtol=options.rtol * TIGHTER, atol=options.atol * TIGHTER)
-        method = model.choose_method(options.method, tighter.rtol, tighter.atol, many=True)
-        method = tighter.method_chosen(NO_MODE, method)
-        finer = replace(settings, rtol=tighter.rtol, atol=tighter.atol, method=method)
-        if options.fits:
-            finer = fitted(model.engine, cases, finer)
-        stop = bool(np.any(done.status == Status.INTERRUPTED))
-        done.with_twin(_begin_cases(model, cases, finer, axes, time.perf_counter())(stop))
-        return done
-
-    return estimated
 
 
 def _decided(
@@ -266,23 +252,23 @@ def _unlike_left_out(model: CompiledModel, cases: Cases, settings: Settings) -> 
     return replace(settings, apart=different, note="; ".join(text for text in (settings.note, note) if text))
 
 
-def _begin_cases(
-    model: CompiledModel, cases: Cases, settings: Settings, axes: Mapping[str, FloatArray], begin: float
-) -> Callable[..., Sweep]:
-    """Begin to run all cases; return what waits for their results. The run time counts from `begin`."""
+def _run(
+    model: CompiledModel,
+    cases: Cases,
+    settings: Settings,
+    axes: Mapping[str, FloatArray],
+    begin: float,
+    stop: bool = False,
+) -> Sweep:
+    """Run all cases, or to `stop` none; return their results. The run time counts from `begin`."""
     if model.checks:
         settings = replace(settings, judge=lambda block, part: checked_cases(model, settings.method, block, part))
-    waiting = begin_cases(model.engine, cases, settings)
-
-    def wait(stop: bool = False) -> Sweep:
-        done = waiting(stop)
-        if settings.apart is not None:
-            done.refuse(settings.apart, Status.SINGULAR_CONFIGURATION)
-        if cases.refused is not None:
-            done.refuse(cases.refused, Status.ASSUMPTION)
-        return _results(model, cases, settings, done, axes, time.perf_counter() - begin)
-
-    return wait
+    done = run_cases(model.engine, cases, settings, stop)
+    if settings.apart is not None:
+        done.refuse(settings.apart, Status.SINGULAR_CONFIGURATION)
+    if cases.refused is not None:
+        done.refuse(cases.refused, Status.ASSUMPTION)
+    return _results(model, cases, settings, done, axes, time.perf_counter() - begin)
 
 
 def _results(

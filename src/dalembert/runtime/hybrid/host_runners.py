@@ -29,7 +29,7 @@ from ...options import SimulateOptions, StepOptions, SweepOptions
 from ...results.sweep import Sweep
 from ...results.trajectory import Trajectory
 from ..simulate import simulate_in_own_time
-from ..sweep import begin_sweep
+from ..sweep import sweep_in_own_time
 from .mode_models import ModeModels
 from .mode_runners import GatheredRows
 from .reductions import PhaseReductions
@@ -188,7 +188,7 @@ class HostRunner:
             )
             carried = None if group.carried is None else group.carried[some]
             x, p = ({name: values[some] for name, values in table.items()} for table in (group.x, group.p))
-            run = begin_sweep(self.model, (group.t0[some], group.t1[some]), x, p, options, carried)()
+            run = sweep_in_own_time(self.model, (group.t0[some], group.t1[some]), x, p, options, carried)
             if np.any(run.status == Status.INTERRUPTED):
                 raise KeyboardInterrupt
             self.taken = run.stats.method

@@ -22,7 +22,7 @@ from ...integrators.phase_loop import PhaseArguments
 from ...integrators.phase_stops import StopTable, no_stops
 from ...integrators.phase_tables import NO_RUNNER, CaseTable, PhasePlan, RunnerTable, ThreadWorkspace
 from ...interrupts import STOPPED, check, stopped_by
-from ..case_blocks import begin_whole
+from ..case_blocks import run_shared
 from .decisions import LOOP
 from .runner_choice import RunnerChoice
 from .thread_memory import thread_workspace
@@ -140,7 +140,7 @@ class PhaseExecutor:
                 space.turns[:] = STOPPED
 
         run = CaseRun(work, threads.turn, lambda: None, stop=stop)
-        if not begin_whole(run, len(order), len(threads.spaces), False)(False):
+        if not run_shared(run, len(order), len(threads.spaces), False):
             raise KeyboardInterrupt
 
     # -- memory ----------------------------------------------------------------------------
