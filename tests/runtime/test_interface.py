@@ -7,6 +7,7 @@ from dataclasses import fields
 import pytest
 
 from dalembert.options import (
+    TRACED_MAX_STEPS,
     PrepareOptions,
     SensitivityOptions,
     SimulateOptions,
@@ -51,6 +52,11 @@ def test_keywords_are_options_with_the_same_defaults(name):
     assert _keywords(FUNCTIONS[name]) - known.keys() <= {"inputs"}
     for key in _keywords(FUNCTIONS[name]) & known.keys() - {"wrt", "to"}:
         assert signature[key].default == known[key].default, key
+
+
+@pytest.mark.parametrize("function", [traced.solve_fn, traced.hybrid_solve_fn])
+def test_traced_runs_take_fewer_steps_by_default(function):
+    assert inspect.signature(function).parameters["max_steps"].default == TRACED_MAX_STEPS
 
 
 def test_every_function_is_a_method_of_models_and_those_of_both_kinds_are_the_same():

@@ -7,7 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from dalembert.codegen.llvm import order_loops
+from dalembert.codegen.llvm import lane_types
 from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object
 from dalembert.codegen.llvm.lane_types import native_lanes
 from dalembert.codegen.llvm.order_loops import LEAST_ORDER, order_loop_assembly
@@ -281,7 +281,7 @@ def test_what_a_loop_over_the_orders_does_not_write():
 def test_rows_that_outgrow_the_stack_lie_elsewhere(monkeypatch):
     known = recurrences(kernel_of(everything))
     near = order_loop_assembly("step", known, ORDER, 1, 4, dense=True)
-    monkeypatch.setattr(order_loops, "_LARGEST_FRAME", 0)
+    monkeypatch.setattr(lane_types, "_LARGEST_FRAME", 0)
     far = order_loop_assembly("step", known, ORDER, 1, 4, dense=True)
     assert "call ptr @malloc" in far and "call ptr @malloc" not in near
     (one, other), *_ = outcomes((near, far), 4 + 2 * (ORDER + 1), 1)

@@ -11,6 +11,7 @@ from dalembert.errors import OptionError
 from dalembert.methods.status import Status
 
 from ..arrays import FloatArray
+from ..options import DEFAULT_TOLERANCES, MAX_STEPS
 from .dense_output import DenseOutput, PiecewisePolynomial
 from .input_records import InputRecords
 
@@ -108,12 +109,12 @@ class IntegrationProblem:
     t1: float
     y0: FloatArray
     constants: FloatArray
-    rtol: float = 1e-8
-    atol: float = 1e-10
+    rtol: float = DEFAULT_TOLERANCES[0]
+    atol: float = DEFAULT_TOLERANCES[1]
     t_eval: FloatArray | None = None
     first_step: float | None = None
     max_step: float = np.inf
-    max_steps: int = 100_000
+    max_steps: int = MAX_STEPS
     dense: bool = False
     bounded: bool = False
     inputs: InputRecords | None = None

@@ -4,6 +4,8 @@ from .compilation import ORIENTATIONS, CompileOptions
 from .derivatives import SensitivityOptions, TrimOptions
 from .runs import (
     DEFAULT_TOLERANCES,
+    MAX_STEPS,
+    TRACED_MAX_STEPS,
     PrepareOptions,
     RunOptions,
     SimulateOptions,
@@ -16,7 +18,9 @@ from .stores import StoreOptions
 
 __all__ = [
     "DEFAULT_TOLERANCES",
+    "MAX_STEPS",
     "ORIENTATIONS",
+    "TRACED_MAX_STEPS",
     "CompileOptions",
     "PrepareOptions",
     "RunOptions",

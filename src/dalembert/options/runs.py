@@ -13,6 +13,8 @@ from ..values import flag, option, times_of, tolerances, whole
 
 __all__ = [
     "DEFAULT_TOLERANCES",
+    "MAX_STEPS",
+    "TRACED_MAX_STEPS",
     "PrepareOptions",
     "RunOptions",
     "SimulateOptions",
@@ -25,6 +27,12 @@ __all__ = [
 
 DEFAULT_TOLERANCES = 1e-8, 1e-10
 """Default relative and absolute tolerance."""
+
+MAX_STEPS = 1_000_000
+"""Attempted steps after which a run ends by default: far more than a run takes that goes well, at most some minutes."""
+
+TRACED_MAX_STEPS = 4096
+"""The same for traced runs of JAX, whose derivatives need memory for so many steps, whatever the run takes."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -51,7 +59,7 @@ class RunOptions:
     method: str = "auto"
     rtol: float = DEFAULT_TOLERANCES[0]
     atol: float = DEFAULT_TOLERANCES[1]
-    max_steps: int = 1_000_000
+    max_steps: int = MAX_STEPS
     inputs: Any = None
 
     def __post_init__(self) -> None:
@@ -261,7 +269,7 @@ class SolveOptions:
     rtol: float | None = None
     atol: float | None = None
     max_step: float = math.inf
-    max_steps: int = 4096
+    max_steps: int = TRACED_MAX_STEPS
     dense: bool = False
     throw: bool = False
     portable: bool = False
