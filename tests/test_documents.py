@@ -1,7 +1,9 @@
 """The Python of the documents runs as it is written, block by block, and prints what stands below it."""
 
 import contextlib
+import importlib
 import io
+import pkgutil
 import re
 import shutil
 import subprocess
@@ -127,3 +129,22 @@ def test_names_on_the_design_pages_exist():
     missing = sorted(name for name in names if name.split(".")[0] not in others and not _exists(name, sources))
     assert len(names) > 100
     assert not missing
+
+
+def _decisions():
+    """Return the names in the second column of the table of decisions."""
+    section = (ROOT / "docs" / "design_runs.md").read_text().split("## Decisions\n")[1].split("\n## ")[0]
+    rows = [line for line in section.splitlines() if line.startswith("|")][2:]
+    return {name for row in rows for name in re.findall(r"`([\w.]+)`", row.split("|")[2])}
+
+
+def test_the_table_of_decisions_names_what_there_is():
+    for name in _decisions():
+        pkgutil.resolve_name(f"dalembert.{name}")
+
+
+@pytest.mark.parametrize("module", ["step_control", "projection", "step_polynomials", "event_rules"])
+def test_the_table_of_decisions_has_every_one_of(module):
+    known = importlib.import_module(f"dalembert.integrators.{module}")
+    public = {name for name in known.__all__ if callable(getattr(known, name))}
+    assert public == {name.rpartition(".")[2] for name in _decisions() if f".{module}." in name}

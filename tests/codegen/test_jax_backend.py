@@ -235,7 +235,7 @@ def test_max_steps_over_several_legs(method):
     assert len(run.t) == run.steps + 1 and (np.diff(run.t) > 0.0).all()
 
 
-@pytest.mark.parametrize("method", [name for name, method in solvers.METHODS.items() if not method.ends])
+@pytest.mark.parametrize("method", [name for name, method in solvers.METHODS.items() if not method.implicit])
 def test_finite_time_blow_up(method):
     run = solve("blow up", method, [1.0], t1=2.0, dense=True)
     assert run.status is Status.STEP_TOO_SMALL

@@ -31,7 +31,7 @@ def solve(method, **options):
 def test_plain_diffrax_gives_the_same(method):
     times = np.linspace(0.0, 6.0, 23)
     run = solve(method, t_eval=times, first_step=0.01)
-    share = solvers.IMPLICIT_SHARE if solvers.METHODS[method].ends else 1.0
+    share = solvers.IMPLICIT_SHARE if solvers.METHODS[method].implicit else 1.0
     with double_precision():
         plain = diffrax.diffeqsolve(
             diffrax.ODETerm(lambda t, y, k: jax.numpy.stack([y[1], k * jax.numpy.sin(t) - y[0]])),

@@ -21,6 +21,7 @@ from .compiled_subset import compiled_subset, exp, fma, log, sqrt, square
 from .packed_tableaus import POINT, PackedTableau
 from .recorded_runs import Run, evaluate
 from .step_control import error_scale
+from .step_polynomials import end_polynomial
 
 __all__ = [
     "LANES",
@@ -183,18 +184,17 @@ def dense_polynomial(
 ) -> None:
     """Write the polynomial of a step into a row of ``pieces``, behind its first entry, lowest power first.
 
-    The difference of its end from ``work[y_new]``, by rounding or a projection, is added as ``3*theta**2 -
-    2*theta**3`` times the difference, which makes it continuous and leaves the slopes at both ends alone.
+    It ends in ``work[y_new]`` (`end_polynomial`).
     """
     for m in range(n):
         pieces[piece, 1 + m] = work[y, m]
-        gap = work[y_new, m] - work[y, m]
+        difference, terms = work[y_new, m] - work[y, m], abs(work[y, m])
         for power in range(1, tableau.degree + 1):
             row = tableau.total + 1 + power
             value = 0.0
             for entry in range(tableau.starts[row], tableau.starts[row + 1]):
                 value = fma(tableau.weights[entry], work[tableau.stages[entry], m], value)
             pieces[piece, 1 + power * n + m] = h * value
-            gap = fma(-h, value, gap)
-        pieces[piece, 1 + 2 * n + m] += 3.0 * gap
-        pieces[piece, 1 + 3 * n + m] -= 2.0 * gap
+            difference = fma(-h, value, difference)
+            terms += abs(h * value)
+        end_polynomial(pieces, piece, 1 + m, n, difference, terms)

@@ -12,6 +12,7 @@ from .newton import ERROR, SCALE, SLOPE, NewtonWorkspace, P, Z
 from .packed_tableaus import DELTA, POINT
 from .recorded_runs import Run, evaluate
 from .step_control import error_scale
+from .step_polynomials import end_polynomial
 
 __all__ = ["between", "estimate", "first_step", "keep_polynomial", "scale_of", "write_polynomial"]
 
@@ -150,12 +151,14 @@ def keep_polynomial(work: FloatArray) -> None:
 def write_polynomial(work: FloatArray, y: int, y_new: int, pieces: FloatArray, piece: int, n: int) -> None:
     """Write the polynomial of a step into a row of ``pieces``, behind its first entry, lowest power first.
 
-    The difference of its end from ``work[y_new]`` is added as in ``explicit_stages.dense_polynomial``.
+    It ends in ``work[y_new]`` (`end_polynomial`).
     """
     for m in range(n):
         first, second, third = work[P, m], work[P + 1, m], work[P + 2, m]
-        gap = work[y_new, m] - work[y, m] - (first + second + third)
+        difference = work[y_new, m] - work[y, m] - (first + second + third)
+        terms = abs(work[y, m]) + abs(first) + abs(second) + abs(third)
         pieces[piece, 1 + m] = work[y, m]
         pieces[piece, 1 + n + m] = first
-        pieces[piece, 1 + 2 * n + m] = second + 3.0 * gap
-        pieces[piece, 1 + 3 * n + m] = third - 2.0 * gap
+        pieces[piece, 1 + 2 * n + m] = second
+        pieces[piece, 1 + 3 * n + m] = third
+        end_polynomial(pieces, piece, 1 + m, n, difference, terms)

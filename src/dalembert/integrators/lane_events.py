@@ -13,9 +13,10 @@ from .event_search import BROKEN, NOTHING, scan, state_at
 from .event_series import at_most_one_zero, keeps_signs, load_event_series, no_sign_change
 from .projection import FAILED, NONE, PENDING, correct
 from .step_control import largest_step, status_after
+from .step_polynomials import end_polynomial
 from .step_reductions import accumulate, advance
 from .sweep_arguments import SweepArguments
-from .workspace import ATTEMPTS, BEFORE, END, NEXT, NOW, POINT_LANES, ROUNDING
+from .workspace import ATTEMPTS, BEFORE, END, NEXT, NOW, POINT_LANES
 
 __all__ = ["handle_events", "hold_for_events", "test_steps", "watch_case"]
 
@@ -154,11 +155,7 @@ def _copy_polynomials(arguments: SweepArguments, lane: int, h: float) -> None:
             total += value
             size += abs(value)
             power *= scale
-        gap = states[old + m, lane] - total
-        if abs(gap) <= ROUNDING * size:  # a correction by it would bend series that begin with slope zero
-            continue
-        series[m, 2] += 3.0 * gap
-        series[m, 3] -= 2.0 * gap
+        end_polynomial(series, m, 0, 1, states[old + m, lane] - total, size)
 
 
 @compiled_subset

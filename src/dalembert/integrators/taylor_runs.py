@@ -20,6 +20,7 @@ from .dense_output import PiecewisePolynomial
 from .input_records import InputRecords
 from .input_steps import no_inputs
 from .problem import IntegrationProblem, Solution
+from .step_polynomials import end_in
 from .taylor_loop import TaylorArguments, TaylorProgress
 
 __all__ = ["StepCode"]
@@ -314,9 +315,7 @@ class _Series:
             series: FloatArray = np.ascontiguousarray((raw * powers[:, np.newaxis, :]).transpose(0, 2, 1))
         if not np.all(np.isfinite(powers[:, -1])):  # of steps so long that their other terms are zero
             series[raw.transpose(0, 2, 1) == 0.0] = 0.0
-        gap = rows[:, :n] - series.sum(axis=1)
-        series[:, 2] += 3.0 * gap
-        series[:, 3] -= 2.0 * gap
+        end_in(rows[:, :n], series)
         if turns is not None:
             series[:, 0] += turns * _TURN
         return series

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ..methods.event_constants import DEEPEST
 from ..methods.status import RUNNING
-from ..methods.step_constants import EPSILON
 from ..once import once
 from .addresses import NO_CODE, AddressTable
 from .arguments import Address, AddressVector, IntVector, Matrix, Record
@@ -54,9 +53,6 @@ NOW, END, NEXT = range(3)
 
 ATTEMPTS, REJECTIONS, BEFORE, FIRST = range(4)
 """Rows of ``LaneState.tally``."""
-
-ROUNDING = 16.0 * EPSILON
-"""Share of its terms by which a polynomial may miss the end of its step without being corrected."""
 
 RATE, BEND, DOUBT, LIMIT = range(4)
 """Rows of ``EventWorkspace.rates``."""

@@ -139,7 +139,7 @@ class JaxEngine(Engine):
         admission: Admission | None = None,
     ) -> Prepared:
         """See `Engine.prepared`: one compiled function, constants included; other problems compile nothing anew."""
-        if method in METHODS and METHODS[method].ends:
+        if method in METHODS and METHODS[method].implicit:
             return super().prepared(problem, method, constants, admission)
         tolerance = clipped_tolerance(problem.rtol, problem.atol)
         key = method, order_for(tolerance) if method == "taylor" else 0

@@ -64,7 +64,7 @@ class BlockSweeps:
     def integrate(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         """Integrate the cases of a block without events; see `Engine.integrate_block`."""
         with double_precision():
-            if method in METHODS and METHODS[method].ends:
+            if method in METHODS and METHODS[method].implicit:
                 self._diffrax_block(block, method, result)
             elif self._calls_machine_code(method):
                 self._called_block(block, method, result)

@@ -101,7 +101,7 @@ class Solve:
     ) -> None:
         if options.method not in SERVED:
             raise OptionError(f"solve_fn integrates by {list_names(SERVED)}, not by {options.method!r}")
-        self._implicit = METHODS.get(options.method, METHODS["tsit5"]).ends
+        self._implicit = METHODS.get(options.method, METHODS["tsit5"]).implicit
         if program.conditions is not None and self._implicit:
             raise OptionError(
                 f"solve_fn by {options.method!r} does not end steps where conditions on time change, and this scene has"

@@ -105,7 +105,7 @@ def refuse_given(given: Given, options: SolveOptions) -> None:
             f"solve_fn by {method!r} needs more of input {functions[0]!r} than the values of a function: take one of"
             f" {list_names(map(repr, PAIRS))}, or give samples"
         )
-    if METHODS.get(method, METHODS["tsit5"]).ends:
+    if METHODS.get(method, METHODS["tsit5"]).implicit:
         raise OptionError(
             f'solve_fn by {method!r} does not end steps at the knots of samples: take method="dopri8", "tsit5" or'
             ' "taylor", or inputs that are constant in time'

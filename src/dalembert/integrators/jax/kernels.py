@@ -8,8 +8,6 @@ from typing import Any, final
 import jax
 import jax.numpy as jnp
 
-from ...arrays import FloatArray
-from ...ir.interpret import interpret_rows
 from ...ir.program import Program
 from ...methods.step_constants import BRANCH, SLOW
 from .mesh_axes import stack
@@ -106,12 +104,4 @@ class Kernels:
                 precision_of(y).quadratic_change * jnp.max(jnp.abs(jnp.where(correction != 0.0, y, 0.0))), atol
             )
             y = jnp.where(jnp.max(jnp.abs(correction)) <= limit, y, jnp.nan)
-        return y
-
-    def onto(self, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
-        """Return states y (k, n_y) at times t (k,), interpolated inside steps, on the constraints."""
-        for name in ("project_position", "project_velocity"):
-            if name in self.program:
-                for _ in range(2):
-                    y = y + interpret_rows(self.program.kernel(name), t, y, c)
         return y

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import final
 
 import numpy as np
 
 from ...arrays import FloatArray
+from ...ir.program import Program
 from ...methods.status import Status
 from ..dense_output import PiecewisePolynomial
 from ..problem import IntegrationProblem, Solution
+from ..projected_states import projected
+from ..step_polynomials import end_in
 
 __all__ = ["Record"]
 
@@ -25,20 +27,17 @@ class Record:
         Says what is recorded.
     weights : ndarray (n_stages, degree)
         Inside a step with the increments k (n_stages, n_y) the solution is ``y + sum_j theta**(j+1) (weights^T k)_j``.
-    mended : bool
-        Whether a cubic is added to that, so that it ends where the step does.
-    project : callable, optional
-        (t, y, c) -> y on the constraints, for states inside steps.
+    program : Program
+        Its projections are those of states inside steps.
     """
 
     def __init__(
         self,
         problem: IntegrationProblem,
         weights: FloatArray,
-        mended: bool = False,
-        project: Callable[[FloatArray, FloatArray, FloatArray], FloatArray] | None = None,
+        program: Program,
     ) -> None:
-        self._mended, self._project = mended, project
+        self._program = program
         self.direction = 1.0 if problem.t1 >= problem.t0 else -1.0
         self.steps = self.rejected = self.blocks = 0
         self._problem = problem
@@ -89,21 +88,17 @@ class Record:
     def _coefficients(self, states: FloatArray, stages: FloatArray) -> FloatArray:
         """Return the coefficients (k, degree + 1, n_y) of the steps from `states` (k + 1, n_y)."""
         powers = np.einsum("sp,ksn->kpn", self._weights, stages, optimize=True)
-        if self._mended:
-            gap = states[1:] - states[:-1] - powers.sum(axis=1)
-            powers[:, 1] += 3.0 * gap
-            powers[:, 2] -= 2.0 * gap
-        return np.concatenate([states[:-1, np.newaxis], powers], axis=1)
+        polynomials = np.concatenate([states[:-1, np.newaxis], powers], axis=1)
+        end_in(states[1:], polynomials)
+        return polynomials
 
     def _sample(self, piece: PiecewisePolynomial, states: FloatArray) -> None:
         """Record the times to evaluate that this block has reached; ends of steps give their states exactly."""
         reached = int(np.searchsorted(self._times, piece.knots[-1], side="right"))
         times = self._times[self._sampled : reached]
         if times.size:
-            values = piece(times)
-            if self._project is not None:
-                c = np.asarray(self._problem.constants, dtype=np.float64)
-                values = self._project(self.direction * times, values, c)
+            c = np.asarray(self._problem.constants, dtype=np.float64)
+            values = projected(self._program, c, self.direction * times, piece(times))
             near = np.searchsorted(piece.knots, times)
             exact = piece.knots[near] == times
             values[exact] = states[near[exact]]

@@ -149,7 +149,7 @@ class TaylorIntegrator:
 
     def __call__(self, problem: IntegrationProblem) -> Solution:
         """Integrate a problem; numerical failure is the solution's status, never an exception."""
-        record = Record(problem, np.eye(self._order), True, self._kernels.onto if self._kernels.projected else None)
+        record = Record(problem, np.eye(self._order), self._kernels.program)
         span = _Span(
             np.float64(problem.t0),
             np.float64(problem.t1),

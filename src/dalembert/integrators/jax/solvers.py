@@ -51,13 +51,13 @@ class Method:
         The solver.
     degree : int
         Degree of the polynomial that interpolates inside a step.
-    ends : bool
-        Whether that polynomial needs the ends of the step beside the slopes.
+    implicit : bool
+        Whether its stages are implicit.
     """
 
     solver: Any
     degree: int
-    ends: bool = False
+    implicit: bool = False
 
     @property
     def evaluations(self) -> int:
@@ -68,7 +68,7 @@ class Method:
 METHODS: Mapping[str, Method] = {
     "dopri8": Method(diffrax.Dopri8(), degree=6),
     "tsit5": Method(diffrax.Tsit5(), degree=4),
-    "kvaerno5": Method(diffrax.Kvaerno5(), degree=3, ends=True),
+    "kvaerno5": Method(diffrax.Kvaerno5(), degree=3, implicit=True),
 }
 """diffrax's solvers by the names that they have here."""
 
@@ -262,8 +262,7 @@ class Integrator:
     def __call__(self, problem: IntegrationProblem) -> Solution:
         """Integrate a problem; numerical failure is the solution's status, never an exception."""
         projected = self._kernels.projected
-        mended = METHODS[self._method].ends or projected
-        record = Record(problem, _weights(self._method), mended, self._kernels.onto if projected else None)
+        record = Record(problem, _weights(self._method), self._kernels.program)
         settings = _settings(problem, record.direction)
         with double_precision():
             start = self._begin(settings, np.array(problem.y0, dtype=np.float64), np.int64(problem.max_steps))

@@ -19,6 +19,7 @@ from ...interrupts import check
 from ...methods.status import Status
 from ...methods.step_constants import SMALLEST_SCALE
 from ..problem import IntegrationProblem, Kernels, Solution
+from ..step_polynomials import end_differences
 from .dense import StepInterpolants
 from .kernel_calls import KernelCalls, NonFiniteError
 
@@ -212,7 +213,7 @@ class _Run:
             projected = self._calls.project(solver.t, solver.y)
             if projected is None:
                 return Status.PROJECTION_FAILED
-            correction = projected - solver.y
+            correction = end_differences(projected - solver.y, np.abs(projected))
             solver.y = projected
             solver.f = self._calls.rhs(solver.t, projected)
             self.evaluations += 1

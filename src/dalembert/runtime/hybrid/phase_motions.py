@@ -13,9 +13,9 @@ from ...arrays import FloatArray
 from ...integrators.dense_output import PiecewisePolynomial
 from ...integrators.projected_states import projected
 from ...integrators.segments import Constants, Segments, constants_at
+from ...integrators.step_polynomials import end_in
 from ...integrators.step_records import ATTEMPTS_AT, END_AT, ENDED_AT, FIRST_AT, START_AT
 from ...integrators.watched import Occurrence
-from ...integrators.workspace import ROUNDING
 from ...ir.conditions import CONDITION_TIME
 from ...methods.status import Status
 from ...options import SimulateOptions
@@ -158,11 +158,9 @@ def _coefficients(rows: FloatArray, polynomials: FloatArray, *, in_time: bool) -
     """
     n, terms = polynomials.shape[1:]
     whole, powers = (rows[:, END_AT] - rows[:, START_AT])[:, np.newaxis], np.arange(terms)
-    found = polynomials * (whole**powers)[:, np.newaxis] if in_time else polynomials.copy()
-    gap = rows[:, FIRST_AT : FIRST_AT + n] - found.sum(axis=2)
-    gap[np.abs(gap) <= ROUNDING * np.abs(found).sum(axis=2)] = 0.0
-    found[:, :, 2] += 3.0 * gap
-    found[:, :, 3] -= 2.0 * gap
+    scaled = polynomials * (whole**powers)[:, np.newaxis] if in_time else polynomials
+    found = scaled.transpose(0, 2, 1).copy()
+    end_in(rows[:, FIRST_AT : FIRST_AT + n], found)
     share = (rows[:, ENDED_AT] - rows[:, START_AT])[:, np.newaxis] / whole
-    found *= (share**powers)[:, np.newaxis]
-    return np.ascontiguousarray(found.transpose(0, 2, 1))
+    found *= (share**powers)[:, :, np.newaxis]
+    return found
