@@ -375,7 +375,7 @@ def test_loops_with_inputs_that_have_knots(plainly, forced, method, kind, span):
     compiled, found, names = plainly(run)
     assert_same_bits(compiled, found)
     wanted = {"taylor": "taylor_loop", "radau": "implicit_loop"}.get(method, "explicit_loop")
-    assert wanted in names and (method == "radau" or {"input_lane_loop", "prepared_loop"} <= names)
+    assert wanted in names and (method == "radau" or {"stop_lane_loop", "prepared_loop"} <= names)
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
@@ -394,4 +394,4 @@ def test_watched_lanes_with_inputs_that_have_knots(plainly, forced, method):
 
     compiled, found, names = plainly(run)
     assert_same_bits(compiled, found)
-    assert "input_event_lane_loop" in names
+    assert "stop_event_lane_loop" in names

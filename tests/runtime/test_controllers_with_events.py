@@ -83,7 +83,8 @@ def test_sweeps_are_single_runs(model, compiled_only, method):
         sampled = model.simulate((0, 5), START, case(CASES, i), t_eval=times, **options)
         assert_same_events(ends, i, run)
         assert_same_events(rows, i, sampled)
-        np.testing.assert_allclose(ends.y[i], run.y[-1], rtol=1e-11, atol=1e-11)
+        # after an instant a sweep goes on with the size of its last step, a single run chooses one anew
+        np.testing.assert_allclose(ends.y[i], run.y[-1], rtol=1e-9 if method == "tsit5" else 1e-11, atol=1e-11)
         for name in ("x", "x_dot", "u", "e"):
             np.testing.assert_allclose(rows[name][i, : len(sampled.t)], sampled[name], rtol=1e-9, atol=1e-10)
             assert np.all(np.isnan(rows[name][i, len(sampled.t) :]))

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..integrators.addresses import NO_CODE, OwnedAddress
+from ..integrators.case_stops import StopAction
 from ..integrators.cases import BlockResult, CaseColumns
 from ..integrators.kernel_rows import KernelRowsArguments
 from ..integrators.method_choice import runge_kutta_pays
@@ -24,6 +25,7 @@ from ..once import BoundedTable, computed_once, once_property
 from ..options import DEFAULT_TOLERANCES
 from ..transforms.taylor import clipped_tolerance, order_at, order_for
 from .base import Engine
+from .host_code import landing_code
 from .library import LARGEST_UNROLLED, MOST_FURTHER, KernelLibrary
 from .llvm.loops import loop_named
 from .runs import CaseRun, Prepared, StartCode
@@ -235,8 +237,6 @@ class CompiledEngine(Engine):
         dense = n_times > 0 or watched is not None or cases.recorded > 0
         projections = self._steppers.projections(lanes)
         projected = any(projections)
-        if cases.inputs is not None and ((watched is not None and watched.reads_inputs) or (n_times and projected)):
-            return None  # events of inputs, and projected samples, need the inputs within the step
         from .llvm.advance_lanes import advance_lanes
         from .llvm.check_inputs import check_inputs
         from .llvm.sweeps import SweepShape, case_run
@@ -253,6 +253,8 @@ class CompiledEngine(Engine):
         prepare, start = self.steps.prepare(lanes), self.steps.start(cases.start, lanes)
         if cases.inputs is not None:
             cases = replace(cases, inputs=cases.inputs.compiled(lambda sides: self.steps.kernel(sides.name, lanes)))
+        if cases.stops is not None:
+            cases = replace(cases, stops=cases.stops.compiled(self._action_code))
         sizes = lanes, n, self._sizes["prepare"], stepper.degree, stepper.memory
         shape = SweepShape(*sizes, share, dense, with_series)
         return case_run(
@@ -265,6 +267,12 @@ class CompiledEngine(Engine):
             self._steppers.events(watched, method, stepper, lanes, with_series),
             watched is not None or cases.recorded > 0,
         )
+
+    def _action_code(self, action: StopAction) -> OwnedAddress:
+        """Return the code of an action at stops, for the lanes of a sweep."""
+        if action.kernel is not None:
+            return self.code(action.kernel)[0]
+        return landing_code(action, self._sizes["rhs"], self._sizes["prepare"], self.steps.lanes)
 
     def prepared(
         self,

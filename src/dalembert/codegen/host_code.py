@@ -10,10 +10,11 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..integrators.addresses import OwnedAddress
+from ..integrators.case_stops import StopAction
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 
-__all__ = ["HOST_LANES", "columns_at", "host_code", "interpreted_code", "raise_failure"]
+__all__ = ["HOST_LANES", "columns_at", "host_code", "interpreted_code", "landing_code", "raise_failure"]
 
 HOST_LANES = 8
 """Lanes of interpreted kernels: eight rows take about as long as one."""
@@ -69,3 +70,19 @@ def interpreted_code(kernel: Kernel) -> OwnedAddress:
         return 0
 
     return host_code(interpret)
+
+
+def landing_code(action: StopAction, n_y: int, n_c: int, lanes: int) -> OwnedAddress:
+    """Return the Python function of an action at stops as code for lanes; see `dalembert.integrators.stops.act`."""
+    function = action.function
+    assert function is not None
+
+    def land(t: int, y: int, c: int, before: int, out: int) -> int:
+        now, states, constants = columns_at(t, 1, lanes)[0], columns_at(y, n_y, lanes), columns_at(c, n_c, lanes)
+        earlier, after = columns_at(before, 1 + n_c, lanes), columns_at(out, n_y, lanes)
+        for lane in np.flatnonzero(earlier[0]):
+            arguments = states[:, lane].copy(), earlier[1:, lane].copy(), constants[:, lane].copy()
+            after[:, lane] = function(float(now[lane]), *arguments)
+        return 0
+
+    return host_code(land)

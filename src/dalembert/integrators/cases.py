@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, final
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..methods.status import Status
+from .case_stops import CaseStops
 from .input_records import InputRecords
 from .problem import IntegrationProblem
 
@@ -76,8 +77,10 @@ class CaseColumns:
         Rows for records of steps, and of occurrences of events, of a case that is alone; 0 records none.
     carried : ndarray (k, n_events) or None
         Signs of events with which cases continue, and with which they end (`EventWorkspace.carried`).
-    continued : ndarray (k, ...) or None
-        What cases that are cut in segments remember of events (`EventWorkspace.continued`).
+    stops : CaseStops or None
+        Where runs stop beside knots; then `inputs` are there, be they without records.
+    constants_at : function or None
+        Constants (k m, n_c) at times (k, m) of each case, where they change along a run.
     """
 
     count: int
@@ -94,7 +97,8 @@ class CaseColumns:
     inputs: InputRecords | None = None
     recorded: int = 0
     carried: FloatArray | None = None
-    continued: FloatArray | None = None
+    stops: CaseStops | None = None
+    constants_at: Callable[[FloatArray], FloatArray] | None = None
 
 
 @final

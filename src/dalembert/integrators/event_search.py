@@ -88,38 +88,43 @@ def _zero(
 
 @compiled_subset
 def _find(
-    events: EventKernels, space: EventWorkspace, lane: int, c: int, t: float, h: float, low: float, high: float
+    events: EventKernels,
+    space: EventWorkspace,
+    lane: int,
+    c: int,
+    t: float,
+    h: float,
+    low: float,
+    high: float,
+    side: int,
 ) -> int:
-    """Find the sign changes of all expressions on a simple piece, into ``found`` (fraction, event) in their order."""
+    """Find the sign changes of all expressions, into ``found`` (fraction, event) in their order.
+
+    On side 0 they are those at the beginning of a simple piece, on side 1 those in it.
+    """
     count = 0
     for e in range(events.directions.size):
         if space.may_change[0, e] == 0.0:
             continue
-        first, last, noise = space.ends[0, e], space.ends[1, e], space.noise[0, e]
-        for side in range(2):
-            new = sign_beyond(first if side == 0 else last, noise)
-            if new == 0.0:
-                continue
-            theta = math.nan
-            if new * space.signs[lane, e] < 0.0:
-                theta = low
-                if side == 1 and first * new < 0.0:
-                    if events.events_with_series > 0:
-                        theta = zero_of_series(events, space, c, t, h, e, low, high, first, last)
-                    else:
-                        theta = _zero(events, space, c, t, h, e, low, high, first, last)
-            space.signs[lane, e] = new
-            if math.isfinite(theta):
-                place = count
-                while place > 0 and space.found[place - 1, 0] > theta:
-                    space.found[place, 0], space.found[place, 1] = (
-                        space.found[place - 1, 0],
-                        space.found[place - 1, 1],
-                    )
-                    place -= 1
-                space.found[place, 0], space.found[place, 1] = theta, e
-                count += 1
-                break
+        first, last = space.ends[0, e], space.ends[1, e]
+        new = sign_beyond(first if side == 0 else last, space.noise[0, e])
+        changes = new * space.signs[lane, e] < 0.0
+        space.signs[lane, e] = new if new != 0.0 else space.signs[lane, e]
+        if not changes:
+            continue
+        theta = low
+        if side == 1 and first * new < 0.0:
+            if events.events_with_series > 0:
+                theta = zero_of_series(events, space, c, t, h, e, low, high, first, last)
+            else:
+                theta = _zero(events, space, c, t, h, e, low, high, first, last)
+        if math.isfinite(theta):
+            place = count
+            while place > 0 and space.found[place - 1, 0] > theta:
+                space.found[place, 0], space.found[place, 1] = space.found[place - 1, 0], space.found[place - 1, 1]
+                place -= 1
+            space.found[place, 0], space.found[place, 1] = theta, e
+            count += 1
     return count
 
 
@@ -241,10 +246,11 @@ def scan(
         if not finite:
             return BROKEN, low
         _take_ends(events, space, lane, fresh, low, high)
-        number = _find(events, space, lane, one, t, h, low, high)
-        stop = occur(events, space, lane, number, t, h, happened, case)
-        if stop >= 0.0:
-            return STOPPED, stop
+        for side in range(2):
+            number = _find(events, space, lane, one, t, h, low, high, side)
+            stop = occur(events, space, lane, number, t, h, happened, case)
+            if stop >= 0.0:
+                return STOPPED, stop
         for e in range(events.directions.size):
             if space.may_change[0, e] != 0.0 and abs(space.ends[1, e]) > space.noise[0, e]:
                 space.seen[lane, e] = 1.0

@@ -6,17 +6,17 @@ import numpy as np
 
 from ..methods.status import RUNNING, Status
 from .compiled_subset import call_code, compiled_subset, row
-from .event_continuation import continue_case, end_of_case, keep_case, span_of_case
 from .event_resolution import begin_signs, go_on, resolve, starts, zeros_at_end
 from .event_rules import recorded_after
 from .event_search import BROKEN, NOTHING, scan, state_at
 from .event_series import at_most_one_zero, keeps_signs, load_event_series, no_sign_change
+from .lane_stops import end_of_case
 from .projection import FAILED, NONE, PENDING, correct
 from .step_control import largest_step, status_after
 from .step_polynomials import end_polynomial
 from .step_reductions import accumulate, advance
 from .sweep_arguments import SweepArguments
-from .workspace import ATTEMPTS, BEFORE, END, NEXT, NOW, POINT_LANES
+from .workspace import ATTEMPTS, BEFORE, END, FIRST, NEXT, NOW, POINT_LANES
 
 __all__ = ["handle_events", "hold_for_events", "test_steps", "watch_case"]
 
@@ -25,21 +25,19 @@ __all__ = ["handle_events", "hold_for_events", "test_steps", "watch_case"]
 def watch_case(arguments: SweepArguments, lane: int) -> None:
     """Begin to watch the case that has entered a lane."""
     state, events, space = arguments.state, arguments.events, arguments.workspace
-    count, place = state.constants.shape[0], state.progress.place - 1
+    count, old = state.constants.shape[0], state.progress.old
     points = 0 if arguments.shape.events_with_series > 0 and events.kinds.size == 0 else POINT_LANES
     state.numbers.fresh[lane] = 1
     for m in range(count):
-        space.own[lane, m] = state.constants_ahead[m, place]
+        space.own[lane, m] = state.constants[m, lane]
         for point in range(points):
             space.constants[lane * count + m, point] = space.own[lane, m]
     for m in range(arguments.shape.n):
-        space.one_point[0, m] = state.begun[m, place]
+        space.one_point[0, m] = state.states[old + m, lane]
     t, direction = state.clock[NOW, lane], state.settings[1, lane]
     starts(events, space, lane, t, direction, row(space.own, lane))
     if space.carried.shape[0] > 0:
         go_on(events, space, lane, t, direction, state.numbers.case[lane])
-    if space.continued.shape[0] > 0:
-        continue_case(arguments, lane)
 
 
 @compiled_subset
@@ -82,8 +80,6 @@ def handle_events(arguments: SweepArguments) -> None:
             _stop(arguments, lane, found, theta)
         if arguments.workspace.carried.shape[0] > 0:
             _carry(arguments, lane, searched)
-        if arguments.workspace.continued.shape[0] > 0:
-            keep_case(arguments, lane)
 
 
 @compiled_subset
@@ -240,7 +236,7 @@ def _stop(arguments: SweepArguments, lane: int, found: int, theta: float) -> Non
     if found == BROKEN:
         numbers.status[lane] = Status.EVENT_NON_FINITE
         return
-    span, one = span_of_case(arguments, lane), row(space.own, lane)
+    span, one = abs(end_of_case(arguments, lane) - state.tally[FIRST, lane]), row(space.own, lane)
     n, case = arguments.shape.n, numbers.case[lane]
     outcome = resolve(arguments.events, space, lane, n, t, direction, span, one, arguments.happened, case, theta)
     _take_point(arguments, lane)

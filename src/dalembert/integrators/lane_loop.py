@@ -18,8 +18,8 @@ from .case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes,
 from .case_records import record_cases
 from .compiled_subset import compiled_subset, lowest
 from .lane_events import handle_events, hold_for_events, test_steps, watch_case
-from .lane_inputs import begin_lane_inputs, pass_lane_knots, run_on_at_knots, watch_inputs
 from .lane_steps import accept_steps, advance_together, project_lanes, swap_states, take_step
+from .lane_stops import begin_lane_stops, pass_lane_stops, run_on_at_stops, watch_constants
 from .step_records import record_ends, record_steps, records_are_full
 from .sweep_arguments import SweepArguments
 
@@ -39,16 +39,16 @@ def _pauses(arguments: SweepArguments) -> bool:
     return progress.returns != 0 or arguments.turn[0] >= STOPPED
 
 
-def _loading(watched: bool, knots: bool) -> Callable[[SweepArguments], bool]:
-    """Return a function that fills lanes whose cases have ended, with or without events and knots of inputs."""
+def _loading(watched: bool, stops: bool) -> Callable[[SweepArguments], bool]:
+    """Return a function that fills lanes whose cases have ended, with or without events and stops."""
 
     @compiled_subset
     def load(arguments: SweepArguments) -> bool:
         """Store the results of cases that have ended and load others; return whether there are any."""
-        if knots:
-            passed = pass_lane_knots(arguments)
+        if stops:
+            passed = pass_lane_stops(arguments)
             if watched:
-                watch_inputs(arguments, passed)
+                watch_constants(arguments, passed)
         left = arguments.state.progress.look
         while left != 0:
             lane = lowest(left)
@@ -57,19 +57,17 @@ def _loading(watched: bool, knots: bool) -> Callable[[SweepArguments], bool]:
                 continue
             while not resumes(arguments, lane) and next_case_is_loaded(arguments):
                 entered = enter_next(arguments, lane)
-                if knots and entered:
-                    begin_lane_inputs(arguments, lane)
+                if stops and entered:
+                    begin_lane_stops(arguments, lane)
                 if watched and entered:
                     watch_case(arguments, lane)
-                if watched and knots and entered:
-                    watch_inputs(arguments, 1 << lane)
         return arguments.state.progress.active != 0
 
     return load
 
 
-def _following(watched: bool, projected: bool, knots: bool, recorded: bool) -> Callable[[SweepArguments], None]:
-    """Return a function for accepted steps: their projection, records and events, and knots of inputs."""
+def _following(watched: bool, projected: bool, stops: bool, recorded: bool) -> Callable[[SweepArguments], None]:
+    """Return a function for accepted steps: their projection, records and events, and stops."""
 
     @compiled_subset
     def follow(arguments: SweepArguments) -> None:
@@ -78,8 +76,8 @@ def _following(watched: bool, projected: bool, knots: bool, recorded: bool) -> C
             project_lanes(arguments)
         if recorded:
             record_cases(arguments)
-        if watched and knots:
-            run_on_at_knots(arguments)
+        if watched and stops:
+            run_on_at_stops(arguments)
         if watched:
             test_steps(arguments)
             record_steps(arguments)
@@ -90,13 +88,13 @@ def _following(watched: bool, projected: bool, knots: bool, recorded: bool) -> C
 
 
 def sweeping(
-    watched: bool, projected: bool, knots: bool = False, recorded: bool = False
+    watched: bool, projected: bool, stops: bool = False, recorded: bool = False
 ) -> Callable[[SweepArguments], int]:
-    """Return the loop, with or without events and reductions, projections, knots of inputs, and records of all cases.
+    """Return the loop, with or without events and reductions, projections, stops, and records of all cases.
 
     It returns 1 where it has paused.
     """
-    load, follow = _loading(watched, knots), _following(watched, projected, knots, recorded)
+    load, follow = _loading(watched, stops), _following(watched, projected, stops, recorded)
 
     def loop(arguments: SweepArguments) -> int:
         progress, every = arguments.state.progress, (1 << arguments.state.clock.shape[1]) - 1

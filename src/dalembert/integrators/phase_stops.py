@@ -22,19 +22,19 @@ from .input_steps import InputTable, begin_inputs, no_inputs, pass_knots
 if TYPE_CHECKING:
     from .phase_tables import CaseTable, ThreadWorkspace
 
-__all__ = ["BEFORE_START", "StopTable", "begin_stops", "goes_to", "load_case", "no_stops", "pass_stops"]
+__all__ = ["BEFORE_START", "PhaseStops", "begin_stops", "goes_to", "load_case", "no_stops", "pass_stops"]
 
 BEFORE_START = -1
 """In place of the next stop of a case, which is not found yet: the first at its time or behind it."""
 
 
-class StopTable(NamedTuple):
+class PhaseStops(NamedTuple):
     """Stops of all cases.
 
     Attributes
     ----------
-    first : (k + 1,) or (0,)
-        Where the stops of each case begin; nothing where no case has any.
+    first, last : (k,) or (0,)
+        Where the stops of each case begin, and where they end; nothing where no case has any.
     times, acts, middles : (n,)
         Times in the direction of each case; which controllers act, as bits; and at which time conditions are decided
         from there on, NaN where that does not change.
@@ -55,6 +55,7 @@ class StopTable(NamedTuple):
     """
 
     first: IntVector
+    last: IntVector
     times: Vector
     acts: IntVector
     middles: Vector
@@ -68,11 +69,11 @@ class StopTable(NamedTuple):
     coefficients: Matrix
 
 
-def no_stops() -> StopTable:
+def no_stops() -> PhaseStops:
     """Return a table without stops."""
     none, nothing = np.zeros(0, np.int64), np.zeros(0)
-    about = none, nothing, none, nothing, none, nothing, 0, AddressTable(), none, none
-    return StopTable(*about, no_inputs(), np.zeros((0, 0)))
+    about = none, none, nothing, none, nothing, none, nothing, 0, AddressTable(), none, none
+    return PhaseStops(*about, no_inputs(), np.zeros((0, 0)))
 
 
 @compiled_subset
@@ -102,7 +103,7 @@ def begin_stops(table: CaseTable, i: int) -> None:
     if stops.first.size == 0 or stops.next[i] >= 0:
         return
     direction, place = 1.0 if forward else -1.0, stops.first[i]
-    while place < stops.first[i + 1] and (stops.times[place] - t) * direction < 0.0:
+    while place < stops.last[i] and (stops.times[place] - t) * direction < 0.0:
         place += 1
     stops.next[i] = place
     if stops.inputs.knots.size > 0:
@@ -116,7 +117,7 @@ def goes_to(table: CaseTable, i: int, goal: float) -> float:
     stops, direction = table.stops, 1.0 if table.t1[i] >= table.cases.t[i] else -1.0
     if stops.first.size == 0:
         return goal
-    if stops.next[i] < stops.first[i + 1] and (stops.times[stops.next[i]] - goal) * direction < 0.0:
+    if stops.next[i] < stops.last[i] and (stops.times[stops.next[i]] - goal) * direction < 0.0:
         goal = stops.times[stops.next[i]]
     if stops.inputs.knots.size > 0 and (stops.edges[i] - goal) * direction < 0.0:
         goal = stops.edges[i]
@@ -129,7 +130,7 @@ def _reach(table: CaseTable, i: int) -> int:
     stops, t, forward = table.stops, table.cases.t[i], table.t1[i] >= table.cases.t[i]
     direction, close = 1.0 if forward else -1.0, SMALLEST_OF_TIME * abs(t)
     place, acts = stops.next[i], 0
-    while place < stops.first[i + 1] and (stops.times[place] - t) * direction <= close:
+    while place < stops.last[i] and (stops.times[place] - t) * direction <= close:
         acts += stops.acts[place]
         if not math.isnan(stops.middles[place]):
             table.cases.p[i, stops.place] = stops.middles[place]

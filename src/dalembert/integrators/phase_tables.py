@@ -8,7 +8,7 @@ import numpy as np
 
 from .arguments import Address, AddressVector, IntMatrix, IntVector, Matrix, Record, Vector
 from .contact_cases import ContactCases
-from .phase_stops import StopTable
+from .phase_stops import PhaseStops
 
 __all__ = [
     "JUMPS",
@@ -149,7 +149,7 @@ class CaseTable(NamedTuple):
     log : (n_lines, n)
         For a case that is alone, a line for each phase that begins: time, number of the mode, parameters that the
         contacts add, coordinates, rates and first-order states. A full log ends the work.
-    stops : StopTable
+    stops : PhaseStops
     carried : (k, n) or (0, 0)
         Where there are stops, signs of the events of a case in its present phase (`EventWorkspace.carried`).
     """
@@ -166,7 +166,7 @@ class CaseTable(NamedTuple):
     t_last: Vector
     samples: CaseSamples
     log: Matrix
-    stops: StopTable
+    stops: PhaseStops
     carried: Matrix
 
 

@@ -18,8 +18,8 @@ class SampleArguments(NamedTuple):
     ----------
     position, velocity : address
         The projections, 0 for none.
-    case_constants : (k, n_c)
-        Constants of the cases.
+    case_constants : (k, n_c) or (k * m, n_c)
+        Constants of the cases, or of each sample.
     t_eval : (m,)
         Times [s].
     inside : (k, m)
@@ -59,7 +59,7 @@ def LOOP(arguments: SampleArguments) -> None:
             for m in range(n):
                 states[m, filled] = samples[i, j * n + m]
             for m in range(given.shape[1]):
-                constants[m, filled] = given[i, m]
+                constants[m, filled] = given[place if given.shape[0] == total else i, m]
             clock[0, filled], number[filled], mark[filled] = t_eval[j], place, PENDING
             filled += 1
         if filled < lanes and (place < total or filled == 0):

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..once import once
 from .arguments import Address, AddressVector, FlagMatrix, IntVector, Matrix, Vector
-from .input_steps import InputTable
+from .stops import StopTable
 from .workspace import EventKernels, EventWorkspace, LaneState
 
 __all__ = ["CaseRows", "CaseShape", "Columns", "SweepArguments", "SweepKernels", "no_rows"]
@@ -105,8 +105,8 @@ class SweepArguments(NamedTuple):
         Gets numbers of the events, and the times of the first and the last.
     totals : (k, n_running)
         Minima, maxima and integrals are continued in it. With events or any of these, a step writes its polynomials.
-    inputs : InputTable
-        Records at whose knots steps end.
+    stops : StopTable
+        Times at which steps end, knots of inputs among them.
     steps : (m, ...) or (0, 0)
         Gets the steps of a case that is alone (`dalembert.integrators.step_records`).
     rows : CaseRows
@@ -129,6 +129,6 @@ class SweepArguments(NamedTuple):
     workspace: EventWorkspace
     happened: Matrix
     totals: Matrix
-    inputs: InputTable
+    stops: StopTable
     steps: Matrix
     rows: CaseRows

@@ -237,9 +237,6 @@ class EventWorkspace(NamedTuple):
 
     Where ``carried`` (n_cases, n_events) has rows, it has the signs with which cases continue: NaN at a start,
     0 where a sign is not known; it gets those at their ends.
-
-    Where ``continued`` has rows, cases are cut in segments, and it has for each what lanes remember of its events from
-    one segment to the next, with the start and the end of the whole (`dalembert.integrators.event_continuation`).
     """
 
     own: Matrix
@@ -275,7 +272,6 @@ class EventWorkspace(NamedTuple):
     powers: Matrix
     occurrences: Matrix
     carried: Matrix
-    continued: Matrix
 
 
 def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: int, lanes: int) -> EventWorkspace:
@@ -316,7 +312,6 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         powers=aligned(1, degree + 1),
         occurrences=np.zeros((0, OCCURRENCE)),
         carried=np.zeros((0, k)),
-        continued=np.zeros((0, 0)),
     )
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .kernel import Kernel
 from .notation import Reader
 
-__all__ = ["CONDITION_TIME", "DECIDED", "NARROW", "WHOLE", "ZERO", "Conditions", "weighted_select"]
+__all__ = ["CONDITION_TIME", "DECIDED", "NARROW", "NO_CONDITIONS", "WHOLE", "ZERO", "Conditions", "weighted_select"]
 
 
 CONDITION_TIME = "time of conditions"
@@ -127,3 +127,6 @@ class Conditions:
     def parameters(self) -> frozenset[int]:
         """Numbers of the parameters that the times of breaks depend on."""
         return frozenset(load.index or 0 for kernel in self.kernels for load in kernel.loads if load.array == "p")
+
+
+NO_CONDITIONS = Conditions(None, (), (), (), ())

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["fitted", "run_cases", "run_shared"]
 
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
-_BLOCKS_PER_THREAD, _CUT_BLOCKS_PER_THREAD = 8, 2
-"""Blocks for each thread; fewer where runs are cut in segments, because every block is called once for each."""
+_BLOCKS_PER_THREAD = 8
 
 _LARGEST_SHARE, _SHARES_PER_THREAD = 64, 64
 _LARGEST_PART = 1 << 16
@@ -79,7 +78,7 @@ def _interrupted(result: BlockResult) -> BlockResult:
 def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> None:
     """Run all cases, block by block."""
     count = cases.count
-    share = 1 if engine.whole_blocks else threads * (_CUT_BLOCKS_PER_THREAD if engine.cuts else _BLOCKS_PER_THREAD)
+    share = 1 if engine.whole_blocks else threads * _BLOCKS_PER_THREAD
     length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-count // share)))
     blocks = [slice(first, min(first + length, count)) for first in range(0, count, length)]
 
@@ -109,10 +108,11 @@ def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockRe
 def _whole(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> bool:
     """Run all cases in threads that share them, where the engine makes them itself; return whether that is so.
 
-    Reductions need the constants of all cases of a part, so parts are of a limited size.
+    Reductions need the constants of all cases of a part, and cases may have long lists of stops, so parts are of a
+    limited size.
     """
     count = cases.count
-    length = max(1, count) if settings.watch is None else _LARGEST_PART
+    length = _LARGEST_BLOCK * threads if engine.cuts else max(1, count) if settings.watch is None else _LARGEST_PART
     share = min(_LARGEST_SHARE, max(1, min(count, length) // (threads * _SHARES_PER_THREAD)))
     parts = [slice(first, min(first + length, count)) for first in range(0, count, length)]
 
@@ -259,10 +259,9 @@ def _columns_run(
         here.happened[:] = done.happened[:, : 3 * watch.reported]
         if reduces:
             spans = np.stack([np.broadcast_to(column, count) for column in columns.spans], axis=1)
-            if columns.inputs is not None:
-                t, last = done.ends[:, 0], done.ends[:, 0] == spans[:, 1]
-                columns.inputs.write(constants, t, np.arange(count), (spans[:, 1] >= spans[:, 0]) != last)
-            here.totals[:] = watch.reduced(spans, done.ends, done.y, constants, done.totals, done.happened[:, 1::3])
+            along = columns.constants_at
+            c = constants if along is None else along(done.ends[:, :1])
+            here.totals[:] = watch.reduced(spans, done.ends, done.y, c, done.totals, done.happened[:, 1::3])
         watch.conclude(done.ends, done.happened)
 
     return replace(run, finish=finish)

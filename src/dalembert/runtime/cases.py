@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any, final
 
 import numpy as np
@@ -171,7 +172,14 @@ class Cases:
             settings.watch,
             self._records_of(block),
             carried=None if settings.carried is None else settings.carried[block],
+            constants_at=partial(self.constants_at, block) if self._changing else None,
         )
+
+    @property
+    def _changing(self) -> bool:
+        """Whether constants change along runs."""
+        conditions = self.program.conditions
+        return self.records is not None or (conditions is not None and conditions.decides)
 
     def block(self, block: slice, settings: Settings, *, exact: bool = False) -> tuple[CaseBlock, FloatArray]:
         """Return a block of cases ready to run, and the status of those that cannot (k,), -1 for the others.

@@ -32,7 +32,7 @@ from ..integrators.chaining import (
 )
 from ..integrators.problem import IntegrationProblem, SamplingClock, Solution
 from ..integrators.segments import KnotSegments, Segments
-from ..ir.conditions import Conditions
+from ..ir.conditions import NO_CONDITIONS, Conditions
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..methods.status import Status
@@ -40,6 +40,7 @@ from ..options import SolveOptions
 from .sampling import NoInstants, Sampling
 from .segment_constants import at_time, prepared_rows, segments_of
 from .segment_rounds import SegmentRounds
+from .stop_lists import Stopping
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -53,7 +54,6 @@ if TYPE_CHECKING:
 
 __all__ = ["SegmentedEngine"]
 
-_NO_CONDITIONS = Conditions(None, (), (), (), ())
 _MOST_KEPT = 16
 
 
@@ -72,7 +72,7 @@ class SegmentedEngine(Engine):
 
     @property
     def _conditions(self) -> Conditions:
-        return self._program.conditions or _NO_CONDITIONS
+        return self._program.conditions or NO_CONDITIONS
 
     @property
     def follows_inputs(self) -> bool:
@@ -303,24 +303,41 @@ class SegmentedEngine(Engine):
     def sweeper(
         self, cases: CaseColumns, method: str, result: BlockResult, constants: FloatArray, share: int
     ) -> CaseRun | None:
-        """See `Engine.sweeper`: where nothing is decided, and nothing narrow happens in any case."""
-        conditions = self._conditions
-        if self.sampling is not None or (cases.inputs is not None and not self.inner.follows_inputs):
+        """See `Engine.sweeper`: cases pass their stops in the loop of the inner engine."""
+        knots = cases.inputs is not None and not self.inner.follows_inputs
+        if self._calls_functions or knots or cases.carried is not None:
             return None
-        columns = [cases.parameters[i] for i in sorted(conditions.parameters)]
-        if conditions.decides or any(len(column) > 1 for column in (*cases.spans, *columns)):
-            return None
-        p = np.array([float(column[0]) if len(column) else 0.0 for column in cases.parameters])
-        if len(break_times(conditions, p, float(cases.spans[0][0]), float(cases.spans[1][0]))):
-            return None
-        return self.inner.sweeper(cases, method, result, constants, share)
+        t0, t1 = (np.broadcast_to(span, cases.count) for span in cases.spans)
+        p = np.stack([np.broadcast_to(column, cases.count) for column in cases.parameters], axis=1)
+        found = self._stopping(p, t0, t1, cases.t_eval)
+        run = self.inner.sweeper(found.columns(cases), method, result, constants, share)
+        if run is None or not np.any(found.bad):
+            return run
+
+        def finish() -> None:
+            run.finish()
+            result.ends[found.bad, 0] = t0[found.bad]
+
+        return replace(run, finish=finish)
+
+    def _stopping(self, p: FloatArray, t0: FloatArray, t1: FloatArray, t_eval: FloatArray) -> Stopping:
+        return Stopping.of(self._program, p, (t0, t1), t_eval, self.sampling, self.landing)
+
+    @property
+    def _calls_functions(self) -> bool:
+        """Whether controllers are Python functions."""
+        return self.sampling is not None and any(action.function for action in self.sampling.kernels.actions)
 
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
-        """See `Engine.integrate_block`: side by side a segment at a time where the engine can, else one by one."""
+        """See `Engine.integrate_block`: side by side from stop to stop where the engine can, else one by one."""
         knots = block.inputs is not None and not self.inner.follows_inputs
         if self._program.conditions is None and not knots and self.sampling is None:
             self.inner.integrate_block(block, method, result)
-        elif knots or block.carried is not None or not SegmentRounds(self, block, method, result).run():
+        elif self.inner.whole_blocks and not (knots or self._calls_functions or len(block.t_eval) or block.watch):
+            p, (t0, t1) = block.c[:, : len(self._program.layout.parameters)], block.spans.T
+            found = self._stopping(p, t0, t1, block.t_eval)
+            SegmentRounds(self.inner, block, found).run(method, result)
+        else:
             self._one_by_one(block, method, result)
 
     def _one_by_one(self, block: CaseBlock, method: str, result: BlockResult) -> None:

@@ -15,7 +15,7 @@ from ...integrators.addresses import AddressTable, OwnedAddress
 from ...integrators.arguments import pack, place_of
 from ...integrators.foreign_batch_loop import HEAD, BatchArguments, BatchCode, PoolFunctions
 from ...integrators.foreign_task import TaskSlots, task_slots
-from ...integrators.input_steps import no_inputs
+from ...integrators.stops import no_stops
 from ...integrators.sweep_arguments import CaseRows, CaseShape, Columns, SweepArguments, SweepKernels
 from ...integrators.workspace import LaneNumbers, LaneState, lane_state, no_event_workspace, no_events
 from ...once import once
@@ -135,7 +135,7 @@ def sweep_arguments(kernels: SweepKernels, sizes: BatchSizes) -> SweepArguments:
         workspace=no_event_workspace(),
         happened=none,
         totals=none,
-        inputs=no_inputs(),
+        stops=no_stops(),
         steps=none,
         rows=CaseRows(none, none, none, none),
     )

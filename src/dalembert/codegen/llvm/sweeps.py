@@ -15,9 +15,9 @@ from ...arrays import FloatArray
 from ...integrators.addresses import AddressTable
 from ...integrators.arguments import address_of, owned_address, pack
 from ...integrators.cases import BlockResult, CaseColumns
-from ...integrators.input_steps import no_inputs
 from ...integrators.sample_projection import SampleArguments
 from ...integrators.step_records import FIRST_AT
+from ...integrators.stops import StopTable, no_stops
 from ...integrators.sweep_arguments import CaseShape, Columns, SweepArguments, SweepKernels, no_rows
 from ...integrators.workspace import (
     OCCURRENCE,
@@ -30,6 +30,7 @@ from ...integrators.workspace import (
     no_event_workspace,
 )
 from ...interrupts import STOPPED, check
+from ..host_code import raise_failure
 from ..runs import CaseRun, LoopCall
 from .loops import loop_named
 
@@ -108,6 +109,7 @@ def case_run(
         while going:  # Ctrl-C is raised here
             begin = perf_counter()
             code(pointer)
+            raise_failure()
             going = progress.paused != 0 and turn[0] < STOPPED
             check()
             if going and perf_counter() - begin < _QUICK:
@@ -144,7 +146,7 @@ class _Run:
     def loop_name(self) -> str:
         """Name of the loop that serves these cases."""
         if self.cases.inputs is not None:
-            return "input_event_lane_loop" if self.watched else "input_lane_loop"
+            return "stop_event_lane_loop" if self.watched else "stop_lane_loop"
         if self.watched:
             return "event_lane_loop"
         return "projected_lane_loop" if self.projected else "lane_loop"
@@ -156,7 +158,6 @@ class _Run:
         more, n_s = n + shape.events_with_series, 2 + len(self.settings)
         size = more + 2 + shape.memory
         rows = size + (more * (shape.degree + 1) if shape.dense else 0)
-        inputs = no_inputs() if cases.inputs is None else cases.inputs.table(shape.lanes, n + 2 + shape.memory)
         steps = np.zeros((cases.recorded, FIRST_AT + (shape.degree + 3) * n)) if cases.recorded else np.empty((0, 0))
         return SweepArguments(
             kernels=self.kernels,
@@ -177,10 +178,18 @@ class _Run:
             workspace=self._workspace(n_s),
             happened=self.result.happened,
             totals=self.result.totals,
-            inputs=inputs,
+            stops=self._stops(),
             steps=steps,
             rows=no_rows(),
         )
+
+    def _stops(self) -> StopTable:
+        """Return the stops of the cases, knots of inputs among them."""
+        cases, shape = self.cases, self.shape
+        if cases.inputs is None:
+            return no_stops()
+        inputs = cases.inputs.table(shape.lanes, shape.n + 2 + shape.memory)
+        return no_stops(inputs) if cases.stops is None else cases.stops.table(inputs, shape.lanes, shape.n_c)
 
     def _workspace(self, n_s: int) -> EventWorkspace:
         """Return the workspace of events; `n_s` is the number of settings of the step."""
@@ -191,8 +200,6 @@ class _Run:
             workspace = event_workspace(self.events, shape.n, shape.degree, shape.n_c, n_s, shape.lanes)
         if self.cases.recorded:
             workspace = workspace._replace(occurrences=np.zeros((1 + self.cases.recorded, OCCURRENCE)))
-        if self.cases.continued is not None:
-            workspace = workspace._replace(continued=self.cases.continued)
         return workspace if self.cases.carried is None else workspace._replace(carried=self.cases.carried)
 
     def project_samples(self) -> None:
@@ -203,8 +210,11 @@ class _Run:
         overwritten = aligned(1, lanes), aligned(n, lanes), np.ones((max(shape.n_c, 1), lanes)), aligned(n, lanes)
         numbers = np.zeros(lanes, np.int64), np.zeros(lanes, np.int64)
         codes = self.kernels.position, self.kernels.velocity
+        constants, along = self.constants, self.cases.constants_at
+        if along is not None:
+            constants = along(np.broadcast_to(self.t_eval, self.inside.shape))
         loop = loop_named("sample_projection")
-        loop(SampleArguments(*codes, self.constants, self.t_eval, self.inside, self.samples, *overwritten, *numbers))
+        loop(SampleArguments(*codes, constants, self.t_eval, self.inside, self.samples, *overwritten, *numbers))
 
 
 def _state(made: LaneState) -> LaneState:

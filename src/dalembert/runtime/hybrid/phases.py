@@ -19,7 +19,7 @@ from ...hybrid.automaton import BITS
 from ...integrators.addresses import AddressTable
 from ...integrators.arguments import address_of, pack
 from ...integrators.phase_loop import PhaseArguments
-from ...integrators.phase_stops import StopTable, no_stops
+from ...integrators.phase_stops import PhaseStops, no_stops
 from ...integrators.phase_tables import NO_RUNNER, CaseTable, PhasePlan, RunnerTable, ThreadWorkspace
 from ...interrupts import STOPPED, check, stopped_by
 from ..case_blocks import run_shared
@@ -74,7 +74,7 @@ class PhaseExecutor:
         self._packed: list[NDArray[np.int64]] = []
         self._alone = np.zeros(1, np.int64)
 
-    def begin(self, stops: StopTable | None) -> None:
+    def begin(self, stops: PhaseStops | None) -> None:
         """Prepare for cases that begin, with stops or without."""
         if stops is None and not len(self.table.stops.first):
             return

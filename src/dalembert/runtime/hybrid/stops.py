@@ -13,10 +13,12 @@ from ...codegen.host_code import columns_at, host_code
 from ...integrators.addresses import AddressTable, OwnedAddress
 from ...integrators.breakpoints import CaseBreaks
 from ...integrators.input_steps import no_inputs
-from ...integrators.phase_stops import BEFORE_START, StopTable
+from ...integrators.phase_stops import BEFORE_START, PhaseStops
+from ...ir.conditions import NO_CONDITIONS
 from ...reduction.sampling_kernels import Action
 from ..input_values import GivenInputs
-from ..sampling import NoInstants, Sampling
+from ..sampling import Sampling
+from ..stop_lists import stop_lists
 from .mode_models import ModeModels
 
 __all__ = ["Stops", "stops_of"]
@@ -31,7 +33,7 @@ class Stops:
     `senseless` (k,) the periods or offsets of controllers make no sense, and nothing acts.
     """
 
-    table: StopTable
+    table: PhaseStops
     breaks: CaseBreaks | None
     inputs: GivenInputs | None
     senseless: NDArray[np.bool_]
@@ -79,17 +81,17 @@ def stops_of(
     if breaks is None and sampling is None and records is None:
         return None
     k = len(p)
-    senseless = np.zeros(k, np.bool_)
-    lists = _stop_lists(breaks, sampling, p, spans, t_eval, senseless if many else None)
-    sizes = [len(times) for times, _, _ in lists]
+    changes = CaseBreaks.of(NO_CONDITIONS, p, *spans) if breaks is None else breaks
+    lists, bad = stop_lists(changes, sampling, p, t_eval, at_start=True, many=many)
     actions = () if sampling is None else sampling.kernels.actions
     codes = [] if sampling is None else [_action_code(modes, sampling, action) for action in actions]
     places = [] if sampling is None else [_places(sampling, action) for action in actions]
-    table = StopTable(
-        first=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
-        times=np.concatenate([np.zeros(0), *(own for own, _, _ in lists)]),
-        acts=np.concatenate([np.zeros(0, np.int64), *(own for _, _, own in lists)]),
-        middles=np.concatenate([np.zeros(0), *(own for _, own, _ in lists)]),
+    table = PhaseStops(
+        first=lists.first,
+        last=lists.last,
+        times=lists.times,
+        acts=lists.acts,
+        middles=lists.middles,
         next=np.full(k, BEFORE_START, np.int64),
         edges=np.zeros(k),
         place=0 if breaks is None or breaks.place is None else breaks.place,
@@ -99,7 +101,7 @@ def stops_of(
         inputs=no_inputs() if records is None else records.table(k),
         coefficients=np.zeros((0, 0)) if records is None else np.zeros((p.shape[1], k)),
     )
-    return Stops(table, breaks, None if records is None else given, senseless)
+    return Stops(table, breaks, None if records is None else given, bad)
 
 
 def _places(sampling: Sampling, action: Action) -> tuple[int, ...]:
@@ -126,57 +128,3 @@ def _action_code(modes: ModeModels, sampling: Sampling, action: Action) -> Owned
         return 0
 
     return host_code(act)
-
-
-_Lists = list[tuple[FloatArray, FloatArray, NDArray[np.int64]]]
-
-
-def _stop_lists(
-    breaks: CaseBreaks | None,
-    sampling: Sampling | None,
-    p: FloatArray,
-    spans: tuple[FloatArray, FloatArray],
-    t_eval: FloatArray | None,
-    senseless: NDArray[np.bool_] | None,
-) -> _Lists:
-    """Return for each case times, times at which conditions are decided from there on, and which controllers act.
-
-    Cases whose periods make no sense are marked in `senseless`, where it is given.
-    """
-    schedules = None if sampling is None else sampling.schedules(p)
-    known: dict[bytes, tuple[FloatArray, FloatArray, NDArray[np.int64]]] = {}
-    found: _Lists = []
-    refused: set[bytes] = set()
-    for i, (t0, t1) in enumerate(zip(*(span.tolist() for span in spans), strict=True)):
-        own = np.zeros(0) if breaks is None else breaks.times[breaks.starts[i] : breaks.starts[i + 1]]
-        acting = sampling is not None and np.isfinite(t0 + t1)
-        schedule = np.zeros(0) if schedules is None or not acting else schedules[i]
-        key = np.array([t0, t1]).tobytes() + own.tobytes() + schedule.tobytes()
-        if key not in known:
-            decides = breaks is not None and breaks.place is not None
-            times = np.concatenate([[t0], own]) if decides else own
-            edges = np.concatenate([[t0], own, [t1]])
-            middles = edges[:-1] + 0.5 * np.diff(edges) if decides else np.full(len(own), np.nan)
-            instants, acts = np.zeros(0), np.zeros(0, np.int64)
-            if sampling is not None and acting:
-                try:
-                    instants, acts = sampling.instants(schedule, t0, t1, None, t_eval)
-                except NoInstants:
-                    if senseless is None:
-                        raise
-                    refused.add(key)
-            known[key] = _together(times, middles, instants, acts, backward=t1 < t0)
-        if senseless is not None:
-            senseless[i] = key in refused
-        found.append(known[key])
-    return found
-
-
-def _together(
-    times: FloatArray, middles: FloatArray, instants: FloatArray, acts: NDArray[np.int64], *, backward: bool
-) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
-    """Return times, what conditions are decided at, and acts, in the order in which a case meets them."""
-    every = np.concatenate([times, instants])
-    order = np.argsort(-every if backward else every, kind="stable")
-    both = np.concatenate([middles, np.full(len(instants), np.nan)])[order]
-    return every[order], both, np.concatenate([np.zeros(len(times), np.int64), acts])[order]

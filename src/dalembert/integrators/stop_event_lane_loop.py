@@ -1,0 +1,7 @@
+"""The loop of `dalembert.integrators.lane_loop` with stops, events and reductions."""
+
+from .lane_loop import sweeping
+
+__all__ = ["LOOP"]
+
+LOOP = sweeping(watched=True, projected=True, stops=True)

@@ -1,0 +1,136 @@
+"""Stops of compiled loops: times known before a run at which something is decided or done, passed in place.
+
+These are changes of conditions on time, instants of controllers and knots of inputs. A step ends at each; the loop
+writes what counts from there on, and the case continues in its lane.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..methods.step_constants import SMALLEST_OF_TIME
+from .addresses import AddressTable
+from .arguments import AddressVector, IntVector, Matrix, Vector
+from .compiled_subset import call_code, compiled_subset, row
+from .input_steps import InputTable, begin_inputs, no_inputs
+
+__all__ = ["StopTable", "act", "begin_stops", "end_of_steps", "is_due", "no_stops", "take_next"]
+
+
+class StopTable(NamedTuple):
+    """The stops of cases, in so many lanes.
+
+    Attributes
+    ----------
+    first, last : (k,) or (0,)
+        Which of the stops are those of each case, in the order in which it meets them: from the first on, before the
+        last. Cases may share them. Nothing where there are knots of inputs only.
+    times, acts, middles : (n,)
+        Times; which actions happen there, as bits; and at which time conditions are decided from there on, NaN where
+        that does not change.
+    place : int
+        Parameter at whose value conditions are decided, -1 for none.
+    actions : (n_actions,)
+        Code of what each action sets, of time, state, constants, and `before` in place of settings.
+    columns, places : (n_actions + 1,), (m,)
+        Where the components of the state that each action sets begin, and their numbers.
+    next, until, acting : (lanes,)
+        The next stop of each lane and the end of its list, and which actions happen in it.
+    before : (1 + n_c, lanes) or (1, lanes)
+        1 for lanes in which the present action happens; then, where an action reads them, constants before the stop.
+    acted, prepared : (m, lanes), (n_c, lanes)
+        Are overwritten.
+    inputs : InputTable
+        Records of inputs, and the ends of the cases.
+    """
+
+    first: IntVector
+    last: IntVector
+    times: Vector
+    acts: IntVector
+    middles: Vector
+    place: int
+    actions: AddressVector
+    columns: IntVector
+    places: IntVector
+    next: IntVector
+    until: IntVector
+    acting: IntVector
+    before: Matrix
+    acted: Matrix
+    prepared: Matrix
+    inputs: InputTable
+
+
+def no_stops(inputs: InputTable | None = None) -> StopTable:
+    """Return a table without stops but the knots of inputs."""
+    none, nothing, room = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 1))
+    about = none, none, nothing, none, nothing, -1, AddressTable(), none, none
+    return StopTable(*about, *(none,) * 3, *(room,) * 3, no_inputs() if inputs is None else inputs)
+
+
+@compiled_subset
+def begin_stops(
+    stops: StopTable, constants: FloatArray, lane: int, case: int, t: float, t1: float, forward: bool
+) -> float:
+    """Begin a case in a lane: find its first stop, and write its inputs; return where the first piece of these ends.
+
+    ``t`` and ``t1`` are start and end of the case.
+    """
+    if stops.first.size > 0:
+        stops.next[lane], stops.until[lane] = stops.first[case], stops.last[case]
+    return begin_inputs(stops.inputs, constants, lane, case, t, t1, forward)
+
+
+@compiled_subset
+def end_of_steps(stops: StopTable, lane: int, end: float, forward: bool) -> float:
+    """Return where the next steps of a lane end: at a knot or the end of its case, or at a stop before that."""
+    if stops.first.size == 0 or stops.next[lane] == stops.until[lane]:
+        return end
+    time = stops.times[stops.next[lane]]
+    return min(end, time) if forward else max(end, time)
+
+
+@compiled_subset
+def is_due(stops: StopTable, lane: int, t: float, forward: bool) -> bool:
+    """Return whether a lane has reached its next stop."""
+    if stops.first.size == 0 or stops.next[lane] == stops.until[lane]:
+        return False
+    time, close = stops.times[stops.next[lane]], SMALLEST_OF_TIME * abs(t)
+    return (time - t if forward else t - time) <= close
+
+
+@compiled_subset
+def take_next(stops: StopTable, constants: FloatArray, lane: int) -> bool:
+    """Take the next stop of a lane; return whether conditions are decided anew."""
+    number = stops.next[lane]
+    stops.next[lane], stops.acting[lane] = number + 1, stops.acts[number]
+    middle = stops.middles[number]
+    if math.isnan(middle):
+        return False
+    constants[stops.place, lane] = middle
+    return True
+
+
+@compiled_subset
+def act(stops: StopTable, clock: FloatArray, states: FloatArray, place: int, constants: FloatArray) -> None:
+    """Let the actions that happen in lanes set their components of the state, whose rows begin at a place."""
+    for a in range(stops.actions.size):
+        some = False
+        for lane in range(stops.acting.size):
+            here = stops.acting[lane] >> a & 1 != 0
+            stops.before[0, lane] = 1.0 if here else 0.0
+            some = some or here
+        if not some:
+            continue
+        before, acted = row(stops.before, 0), row(stops.acted, 0)
+        call_code(stops.actions[a], row(clock, 0), row(states, place), row(constants, 0), before, acted)
+        first = stops.columns[a]
+        for lane in range(stops.acting.size):
+            if stops.before[0, lane] != 0.0:
+                for m in range(first, stops.columns[a + 1]):
+                    states[place + stops.places[m], lane] = stops.acted[m - first, lane]
