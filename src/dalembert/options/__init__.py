@@ -13,6 +13,7 @@ from .runs import (
     StepOptions,
     SweepOptions,
     simulate_options,
+    tighter,
 )
 from .stores import StoreOptions
 
@@ -32,4 +33,5 @@ __all__ = [
     "SweepOptions",
     "TrimOptions",
     "simulate_options",
+    "tighter",
 ]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, final
+from typing import Any, TypeVar, final
 
 from ..errors import OptionError, unknown_name
 from ..values import flag, option, times_of, tolerances, whole
@@ -23,10 +23,16 @@ __all__ = [
     "SweepOptions",
     "set_checked",
     "simulate_options",
+    "tighter",
 ]
+
+_Estimating = TypeVar("_Estimating", "SimulateOptions", "SweepOptions")
 
 DEFAULT_TOLERANCES = 1e-8, 1e-10
 """Default relative and absolute tolerance."""
+
+_TIGHTER = 1e-2
+"""Factor between the tolerances of a run and of the one beside it from which its error is estimated."""
 
 MAX_STEPS = 1_000_000
 """Attempted steps after which a run ends by default: far more than a run takes that goes well, at most some minutes."""
@@ -293,6 +299,11 @@ class SolveOptions:
         """Tolerances; by default those for double precision."""
         asked = zip((self.rtol, self.atol), DEFAULT_TOLERANCES, strict=True)
         return tolerances(*(default if value is None else value for value, default in asked))
+
+
+def tighter(options: _Estimating) -> _Estimating:
+    """Return the options of the run beside another from which its error is estimated."""
+    return replace(options, rtol=options.rtol * _TIGHTER, atol=options.atol * _TIGHTER, error_estimate=False)
 
 
 @lru_cache(maxsize=256, typed=True)

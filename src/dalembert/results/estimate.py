@@ -10,10 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import OptionError, nesting_named
 
-__all__ = ["TIGHTER", "ErrorEstimate", "Estimated", "NamedArrays"]
-
-TIGHTER = 1e-2
-"""Factor between the tolerances of a run and of its twin, which is that much nearer to the exact motion."""
+__all__ = ["ErrorEstimate", "Estimated", "NamedArrays"]
 
 
 class NamedArrays(Protocol):

@@ -12,9 +12,8 @@ from ..errors import OptionError
 from ..integrators.problem import IntegrationProblem
 from ..ir.decay_rates import along_run
 from ..ir.program import Program
-from ..options import SimulateOptions
+from ..options import SimulateOptions, tighter
 from ..progress import run_meter
-from ..results.estimate import TIGHTER
 from ..results.trajectory import Trajectory
 from . import inputs
 from .constraint_choice import divisible_model, independent_model
@@ -170,7 +169,7 @@ def _limited(
 
 def _twin(model: CompiledModel, problem: IntegrationProblem, run: Trajectory, options: SimulateOptions) -> Trajectory:
     """Return a run at tighter tolerances, recorded at the times of another."""
-    rtol, atol = problem.rtol * TIGHTER, problem.atol * TIGHTER
-    finer = replace(problem, rtol=rtol, atol=atol, t_eval=run.t, dense=False)
-    method = model.choose_method(options.method, rtol, atol)
+    options = tighter(options)
+    finer = replace(problem, rtol=options.rtol, atol=options.atol, t_eval=run.t, dense=False)
+    method = model.choose_method(options.method, options.rtol, options.atol)
     return integrate(model, finer, method, time.perf_counter(), automatic=options.automatic)

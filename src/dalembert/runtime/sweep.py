@@ -13,9 +13,8 @@ from ..arrays import FloatArray
 from ..errors import InitialStateError, OptionError, ValueInputError
 from ..integrators.cases import BlockResult
 from ..methods.status import Status
-from ..options import SweepOptions
+from ..options import SweepOptions, tighter
 from ..results.case_results import NO_MODE, SweepStatistics
-from ..results.estimate import TIGHTER
 from ..results.sampler import CaseSet
 from ..results.sweep import Sweep
 from . import inputs
@@ -129,10 +128,10 @@ def sweep_in_own_time(
     run = _run(model, cases, settings, axes, begin)
     if not options.error_estimate:
         return run
-    tighter = replace(options, rtol=options.rtol * TIGHTER, atol=options.atol * TIGHTER)
-    method = model.choose_method(options.method, tighter.rtol, tighter.atol, many=True)
-    method = tighter.method_chosen(NO_MODE, method)
-    finer = replace(settings, rtol=tighter.rtol, atol=tighter.atol, method=method)
+    options = tighter(options)
+    method = model.choose_method(options.method, options.rtol, options.atol, many=True)
+    method = options.method_chosen(NO_MODE, method)
+    finer = replace(settings, rtol=options.rtol, atol=options.atol, method=method)
     if options.fits:
         finer = fitted(model.engine, cases, finer)
     stop = bool(np.any(run.status == Status.INTERRUPTED))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -16,9 +16,8 @@ from ...ir.decay_rates import along_run
 from ...ir.interpret import interpret_rows
 from ...ir.program import Layout
 from ...methods.status import RUNNING, Status
-from ...options import SimulateOptions, SweepOptions
+from ...options import SimulateOptions, SweepOptions, tighter
 from ...reduction.baumgarte import GAINS, Baumgarte
-from ...results.estimate import TIGHTER
 from ...results.hybrid import HybridTrajectory
 from ...results.hybrid_sweep import HybridSweep
 from .. import inputs
@@ -33,8 +32,6 @@ from .simulate import simulate
 from .sweep import sweep
 
 __all__ = ["moving_events", "refuse_open_gains", "run_cases", "run_motion", "start_state"]
-
-_O = TypeVar("_O", SimulateOptions, SweepOptions)
 
 
 def refuse_open_gains(modes: ModeModels) -> None:
@@ -112,7 +109,7 @@ def run_motion(
     run = simulate(request)
     if not options.error_estimate:
         return run
-    finer = replace(_tighter(options), dense=True, t_eval=None)
+    finer = replace(tighter(options), dense=True, t_eval=None)
     return run.with_twin(simulate(replace(request, options=finer)))
 
 
@@ -160,7 +157,7 @@ def run_cases(
     if not options.error_estimate:
         return run
     stop = bool(np.any(run.status == Status.INTERRUPTED))
-    return run.with_twin(sweep(replace(request, options=_tighter(request.options)), varied, stop))
+    return run.with_twin(sweep(replace(request, options=tighter(request.options)), varied, stop))
 
 
 def _starting_mode(modes: ModeModels, given: Iterable[str]) -> Mode:
@@ -170,8 +167,3 @@ def _starting_mode(modes: ModeModels, given: Iterable[str]) -> Mode:
         if known.issuperset((*entry.names, *entry.needs)):
             known |= set(entry.targets)
     return modes.open_mode if known.issuperset((*modes.layout.coordinates, *modes.layout.rates)) else modes.closed_mode
-
-
-def _tighter(options: _O) -> _O:
-    """Return the options of a twin."""
-    return replace(options, rtol=options.rtol * TIGHTER, atol=options.atol * TIGHTER, error_estimate=False)
