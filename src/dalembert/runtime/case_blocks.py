@@ -55,18 +55,34 @@ def run_cases(engine: Engine, cases: Cases, settings: Settings, stop: bool = Fal
     A case that fails is a status; an interrupt keeps what is finished, and the others are INTERRUPTED.
     """
     count, samples = cases.count, 0 if settings.t_eval is None else len(settings.t_eval)
-    size = len(cases.program.layout.state)
-    watch = settings.watch
-    result = BlockResult.empty(count, size, samples, 0 if watch is None else watch.reported)
+    watch, n = settings.watch, len(cases.program.layout.state)
+    result = BlockResult.empty(count, n, samples, 0 if watch is None else watch.reported)
     if watch is not None:
         result = replace(result, totals=np.full((count, len(watch.plan)), np.nan))
     result.ends[:, 1] = float(Status.INTERRUPTED)
     if stop:
         return _interrupted(result)
     threads = settings.threads if engine.parallel else 1
-    if samples or not _whole(engine, cases, settings, result, threads):
-        _in_blocks(engine, cases, settings, result, threads)
+    # reductions need the constants of all cases of a part, and these may have long lists of stops: parts are limited
+    length = _LARGEST_BLOCK * threads if engine.cuts else max(1, count) if watch is None else _LARGEST_PART
+    share = min(_LARGEST_SHARE, max(1, min(count, length) // (threads * _SHARES_PER_THREAD)))
+    for part in _slices(count, length):
+        size = part.stop - part.start
+        run = None if samples else _columns_run(engine, cases, settings, part, result[part], share)
+        if run is None:
+            _in_blocks(engine, cases, settings, result, threads)
+            return result
+        if not run_shared(run, size, max(1, min(threads, -(-size // share))), settings.progress):
+            _interrupted(result)
+            break
+    for block in _slices(count, _LARGEST_BLOCK):
+        _check_results(cases, settings, block, result)
     return result
+
+
+def _slices(count: int, length: int) -> list[slice]:
+    """Return so many cases in parts of some length."""
+    return [slice(first, min(first + length, count)) for first in range(0, count, length)]
 
 
 def _interrupted(result: BlockResult) -> BlockResult:
@@ -80,8 +96,6 @@ def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockRe
     count = cases.count
     share = 1 if engine.whole_blocks else threads * _BLOCKS_PER_THREAD
     length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-count // share)))
-    blocks = [slice(first, min(first + length, count)) for first in range(0, count, length)]
-
     stopping = threading.Event()
 
     def run_block(block: slice) -> int:
@@ -97,35 +111,12 @@ def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockRe
 
     with meter(count, settings.progress) as advance, _workers(threads, stopping) as each:
         try:
-            for finished in each(run_block, blocks):
+            for finished in each(run_block, _slices(count, length)):
                 advance(finished)
         except KeyboardInterrupt:
             stopping.set()
     if stopping.is_set():
         _interrupted(result)
-
-
-def _whole(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> bool:
-    """Run all cases in threads that share them, where the engine makes them itself; return whether that is so.
-
-    Reductions need the constants of all cases of a part, and cases may have long lists of stops, so parts are of a
-    limited size.
-    """
-    count = cases.count
-    length = _LARGEST_BLOCK * threads if engine.cuts else max(1, count) if settings.watch is None else _LARGEST_PART
-    share = min(_LARGEST_SHARE, max(1, min(count, length) // (threads * _SHARES_PER_THREAD)))
-    parts = [slice(first, min(first + length, count)) for first in range(0, count, length)]
-
-    for part in parts:
-        run, size = _columns_run(engine, cases, settings, part, result[part], share), part.stop - part.start
-        if run is None:
-            return False
-        if not run_shared(run, size, max(1, min(threads, -(-size // share))), settings.progress):
-            _interrupted(result)
-            break
-    for first in range(0, count, _LARGEST_BLOCK):
-        _check_results(cases, settings, slice(first, min(first + _LARGEST_BLOCK, count)), result)
-    return True
 
 
 @once
@@ -221,7 +212,7 @@ def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, h
 def _check_results(cases: Cases, settings: Settings, block: slice, result: BlockResult) -> None:
     """Check the results of a block of cases, where the settings have a check."""
     if settings.judge is not None and len(cases.program.layout.state):
-        settings.judge(cases.block(block, settings)[0], result[block])
+        settings.judge(settings.method, cases.block(block, settings)[0], result[block])
 
 
 def _swept(engine: Engine, cases: Cases, settings: Settings, block: slice, here: BlockResult) -> bool:

@@ -37,7 +37,7 @@ class Settings:
     threads: int
     progress: bool
     watch: EventCode | None = None
-    judge: Callable[[CaseBlock, BlockResult], None] | None = None
+    judge: Callable[[str, CaseBlock, BlockResult], None] | None = None
     note: str = ""
     apart: NDArray[np.bool_] | None = None
     carried: FloatArray | None = None

@@ -28,7 +28,7 @@ from .input_values import GivenInputs
 from .linearize import independent_states, output_names, regular_point
 from .sampling import Sampling
 from .segment_constants import starting_constants
-from .single_run import ended_early
+from .simulate import ended_early
 
 if TYPE_CHECKING:
     from .linear_equations import Point

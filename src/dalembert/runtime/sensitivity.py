@@ -22,7 +22,7 @@ from .initial_states import directed, initial_state
 from .input_derivatives import value_names, with_weights_of
 from .inputs import span_of
 from .segment_constants import starting_constants
-from .single_run import ended_early
+from .simulate import ended_early
 from .variation import chosen_names, through_offsets
 
 if TYPE_CHECKING:

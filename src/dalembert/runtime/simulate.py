@@ -12,8 +12,10 @@ from ..errors import OptionError
 from ..integrators.problem import IntegrationProblem
 from ..ir.decay_rates import along_run
 from ..ir.program import Program
+from ..methods.status import Status
 from ..options import SimulateOptions, tighter
-from ..progress import run_meter
+from ..progress import enter_stage, run_meter
+from ..results.motion import RunStatistics
 from ..results.trajectory import Trajectory
 from . import inputs
 from .constraint_choice import divisible_model, independent_model
@@ -22,16 +24,21 @@ from .event_parameters import with_event_parameters
 from .gains import with_gains
 from .initial_states import directed, initial_state
 from .inputs import span_of
+from .jump_sliding import slid_along
+from .pathway_lengths import lost_directions
+from .run_checks import checked
 from .segment_constants import starting_constants
-from .single_run import integrate
+from .special_runs import special_run
+from .symbol_assumptions import warn_of_motion
 
 if TYPE_CHECKING:
     from ..integrators.event_code import EventCode
+    from ..integrators.watched import Occurrence
     from ..results.motion import Motion
     from .base import Model
     from .model import CompiledModel
 
-__all__ = ["NO_ESTIMATE", "simulate", "simulate_in_own_time"]
+__all__ = ["NO_ESTIMATE", "ended_early", "simulate", "simulate_in_own_time"]
 
 NO_ESTIMATE = "error_estimate compares motions time by time, which events may end or cut: leave out one of the two"
 
@@ -118,6 +125,78 @@ def _decided(
         if found is able:
             return able, method, problem, watch
         model = found
+
+
+def integrate(
+    model: CompiledModel,
+    problem: IntegrationProblem,
+    method: str,
+    begin: float,
+    watch: EventCode | None = None,
+    *,
+    automatic: bool = False,
+    carried: FloatArray | None = None,
+) -> Trajectory:
+    """Return the trajectory of one problem; its run time counts from `begin`, less what was compiled.
+
+    Where the method was chosen automatically, a stiff run without events changes to an implicit one. `carried` are
+    signs of events (see `integrate_watched`).
+    """
+    ready, wanted = time.perf_counter(), problem.dense
+    for check in model.checks:
+        problem = check.before(problem)
+    if model.layout.state:
+        enter_stage("machine code")
+        model.engine.prepare(problem, method)
+    compiled = time.perf_counter() - ready
+    engine, note = model.engine, ""
+    occurrences: list[Occurrence] = []
+    special = special_run(model, problem, method, watch, automatic, carried)
+    if special is not None:
+        solution, occurrences, method, note = special
+    elif automatic:
+        solution, method, note = engine.integrate_automatic(problem, method)
+    else:
+        solution = engine.integrate(problem, method)
+    solution, notes = checked(model, problem, method, solution)
+    along = model.engine.constants_along(problem)
+    notes = [note, *notes, lost_directions(model, solution, along), slid_along(model, solution, along)]
+    if problem.dense and not wanted:
+        solution = replace(solution, dense=None)
+    statistics = RunStatistics(
+        method=method,
+        steps=solution.steps,
+        rejected=solution.rejected,
+        evaluations=solution.evaluations,
+        compile_seconds=model.stages.compile_seconds + compiled,
+        run_seconds=time.perf_counter() - begin - compiled,
+        note="; ".join(text for text in notes if text),
+        rtol=problem.rtol,
+        atol=problem.atol,
+    )
+    program = model.stages.program
+    run = Trajectory(program, along, solution.status, solution.t, solution.y, statistics, solution.dense)
+    run.ended_at(solution.end)
+    if model.derived.signed:
+        warn_of_motion(model.layout.assumptions, model.derived.signed, run.t, run.__getitem__)
+    run.with_monitors(model.monitors).with_wrapped(solution.wrapped).of_scene(model.stages.scene)
+    return run if watch is None else run.with_events(watch.labels, occurrences)
+
+
+def ended_early(model: CompiledModel, problem: IntegrationProblem) -> tuple[IntegrationProblem, Status | None]:
+    """Return a problem up to where a run ends because constraints that were left out matter, and the status of that.
+
+    Where it does not, return the problem and None.
+    """
+    if not model.stages.reduced.unproven:
+        return problem, None
+    method = model.choose_method("auto", problem.rtol, problem.atol)
+    run = integrate(model, problem, method, time.perf_counter(), automatic=True)
+    if run.status is not Status.SINGULAR_CONFIGURATION:
+        return problem, None
+    times, forward = problem.t_eval, 1.0 if problem.t1 >= problem.t0 else -1.0
+    times = None if times is None else times[forward * times < forward * run.t_end]
+    return replace(problem, t1=run.t_end, t_eval=times), run.status
 
 
 def _problem(

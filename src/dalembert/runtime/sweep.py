@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -125,7 +126,9 @@ def sweep_in_own_time(
     give_gains(model.engine, cases, settings, parameters)
     axes = {} if options.grid is None else options.grid.axes
     settings = _unlike_left_out(model, cases, settings)
-    run = _run(model, cases, settings, axes, begin)
+    if model.checks:
+        settings = replace(settings, judge=partial(checked_cases, model))
+    run = _results(model, cases, settings, run_cases(model.engine, cases, settings), axes, begin)
     if not options.error_estimate:
         return run
     options = tighter(options)
@@ -134,8 +137,8 @@ def sweep_in_own_time(
     finer = replace(settings, rtol=options.rtol, atol=options.atol, method=method)
     if options.fits:
         finer = fitted(model.engine, cases, finer)
-    stop = bool(np.any(run.status == Status.INTERRUPTED))
-    return run.with_twin(_run(model, cases, finer, axes, time.perf_counter(), stop))
+    begin, stop = time.perf_counter(), bool(np.any(run.status == Status.INTERRUPTED))
+    return run.with_twin(_results(model, cases, finer, run_cases(model.engine, cases, finer, stop), axes, begin))
 
 
 def _keeping_cases(
@@ -251,40 +254,25 @@ def _unlike_left_out(model: CompiledModel, cases: Cases, settings: Settings) -> 
     return replace(settings, apart=different, note="; ".join(text for text in (settings.note, note) if text))
 
 
-def _run(
-    model: CompiledModel,
-    cases: Cases,
-    settings: Settings,
-    axes: Mapping[str, FloatArray],
-    begin: float,
-    stop: bool = False,
-) -> Sweep:
-    """Run all cases, or to `stop` none; return their results. The run time counts from `begin`."""
-    if model.checks:
-        settings = replace(settings, judge=lambda block, part: checked_cases(model, settings.method, block, part))
-    done = run_cases(model.engine, cases, settings, stop)
-    if settings.apart is not None:
-        done.refuse(settings.apart, Status.SINGULAR_CONFIGURATION)
-    if cases.refused is not None:
-        done.refuse(cases.refused, Status.ASSUMPTION)
-    return _results(model, cases, settings, done, axes, time.perf_counter() - begin)
-
-
 def _results(
     model: CompiledModel,
     cases: Cases,
     settings: Settings,
     done: BlockResult,
     axes: Mapping[str, FloatArray],
-    seconds: float,
+    begin: float,
 ) -> Sweep:
-    """Return the results of all cases."""
+    """Return the results of all cases; the run time counts from `begin`."""
+    if settings.apart is not None:
+        done.refuse(settings.apart, Status.SINGULAR_CONFIGURATION)
+    if cases.refused is not None:
+        done.refuse(cases.refused, Status.ASSUMPTION)
     statistics = SweepStatistics(
         method=settings.method,
         threads=settings.threads,
         steps=int(done.ends[:, 2].sum()),
         compile_seconds=model.stages.compile_seconds,
-        run_seconds=seconds,
+        run_seconds=time.perf_counter() - begin,
         note=settings.note,
         rtol=settings.rtol,
         atol=settings.atol,
