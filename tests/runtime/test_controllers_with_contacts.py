@@ -315,7 +315,7 @@ def test_knots_and_conditions_do_not_return_to_python(way, method, monkeypatch):
         raise AssertionError("a phase was run by Python")
 
     monkeypatch.setattr("dalembert.runtime.hybrid.host_runners.simulate_in_own_time", refuse)
-    monkeypatch.setattr("dalembert.runtime.hybrid.host_runners.begin_sweep", refuse)
+    monkeypatch.setattr("dalembert.runtime.hybrid.host_runners.sweep_in_own_time", refuse)
     run = model.simulate((0, 1.2), start, values, method=method, **given, **TIGHT)
     at, expected = run(times), pulled(times)
     for i, name in enumerate(("x", "x_dot", "y", "y_dot")):
@@ -346,7 +346,7 @@ def test_modes_of_which_python_runs_some(way, by_python, monkeypatch):
     values |= {T: 0.1} if way == "controllers" else {}
     start |= {count: 0} if way == "controllers" else {}
     calls = []
-    for name in ("simulate_in_own_time", "begin_sweep"):
+    for name in ("simulate_in_own_time", "sweep_in_own_time"):
         own = getattr(host_runners, name)
         monkeypatch.setattr(host_runners, name, lambda *about, own=own: calls.append(own) or own(*about))
     monkeypatch.setattr(runner_choice, "runs_unchecked", lambda model: by_python not in model.stages.mode)

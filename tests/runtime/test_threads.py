@@ -4,6 +4,7 @@ import gc
 import threading
 import time
 import weakref
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ import dalembert as da
 from dalembert.codegen.runs import CaseRun
 from dalembert.methods.status import Status
 from dalembert.once import BoundedTable, computed_once, derived_once, once, once_property
-from dalembert.runtime.case_blocks import begin_whole
+from dalembert.runtime.case_blocks import run_shared
 from fuzz.cold_threads import round_of
 
 START = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
@@ -172,5 +173,5 @@ def test_sweeps_of_different_threads_run_at_the_same_time():
         meeting.wait(30)
 
     runs = [CaseRun(meet, np.zeros(1, np.int64), lambda: None) for _ in range(3)]
-    waiting = [begin_whole(run, 10_000, 1, False) for run in runs]
-    assert all(wait(False) for wait in waiting)  # a broken barrier is raised by the first
+    with ThreadPoolExecutor(3) as pool:  # a broken barrier is raised by the first
+        assert all(pool.map(lambda run: run_shared(run, 10_000, 1, False), runs))

@@ -364,7 +364,7 @@ def test_sweeps_of_compiled_code_are_those_that_python_runs_to_the_last_bit(monk
     with monkeypatch.context() as patched:
         patched.setattr(runner_choice, "runs_unchecked", lambda model: False)
         expected, sampled = swept(), swept(**many)
-    monkeypatch.setattr(host_runners, "begin_sweep", None)
+    monkeypatch.setattr(host_runners, "sweep_in_own_time", None)
     found = [swept(threads=threads) for threads in (1, 2)]
     monkeypatch.setattr(phases, "_MOST_TOGETHER", 3)
     for run in (*found, swept(threads=2), swept(progress=True)):
