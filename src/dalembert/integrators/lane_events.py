@@ -26,7 +26,8 @@ def watch_case(arguments: SweepArguments, lane: int) -> None:
     """Begin to watch the case that has entered a lane."""
     state, events, space = arguments.state, arguments.events, arguments.workspace
     count, old = state.constants.shape[0], state.progress.old
-    points = 0 if arguments.shape.events_with_series > 0 and events.kinds.size == 0 else POINT_LANES
+    sampled = arguments.shape.events_with_series == 0 or events.oscillating != 0 or events.kinds.size > 0
+    points = POINT_LANES if sampled else 0
     state.numbers.fresh[lane] = 1
     for m in range(count):
         space.own[lane, m] = state.constants[m, lane]

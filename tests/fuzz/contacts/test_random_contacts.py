@@ -17,7 +17,7 @@ from fuzz.contacts.uniqueness import motions
 
 FIXED = {
     "particle": (3, 44, 56, 73),
-    "stack": (17, 21, 37),
+    "stack": (17, 21, 37, 1004),
     "rod on floor": (1, 21, 36),
     "rod in corner": (2, 21, 49, 61, 167),
     "plate": (1, 41, 46, 58, 136),
