@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...errors import OptionError
-from ...integrators.jax.kernels import CORRECTIONS
+from ...integrators.jax.projection import CORRECTIONS
 from ...ir.program import Program
 from ...options import SolveOptions
 from ...transforms.nonsmooth import decisions

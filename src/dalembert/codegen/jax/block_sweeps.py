@@ -11,11 +11,12 @@ import numpy as np
 from ...arrays import FloatArray
 from ...integrators.cases import BlockResult, CaseBlock
 from ...integrators.jax.compiling import LARGEST_FUSED
-from ...integrators.jax.kernels import CORRECTIONS, Kernels
+from ...integrators.jax.kernels import Kernels
 from ...integrators.jax.lanes import Attempts, Batch, TaylorAttempts, run_batch
 from ...integrators.jax.many import diffrax_batch
 from ...integrators.jax.pairs import PairAttempts
 from ...integrators.jax.precision import double_precision
+from ...integrators.jax.projection import CORRECTIONS
 from ...integrators.jax.run_data import Limits
 from ...integrators.jax.solvers import METHODS
 from ...integrators.jax.solvers import Settings as SolverSettings

@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 
 from ...integrators.jax.kernels import Function, OnArrays
-from ...integrators.jax.lanes import Rows
 from ...integrators.jax.mesh_axes import stack
+from ...integrators.jax.projection import Rows
 
 __all__ = ["FeedbackKernels"]
 

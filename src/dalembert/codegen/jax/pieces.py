@@ -13,9 +13,10 @@ import jax.numpy as jnp
 from ...integrators.jax.adjoint import InTurn
 from ...integrators.jax.compiling import LARGEST_FUSED
 from ...integrators.jax.continuous import Field
-from ...integrators.jax.kernels import CORRECTIONS, Function, Kernels, OnArrays
-from ...integrators.jax.lanes import Projections, Rows, Sides, TaylorAttempts
+from ...integrators.jax.kernels import Function, Kernels, OnArrays
+from ...integrators.jax.lanes import Sides, TaylorAttempts
 from ...integrators.jax.pairs import PairAttempts
+from ...integrators.jax.projection import CORRECTIONS, Projections, Rows
 from ...integrators.jax.run_constants import RunConstants
 from ...integrators.jax.run_data import Pieces
 from ...integrators.jax.solvers import METHODS

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 
 from ...errors import OptionError, ValueInputError, list_names
 from ...integrators.feedback import Feedback
-from ...integrators.jax.precision import precision_of
 from ...ir.program import Program, representative
 from ...once import once
 from ...scene.symbol_table import InputSymbol
@@ -175,7 +174,7 @@ class StateFunctions(_OfProgram):
         Where the constraints hold by construction, it is y.
         """
         _, y, c = self._point(t, y, p)
-        return self._kernels.project(t, y, c, precision_of(y).atol)
+        return self._kernels.project(t, y, c)
 
     def step(
         self, y: Any, control: Any, dt: Any, p: Any, *, t: Any = 0.0, method: str = "rk4", substeps: int = 1

@@ -11,9 +11,9 @@ import numpy as np
 
 from ...integrators.jax.adjoint import InTurn
 from ...integrators.jax.derivatives import Steps, jacobians
-from ...integrators.jax.lanes import Projections, Rows, project
 from ...integrators.jax.pairs import slopes_of, weighted
 from ...integrators.jax.products import contracted, product
+from ...integrators.jax.projection import Projections, Rows, project
 from ...integrators.jax.run_constants import RunConstants
 from ...methods.tableau import Tableau
 from .blocks import Conditional

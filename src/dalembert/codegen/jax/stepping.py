@@ -10,10 +10,9 @@ import jax.numpy as jnp
 from jax import lax
 
 from ...errors import OptionError, UnknownNameError, list_names, unknown_name
-from ...integrators.jax.kernels import CORRECTIONS
-from ...integrators.jax.lanes import Projections, Rows, project
 from ...integrators.jax.mesh_axes import stack, varying_like
 from ...integrators.jax.pairs import slopes_of
+from ...integrators.jax.projection import CORRECTIONS, Projections, Rows, project
 from ...ir.program import Layout, Program
 from ..printers import JAX
 from .arguments import by_name

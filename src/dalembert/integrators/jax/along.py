@@ -15,9 +15,9 @@ import jax
 import jax.numpy as jnp
 
 from .derivatives import CHUNK, Linear, Over, Record, Steps, Turns, pulled, pushed
-from .lanes import Rows
 from .linear_maps import LinearMap, apply
 from .mesh_axes import stack
+from .projection import Rows
 from .row_maps import Given, PushedRows
 
 __all__ = ["Along", "Course", "Differentiable", "PulledStep", "PushedStep", "Step"]

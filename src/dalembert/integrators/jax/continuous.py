@@ -18,9 +18,10 @@ from jax import lax
 from ...methods.status import Status
 from ...methods.tableau import Tableau
 from .first_order import FirstOrder
-from .lanes import RUNNING, Batch, Rows, advanced, begun
+from .lanes import RUNNING, Batch, advanced, begun
 from .mesh_axes import varying_like
 from .pairs import PairAttempts
+from .projection import Rows
 from .run_constants import RunConstants
 
 __all__ = ["Continuous", "Field", "Passed"]

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 from jax import lax
 from jax.custom_derivatives import SymbolicZero
 
-from .lanes import Rows
 from .mesh_axes import varying_like
+from .projection import Rows
 from .run_constants import RunConstants
 
 __all__ = [

@@ -86,7 +86,7 @@ def implicit_motion(kernels: Kernels, t: Any, y0: Any, c: Any, options: SolveOpt
     )
     y = jnp.concatenate([y0[None], solution.ys])[: len(t)] if ends else solution.ys
     if kernels.projected:
-        y = jax.vmap(lambda at, state: kernels.project(at, state, c, atol))(t, y)
+        y = jax.vmap(lambda at, state: kernels.project(at, state, c))(t, y)
     failed = jnp.where(still(solution.controller_state.finite), int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE))
     results = diffrax.RESULTS
     status = jnp.where(solution.result == results.max_steps_reached, int(Status.MAX_STEPS), failed)

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 from jax import lax
 
 from .derivatives import CHUNK, Record
-from .lanes import Rows
 from .mesh_axes import varying_like
 from .precision import precision_of
+from .projection import Rows
 from .run_constants import RunConstants
 
 __all__ = ["moved_until", "sure_until"]

@@ -9,11 +9,10 @@ import jax
 import jax.numpy as jnp
 
 from ...ir.program import Program
-from ...methods.step_constants import BRANCH, SLOW
 from .mesh_axes import stack
-from .precision import precision_of
+from .projection import CORRECTIONS, Rows, project
 
-__all__ = ["CORRECTIONS", "Function", "Kernels", "OnArrays", "stacked"]
+__all__ = ["Function", "Kernels", "OnArrays", "stacked"]
 
 
 Function = Callable[..., tuple[Any, ...]]
@@ -32,10 +31,6 @@ def stacked(kernel: Function) -> OnArrays:
         return stack([jnp.asarray(output, dtype=kind) for output in outputs]) if outputs else jnp.zeros(0, kind)
 
     return on_arrays
-
-
-CORRECTIONS = {"project_position": 3, "project_velocity": 2}
-"""Number of times that each correction is applied after a step."""
 
 
 @final
@@ -84,24 +79,12 @@ class Kernels:
         kernels = ((self.program.kernel(name), n) for name, n in CORRECTIONS.items() if name in self.program)
         return sum(len(kernel.body) * count for kernel, count in kernels)
 
-    def project(self, t: Any, y: Any, c: Any, atol: Any) -> Any:
-        """Return y (n_y,) projected onto the constraints, or NaN where that does not converge.
+    def project(self, t: Any, y: Any, c: Any) -> Any:
+        """Return y (n_y,) projected onto the constraints, NaN where that does not succeed."""
 
-        A fixed number of Newton corrections, so that derivatives pass through; from the end of an accepted step the
-        first one leaves the square of the step's error, and the last removes rounding.
-        """
-        for name, count in CORRECTIONS.items():
-            if name not in self:
-                continue
-            for attempt in range(count):
-                correction = self[name](t, y, c)
-                if attempt == 0 and name == "project_velocity":
-                    changed = jnp.max(jnp.abs(jnp.where(correction != 0.0, y, 0.0)))
-                    kept = jnp.max(jnp.abs(correction)) <= BRANCH * (SLOW + changed)
-                    y = jnp.where(kept, y, jnp.nan)
-                y = y + correction
-            limit = jnp.maximum(
-                precision_of(y).quadratic_change * jnp.max(jnp.abs(jnp.where(correction != 0.0, y, 0.0))), atol
-            )
-            y = jnp.where(jnp.max(jnp.abs(correction)) <= limit, y, jnp.nan)
-        return y
+        def on_rows(name: str) -> Callable[..., Rows]:
+            return lambda t, y, c: (self[name](t, *y, *c),)
+
+        projections = [(on_rows(name), count) for name, count in CORRECTIONS.items() if name in self]
+        (projected,), held = project(projections, t, (y,), (c,))
+        return jnp.where(held, projected, jnp.nan)

@@ -8,17 +8,17 @@ steps of size zero; where samples are requested, steps end at their times.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple, Protocol, final
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 
 from ...methods.status import RUNNING, Status
-from ...methods.step_constants import BRANCH, LINEAR_CORRECTIONS, SLOW
 from .compiling import compiled
-from .precision import precision_of
+from .projection import Projections, Rows, project
 from .step_limits import smallest_step
 
 __all__ = [
@@ -27,22 +27,16 @@ __all__ = [
     "Attempts",
     "Batch",
     "Outcome",
-    "Projections",
-    "Rows",
     "Sides",
     "State",
     "TaylorAttempts",
     "advanced",
     "begun",
     "direction_of",
-    "project",
     "run_batch",
 ]
 
-Rows = tuple[Any, ...]
 Function = Callable[..., Rows]
-Projections = Sequence[tuple[Function, int]]
-"""Functions (t, y, c) -> correction of the state, and how often each is applied after a step."""
 
 
 @final
@@ -106,6 +100,9 @@ class Attempts(Protocol):
     def attempt(self, batch: Batch, t: Any, y: Rows, largest: Any, direction: Any, memory: Any) -> Attempted:
         """Attempt a step of at most `largest`."""
 
+    def retry(self, memory: Any, size: Any) -> tuple[Any, Any]:
+        """Return the memory for another attempt after one whose end cannot be projected, and its size, 0 for none."""
+
 
 @final
 class TaylorAttempts:
@@ -129,6 +126,10 @@ class TaylorAttempts:
         return Attempted(
             tuple(values[: len(y)]), size, finite, accepted, jnp.where(finite, size, 0.0), memory and (size,)
         )
+
+    def retry(self, memory: Any, size: Any) -> tuple[Any, Any]:
+        """Return that there is no other attempt, because the step chooses its size."""
+        return memory, jnp.zeros_like(size)
 
 
 @final
@@ -163,23 +164,6 @@ def run_batch(attempts: Attempts, projections: Projections, operations: int) -> 
 def direction_of(batch: Batch) -> Any:
     """Return 1 where time runs forward, -1 where it runs backward."""
     return jnp.where(batch.t1 >= batch.t0, 1.0, -1.0)
-
-
-def project(projections: Projections, t: Any, y: Rows, c: Rows) -> tuple[Rows, Any]:
-    """Return states on the constraints, and where that converged."""
-    held = jnp.ones(jnp.shape(t), dtype=bool)
-    for correct, count in projections:
-        change = jnp.zeros(jnp.shape(t))
-        for attempt in range(count):
-            corrections = correct(t, y, c)
-            if attempt == 0 and count == LINEAR_CORRECTIONS:
-                held &= _on_branch(y, corrections, t)
-            y = tuple(a + b for a, b in zip(y, corrections, strict=True))
-        for value, correction in zip(y, corrections, strict=True):
-            share = jnp.abs(correction) / (SLOW + jnp.abs(value))
-            change = jnp.maximum(change, share if share.ndim <= change.ndim else jnp.max(share))
-        held &= change <= precision_of(change).quadratic_change
-    return y, held
 
 
 def _next_break(batch: Batch, passed: Any) -> tuple[Any, Batch]:
@@ -230,11 +214,14 @@ def advanced(attempts: Attempts, projections: Projections, batch: Batch, goal: A
     moved = running & found.accepted & held
     t = jnp.where(moved, after, state.t)
     tried = state.attempts + running
-    stuck = ~found.accepted & (found.following < smallest_step(state.t, jnp.abs(batch.t1 - state.t)))
+    least = smallest_step(state.t, jnp.abs(batch.t1 - state.t))
+    stuck = ~found.accepted & (found.following < least)
+    again, smaller = attempts.retry(state.memory, found.size)
+    loose = found.accepted & ~held
     failed = jnp.where(found.finite, int(Status.STEP_TOO_SMALL), int(Status.NON_FINITE))
     status = jnp.where(tried >= batch.max_steps, int(Status.MAX_STEPS), RUNNING)
     status = jnp.where(stuck, failed, status)
-    status = jnp.where(found.accepted & ~held, int(Status.PROJECTION_FAILED), status)
+    status = jnp.where(loose & (smaller < least), int(Status.PROJECTION_FAILED), status)
     status = jnp.where(t == batch.t1, int(Status.SUCCESS), status)
     if len(batch.breaks):
         crossed = moved & (t == ahead) & (t != batch.t1)
@@ -250,23 +237,10 @@ def advanced(attempts: Attempts, projections: Projections, batch: Batch, goal: A
         status=jnp.where(running, status, state.status),
         steps=state.steps + moved,
         attempts=tried,
-        memory=found.memory,
+        memory=jax.tree.map(lambda a, b: jnp.where(loose, a, b), again, found.memory),
         passed=passed,
     )
     return following, jnp.where(moved, direction * found.size, 0.0)
-
-
-def _on_branch(y: Rows, corrections: Rows, like: Any) -> Any:
-    """Return where corrections of velocities are small beside them; `like` has the shape of the answer."""
-
-    def whole(values: Any) -> Any:
-        return values if values.ndim <= jnp.ndim(like) else jnp.max(values)
-
-    size = magnitude = jnp.zeros(jnp.shape(like))
-    for value, correction in zip(y, corrections, strict=True):
-        size = jnp.maximum(size, whole(jnp.abs(correction)))
-        magnitude = jnp.maximum(magnitude, whole(jnp.where(correction != 0.0, jnp.abs(value), 0.0)))
-    return size <= BRANCH * (SLOW + magnitude)
 
 
 def _run(attempts: Attempts, projections: Projections, batch: Batch) -> Outcome:

@@ -71,7 +71,7 @@ def _one(kernels: Kernels, solver: Any, settings: Settings, y0: Any, t_eval: Any
 
 
 def _on_constraints(kernels: Kernels, settings: Settings, t: Any, y: Any) -> Any:
-    return kernels.project(t, y, settings.constants, settings.atol)
+    return kernels.project(t, y, settings.constants)
 
 
 def _failure(kernels: Kernels, settings: Settings, solution: Any) -> Any:

@@ -18,9 +18,9 @@ from ...once import once_property
 from .along import Along, Course
 from .derivatives import CHUNK, Steps, instantiate
 from .jumping import sure_until
-from .lanes import Rows
 from .linear_maps import apply
 from .mesh_axes import stack, vectorised
+from .projection import Rows
 from .run_data import Limits, Path, Pieces, Reached, places
 from .runs import Runs
 from .timed import At, Timed

@@ -19,10 +19,11 @@ from jax import lax
 
 from ...methods import step_constants as gains
 from ...methods.tableau import Tableau
-from .lanes import Attempted, Batch, Rows, Sides
+from .lanes import Attempted, Batch, Sides
 from .mesh_axes import varying_like
 from .precision import precision_of
 from .products import contracted
+from .projection import Rows
 from .step_limits import limit_at_knots
 
 __all__ = ["PairAttempts", "slopes_of", "weighted"]
@@ -167,6 +168,11 @@ class PairAttempts:
         if self._goes_on:
             kept = tuple(jnp.where(accepted, k[-1], rate) for k, rate in zip(slopes, first, strict=True))
         return Attempted(new, size, finite, accepted, following, (following, previous, kept))
+
+    def retry(self, memory: Any, size: Any) -> tuple[Any, Any]:
+        """Return the memory for an attempt of a smaller step, and its size (`step_control.blind_retry`)."""
+        smaller = gains.REDUCTION_BLIND * size
+        return (smaller, *memory[1:]), smaller
 
     def _error(self, batch: Batch, y: Rows, new: Rows, slopes: Rows, size: Any) -> Any:
         """Return the RMS norm of the error over the tolerances (see `Tableau.error`)."""

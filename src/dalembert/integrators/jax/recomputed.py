@@ -17,8 +17,9 @@ from jax import lax
 from .along import Along, Course, PulledStep, PushedStep, Step
 from .derivatives import CHUNK, Record, pushed
 from .first_order import FirstOrder
-from .lanes import RUNNING, Attempts, Batch, Projections, State, advanced, begun
+from .lanes import RUNNING, Attempts, Batch, State, advanced, begun
 from .mesh_axes import varying_like
+from .projection import Projections
 from .run_constants import RunConstants
 
 __all__ = ["Blocks", "Kept", "Recomputed", "attempts_of_a_block", "with_blocks"]

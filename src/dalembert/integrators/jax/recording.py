@@ -9,8 +9,9 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .lanes import RUNNING, Attempts, Batch, Projections, Rows, State, advanced, begun, direction_of
+from .lanes import RUNNING, Attempts, Batch, State, advanced, begun, direction_of
 from .mesh_axes import varying_like
+from .projection import Projections, Rows
 
 __all__ = ["course_of"]
 

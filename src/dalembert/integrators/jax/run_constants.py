@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .lanes import Rows
+from .projection import Rows
 
 __all__ = ["InputTable", "RunConstants"]
 

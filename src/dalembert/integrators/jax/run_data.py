@@ -13,8 +13,9 @@ import jax.numpy as jnp
 from .along import Differentiable
 from .continuous import Field
 from .derivatives import Record, Steps
-from .lanes import Attempts, Function, Projections, Rows
+from .lanes import Attempts, Function
 from .mesh_axes import vectorised
+from .projection import Projections, Rows
 
 __all__ = ["Foreign", "Limits", "Path", "Pieces", "Reached", "Stepping", "in_order", "middles", "places"]
 

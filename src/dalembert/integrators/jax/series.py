@@ -30,14 +30,13 @@ BLOCK_STEPS = 64
 
 @final
 class _Span(NamedTuple):
-    """Inputs of a run: ends of time, its direction, the largest step, the scale floor, tolerance, constants."""
+    """Inputs of a run: ends of time, its direction, the largest step, the scale floor, constants."""
 
     t0: Any
     t1: Any
     direction: Any
     max_step: Any
     floor: Any
-    atol: Any
     c: Any
 
 
@@ -102,7 +101,7 @@ def _after_step(
     size, finite = values[n], values[n + 1] == 0.0
     stuck = (size < smallest_step(block.now, rest)) & (size < rest)
     now = jnp.where(size == rest, span.t1, block.now + span.direction * size)
-    new = kernels.project(now, values[:n], span.c, span.atol)
+    new = kernels.project(now, values[:n], span.c)
     held = jnp.all(jnp.isfinite(new))
     status = jnp.where(now == span.t1, int(Status.SUCCESS), RUNNING)
     status = jnp.where(held, status, int(Status.PROJECTION_FAILED))
@@ -156,7 +155,6 @@ class TaylorIntegrator:
             np.float64(record.direction),
             np.float64(problem.max_step),
             np.float64(scale_floor(problem.rtol, problem.atol)),
-            np.float64(problem.atol),
             np.array(problem.constants, dtype=np.float64),
         )
         t, before, y = span.t0, np.float64(0.0), np.array(problem.y0, dtype=np.float64)

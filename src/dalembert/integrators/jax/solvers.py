@@ -120,7 +120,7 @@ def solver_for(kernels: Kernels, method: str) -> Any:
         return solver
 
     def project(t: Any, y: Any, settings: Settings) -> Any:
-        return kernels.project(settings.direction * t, y, settings.constants, settings.atol)
+        return kernels.project(settings.direction * t, y, settings.constants)
 
     return projecting(solver, project)
 

@@ -1,0 +1,90 @@
+"""Projection in traced code decides as the compiled loops do."""
+
+import math
+
+import numpy as np
+import pytest
+from sympy import symbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+
+import dalembert as da
+from dalembert.integrators.projection import FAILED, add_correction, correction_test
+from dalembert.methods.status import Status
+from dalembert.methods.step_constants import BRANCH, LINEAR_CHANGE, LINEAR_CORRECTIONS, SLOW
+
+jax = pytest.importorskip("jax")
+pytest.importorskip("diffrax")
+
+from dalembert.integrators.jax.projection import CORRECTIONS, project  # noqa: E402
+
+ABOVE = 1.0 + 1e-9
+POSITIONS = CORRECTIONS["project_position"]
+
+
+@pytest.fixture(autouse=True)
+def double():
+    with jax.enable_x64(True):
+        yield
+
+
+def decided(y, corrections):
+    """Return what the rules of the compiled loops make of corrections, all of which are applied."""
+    states, held = np.array([[y]]), True
+    for attempt, correction in enumerate(corrections):
+        found = add_correction(states, 0, np.array([[correction]]), 0)
+        held &= correction_test(attempt, len(corrections), *found) != FAILED
+    return states[0, 0], held
+
+
+@pytest.mark.parametrize("whole", [False, True], ids=["rows", "one row"])
+@pytest.mark.parametrize(
+    ("y", "corrections"),
+    [
+        (1.0, [0.3, 1e-3, 1e-7]),
+        (1.0, [5.0, 1e-2, 1e-5]),  # positions may be far away
+        (0.0, [1e-2, 1e-3, LINEAR_CHANGE * 0.9 * (SLOW + 0.011)]),
+        (0.0, [1e-2, 1e-3, LINEAR_CHANGE * 1.1 * (SLOW + 0.011)]),
+        (1.0, [0.3, math.nan, 0.0]),
+        (2.0, [BRANCH * (SLOW + 2.0), 1e-6]),
+        (2.0, [BRANCH * (SLOW + 2.0) * ABOVE, 1e-6]),
+        (2.0, [1e-3, 3e-4]),
+        (2.0, [1e-3, 1e-4]),
+        (0.0, [0.0, 0.0]),
+    ],
+)
+def test_corrections_are_judged_alike(y, corrections, whole):
+    rest = iter(corrections)
+    start = (jax.numpy.array([y, y]),) if whole else (jax.numpy.array([y, 1.0]),)
+    scalar = 0.0 if whole else jax.numpy.zeros(2)
+
+    def correct(t, y, c):
+        step = next(rest)
+        return (jax.numpy.array([step, step]) if whole else jax.numpy.array([step, 0.0]),)
+
+    assert len(corrections) in (POSITIONS, LINEAR_CORRECTIONS)
+    (found,), held = project([(correct, len(corrections))], scalar, start, ())
+    end, wanted = decided(y, corrections)
+    assert bool(held if whole else held[0]) == wanted and (whole or bool(held[1]))
+    np.testing.assert_array_equal(found[0], end)
+
+
+@pytest.mark.parametrize("method", ["dopri8", "tsit5"])
+def test_steps_whose_ends_cannot_be_projected_are_repeated(method):
+    """At loose tolerances, as the compiled loops repeat them."""
+    frame, origin = ReferenceFrame("N"), Point("O")
+    origin.set_vel(frame, 0)
+    (x, y), (m, l, g) = dynamicsymbols("x y"), symbols("m l g", positive=True)
+    scene = da.Scene("pendulum", frame=frame, origin=origin, coordinates=[x, y])
+    scene.add_bodies(Particle("bob", origin.locatenew("P", x * frame.x + y * frame.y), m))
+    scene.apply_uniform_gravity(-g * frame.y)
+    scene.add_holonomic_constraints(x**2 + y**2 - l**2)
+    model = da.compile_model(scene, backend="jax", formulation="projected")
+    parameters = {"m": 1.0, "l": 1.0, "g": 9.81}
+    p = model.parameter_vector(parameters)
+    starts = [{"x": 1.0, "y": 0.0, "x_dot": 0.0, "y_dot": float(speed)} for speed in np.linspace(1.0, 40.0, 30)]
+    rows = np.stack([model.state(start, parameters) for start in starts])
+    solve = model.solve_fn(method=method, rtol=0.03, atol=0.03, portable=True)
+    found = jax.jit(jax.vmap(lambda y: solve(np.array([0.0, 1.0]), y, p)))(rows)
+    assert np.all(found.status == Status.SUCCESS) and np.sum(found.rejected) > 0
+    ends = dict(zip(model.layout.state, np.asarray(found.y[:, -1]).T, strict=True))
+    np.testing.assert_allclose(np.hypot(ends["x"], ends["y"]), 1.0, rtol=1e-8)
