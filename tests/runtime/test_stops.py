@@ -7,6 +7,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.codegen.base import Engine
+from dalembert.codegen.compiled_engine import CompiledEngine
 from dalembert.errors import ConstraintError
 from dalembert.integrators.breakpoints import CaseBreaks
 from dalembert.integrators.input_records import InputRecords
@@ -173,6 +174,28 @@ def test_lists_of_changes():
     lists, bad = stop_lists(breaks, None, np.zeros((3, 2)), np.zeros(0), landing=4)
     assert lists.first.tolist() == [1, 4, 5] and lists.last.tolist() == [3, 4, 6] and not np.any(bad)
     assert lists.acts.tolist() == [0, 4, 4, 0, 0, 4]
+
+
+@pytest.mark.parametrize(
+    ("method", "formulation"), [("taylor", "projected"), ("dop853", "augmented"), ("tsit5", "projected")]
+)
+def test_prepared_runs_are_single_runs(monkeypatch, method, formulation):
+    model = pendulum(formulation)
+    runs = [
+        model.simulate((0, 3), START, of_case(i), inputs=record_of(0), method=method, **TIGHT) for i in range(COUNT)
+    ]
+    prepared = model.prepare((0, 3), inputs=record_of(0), method=method, **TIGHT)
+    few = model.prepare((0, 3), inputs=record_of(0), method=method, max_steps=9, **TIGHT)
+    monkeypatch.setattr(CompiledEngine, "integrate", None)  # no segment runs alone
+    for i, run in enumerate(runs):
+        p = model.parameter_vector(of_case(i))
+        state = model.state(START, of_case(i), inputs=record_of(0))
+        for _ in range(2):
+            found = prepared(state, p)
+            np.testing.assert_allclose(found, run.y[-1], rtol=0, atol=1e-7 if method == "tsit5" else 1e-8)
+        assert prepared.status is Status.SUCCESS
+        few(state, p)
+        assert few.status is Status.MAX_STEPS
 
 
 def test_a_lane_takes_its_stops_in_order():

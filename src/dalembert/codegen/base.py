@@ -110,6 +110,10 @@ class Engine(ABC):
         """Whether `integrate`, `sweeper` and `prepared` end steps at knots of inputs, and change constants there."""
         return False
 
+    def passes_stops(self, method: str) -> bool:
+        """Whether `prepared` passes the stops of a problem (`IntegrationProblem.stops`) by a method."""
+        return False
+
     def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
         """Return the method that "auto" takes at these tolerances; the first one unless an engine overrides this.
 

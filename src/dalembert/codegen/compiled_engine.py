@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
@@ -71,7 +72,7 @@ class CompiledEngine(Engine):
         self._program = program
         self._parameters = len(program.layout.parameters)
         self.steps = steps
-        self._extra_kernels: BoundedTable[int, tuple[Kernel, OwnedAddress]] = BoundedTable(MOST_FURTHER)
+        self._extra_kernels: BoundedTable[tuple[int, int], tuple[Kernel, OwnedAddress]] = BoundedTable(MOST_FURTHER)
         self._taylor_codes: dict[int, StepCode] = {}
         self._steppers = Steppers(steps, self._sizes.get("rhs", 0))
 
@@ -79,6 +80,10 @@ class CompiledEngine(Engine):
     def follows_inputs(self) -> bool:
         """See `Engine.follows_inputs`: multipliers that a formulation solves for are those of the start of a run."""
         return "stages" not in self._sizes
+
+    def passes_stops(self, method: str) -> bool:
+        """See `Engine.passes_stops`."""
+        return self.follows_inputs and method != "radau"
 
     @property
     def folder(self) -> Path | None:
@@ -117,10 +122,12 @@ class CompiledEngine(Engine):
 
     def code(self, kernel: Kernel) -> tuple[OwnedAddress, int]:
         """See `Engine.code`."""
-        lanes = self.steps.lanes
-        # the kernel is kept, so that no other can have its number
-        kept = computed_once(self._extra_kernels, id(kernel), lambda: (kernel, self.steps.extra_kernel(kernel, lanes)))
-        return kept[1], lanes
+        return self._code(kernel, self.steps.lanes), self.steps.lanes
+
+    def _code(self, kernel: Kernel, lanes: int) -> OwnedAddress:
+        """Return the address of any kernel of (t, y, c) as code for so many lanes."""
+        key = id(kernel), lanes  # the kernel is kept, so that no other can have its number
+        return computed_once(self._extra_kernels, key, lambda: (kernel, self.steps.extra_kernel(kernel, lanes)))[1]
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
         """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair for long rates, kinks and roots at rest."""
@@ -254,7 +261,7 @@ class CompiledEngine(Engine):
         if cases.inputs is not None:
             cases = replace(cases, inputs=cases.inputs.compiled(lambda sides: self.steps.kernel(sides.name, lanes)))
         if cases.stops is not None:
-            cases = replace(cases, stops=cases.stops.compiled(self._action_code))
+            cases = replace(cases, stops=cases.stops.compiled(partial(self._action_code, lanes=lanes)))
         sizes = lanes, n, self._sizes["prepare"], stepper.degree, stepper.memory
         shape = SweepShape(*sizes, share, dense, with_series)
         return case_run(
@@ -268,11 +275,11 @@ class CompiledEngine(Engine):
             watched is not None or cases.recorded > 0,
         )
 
-    def _action_code(self, action: StopAction) -> OwnedAddress:
-        """Return the code of an action at stops, for the lanes of a sweep."""
+    def _action_code(self, action: StopAction, lanes: int) -> OwnedAddress:
+        """Return the code of an action at stops."""
         if action.kernel is not None:
-            return self.code(action.kernel)[0]
-        return landing_code(action, self._sizes["rhs"], self._sizes["prepare"], self.steps.lanes)
+            return self._code(action.kernel, lanes)
+        return landing_code(action, self._sizes["rhs"], self._sizes["prepare"], lanes)
 
     def prepared(
         self,
@@ -292,6 +299,8 @@ class CompiledEngine(Engine):
         tests = NO_CODE if admission is None else admission.code.address
         kernels = PreparedKernels(self.steps.prepare(), *stepper.codes, *self._steppers.projections(1), tests)
         problem = self._with_sides(problem)
+        if problem.stops is not None:
+            problem = replace(problem, stops=problem.stops.compiled(partial(self._action_code, lanes=1)))
         return prepared_run(kernels, sizes, stepper.memory, stepper.settings, problem, admission)
 
     def foreign(

@@ -68,10 +68,14 @@ class CaseStops:
         """Return the stops with actions as code."""
         return replace(self, codes=tuple(map(code, self.actions)))
 
+    @property
+    def calls(self) -> bool:
+        """Whether actions are Python functions, whose errors wait for `dalembert.codegen.host_code.raise_failure`."""
+        return any(action.function is not None for action in self.actions)
+
     def table(self, inputs: InputTable, lanes: int, constants: int) -> StopTable:
         """Return the table of the stops, and of inputs, for a loop over lanes with so many constants."""
         sizes = [len(action.places) for action in self.actions]
-        reads_before = any(action.function is not None for action in self.actions)
         next_, until, acting = np.zeros((3, lanes), np.int64)
         return StopTable(
             first=self.lists.first,
@@ -86,7 +90,7 @@ class CaseStops:
             next=next_,
             until=until,
             acting=acting,
-            before=np.zeros((1 + (constants if reads_before else 0), lanes)),
+            before=np.zeros((1 + (constants if self.calls else 0), lanes)),
             acted=np.zeros((max(sizes, default=0), lanes)),
             prepared=np.zeros((constants, lanes)),
             inputs=inputs,

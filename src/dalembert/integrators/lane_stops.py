@@ -8,7 +8,7 @@ from ..transforms.runge_kutta_parts import CONTROLS, PROPOSAL_AT
 from .compiled_subset import call_code, compiled_subset, lowest, row
 from .input_steps import pass_knots
 from .step_control import largest_step, status_after
-from .stops import act, begin_stops, end_of_steps, is_due, take_next
+from .stops import act, begin_stops, end_of_steps, is_due, prepare_lanes, take_next
 from .sweep_arguments import SweepArguments
 from .workspace import ATTEMPTS, END, NEXT, NOW
 
@@ -119,20 +119,8 @@ def _take_due(arguments: SweepArguments, lanes: int) -> int:
             if take_next(stops, state.constants, lane):
                 decided += 1 << lane
     if decided != 0:
-        _prepare(arguments, decided)
+        prepare_lanes(stops, arguments.kernels.prepare, state.constants, decided)
     return due
-
-
-@compiled_subset
-def _prepare(arguments: SweepArguments, lanes: int) -> None:
-    """Compute the constants of some lanes (a bit for each) from their parameters, the first of the constants."""
-    constants, prepared, left = arguments.state.constants, arguments.stops.prepared, lanes
-    call_code(arguments.kernels.prepare, row(constants, 0), 0, 0, 0, row(prepared, 0))
-    while left != 0:
-        lane = lowest(left)
-        left &= left - 1
-        for m in range(constants.shape[0]):
-            constants[m, lane] = prepared[m, lane]
 
 
 @compiled_subset

@@ -16,9 +16,10 @@ from ..transforms.runge_kutta_parts import CONTROLS, GROWTH_AT, PROPOSAL_AT
 from .addresses import NO_CODE
 from .arguments import Address, IntVector, Matrix, Record
 from .compiled_subset import call_code, compiled_subset, row
-from .input_steps import InputTable, begin_inputs, pass_knots, take_sides
+from .input_steps import pass_knots, take_sides
 from .projection import project_row
 from .step_control import ACCEPTED, REJECTED, attempt_test, blind_retry, end_of_step, largest_step, status_after
+from .stops import StopTable, begin_stops, end_of_steps, is_due, take_stops
 
 __all__ = [
     "LOOP",
@@ -88,8 +89,8 @@ class PreparedArguments(NamedTuple):
         Are overwritten.
     states : (2, ...)
         The first row begins with the state, and gets the last one.
-    inputs : InputTable
-        Records at whose knots steps end.
+    stops : StopTable
+        Times at which steps end, knots of inputs among them.
     """
 
     kernels: PreparedKernels
@@ -105,7 +106,7 @@ class PreparedArguments(NamedTuple):
     mark: IntVector
     tests: Matrix
     progress: PreparedProgress
-    inputs: InputTable
+    stops: StopTable
 
 
 @compiled_subset
@@ -131,12 +132,17 @@ def _begin(arguments: PreparedArguments) -> int:
     call_code(kernels.prepare, row(arguments.parameters, 0), 0, 0, 0, row(constants, 0))
     states[0, arguments.n] = 0.0
     progress.end = limits.t1
-    if arguments.inputs.knots.size > 0:
-        forward = limits.t1 >= limits.t0
-        progress.end = begin_inputs(arguments.inputs, constants, 0, 0, limits.t0, limits.t1, forward)
+    stops, forward = arguments.stops, limits.t1 >= limits.t0
+    if stops.inputs.ends.shape[0] > 0:
+        progress.end = begin_stops(stops, constants, 0, 0, limits.t0, limits.t1, forward)
     refusal = _admit(arguments)
     if refusal != RUNNING:
         return refusal
+    if is_due(stops, 0, limits.t0, forward):
+        clock[0, 0] = limits.t0
+        take_stops(stops, kernels.prepare, clock, states, 0, constants, forward)
+        take_sides(stops.inputs, clock, states, 0, constants, arguments.n, forward)
+    progress.end = end_of_steps(stops, 0, progress.end, forward)
     status = status_after(limits.t0 == limits.t1, 0.0, limits.attempts)
     if kernels.start != 0 and status == RUNNING:
         clock[0, 0], settings[0, 0] = limits.t0, largest_step(limits.t0, progress.end, limits.largest)
@@ -205,28 +211,35 @@ def attempt(arguments: PreparedArguments) -> int:
         progress.t = end
         progress.steps += 1
     progress.row = new
-    ended = outcome == ACCEPTED and size == rest
-    if ended and progress.t != limits.t1:
-        _enter_piece(arguments, old, new)
-        ended = False
-    return status_after(ended, progress.attempts, limits.attempts)
+    at_end = outcome == ACCEPTED and size == rest
+    status = status_after(at_end and progress.t == limits.t1, progress.attempts, limits.attempts)
+    if at_end and status == RUNNING:
+        _pass_stop(arguments, old, new)
+    return status
 
 
 @compiled_subset
-def _enter_piece(arguments: PreparedArguments, old: int, new: int) -> None:
-    """Set the inputs of the pieces that begin at the end of a step, and what the next step remembers of it."""
-    limits, progress, states = arguments.limits, arguments.progress, arguments.states
+def _pass_stop(arguments: PreparedArguments, old: int, new: int) -> None:
+    """Take the stops at the end of a step, and set what the next step remembers of it."""
+    limits, progress, states, stops = arguments.limits, arguments.progress, arguments.states, arguments.stops
     constants, settings, clock, n = arguments.constants, arguments.settings, arguments.clock, arguments.n
     forward = limits.t1 >= limits.t0
-    progress.end = pass_knots(arguments.inputs, constants, 0, 0, progress.t, forward)
+    for m in range(stops.before.shape[0] - 1):
+        stops.before[1 + m, 0] = constants[m, 0]
+    progress.end = pass_knots(stops.inputs, constants, 0, 0, progress.t, forward)
     clock[0, 0] = progress.t
-    take_sides(arguments.inputs, clock, states, new, constants, n, forward)
+    taken = False
+    if stops.first.size > 0:
+        taken = take_stops(stops, arguments.kernels.prepare, clock, states, new, constants, forward)
+        progress.end = end_of_steps(stops, 0, progress.end, forward)
+    take_sides(stops.inputs, clock, states, new, constants, n, forward)
     if arguments.memory == 0:
+        states[new, n] = 0.0 if taken else states[new, n]  # its size would limit the next
         return
-    # the knot cut the step, not its error
+    # the stop cut the step, not its error
     states[new, n + PROPOSAL_AT] = max(states[new, n + PROPOSAL_AT], states[old, n + PROPOSAL_AT])
     if arguments.memory > CONTROLS:
-        remembered = arguments.inputs.remembered
+        remembered = stops.inputs.remembered
         settings[0, 0] = largest_step(progress.t, progress.end, limits.largest)
         target = row(remembered, 0)
         call_code(arguments.kernels.start, row(clock, 0), row(states, new), row(constants, 0), row(settings, 0), target)

@@ -12,6 +12,7 @@ from dalembert.methods.status import Status
 
 from ..arrays import FloatArray
 from ..options import DEFAULT_TOLERANCES, MAX_STEPS
+from .case_stops import CaseStops
 from .dense_output import DenseOutput, PiecewisePolynomial
 from .input_records import InputRecords
 
@@ -96,6 +97,8 @@ class IntegrationProblem:
         located on them.
     inputs
         Records at whose knots steps end, where the constants change; those of the problem are for its start.
+    stops
+        Where else steps end; then there are `inputs`, be they without records.
     sampled
         Of a run with controllers that may be cut elsewhere, what is known of their instants; None for other runs.
 
@@ -118,6 +121,7 @@ class IntegrationProblem:
     dense: bool = False
     bounded: bool = False
     inputs: InputRecords | None = None
+    stops: CaseStops | None = None
     sampled: SamplingClock | None = None
 
     def __post_init__(self) -> None:

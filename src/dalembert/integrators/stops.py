@@ -15,10 +15,20 @@ from ..arrays import FloatArray
 from ..methods.step_constants import SMALLEST_OF_TIME
 from .addresses import AddressTable
 from .arguments import AddressVector, IntVector, Matrix, Vector
-from .compiled_subset import call_code, compiled_subset, row
+from .compiled_subset import call_code, compiled_subset, flat, lowest, row
 from .input_steps import InputTable, begin_inputs, no_inputs
 
-__all__ = ["StopTable", "act", "begin_stops", "end_of_steps", "is_due", "no_stops", "take_next"]
+__all__ = [
+    "StopTable",
+    "act",
+    "begin_stops",
+    "end_of_steps",
+    "is_due",
+    "no_stops",
+    "prepare_lanes",
+    "take_next",
+    "take_stops",
+]
 
 
 class StopTable(NamedTuple):
@@ -134,3 +144,35 @@ def act(stops: StopTable, clock: FloatArray, states: FloatArray, place: int, con
             if stops.before[0, lane] != 0.0:
                 for m in range(first, stops.columns[a + 1]):
                     states[place + stops.places[m], lane] = stops.acted[m - first, lane]
+
+
+@compiled_subset
+def prepare_lanes(stops: StopTable, prepare: int, constants: FloatArray, lanes: int) -> None:
+    """Compute the constants of some lanes (a bit for each) from their parameters, the first of the constants."""
+    left = lanes
+    call_code(prepare, row(constants, 0), 0, 0, 0, row(stops.prepared, 0))
+    while left != 0:
+        lane = lowest(left)
+        left &= left - 1
+        for m in range(constants.shape[0]):
+            constants[m, lane] = stops.prepared[m, lane]
+
+
+@compiled_subset
+def take_stops(
+    stops: StopTable,
+    prepare: int,
+    clock: FloatArray,
+    states: FloatArray,
+    place: int,
+    constants: FloatArray,
+    forward: bool,
+) -> bool:
+    """Take the stops at the present time of a run that is alone, whose state is a row; return whether there are any."""
+    found = False
+    while is_due(stops, 0, clock[0, 0], forward):
+        if take_next(stops, constants, 0):
+            prepare_lanes(stops, prepare, constants, 1)
+        act(stops, clock, flat(states), place * states.shape[1], constants)
+        found = True
+    return found

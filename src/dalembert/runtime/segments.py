@@ -18,7 +18,6 @@ from ..arrays import FloatArray
 from ..codegen.base import Engine
 from ..codegen.runs import Final, Prepared, PreparedStates
 from ..integrators.addresses import OwnedAddress
-from ..integrators.breakpoints import break_times
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.chaining import (
     Landing,
@@ -243,29 +242,37 @@ class SegmentedEngine(Engine):
         constants: Callable[[FloatArray], FloatArray],
         admission: Admission | None = None,
     ) -> Prepared:
-        """See `Engine.prepared`: runs without a break are prepared, others are chained."""
-        conditions, knots = self._conditions, problem.inputs is not None and not self.inner.follows_inputs
-        whole = self.inner.prepared(replace(problem, inputs=None) if knots else problem, method, constants)
-        middle = problem.t0 + 0.5 * (problem.t1 - problem.t0)
+        """See `Engine.prepared`: runs that the inner engine cannot take through their stops are chained."""
+        knots = problem.inputs is not None and not self.inner.follows_inputs
+        whole = self.inner.prepared(replace(problem, inputs=None) if knots else problem, method, constants, admission)
+        spans = np.array([problem.t0]), np.array([problem.t1])
+        known: dict[bytes, tuple[Stopping, Prepared | None]] = {}
 
-        unbroken: dict[bytes, bool] = {}
+        def stopped(p: FloatArray) -> tuple[Stopping, Prepared | None]:
+            found = Stopping.of(self._program, p[np.newaxis], spans, None, self.sampling, self.landing, many=False)
+            if not len(found.lists.times) and not knots:
+                return found, whole
+            if not self.inner.passes_stops(method):
+                return found, None
+            return found, self.inner.prepared(found.problem(problem), method, constants, admission)
 
         def run(state: FloatArray, p: FloatArray) -> Final:
-            given, p = p, p.copy()
-            conditions.decide_at(p, middle)
             key = p.tobytes()
-            if key not in unbroken:
-                unbroken.clear()
-                unbroken[key] = len(break_times(conditions, p, problem.t0, problem.t1)) == 0
-            plain = unbroken.get(key, False)
-            own = replace(problem, y0=state, constants=constants(p), t_eval=np.array([problem.t1]))
+            entry = known.get(key)
+            if entry is None:
+                known.clear()
+                entry = known[key] = stopped(p)
+            own, (found, prepared) = p[np.newaxis].copy(), entry
+            found.decide(own, np.zeros(1, np.intp), found.begin)
+            if prepared is not None:
+                return prepared(state, own[0]), prepared.status()
             if admission is not None:
-                status = admission(state, p if plain else self._unsampled(own).first[: len(p)])
+                status = admission(state, own[0])
                 if status is not Status.SUCCESS:
-                    return admission.final_of_refused(status, state, given)
-            if plain and not knots and self.sampling is None:
-                return whole(state, p), whole.status()
-            solution = self.integrate(own, method)
+                    return admission.final_of_refused(status, state, p)
+            solution = self.integrate(
+                replace(problem, y0=state, constants=constants(p), t_eval=np.array([problem.t1])), method
+            )
             return (solution.y[-1] if len(solution.y) else np.full_like(state, np.nan)), Status(solution.status)
 
         return PreparedStates(run)

@@ -13,6 +13,7 @@ from ..integrators.breakpoints import CaseBreaks
 from ..integrators.case_stops import CaseStops, Landing, StopAction, StopLists
 from ..integrators.cases import CaseColumns
 from ..integrators.input_records import InputRecords
+from ..integrators.problem import IntegrationProblem
 from ..ir.conditions import NO_CONDITIONS
 from ..ir.program import Program
 from ..methods.step_constants import SMALLEST_OF_TIME
@@ -51,40 +52,55 @@ class Stopping:
         program: Program,
         p: FloatArray,
         spans: tuple[FloatArray, FloatArray],
-        t_eval: FloatArray,
+        t_eval: FloatArray | None,
         sampling: Sampling | None,
         landing: Landing | None,
+        *,
+        many: bool = True,
     ) -> Stopping:
         """Return the stops of cases with parameters (k, n_p), starts and ends (k,) and times to record (n_t,).
 
-        `landing` gives states behind jumps of prescribed velocities.
+        `landing` gives states behind jumps of prescribed velocities; for `many` see `stop_lists`.
         """
         breaks = CaseBreaks.of(program.conditions or NO_CONDITIONS, p, *spans)
         where, _, middles = segments_of_cases(breaks)
         actions = [StopAction(action.places, action.kernel) for action in sampling.kernels.actions] if sampling else []
-        lists, bad = stop_lists(breaks, sampling, p, t_eval, 0 if landing is None else 1 << len(actions))
+        lists, bad = stop_lists(breaks, sampling, p, t_eval, 0 if landing is None else 1 << len(actions), many=many)
         if landing is not None:
             actions.append(StopAction(tuple(range(len(program.layout.state))), function=landing))
         return cls(program, lists, tuple(actions), middles[where[:-1]], bad)
 
     def decide(self, p: FloatArray, some: NDArray[np.intp], times: FloatArray) -> None:
         """Set when conditions are decided in the parameters (k, n_p) of some cases (m,)."""
-        if self.program.conditions is not None and self.program.conditions.place is not None:
-            p[some, self.program.conditions.place] = times
+        if self._place is not None:
+            p[some, self._place] = times
 
     def columns(self, cases: CaseColumns) -> CaseColumns:
         """Return cases with their stops; those whose controllers have no instants have no start."""
-        place = None if self.program.conditions is None else self.program.conditions.place
         parameters, spans = list(cases.parameters), cases.spans
-        if place is not None:
-            parameters[place] = self.begin
+        if self._place is not None:
+            parameters[self._place] = self.begin
         if np.any(self.bad):
             spans = np.where(self.bad, np.nan, spans[0]), spans[1]
         cases = replace(cases, parameters=tuple(parameters), spans=spans)
         if not len(self.lists.times):
             return cases
-        inputs = cases.inputs or InputRecords((), (), np.zeros(1), sides=self.program.knot_sides)
-        return replace(cases, inputs=inputs, stops=CaseStops(self.lists, place, self.actions))
+        return replace(cases, inputs=self._inputs(cases.inputs), stops=self._stops)
+
+    def problem(self, problem: IntegrationProblem) -> IntegrationProblem:
+        """Return the problem of a case that is alone, with its stops."""
+        return replace(problem, inputs=self._inputs(problem.inputs), stops=self._stops)
+
+    @property
+    def _place(self) -> int | None:
+        return None if self.program.conditions is None else self.program.conditions.place
+
+    @property
+    def _stops(self) -> CaseStops:
+        return CaseStops(self.lists, self._place, self.actions)
+
+    def _inputs(self, given: InputRecords | None) -> InputRecords:
+        return given or InputRecords((), (), np.zeros(1), sides=self.program.knot_sides)
 
 
 def segments_of_cases(breaks: CaseBreaks) -> tuple[IntArray, FloatArray, FloatArray]:

@@ -11,8 +11,8 @@ import numpy as np
 from ...integrators.addresses import OwnedAddress
 from ...integrators.arguments import pack, place_of
 from ...integrators.foreign_loop import ForeignArguments
-from ...integrators.input_steps import no_inputs
 from ...integrators.prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
+from ...integrators.stops import no_stops
 from ..rendering import render
 from .assembly import compile_object, load_object
 from .loops import compiled_entry
@@ -141,7 +141,7 @@ def foreign_arguments(
         mark=np.zeros(1, np.int64),
         tests=np.zeros((0, 1)),
         progress=PreparedProgress(),
-        inputs=no_inputs(),
+        stops=no_stops(),
     )
     none = np.zeros(0)
     return ForeignArguments(run, reads, np.zeros(n), none, np.zeros(n), np.zeros(5), np.zeros((0, 0)))

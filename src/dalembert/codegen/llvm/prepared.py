@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from ...arrays import FloatArray
 from ...integrators.arguments import address_of, pack, place_of
-from ...integrators.input_steps import no_inputs
 from ...integrators.prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
 from ...integrators.problem import IntegrationProblem
+from ...integrators.stops import no_stops
 from ...interrupts import check
 from ...methods.status import Status
+from ..host_code import raise_failure
 from ..runs import Prepared
 from .admission import Admission
 from .loops import loop_named
@@ -44,6 +45,7 @@ def _finished(code: Callable[[ctypes.c_void_p], int], going: NDArray[np.int64]) 
         begin = perf_counter()
         packed_args[_PATIENCE_AT] = patience
         status = code(pointer)
+        raise_failure()
         check()
         if perf_counter() - begin < _QUICK:
             patience = min(2 * patience, _MOST_PATIENCE)
@@ -65,6 +67,7 @@ def _memory(
     (n_tests, slack), (n, n_p, n_c) = tests, sizes
     states, p = np.zeros((2, n + 2 + memory)), np.zeros((1, n_p))
     span = float(problem.t0), float(problem.t1), float(problem.max_step)
+    inputs = None if problem.inputs is None else problem.inputs.table(1, n + 2 + memory)
     arguments = PreparedArguments(
         kernels=kernels,
         limits=PreparedLimits(*span, problem.max_steps, _PATIENCE, going=False, slack=slack),
@@ -79,7 +82,7 @@ def _memory(
         mark=np.zeros(1, np.int64),
         tests=np.zeros((n_tests, 1)),
         progress=PreparedProgress(),
-        inputs=no_inputs() if problem.inputs is None else problem.inputs.table(1, n + 2 + memory),
+        stops=no_stops(inputs) if inputs is None or problem.stops is None else problem.stops.table(inputs, 1, n_c),
     )
     begun = pack(arguments)
     going = pack(arguments._replace(limits=arguments.limits._replace(going=True)))
@@ -106,7 +109,7 @@ def prepared_run(
     settings : sequence of float
         Settings of the step after the largest step and the direction of time.
     problem : IntegrationProblem
-        Span, largest step, number of steps, and records of inputs.
+        Span, largest step, number of steps, records of inputs, and stops.
     admission : Admission, optional
         Test of what the run is given, whose kernel is among `kernels`.
     """
@@ -115,6 +118,7 @@ def prepared_run(
     def own_memory() -> _Memory:
         return _memory(kernels, sizes, memory, settings, problem, tests)
 
+    calls = problem.stops is not None and problem.stops.calls
     code, statuses = loop_named("prepared_loop").call, tuple(Status)
     own = {get_ident(): own_memory()}
 
@@ -127,6 +131,8 @@ def prepared_run(
         start[...] = state
         given[...] = parameters
         ended[0] = status = code(pointer)
+        if calls:
+            raise_failure()
         if status < 0:
             ended[0] = _finished(code, going)
         elif status == _REFUSED and admission is not None:
