@@ -7,9 +7,9 @@ import pytest
 
 from dalembert.integrators.addresses import AddressTable
 from dalembert.integrators.case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes, runs_on
-from dalembert.integrators.input_steps import no_inputs
 from dalembert.integrators.lane_steps import accept_steps, project_lanes, swap_states
 from dalembert.integrators.projection import FAILED, NONE, PENDING
+from dalembert.integrators.stops import no_stops
 from dalembert.integrators.sweep_arguments import CaseShape, Columns, SweepArguments, SweepKernels, no_rows
 from dalembert.integrators.workspace import (
     ATTEMPTS,
@@ -52,7 +52,7 @@ def sweep(memory=0, t_eval=(), cases=2, position=0):
         workspace=no_event_workspace(),
         happened=np.zeros((cases, 0)),
         totals=np.zeros((cases, 0)),
-        inputs=no_inputs(),
+        stops=no_stops(),
         steps=np.empty((0, 0)),
         rows=no_rows(),
     )
