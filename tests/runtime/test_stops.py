@@ -210,3 +210,19 @@ def test_a_lane_takes_its_stops_in_order():
     assert end_of_steps(stops, 0, 1.5, False) == 1.5 and is_due(stops, 0, np.nextafter(1.0, 2.0), False)
     assert take_next(stops, c, 0) and c[1, 0] == 0.25 and stops.acting[0] == 3
     assert end_of_steps(stops, 0, 0.0, False) == 0.0 and not is_due(stops, 0, 0.0, False)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_a_scene_without_parameters(method):
+    """A push that ends at t = 1, then free motion: v = 1, x = 1/2 + (t - 1)."""
+    q = dynamicsymbols("q")
+    frame, origin = ReferenceFrame("N"), Point("O")
+    place = origin.locatenew("P", q * frame.x)
+    scene = da.Scene("pushed", frame=frame, origin=origin, coordinates=[q])
+    scene.add_bodies(Particle("body", place, 1))
+    scene.add_loads((place, sp.Piecewise((1, dynamicsymbols._t < 1), (0, True)) * frame.x))
+    model = da.compile_model(scene)
+    sweep = model.sweep((0, 3), {q: [0.0, 1.0], q.diff(): 0.0}, {}, method=method)
+    np.testing.assert_allclose(sweep["q"], [2.5, 3.5], rtol=1e-12)
+    final = model.prepare((0, 3), method=method)(model.state({q: 0, q.diff(): 0}, {}), model.parameter_vector({}))
+    np.testing.assert_allclose(final, [2.5, 1.0], rtol=1e-12)

@@ -315,7 +315,9 @@ class SegmentedEngine(Engine):
         if self._calls_functions or knots or cases.carried is not None:
             return None
         t0, t1 = (np.broadcast_to(span, cases.count) for span in cases.spans)
-        p = np.stack([np.broadcast_to(column, cases.count) for column in cases.parameters], axis=1)
+        p = np.empty((cases.count, len(cases.parameters)))
+        for i, column in enumerate(cases.parameters):
+            p[:, i] = column
         found = self._stopping(p, t0, t1, cases.t_eval)
         run = self.inner.sweeper(found.columns(cases), method, result, constants, share)
         if run is None or not np.any(found.bad):
