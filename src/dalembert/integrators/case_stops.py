@@ -24,7 +24,7 @@ Landing = Callable[[float, FloatArray, FloatArray, FloatArray], FloatArray]
 @final
 @dataclass(frozen=True, eq=False)
 class StopAction:
-    """What sets the components `places` of a state at stops: a kernel of (t, y, c), or a Python function."""
+    """An action at stops: a kernel of (t, y, c), or a Python function, that sets the components `places` of a state."""
 
     places: tuple[int, ...]
     kernel: Kernel | None = None

@@ -93,7 +93,7 @@ def LOOP(arguments: BatchArguments) -> int:
 
 @compiled_subset
 def _threads(arguments: BatchArguments) -> int:
-    """Return how many threads there are memory and threads of the pool for."""
+    """Return the number of threads: as many as have memory, and no more than the pool has."""
     memory, place = arguments.memory, arguments.functions.threads
     if memory.shape[0] < 2 or place == 0:
         return 1

@@ -39,7 +39,7 @@ _LINE = 8
 
 
 class BatchTask(NamedTuple):
-    """What a thread of the pool is given.
+    """The task of a thread of the pool.
 
     Attributes
     ----------

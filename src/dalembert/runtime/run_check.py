@@ -1,4 +1,4 @@
-"""What a check of runs is, and a run as checks look at it.
+"""The base of all checks of runs, and a run as checks look at it.
 
 A check finds out whether a run should have ended before its loop ended it. It is an object of one model, which is
 asked before a run, and after it: for one run, and for the cases of a sweep (`dalembert.runtime.run_checks`).

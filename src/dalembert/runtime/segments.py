@@ -35,7 +35,6 @@ from ..ir.conditions import NO_CONDITIONS, Conditions
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..methods.status import Status
-from ..options import SolveOptions
 from .sampling import NoInstants, Sampling
 from .segment_constants import at_time, prepared_rows, segments_of
 from .segment_rounds import SegmentRounds
@@ -45,11 +44,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..codegen.base import FunctionEngine, TracedEngine
-    from ..codegen.host_runs import HostedRuns
     from ..codegen.llvm.admission import Admission
     from ..codegen.runs import CaseRun
-    from ..reduction.starting import Start
-    from ..scene.symbol_table import InputSymbol
 
 __all__ = ["SegmentedEngine"]
 
@@ -287,21 +283,15 @@ class SegmentedEngine(Engine):
         """See `TracedEngine.state_functions`."""
         return cast("TracedEngine", self.inner).state_functions
 
-    def solve_fn(
-        self,
-        start: Start | None,
-        options: SolveOptions,
-        inputs: tuple[InputSymbol, ...] = (),
-        dependence: Start | None = None,
-    ) -> Any:
+    @property
+    def solve_fn(self) -> Callable[..., Any]:
         """See `TracedEngine.solve_fn`."""
-        return cast("TracedEngine", self.inner).solve_fn(start, options, inputs, dependence)
+        return cast("TracedEngine", self.inner).solve_fn
 
-    def hosted_solve_fn(
-        self, start: Start | None, options: SolveOptions, hosted: HostedRuns, dependence: Start | None = None
-    ) -> Any:
+    @property
+    def hosted_solve_fn(self) -> Callable[..., Any]:
         """See `TracedEngine.hosted_solve_fn`."""
-        return cast("TracedEngine", self.inner).hosted_solve_fn(start, options, hosted, dependence)
+        return cast("TracedEngine", self.inner).hosted_solve_fn
 
     def code(self, kernel: Kernel) -> tuple[OwnedAddress, int]:
         """See `Engine.code`."""
@@ -312,7 +302,7 @@ class SegmentedEngine(Engine):
     ) -> CaseRun | None:
         """See `Engine.sweeper`: cases pass their stops in the loop of the inner engine."""
         knots = cases.inputs is not None and not self.inner.follows_inputs
-        if self._calls_functions or knots or cases.carried is not None:
+        if knots or cases.carried is not None:
             return None
         t0, t1 = (np.broadcast_to(span, cases.count) for span in cases.spans)
         p = np.empty((cases.count, len(cases.parameters)))
@@ -332,17 +322,12 @@ class SegmentedEngine(Engine):
     def _stopping(self, p: FloatArray, t0: FloatArray, t1: FloatArray, t_eval: FloatArray) -> Stopping:
         return Stopping.of(self._program, p, (t0, t1), t_eval, self.sampling, self.landing)
 
-    @property
-    def _calls_functions(self) -> bool:
-        """Whether controllers are Python functions."""
-        return self.sampling is not None and any(action.function for action in self.sampling.kernels.actions)
-
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         """See `Engine.integrate_block`: side by side from stop to stop where the engine can, else one by one."""
         knots = block.inputs is not None and not self.inner.follows_inputs
         if self._program.conditions is None and not knots and self.sampling is None:
             self.inner.integrate_block(block, method, result)
-        elif self.inner.whole_blocks and not (knots or self._calls_functions or len(block.t_eval) or block.watch):
+        elif self.inner.whole_blocks and not (knots or len(block.t_eval) or block.watch):
             p, (t0, t1) = block.c[:, : len(self._program.layout.parameters)], block.spans.T
             found = self._stopping(p, t0, t1, block.t_eval)
             SegmentRounds(self.inner, block, found).run(method, result)

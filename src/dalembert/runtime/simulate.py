@@ -90,17 +90,17 @@ def simulate_in_own_time(
         model, kept = keeping_from(model, options.project_invariants, t_span, initial, parameters)
         options, parameters = replace(options, project_invariants=False), {**parameters, **kept}
     begin = time.perf_counter()
-    decided = _decided(model, t_span, initial, parameters, options, begin)
-    if isinstance(decided, Trajectory):
-        return decided
-    model, method, problem, watch = decided
+    chosen = _model_and_problem(model, t_span, initial, parameters, options, begin)
+    if isinstance(chosen, Trajectory):
+        return chosen
+    model, method, problem, watch = chosen
     engine = model.engine
     problem = with_gains(model.stages.program, lambda pilot: engine.integrate(pilot, method), problem, parameters)
     run = integrate(model, problem, method, begin, watch, automatic=options.automatic, carried=carried)
     return run.with_twin(_twin(model, problem, run, options)) if options.error_estimate else run
 
 
-def _decided(
+def _model_and_problem(
     model: CompiledModel,
     t_span: tuple[float, float],
     initial: Given,

@@ -116,7 +116,7 @@ def sweep_in_own_time(
     begin = time.perf_counter()
     if options.grid is not None:
         initial, parameters = with_grid(model.layout, options.grid, initial, parameters)
-    model, cases, settings = _decided(model, t_span, initial, parameters, options, begin)
+    model, cases, settings = _model_and_cases(model, t_span, initial, parameters, options, begin)
     settings = replace(settings, carried=carried)
     if options.fits:
         settings = fitted(model.engine, cases, settings)
@@ -163,7 +163,7 @@ def _keeping_cases(
     return keeper, kept_values(names, program, model.derived.invariants, c, t, y)
 
 
-def _decided(
+def _model_and_cases(
     model: CompiledModel,
     t_span: tuple[Any, Any],
     initial: Given,

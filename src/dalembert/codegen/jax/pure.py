@@ -116,7 +116,6 @@ class Solve:
             refuse_adjoint(program, options, implicit=self._implicit)
         program = representative(program)  # so that comparing equal functions compares no code
         self._program, self._start, self._options, self._inputs = program, start, options, inputs
-        self._dependence = dependence
         self._key = program, start, options, inputs, dependence
         self._hash = hash(self._key)
         register_samples()

@@ -23,7 +23,6 @@ from jax.sharding import PartitionSpec as _PartitionSpec
 __all__ = [
     "axes_of_cases",
     "has_explicit_axes",
-    "laid_alike",
     "laid_on_mesh",
     "mesh_of",
     "on_devices",
@@ -119,15 +118,6 @@ def stack(arrays: Sequence[Any], axis: int = 0) -> Any:
     if not has_explicit_axes():
         return jnp.stack(arrays, axis)
     return jnp.concatenate([jnp.expand_dims(array, axis) for array in arrays], axis)
-
-
-def laid_alike(rows: Any) -> Any:
-    """Return arrays whose first axes all lie over the explicit axes over which that of any of them does."""
-    axes = axes_of_cases(rows)
-    if not axes:
-        return rows
-    with mesh_of(rows):
-        return jax.tree.map(lambda leaf: _reshard(leaf, _Spec(axes)), rows)
 
 
 def on_devices(function: Callable[..., Any], axes: Axes, batched: Any, whole: Any, *arguments: Any) -> Any:
