@@ -7,7 +7,17 @@ from .compiled_subset import compiled_subset, sqrt
 from .contact_cases import ADDED, SIDE, ContactCases
 from .contact_forces import load_correction, load_impact, solve_mode
 from .contact_kinds import RESTING, ROUNDED, STILL
-from .contact_sizes import NOISE, gap_noise, gap_rate, rate_noise, rate_terms, slip_speed, slip_terms, slow_terms
+from .contact_sizes import (
+    NOISE,
+    gap_noise,
+    gap_rate,
+    motionless_rate,
+    rate_noise,
+    rate_terms,
+    slip_speed,
+    slip_terms,
+    slow_terms,
+)
 from .contact_system import CLOSED, OPEN, SLIP, STICK, ContactSystem, dot, drift, terms
 from .mode_candidates import FREE, GRIPPED, HOVERING, LIFTING, SLIDING, Candidates, closed_kind
 from .mode_selection import select_mode
@@ -44,7 +54,7 @@ def strike(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
         if pick.kind[i] == SLIDING:
             pick.kind[i], pick.slides[i] = GRIPPED, 1
         pick.fired[i] = 0
-        pick.still[i] = pick.least[i] = 0.0
+        pick.still[i], pick.least[i] = motionless_rate(system, i) if row >= 0 else 0.0, 0.0
     status = select_mode(system, pick, False, False)
     if status != _SUCCESS:
         return status

@@ -10,6 +10,7 @@ __all__ = [
     "NOISE",
     "gap_noise",
     "gap_rate",
+    "motionless_rate",
     "position_terms",
     "rate_noise",
     "rate_terms",
@@ -82,8 +83,8 @@ def gap_rate(system: ContactSystem, i: int) -> float:
 
 
 @compiled_subset
-def rate_noise(system: ContactSystem, i: int) -> float:
-    """Return the size below which the rate of a gap counts as zero."""
+def motionless_rate(system: ContactSystem, i: int) -> float:
+    """Return the rate of a gap up to which a contact does not move, beside the kinetic energy there is."""
     slopes, energy, heavy, turning, most = system.jacobian[system.constraint[i]], 0.0, 0.0, 0.0, 0.0
     for j in range(system.coordinates):
         if system.angle[j] != 0:
@@ -96,7 +97,13 @@ def rate_noise(system: ContactSystem, i: int) -> float:
         if system.mass[j, j] > 0.0:
             inertia = max(system.mass[j, j], _LIGHT * (turning if system.angle[j] != 0 else heavy))
             most += slopes[j] * slopes[j] / inertia
-    return NOISE * terms(slopes, system.rates, 0.0) + _MOTIONLESS * sqrt(max(energy * most, 0.0))
+    return _MOTIONLESS * sqrt(max(energy * most, 0.0))
+
+
+@compiled_subset
+def rate_noise(system: ContactSystem, i: int) -> float:
+    """Return the size below which the rate of a gap counts as zero."""
+    return NOISE * terms(system.jacobian[system.constraint[i]], system.rates, 0.0) + motionless_rate(system, i)
 
 
 @compiled_subset

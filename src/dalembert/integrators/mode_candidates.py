@@ -64,7 +64,7 @@ class Candidates(NamedTuple):
     slides : (n_contacts,)
         1 where it slides into an impact, so that sticking begins within mu and not within mu_static.
     still, least : (n_contacts,)
-        The gap acceleration, and the normal reaction, up to which rounding may make them.
+        The gap acceleration, or the rate after an impact, and the normal reaction, up to which rounding may make them.
     base_sides : (n_contacts,)
         Signs to which those of the options are relative.
     options, option_count, choice : (n_contacts, 24), (n_contacts,), (n_contacts,)
