@@ -45,7 +45,7 @@ _ONSET = 0.05
 """Share of the rest speed in a plane within which slip that begins keeps the direction in which it begins."""
 
 
-_MARGIN, _BEGUN = 0.5, 5.0
+_MARGIN, _BEGUN = 0.05, 5.0
 """Multiples of the rest speed: by how much slip that begins may seem to go backwards, and from which it has begun."""
 
 
@@ -221,13 +221,17 @@ class _ModeEquations:
             return [mu * held[0]]
         # At w = 0 friction keeps the direction d in which slip begins, for |w| well above s it is along w: the law of
         # w + s exp(-|w|^2 / s^2) d is smooth at the beginning of slip, and within rounding that of w from |w| = 6 s on.
-        onset = graph.node(_ONSET) * graph.call("abs", graph.input(mode_parameters(contact)[3]))
-        # A step that continues beyond the end of slip, where w reverses, has the same friction as before it.
+        rest = graph.input(mode_parameters(contact)[3])
+        begins, onset = graph.call("less", graph.zero, rest), graph.node(_ONSET) * graph.call("abs", rest)
+        # A step that continues beyond the end of slip, where w reverses, has the same friction as before it; where slip
+        # begins at rest, what goes backwards within the margin of the guard has friction as if it went forwards.
         forward, speed = graph.sum(w * d for w, d in zip(slips, held, strict=True)), graph.sum(w * w for w in slips)
         back = graph.call("less", 4 * forward * graph.call("abs", forward) + speed, graph.zero)
-        sign = graph.call("select", back, graph.const(-1), graph.one)
-        faded = onset * graph.call("exp", -speed / (onset * onset))
-        along = [sign * w + faded * d for w, d in zip(slips, held, strict=True)]
+        sign = graph.call("select", begins, graph.one, graph.call("select", back, graph.const(-1), graph.one))
+        backwards = graph.call("select", begins, forward, graph.zero)
+        backwards = graph.call("select", graph.call("less", backwards, graph.zero), backwards, graph.zero)
+        ahead = onset * graph.call("exp", -speed / (onset * onset)) - 2 * backwards
+        along = [sign * w + ahead * d for w, d in zip(slips, held, strict=True)]
         size = graph.call("sqrt", graph.sum(a * a for a in along))
         return [mu * a / size for a in along]
 

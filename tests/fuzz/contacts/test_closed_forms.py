@@ -304,3 +304,31 @@ def test_a_wall_stops_a_wheel_that_a_belt_drives():
     assert floor < mu_wall * wall
     np.testing.assert_allclose(run.qdot[after], 0.0, atol=1e-12)
     assert run.status is Status.SUCCESS
+
+
+@pytest.mark.parametrize("method", ["auto", "dop853", "radau"])
+def test_slip_in_a_plane_that_ends_below_its_rest_speed(method):
+    """A load that is beyond the limit of friction for 0.03 s, by 3e-4 of it.
+
+    The body slips at 4e-5 m/s at most, which is a rest speed at rtol 1e-6. It stops where the load has been below the
+    limit for as long as its speed takes to fall: its impulse beyond the limit, divided by the mass, is the slip speed.
+    """
+    p = {"m": 2.148, "g_z": 9.81, "k_x": 18.967, "k_y": 17.753, "A": 8.727, "omega": 4.97, "C": 1.543, "nu": 3.022}
+    p |= {"mu": 0.809, "e": 0.0, "c": 0.0, "g_x": 0.0, "g_y": 0.0, "u_x": 0.0, "u_y": 0.0}
+    start = {"x": 0.346, "y": -0.151, "z": 0.126, "x_dot": 0.0, "y_dot": 0.0, "z_dot": 0.0}
+    run = compiled("disc").simulate((0, 2), start, p, rtol=1e-6, atol=1e-8, method=method, max_steps=30_000)
+    assert run.success, run.message
+    assert [phase.modes["plane"] for phase in run.phases] == ["open", "stick", "slip", "stick"]
+    np.testing.assert_allclose(run.qdot[-1], 0.0, atol=1e-14)
+
+    def excess(t):
+        f_x = p["A"] * np.cos(p["omega"] * t) - p["k_x"] * 0.3561032
+        f_y = p["A"] * np.sin(p["omega"] * t) + p["k_y"] * 0.1215590
+        return np.hypot(f_x, f_y) - p["mu"] * (p["m"] * p["g_z"] - p["C"] * np.sin(p["nu"] * t))
+
+    t = np.linspace(run.phases[2].t0, 0.6, 20_001)
+    assert excess(t[0]) == pytest.approx(0.0, abs=1e-4)
+    if method == "radau":
+        speed = np.cumsum(excess(t)) * (t[1] - t[0]) / p["m"]
+        ended = t[(speed < 0.0) & (t > t[0] + 0.01)][0]  # at first there is less than rounding of the positions
+        assert run.phases[2].t1 == pytest.approx(ended, abs=1e-3)
