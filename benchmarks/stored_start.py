@@ -16,7 +16,7 @@ from chains import spatial_chain
 
 import dalembert as da
 from dalembert.runtime.stored.programs import packed
-from dalembert.runtime.stored.swept_models import SmoothModel
+from dalembert.runtime.stored.swept_models import SweptModel
 
 __all__ = ["start_rows"]
 
@@ -65,7 +65,7 @@ def start_rows(cases: Mapping[str, Case]) -> list[list[str]]:
     """Return rows of the start of a worker, for models with initial values and parameters of one case, and a chain."""
     rows = []
     for name, case in {**cases, "chain of 12 links in space": _chain(12)}.items():
-        program, scene = packed(SmoothModel(case[0])), pickle.dumps(case[0])
+        program, scene = packed(SweptModel(case[0])), pickle.dumps(case[0])
         with tempfile.TemporaryDirectory() as cache:
             first = _child(program, "program", case, cache)
             second = _child(program, "program", case, cache)

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import dalembert as da
-from dalembert.results.case_results import CaseResults
-from dalembert.results.motion import Motion
+from dalembert.results.sweep import Sweep
+from dalembert.results.trajectory import Trajectory
 
 ROOT = Path(__file__).parents[1]
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -53,7 +53,7 @@ def test_code_runs_as_written(page):
             exec(compile(block["code"], f"{page.name}, block {number}", "exec"), names)
         if block["output"] is not None:
             assert printed.getvalue() == block["output"], f"{page.name}, block {number}"
-    assert all(np.all(run.success) for run in names.values() if isinstance(run, Motion | CaseResults))
+    assert all(np.all(run.success) for run in names.values() if isinstance(run, Trajectory | Sweep))
 
 
 @pytest.mark.parametrize(

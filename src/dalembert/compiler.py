@@ -10,7 +10,7 @@ from .errors import nesting_named
 from .naming import rate_name
 from .once import deriving
 from .options import CompileOptions
-from .pipeline import SeveralModes, compile_stages, output_names
+from .pipeline import compile_scene, output_names
 from .progress import compilation_meter
 from .scene import Scene
 from .scene.orientation import with_quaternions
@@ -20,7 +20,6 @@ from .values import flag
 if TYPE_CHECKING:
     from sympy.physics.mechanics import KanesMethod, LagrangesMethod, System
 
-    from .runtime.hybrid import HybridModel
     from .runtime.model import CompiledModel
 
 __all__ = ["compile_model"]
@@ -38,7 +37,7 @@ def compile_model(
     gains: tuple[float, float] | None = None,
     orientation: str = "scene",
     progress: bool = False,
-) -> CompiledModel | HybridModel:
+) -> CompiledModel:
     """Compile a scene to a simulator.
 
     Parameters
@@ -74,8 +73,7 @@ def compile_model(
 
     Returns
     -------
-    CompiledModel or HybridModel
-        A scene with friction or contacts that has several modes gives the second, which is used like the first.
+    CompiledModel
 
     Raises
     ------
@@ -95,7 +93,7 @@ def compile_model(
         return _compiled(source, CompileOptions(backend, formulation, requested(outputs), cache, gains, orientation))
 
 
-def _compiled(source: Any, options: CompileOptions) -> CompiledModel | HybridModel:
+def _compiled(source: Any, options: CompileOptions) -> CompiledModel:
     """Return the model of a scene or a SymPy system, with the outputs that every model of it has."""
     scene = source.copy() if isinstance(source, Scene) else Scene.from_sympy(source)
     angles: list[str] = []
@@ -106,11 +104,7 @@ def _compiled(source: Any, options: CompileOptions) -> CompiledModel | HybridMod
     known = output_names(options.outputs)
     outputs = (*angles, *map(rate_name, angles), *options.outputs, *(name for name in given if name not in known))
     options = replace(options, outputs=tuple(dict.fromkeys(outputs)))
-    compiled = compile_stages(scene, options)
-    if isinstance(compiled, SeveralModes):
-        from .runtime.hybrid import HybridModel  # imported where there are contacts, because it takes a while
-
-        return HybridModel(compiled)
+    compiled = compile_scene(scene, options)
     from .runtime.model import CompiledModel
 
     return CompiledModel.of(compiled)

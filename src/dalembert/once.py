@@ -102,8 +102,10 @@ class BoundedTable(OrderedDict[K, T]):
         """Return the value of a key, which counts as a use of it."""
         found = super().get(key, default)
         if found is not default:
-            with suppress(KeyError):  # another thread has just removed it
+            try:  # this is called in every run, and a context takes a while
                 self.move_to_end(key)
+            except KeyError:  # another thread has just removed it
+                pass
         return found
 
     def __setitem__(self, key: K, value: T) -> None:

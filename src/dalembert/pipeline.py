@@ -45,7 +45,7 @@ __all__ = [
     "Stopwatch",
     "compile_equations",
     "compile_mode",
-    "compile_stages",
+    "compile_scene",
     "derive_scene",
     "output_names",
 ]
@@ -137,26 +137,27 @@ class Stopwatch:
 
 
 @deriving
-def compile_stages(scene: Scene, options: CompileOptions) -> Compiled | SeveralModes:
-    """Return a compiled scene or, for contacts with several modes, the automaton of modes to compile.
+def compile_scene(
+    scene: Scene,
+    options: CompileOptions,
+    mode: Mode | None = None,
+    without: tuple[int, ...] = (),
+    kept: tuple[str, ...] = (),
+) -> Compiled | SeveralModes:
+    """Return a compiled scene or, for contacts with several modes of which none is chosen, the automaton of modes.
 
-    Parameters
-    ----------
-    scene : Scene
-        Must not change later.
-    options : CompileOptions
-        Options of the compilation.
+    The scene must not change later; the other arguments are those of `compile_equations`.
     """
     derivation = derive_scene(scene, options)
-    contacts, mode = derivation.equations.contacts, None
-    if contacts:
+    contacts = derivation.equations.contacts
+    if contacts and mode is None:
         from .hybrid.automaton import HybridAutomaton
         from .hybrid.modes import only_mode
 
         mode = only_mode(contacts)
         if mode is None:
             return SeveralModes(scene, options, HybridAutomaton.of(copied(derivation.equations)), derivation)
-    return compile_equations(derivation, options, mode, seconds=derivation.seconds)
+    return compile_equations(derivation, options, mode, without, kept, derivation.seconds)
 
 
 @deriving

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from typing import Any
 
 from .errors import MissingExtraError
@@ -31,20 +31,13 @@ def meter(total: int, wanted: bool, unit: str = "case") -> Iterator[Callable[[in
         yield bar.update
 
 
-def run_meter(t0: float, t1: float, wanted: bool) -> AbstractContextManager[Callable[[float], None]]:
-    """Return a context in which a bar shows the time that a run of this thread has reached, if requested.
+@contextmanager
+def run_meter(t0: float, t1: float) -> Iterator[Callable[[float], None]]:
+    """Context in which a bar shows the time that a run of this thread has reached.
 
     Compiled loops return to Python between blocks of steps, where the bar advances; the steps stay the same. It gives
     the function that shows a time.
     """
-    return _run_meter(t0, t1) if wanted else _NO_METER
-
-
-_NO_METER: AbstractContextManager[Callable[[float], None]] = nullcontext(lambda t: None)
-
-
-@contextmanager
-def _run_meter(t0: float, t1: float) -> Iterator[Callable[[float], None]]:
     with _tqdm()(total=abs(t1 - t0), desc="simulating", bar_format=_RUN_FORMAT) as bar:
 
         def show(t: float) -> None:

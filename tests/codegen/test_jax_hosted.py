@@ -177,6 +177,8 @@ def test_contacts_run_in_traced_code_forward(bouncing):
     np.testing.assert_array_equal(found.reduced["top"], sweep.reduced["top"])
     with pytest.raises(OptionError, match=r"across changes of contacts \(ground\).*model\.mode\(\)"):
         jax.grad(lambda e: solve(times, start, {**P, "e": e}).q[-1, 1])(0.5)
+    with pytest.raises(OptionError, match=r"contacts that change \(ground\) are calls of the host, which jax\.export"):
+        bouncing.solve_fn(start, portable=True)
     few = bouncing.solve_fn(start, max_steps=1, throw=True, **OPTIONS)
     with pytest.raises(RunFailedError, match="MAX_STEPS"):
         few(times, start, P)

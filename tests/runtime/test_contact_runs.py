@@ -12,7 +12,7 @@ from sympy.physics.mechanics import dynamicsymbols
 import dalembert as da
 from dalembert.errors import OptionError
 from dalembert.methods.status import Status
-from dalembert.results import kernel_values
+from dalembert.results import parts
 from dalembert.runtime.hybrid import case_runs, runner_choice
 from hard_cases.contacts import corner_plate, incline_scene, table_oscillator
 
@@ -363,8 +363,7 @@ def test_a_recorded_run_is_continuous(method):
     np.testing.assert_allclose(run(t)["theta"], exact(t)["theta"], atol=2e-7)
     np.testing.assert_allclose(run(t)["x_dot"], exact(t)["x_dot"], atol=2e-6)
     for part in run._whole:
-        own = part.motion
-        np.testing.assert_allclose(own(own.t).y, own.y, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(part(part.t).y, part.y, rtol=0, atol=1e-13)
     up = ball().simulate(
         (0.3, 0.0), {**DROPPED, "y": 1 - G * 0.09 / 2, "y_dot": -G * 0.3}, {**BALL, "e": 0.5}, method=method
     )
@@ -468,11 +467,10 @@ def test_outputs_that_are_explained_are_those_of_a_run():
 
 def test_the_variables_of_all_phases_in_one_mode_are_computed_together(monkeypatch):
     """A motion may have hundreds of thousands of phases: no kernel is interpreted for each of them."""
-    calls, interpreted = [], kernel_values.interpret_rows
-    monkeypatch.setattr(kernel_values, "interpret_rows", lambda *given: calls.append(1) or interpreted(*given))
+    calls, interpreted = [], parts.interpret_rows
+    monkeypatch.setattr(parts, "interpret_rows", lambda *given: calls.append(1) or interpreted(*given))
     run = ball().simulate((0, 1.0), {**DROPPED, "y": 1e-3}, {**BALL, "e": 1.0})
     assert len(run.phases) > 30 and len(calls) <= 2
-    parts = [part.motion for part in run._parts]
-    np.testing.assert_array_equal(run.y, np.concatenate([motion.variables for motion in parts]))
-    np.testing.assert_array_equal(run.q, np.concatenate([motion.q for motion in parts]))
-    np.testing.assert_array_equal(run.qdot, np.concatenate([motion.qdot for motion in parts]))
+    np.testing.assert_array_equal(run.y, np.concatenate([part.variables for part in run.parts]))
+    np.testing.assert_array_equal(run.q, np.concatenate([part.expanded[0] for part in run.parts]))
+    np.testing.assert_array_equal(run.qdot, np.concatenate([part.expanded[1] for part in run.parts]))

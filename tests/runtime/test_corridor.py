@@ -58,3 +58,4 @@ def test_from_a_call_to_the_loop(what):
     frames = frames_to(LAST[what], runs[what])
     assert frames[0] == ("errors", "call")  # names expressions that are nested too deeply
     assert frames[1:] == shown(what)
+    assert len(frames[1:]) <= 6 and len({module for module, _ in frames[1:]}) <= 4

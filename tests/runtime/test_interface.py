@@ -1,4 +1,4 @@
-"""Public methods of models: signatures, docstrings and options agree, and both kinds of models share them."""
+"""Public methods of models: signatures, docstrings and options agree, and models have them all."""
 
 import inspect
 import re
@@ -15,8 +15,6 @@ from dalembert.options import (
     SweepOptions,
     TrimOptions,
 )
-from dalembert.runtime.base import Model
-from dalembert.runtime.hybrid import HybridModel
 from dalembert.runtime.interface import derivatives, evaluation, motions, states, sweeps, traced
 from dalembert.runtime.model import CompiledModel
 
@@ -54,19 +52,13 @@ def test_keywords_are_options_with_the_same_defaults(name):
         assert signature[key].default == known[key].default, key
 
 
-@pytest.mark.parametrize("function", [traced.solve_fn, traced.hybrid_solve_fn])
-def test_traced_runs_take_fewer_steps_by_default(function):
-    assert inspect.signature(function).parameters["max_steps"].default == TRACED_MAX_STEPS
+def test_traced_runs_take_fewer_steps_by_default():
+    assert inspect.signature(traced.solve_fn).parameters["max_steps"].default == TRACED_MAX_STEPS
 
 
-def test_every_function_is_a_method_of_models_and_those_of_both_kinds_are_the_same():
-    bound = [*vars(Model).values(), *vars(CompiledModel).values(), *vars(HybridModel).values()]
+def test_every_function_is_a_method_of_models():
     for name, function in FUNCTIONS.items():
-        assert any(function is method for method in bound), name
-    shared = {name for name in FUNCTIONS if name in vars(Model)}
-    assert {"simulate", "sweep", "prepare", "linearize", "trim", "state", "mass_matrix"} <= shared
-    for name in shared:
-        assert getattr(HybridModel, name) is FUNCTIONS[name]
+        assert getattr(CompiledModel, name) is function
 
 
 def test_docstrings_of_shared_motions_say_what_contacts_change():

@@ -11,7 +11,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.codegen import BACKENDS
-from dalembert.errors import MissingExtraError, ValueInputError
+from dalembert.errors import MissingExtraError, OptionError, ValueInputError
 from dalembert.ir.kernel import describe_counts
 from dalembert.methods.status import Status
 from dalembert.reduction import FORMULATIONS
@@ -72,6 +72,39 @@ def test_records_of_passes_lead_to_the_program(scene):
         counts.update(record.after)
     assert counts == operation_counts(stages.program)
     assert sum(record.seconds for record in stages.passes) <= stages.seconds["lower"]
+
+
+def test_a_scene_without_contacts_is_its_only_mode():
+    model = compiled("chaplygin_sleigh")
+    start, p = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}, {"m": 1.0, "b": 0.3, "I_C": 0.5}
+    run, sweep = model.simulate((0, 0.1), start, p), model.sweep((0, 0.1), start, p)
+    assert model.contacts == () and model.mode() is model and model.modes is None
+    assert run.phases == () and run.modes == {} and len(sweep.phases) == 0 and sweep.modes == {}
+    with pytest.raises(OptionError, match="no contact is called 'floor'; known: none"):
+        model.mode(floor="slip")
+    for result in (run, sweep):
+        with pytest.raises(OptionError, match="unknown contact 'floor'"):
+            result.mode("floor")
+
+
+def test_a_scene_with_contacts_gives_the_same_classes():
+    plain, model = compiled("chaplygin_sleigh"), da.compile_model(da.scenes.bouncing_ball(), backend="numpy")
+    start, p = {"y": 0.1, "y_dot": 0.0, "x": 0.0, "x_dot": 0.0}, {"m": 1.0, "g": 9.81, "e": 0.5}
+    start = {name: value for name, value in start.items() if name in model.layout.variables}
+    run, sweep = model.simulate((0, 0.2), start, p), model.sweep((0, 0.2), start, p)
+    assert type(model) is type(plain) and model.contacts == ("ground",) and model.mode().modes is None
+    assert model.mode(ground="open") == model.mode(ground="open").mode(ground="open")
+    with pytest.raises(OptionError, match="contact 'ground' cannot be 'stick'; it can be: open"):
+        model.mode(ground="open").mode(ground="stick")
+    assert model.layout.state == model.layout.variables and run.y.shape[1] == sweep.y.shape[1] == len(
+        model.layout.state
+    )
+    assert len(run.phases) == sweep.phases[0] == 2
+    assert set(run.modes) == set(sweep.modes) == {"ground"} and run.modes["ground"][-1] == sweep.modes["ground"][0]
+    np.testing.assert_array_equal(run.velocity_violation, 0.0)
+    assert run.velocity_violation.shape == run.constraint_violation.shape == (len(run.t), 1)
+    again = pickle.loads(pickle.dumps(model))
+    assert type(again) is type(model) and again != model and again.contacts == model.contacts
 
 
 def test_the_passes_of_every_mode_of_a_scene_with_contacts():

@@ -59,7 +59,7 @@ def test_a_motion_evaluated_elsewhere_has_them_too():
 def test_a_motion_without_a_scene_says_so():
     case = hard_case("knife edge on an incline")
     run = da.compile_model(case.scene, backend="numpy").simulate((0, 1), case.initial, case.parameters)
-    run._monitors = None
+    run.parts[0].monitors = None
     with pytest.raises(OptionError, match="has no scene"):
         _ = run.invariants
 

@@ -13,7 +13,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from dalembert.runtime.stored.programs import packed, unpacked
 from dalembert.runtime.stored.store import Store
-from dalembert.runtime.stored.swept_models import ContactModel, SmoothModel
+from dalembert.runtime.stored.swept_models import SweptModel
 
 pytest.importorskip("zarr")
 pytest.importorskip("xarray")
@@ -62,8 +62,8 @@ for data, given, options in pickle.load(open(sys.argv[1], "rb")):
 def test_another_process_derives_nothing_and_has_the_same_bits(tmp_path):
     ball = da.compile_model(da.scenes.bouncing_ball(), outputs=["N"])
     cases = [
-        (SmoothModel(driven()), ((0, 2), DRIVEN, {"k": 2.0, "r": np.linspace(0.5, 1, 5)}), {"inputs": records(5)}),
-        (ContactModel(ball), ((0, 2), DROPPED, {"m": 1.0, "g": 9.81, "e": np.linspace(0.3, 0.9, 6)}), {}),
+        (SweptModel(driven()), ((0, 2), DRIVEN, {"k": 2.0, "r": np.linspace(0.5, 1, 5)}), {"inputs": records(5)}),
+        (SweptModel(ball), ((0, 2), DROPPED, {"m": 1.0, "g": 9.81, "e": np.linspace(0.3, 0.9, 6)}), {}),
     ]
     path = tmp_path / "models"
     path.write_bytes(pickle.dumps([(packed(model), given, options) for model, given, options in cases]))
@@ -95,7 +95,7 @@ def test_a_graph_of_any_depth_is_packed():
 def test_what_a_model_does_not_enforce_stays_so():
     model = da.compile_model(da.scenes.chaplygin_sleigh(), formulation="projected")
     loose = model.variants.without_constraints((0,))
-    again = unpacked(packed(SmoothModel(loose))).model
+    again = unpacked(packed(SweptModel(loose))).model
     assert again == loose and again != model and again.note == loose.note
 
 
@@ -132,7 +132,7 @@ def test_inputs_and_controllers_of_cases_on_a_cluster(tmp_path, client):
 
 
 def test_a_damaged_program_is_not_read(tmp_path):
-    data, path = packed(SmoothModel(da.compile_model(da.scenes.chaplygin_sleigh()))), tmp_path / "s.zarr"
+    data, path = packed(SweptModel(da.compile_model(da.scenes.chaplygin_sleigh()))), tmp_path / "s.zarr"
     store = Store.create(path, 1, {"dalembert_digest": "0"})
     store.keep_program("0" * 32, data)
     assert store.program("0" * 32) is None

@@ -17,6 +17,7 @@ from dalembert.errors import OptionError, StoredSweepError, UnknownNameError, Va
 from dalembert.methods.status import Status
 from dalembert.options import StoreOptions, SweepOptions
 from dalembert.results import sampler
+from dalembert.runtime.stored import swept_models
 from dalembert.runtime.stored.chunks import ChunkJob
 from dalembert.runtime.stored.store import Store
 from dalembert.runtime.stored.sweep import _most_cases
@@ -196,7 +197,7 @@ def test_a_store_is_completed_and_nothing_is_computed_twice(model, tmp_path, mon
 
 def test_what_was_interrupted_is_not_kept(model, tmp_path, monkeypatch):
     """Ctrl-C in the middle of a chunk leaves cases INTERRUPTED: these are computed by the next call."""
-    real, path = type(model)._sweep_in_own_time, tmp_path / "s.zarr"
+    real, path = swept_models.sweep_cases, tmp_path / "s.zarr"
 
     def sweep(self, t_span, initial, parameters, options):
         found = real(self, t_span, initial, parameters, options)
@@ -204,10 +205,10 @@ def test_what_was_interrupted_is_not_kept(model, tmp_path, monkeypatch):
             found.status[5:] = Status.INTERRUPTED
         return found
 
-    monkeypatch.setattr(type(model), "_sweep_in_own_time", sweep)
+    monkeypatch.setattr(swept_models, "sweep_cases", sweep)
     with pytest.raises(KeyboardInterrupt):
         model.sweep((0, 2), START, MANY, to=path, chunk=20, threads=1)
-    monkeypatch.setattr(type(model), "_sweep_in_own_time", real)
+    monkeypatch.setattr(swept_models, "sweep_cases", real)
     assert_same(model.sweep((0, 2), START, MANY, to=path, chunk=20), model.sweep((0, 2), START, MANY))
 
 

@@ -107,7 +107,7 @@ def test_only_so_many_tuples_of_keys_are_kept(model):
     for i in range(300):
         with pytest.raises(UnknownNameError):
             model.parameter_vector({**PARAMETERS, f"m{i}": 1.0})
-    assert len(model._read_parameters._resolved) <= 64
+    assert len(model.read_parameters._resolved) <= 64
 
 
 # -- starts by compiled code --------------------------------------------------------------

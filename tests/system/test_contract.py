@@ -13,7 +13,6 @@ from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, System, dy
 
 import dalembert as da
 from dalembert.methods.status import Status
-from dalembert.runtime.hybrid import HybridModel
 from dalembert.runtime.model import CompiledModel
 from textbook.helpers import TIME, frame, point, same, symbols_of
 
@@ -122,8 +121,8 @@ def test_signature_of_compile_model():
     assert keywords.items() >= {"backend": "llvm", "formulation": "auto", "outputs": (), "cache": True}.items()
 
 
-@pytest.mark.parametrize("model", [CompiledModel, HybridModel])
-def test_signatures_of_simulate_and_sweep(model):
+def test_signatures_of_simulate_and_sweep():
+    model = CompiledModel
     tolerances = {"t_eval": None, "method": "auto", "rtol": 1e-8, "atol": 1e-10, "events": ()}
     positional, keywords = parameters_of(model.simulate)
     assert positional == ["t_span", "initial", "parameters"]

@@ -21,9 +21,9 @@ from .drawing import Drawing, Line, Surface, drawing_of, shape_points
 
 if TYPE_CHECKING:
     from ..scene import Scene
-    from .motion import Motion
+    from .trajectory import Trajectory
 
-__all__ = ["Animation", "animate"]
+__all__ = ["Animation", "animated"]
 
 _MOST_FRAMES = 5_000
 _WRITERS = {".gif": "pillow", ".html": "html", ".htm": "html", ".mp4": "ffmpeg", ".mkv": "ffmpeg", ".mov": "ffmpeg"}
@@ -134,8 +134,8 @@ class Animation(FuncAnimation):
         return page(self.drawing, self._fps, whole=False)
 
 
-def animate(
-    motion: Motion,
+def animated(
+    motion: Trajectory,
     scene: Scene,
     constants: Constants,
     points: Sequence[Any],
@@ -143,7 +143,7 @@ def animate(
     speed: float,
     reactions: bool,
 ) -> Animation:
-    """Return the animation of a motion; see `dalembert.results.motion.Motion.animate`."""
+    """Return the animation of a motion; see `animate`."""
     for name, value in (("fps", fps), ("speed", speed)):
         if not 1e-9 < value < 1e9:
             raise OptionError(f"{name} must be a positive number of moderate size, not {value!r}")
@@ -166,7 +166,7 @@ def animate(
     return Animation(figure, update, drawing, fps)
 
 
-def _frames(motion: Motion, fps: float, speed: float) -> Motion:
+def _frames(motion: Trajectory, fps: float, speed: float) -> Trajectory:
     """Return the motion at the times of the pictures; without continuous output, at recorded times near them."""
     if not len(motion.t):
         raise OptionError("the motion has no recorded times, so that there is nothing to draw")

@@ -19,7 +19,7 @@ from . import shape_meshes
 if TYPE_CHECKING:
     from ..mechanics.skeleton import Skeleton
     from ..scene import Scene
-    from .motion import Motion
+    from .trajectory import Trajectory
 
 __all__ = ["Drawing", "Line", "Surface", "drawing_of", "shape_points"]
 
@@ -109,7 +109,12 @@ def shape_points(scene: Scene) -> list[Any]:
 
 
 def drawing_of(
-    motion: Motion, scene: Scene, drawn: Skeleton, constants: FloatArray, values: Mapping[str, float], reactions: bool
+    motion: Trajectory,
+    scene: Scene,
+    drawn: Skeleton,
+    constants: FloatArray,
+    values: Mapping[str, float],
+    reactions: bool,
 ) -> Drawing:
     """Return the picture of a motion at its recorded times.
 
@@ -265,7 +270,7 @@ class _Builder:
                 start = self.positions[:, body]
                 self.lines.append(Line("", color, np.stack([start, start + size * frame[:, axis]], axis=1), 1.2))
 
-    def add_reactions(self, motion: Motion) -> None:
+    def add_reactions(self, motion: Trajectory) -> None:
         """Add the forces of joints, the largest a third of the picture long."""
         forces = [(joint, self._force(joint, motion)) for joint in self.scene.joints if joint.force != 0]
         if not forces:
@@ -276,13 +281,13 @@ class _Builder:
             ends = np.stack([start, start + force * (0.33 * self.extent / largest)], axis=1)
             self.lines.append(Line(f"force of {joint.name}", _ARROW, ends, 2.5))
 
-    def _force(self, joint: Any, motion: Motion) -> FloatArray:
+    def _force(self, joint: Any, motion: Trajectory) -> FloatArray:
         """Return the force of a joint (n_t, 3) on the frame of the scene."""
         known = partial(self._known, joint.name, motion)
         return force_values(joint.force, self.scene.frame, self.values, motion.elapsed, known)
 
     @staticmethod
-    def _known(joint: str, motion: Motion, key: Any) -> FloatArray:
+    def _known(joint: str, motion: Trajectory, key: Any) -> FloatArray:
         try:
             return motion[key]
         except UnknownNameError:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, Protocol, Self, final
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import FloatArray
 from ..errors import OptionError, nesting_named
 
-__all__ = ["ErrorEstimate", "Estimated", "NamedArrays"]
+if TYPE_CHECKING:
+    from .parts import Part
+    from .trajectory import Trajectory
+
+__all__ = ["ErrorEstimate", "Estimated", "NamedArrays", "SamePhases"]
 
 
 class NamedArrays(Protocol):
@@ -66,3 +72,33 @@ class Estimated(ABC):
     def _compared(self, twin: Self) -> NamedArrays:
         """Return the values of a twin by name that are compared with those of this result."""
         return twin
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SamePhases:
+    """The values of a twin by name at the times of a run, NaN where it is not in the same phase."""
+
+    run: Trajectory
+    twin: Trajectory
+
+    def __getitem__(self, key: Any) -> FloatArray:
+        mine, theirs = self.run._lasting, self.twin._lasting
+        alike = 0
+        while alike < min(len(mine), len(theirs)) and mine[alike].modes == theirs[alike].modes:
+            alike += 1
+        numbers = {id(part.phase): number for number, part in enumerate(mine[:alike])}
+
+        def values(part: Part) -> FloatArray:
+            t, found = part.t, np.full(len(part.t), np.nan)
+            number = numbers.get(id(part.phase))
+            if number is None:
+                return found
+            other = theirs[number]
+            first, last = sorted(other.span)
+            there = (first <= t) & (t <= last)
+            found[there] = other(t[there]).named(str(key))
+            return found
+
+        joined: FloatArray = self.run._joined(values)
+        return joined

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import UnknownNameError, unknown_name
-from .motion import Motion
 
 if TYPE_CHECKING:
     from ..integrators.watched import Occurrence
@@ -37,7 +36,7 @@ class EventRecord:
     ``record["x"]`` is ``record.before["x"]``.
     """
 
-    def __init__(self, name: str, direction: NDArray[np.int8], before: Motion, after: Motion) -> None:
+    def __init__(self, name: str, direction: NDArray[np.int8], before: Trajectory, after: Trajectory) -> None:
         self.name, self.t, self.direction = name, before.t, direction
         self.before, self.after = before, after
 
@@ -94,10 +93,8 @@ class EventRecords(Mapping[str, EventRecord]):
         return f"<EventRecords {', '.join(f'{name!r}: {len(r)}' for name, r in self._records.items())}>"
 
 
-def event_records(
-    names: Sequence[str], occurrences: Sequence[Occurrence], run: Trajectory, aliases: Mapping[str, str]
-) -> EventRecords:
-    """Return the occurrences on a run by event."""
+def event_records(names: Sequence[str], occurrences: Sequence[Occurrence], run: Trajectory) -> EventRecords:
+    """Return the occurrences on a run without phases by event."""
     records = []
     for number, name in enumerate(names):
         mine = [occurrence for occurrence in occurrences if occurrence.event == number]
@@ -110,4 +107,4 @@ def event_records(
         before, after = (run.at(times, y) for y in sides)
         signs = np.array([occurrence.sign for occurrence in mine], dtype=np.int8)
         records.append(EventRecord(name, signs, before, after))
-    return EventRecords(records, aliases)
+    return EventRecords(records, run.parts[0].program.layout.aliases)

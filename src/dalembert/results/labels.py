@@ -1,4 +1,4 @@
-"""Attributes and units of labelled arrays."""
+"""Labelled arrays of results, their attributes and units."""
 
 from __future__ import annotations
 
@@ -6,16 +6,28 @@ import json
 from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..errors import OptionError, UnknownNameError, unknown_name
+from ..errors import MissingExtraError, OptionError, UnknownNameError, unknown_name
+from ..integrators.segments import Segments, constants_at
+from ..ir.program import Layout
 from ..version import __version__
 
 if TYPE_CHECKING:
     import xarray
 
-    from .case_results import SweepStatistics
-    from .motion import RunStatistics
+    from .sweep import SweepStatistics
+    from .trajectory import RunStatistics, Trajectory
 
-__all__ = ["attributes", "distinct", "flags", "given_name", "value_name", "with_units"]
+__all__ = [
+    "attributes",
+    "distinct",
+    "flags",
+    "given_name",
+    "reaction_hint",
+    "to_xarray",
+    "value_name",
+    "with_units",
+    "xarray_package",
+]
 
 _OWN_NAMES = ("case", "time", "status", "steps", "t_end")
 """Names that a data set has of its own: results, axes and given values of these names get other ones."""
@@ -37,6 +49,39 @@ def attributes(
         "parameters": json.dumps(dict(parameters)),
         "dalembert_version": __version__,
     }
+
+
+def to_xarray(self: Trajectory, units: Mapping[Any, str] | None = None) -> xarray.Dataset:
+    """Return the motion as an ``xarray.Dataset`` over ``time``: coordinates, rates, states, outputs, energy, modes.
+
+    Its attributes are the scene, formulation, status, method, tolerances, parameters (as JSON) and version.
+
+    Parameters
+    ----------
+    units : mapping of symbols or names to str, optional
+        Units of what the data set holds, and of parameters: ``{x: "m", "x_dot": "m/s", "m": "kg"}``.
+
+    Raises
+    ------
+    MissingExtraError
+        Without the package.
+    UnknownNameError, OptionError
+        For units of what is not there, or that are no texts.
+    """
+    layout, first = self._layout, self.parts[0]
+    data: dict[str, Any] = {name: self[name] for name in dict.fromkeys((*layout.variables, *layout.outputs, "energy"))}
+    data |= {f"mode of {contact}": states for contact, states in self.modes.items()}
+    c = constants_at(first.c, first.t[:1])[0] if isinstance(first.c, Segments) else first.c
+    values = dict(zip(first.program.layout.parameters, c.tolist(), strict=False))
+    given = {name: values[name] for name in layout.given if name in values}
+    formulation = ", ".join(self._formulations)
+    attrs = {"status": self.status.name, **attributes(self.name, formulation, self.stats, given)}
+    named: dict[str, Any] = {}
+    for name, array in data.items():
+        named[value_name(name, named)] = "time", array
+    times = {"time": ("time", self.t, {"units": "s"})}
+    dataset: xarray.Dataset = xarray_package().Dataset(named, coords=times, attrs=attrs)
+    return with_units(dataset, units, layout.aliases, given)
 
 
 def distinct(name: str, taken: Container[Any], ending: str) -> str:
@@ -104,3 +149,25 @@ def with_units(
     if fixed:
         dataset.attrs["parameter_units"] = json.dumps(fixed)
     return dataset
+
+
+def reaction_hint(layout: Layout, name: str) -> str:
+    """Return the advice to request a reaction as an output; empty for other names."""
+    if name not in layout.unknowns:
+        return ""
+    return f" It is a reaction of the scene; request it with compile_model(scene, outputs=[{name!r}])."
+
+
+def xarray_package() -> Any:
+    """Return the package xarray.
+
+    Raises
+    ------
+    MissingExtraError
+        Without it.
+    """
+    try:
+        import xarray
+    except ImportError:
+        raise MissingExtraError('xarray is needed; install it with: pip install "dalembert[xarray]"') from None
+    return xarray

@@ -1,4 +1,4 @@
-"""Plots of trajectories."""
+"""Methods of trajectories that draw them: `plot` and `animate`."""
 
 from __future__ import annotations
 
@@ -7,29 +7,49 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import MissingExtraError, OptionError
+from ..errors import MissingExtraError, OptionError, nesting_named
+from ..values import flag, option
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from .motion import Motion
+    from .animation import Animation
+    from .trajectory import Trajectory
 
-__all__ = ["plot"]
+__all__ = ["animate", "plot"]
 
 _POINTS_PER_STEP = 20
 
 
-def plot(trajectory: Motion, names: Sequence[str], ax: Any = None) -> Figure:
-    """Return a figure with one panel a name, drawn smoothly between the recorded times where that is possible."""
+@nesting_named
+def plot(self: Trajectory, *given: Any, ax: Any = None) -> Figure:
+    """Draw the motion over time, one panel a name (coordinates by default), and return the figure.
+
+    The figure is one of pyplot, which ``plt.show()`` shows.
+
+    Parameters
+    ----------
+    *given : str or symbol
+    ax : matplotlib.axes.Axes or sequence of Axes, optional
+        Where to draw: all names on one, with a legend, or each on its own.
+
+    Raises
+    ------
+    MissingExtraError
+        Without matplotlib.
+    OptionError
+        For as many axes as there are no names.
+    """
     try:
         import matplotlib.pyplot as plt
     except ImportError:
         raise MissingExtraError('matplotlib is needed; install it with: pip install "dalembert[plot]"') from None
-    smooth = trajectory
-    if trajectory.can_evaluate and len(trajectory.t) > 1:
-        count = min(20_000, _POINTS_PER_STEP * len(trajectory.t))
-        smooth = trajectory(np.linspace(trajectory.t[0], trajectory.t[-1], count))
-    columns = [(smooth[name], trajectory[name]) for name in names]  # unknown names are refused before a figure is made
+    names = [str(name) for name in given] or list(self.coordinates)
+    smooth = self
+    if self.can_evaluate and len(self.t) > 1:
+        count = min(20_000, _POINTS_PER_STEP * len(self.t))
+        smooth = self(np.linspace(self.t[0], self.t[-1], count))
+    columns = [(smooth[name], self[name]) for name in names]  # unknown names are refused before a figure is made
     panels = list(np.ravel(ax)) if ax is not None else []
     if ax is None:
         figure = plt.figure(figsize=(7.0, 1.2 + 1.4 * len(names)), layout="constrained")
@@ -43,7 +63,7 @@ def plot(trajectory: Motion, names: Sequence[str], ax: Any = None) -> Figure:
         raise OptionError(f"ax must be one Axes, or one for each of the {len(names)} names, not {len(panels)}")
     for panel, name, (between, recorded) in zip(panels, names, columns, strict=True):
         (line,) = panel.plot(smooth.t, between, linewidth=1.4, label=name)
-        panel.plot(trajectory.t, recorded, ".", markersize=3, color=line.get_color() if shared else None)
+        panel.plot(self.t, recorded, ".", markersize=3, color=line.get_color() if shared else None)
         if not shared:
             panel.set_ylabel(name)
         panel.grid(alpha=0.3)
@@ -54,3 +74,46 @@ def plot(trajectory: Motion, names: Sequence[str], ax: Any = None) -> Figure:
     panels[-1].set_xlabel("t [s]")
     drawn: Figure = panels[0].figure
     return drawn
+
+
+@nesting_named
+def animate(
+    self: Trajectory, *, fps: float = 25.0, speed: float = 1.0, points: Sequence[Any] = (), reactions: bool = False
+) -> Animation:
+    """Return a moving picture of the bodies: their shapes (`Scene.add_shapes`), paths, links and points.
+
+    Bodies without a shape are drawn by their mass centre, their axes, and lines to the points of joints. A motion
+    in a plane is drawn in it, any other in space. A notebook shows the animation. Its ``save`` writes it to a file:
+    ``save("motion.html")`` makes one page that opens without a network, with controls to play, to choose a time and
+    to turn.
+
+    Parameters
+    ----------
+    fps : float
+        Pictures a second.
+    speed : float
+        Seconds of the motion that pass in one second of the picture.
+    points : sequence of Point or str
+        Further points to draw.
+    reactions : bool
+        Whether to draw the forces of joints as lines from their points, the largest a third of the picture long.
+        Their components must be among the outputs of the model.
+
+    Raises
+    ------
+    MissingExtraError
+        Without matplotlib.
+    OptionError
+        For points that are not known, options that are not positive, shapes of bodies that do not exist, reactions
+        that are no outputs, and scenes that have no positions.
+    """
+    try:
+        from .animation import animated
+    except ImportError:
+        raise MissingExtraError('matplotlib is needed; install it with: pip install "dalembert[plot]"') from None
+    if self._pictured is None:
+        raise OptionError("this motion has no scene; use one that simulate returned")
+    scene, constants = self._pictured
+    return animated(
+        self, scene, constants, points, option("fps", fps), option("speed", speed), flag("reactions", reactions)
+    )

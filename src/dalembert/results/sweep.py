@@ -1,29 +1,84 @@
-"""`Sweep`: the results of many cases of a scene without contacts."""
+"""`Sweep`: the results of many cases."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
-from typing import Any, final
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Self, cast, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..ir.interpret import interpret_rows
-from ..ir.program import Program
-from .case_results import CaseResults, SweepStatistics
-from .motion import ENERGIES, warn_of_energy
-from .shared_loads import output_rows
+from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
+from ..ir.program import Layout
+from ..methods.status import Status
+from .estimate import Estimated, NamedArrays
+from .labels import (
+    attributes,
+    distinct,
+    flags,
+    given_name,
+    reaction_hint,
+    value_name,
+    with_units,
+    xarray_package,
+)
+from .named_values import NamedValues
+from .notebook import ranges, summary
+from .parts import ENERGIES
+from .sweep_states import ContactStates, ProgramStates
 
-__all__ = ["Sweep"]
+if TYPE_CHECKING:
+    import xarray
 
-_BLOCK = 8192
-"""States of which values are computed at a time: their intermediate values stay near the processor."""
+__all__ = ["CaseFailure", "EventCounts", "Sweep", "SweepStatistics"]
 
 
 @final
-class Sweep(CaseResults):
+@dataclass(frozen=True)
+class SweepStatistics:
+    """Cost of a sweep, and its tolerances, NaN where they are not known.
+
+    `note` says why "auto" took another method than it usually does, where it did. `methods` are those of each mode of
+    contacts by number, `NO_MODE` without contacts, and by `rtol`.
+    """
+
+    method: str
+    threads: int
+    steps: int
+    compile_seconds: float
+    run_seconds: float
+    note: str = ""
+    rtol: float = math.nan
+    atol: float = math.nan
+    methods: Mapping[tuple[int, float], str] = field(default_factory=dict, repr=False)
+
+
+@final
+@dataclass(frozen=True)
+class CaseFailure:
+    """A case that did not reach its end: its number, why, and the time it reached."""
+
+    case: int
+    status: Status
+    message: str
+    t: float
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class EventCounts:
+    """Number of times an event occurred in each case (n_case,), and first and last time [s], NaN where it did not."""
+
+    count: NDArray[np.int64]
+    first: FloatArray
+    last: FloatArray
+
+
+@final
+class Sweep(Estimated):
     """The cases of a sweep, in the order in which they were given.
 
     ``sweep["x"]`` is an array (n_case,) of final values, or (n_case, n_t) where the sweep was given ``t_eval``; so for
@@ -42,7 +97,9 @@ class Sweep(CaseResults):
     steps : ndarray (n_case,) of int
         Accepted steps of each case.
     y : ndarray (n_case, n_y)
-        Final state of the formulation.
+        Final state of the formulation; with contacts that change, coordinates, rates and first-order states.
+    phases : ndarray (n_case,) of int
+        Number of phases of each motion; empty where contacts do not change.
     stats : SweepStatistics
     events : mapping of str to EventCounts
         Count, first and last time of each event in each case; by name or by expression.
@@ -52,92 +109,257 @@ class Sweep(CaseResults):
 
     def __init__(
         self,
-        program: Program,
-        constants: Any,
+        name: str,
+        formulation: str,
+        layout: Layout,
         varied: tuple[dict[str, FloatArray], dict[str, FloatArray]],
         ends: FloatArray,
-        y: FloatArray,
-        samples: FloatArray | None,
         t_eval: FloatArray | None,
         axes: Mapping[str, FloatArray],
         stats: SweepStatistics,
+        states: ProgramStates | ContactStates,
     ) -> None:
-        super().__init__(program.name, program.formulation, program.layout, varied, ends, t_eval, axes, stats)
-        self._program, self._constants = program, constants
-        self.y, self.samples = y, samples
+        self._name, self._formulation, self._layout = name, formulation, layout
+        self.initial, parameters = varied
+        own = {*layout.parameters} - {*layout.given}  # what runs set themselves
+        self.parameters = {name: values for name, values in parameters.items() if name not in own}
+        self.events: NamedValues[EventCounts] = NamedValues("event", {})
+        self.reduced: NamedValues[FloatArray] = NamedValues("reduction", {})
+        self.t, self.status, self.steps = ends[:, 0], ends[:, 1].astype(np.int8), ends[:, 2].astype(np.int64)
+        self.t_eval = t_eval
+        self._own_t, self._own_t_eval = self.t, t_eval
+        self.axes, self.stats, self._states = dict(axes), stats, states
 
-    def _take_states(self, some: NDArray[np.bool_], other: Sweep) -> None:
-        self.y[some] = other.y[some]
+    @property
+    def y(self) -> FloatArray:
+        """Final states (n_case, n_y)."""
+        return self._states.y
 
-    def _lasting(self) -> tuple[str, ...]:
-        layout = self._layout
-        return tuple(dict.fromkeys((*layout.variables, *layout.state, *layout.outputs)))
+    @property
+    def samples(self) -> FloatArray | None:
+        """States at the samples (n_case, n_t, n_y), None without any."""
+        return self._states.samples
+
+    @property
+    def phases(self) -> NDArray[np.int64]:
+        """Number of phases of each motion (n_case,); empty where contacts do not change."""
+        return self._states.phases
+
+    @property
+    def modes(self) -> dict[str, NDArray[np.str_]]:
+        """State of each contact at the end of each case (n_case,), or (n_case, n_t) at the samples."""
+        return self._states.modes
+
+    def mode(self, contact: str) -> NDArray[np.str_]:
+        """Return the state of a contact at the end of each case (n_case,), or (n_case, n_t) at the samples."""
+        modes = self.modes
+        if contact not in modes:
+            raise OptionError(unknown_name("contact", contact, modes))
+        return modes[contact]
+
+    def _by_name(self, names: Iterable[Any]) -> dict[Any, FloatArray]:
+        """Return ``self[name]`` of several names, which share computations."""
+        keys = list(names)
+        known = [self._known(key) for key in keys]
+        found = self._states.at_ends(known) if self.t_eval is None else self._states.at_samples(known)
+        return dict(zip(keys, found, strict=True))
 
     def _final(self, key: Any) -> FloatArray:
-        return self._at_ends([key])[0]
+        """Return final values (n_case,) of something."""
+        return self._states.at_ends([self._known(key)])[0]
 
-    def _sampled(self, key: Any) -> FloatArray:
-        return self._at_samples([key])[0]
+    def _known(self, key: Any) -> str:
+        """Return a name as text; raise where the sweep does not have it."""
+        text, names = str(key), self._names()
+        if self._layout.aliases.get(text, text) in names or text in names:
+            return text
+        known = unknown_name("output", text, dict.fromkeys(names))
+        hint = f" It is a reduction: sweep.reduced[{text!r}]." if text in self.reduced else ""
+        raise UnknownNameError(known + hint + reaction_hint(self._layout, text))
 
-    def _by_name(self, names: Iterable[str]) -> dict[str, FloatArray]:
-        keys = list(names)
-        return dict(zip(keys, self._at_ends(keys) if self.t_eval is None else self._at_samples(keys), strict=True))
+    def __len__(self) -> int:
+        return len(self.t)
 
-    def _at_ends(self, keys: Sequence[Any]) -> list[FloatArray]:
-        return [each[:, 0] for each in self._values(keys, self.y[:, np.newaxis, :], self._own_t[:, np.newaxis])]
+    def with_events(self, names: Sequence[str], happened: FloatArray, kept: Sequence[str], reduced: FloatArray) -> Self:
+        """Return this sweep with its reductions and events (n_case, 3 n_events): numbers, first and last times."""
+        aliases = self._layout.aliases
+        self.reduced = NamedValues("reduction", {name: reduced[:, i] for i, name in enumerate(kept)}, aliases)
+        counts = {
+            name: EventCounts(happened[:, 3 * i].astype(np.int64), happened[:, 3 * i + 1], happened[:, 3 * i + 2])
+            for i, name in enumerate(names)
+        }
+        self.events = NamedValues("event", counts, aliases)
+        return self
 
-    def _at_samples(self, keys: Sequence[Any]) -> list[FloatArray]:
-        assert self.samples is not None and self._own_t_eval is not None
-        return self._values(keys, self.samples, np.broadcast_to(self._own_t_eval, self.samples.shape[:2]))
+    def counted_from(
+        self, starts: FloatArray, t_eval: FloatArray | None, parameters: Sequence[str], crossings: Sequence[str]
+    ) -> Self:
+        """Return this sweep, whose times are those since the start of each case, with times counted as that is [s].
 
-    def _values(self, keys: Sequence[Any], y: FloatArray, t: FloatArray) -> list[FloatArray]:
-        """Return values (n_case, n_t) of some keys at states (n_case, n_t, n_y), a block of cases at a time."""
-        layout = self._program.layout
-        found: list[FloatArray] = []
-        sources: list[tuple[FloatArray, str, int | None]] = []
-        for key in keys:
-            name = layout.aliases.get(str(key), str(key))
-            if name in layout.state:
-                found.append(y[:, :, layout.state.index(name)].copy())
-                continue
-            found.append(np.empty(y.shape[:2]))
-            sources.append((found[-1], *self._source(name, str(key))))
-        needed = dict.fromkeys(kernel for _, kernel, _ in sources)
-        if "energy" in needed:
-            needed = {"expand": None, **needed}
-        width = max(1, y.shape[1])
-        step = max(1, _BLOCK // width)
-        for first in range(0, len(y) if sources and y.shape[1] else 0, step):
-            block = slice(first, first + step)
-            count = len(y[block])
-            c = self._constants(block, t[block])
-            states, times, outputs = y[block].reshape(count * width, -1), t[block].ravel(), dict[str, FloatArray]()
-            for kernel in needed:
-                at = outputs["expand"] if kernel == "energy" else states
-                rows = partial(interpret_rows, self._program.kernel(kernel))
-                if kernel == "outputs":
-                    rows = partial(output_rows, self._program)
-                outputs[kernel] = rows(times, at, c)
-            for values, kernel, column in sources:
-                chosen = outputs[kernel].sum(axis=1) if column is None else outputs[kernel][:, column]
-                values[block] = chosen.reshape(count, width)
-        return found
+        Parameters
+        ----------
+        starts : ndarray (n_case,) or (1,)
+        t_eval : ndarray (n_t,) or None
+            Times of the samples, as they were given.
+        parameters : sequence of str
+            Names of the parameters that were given; others, which the elapsed time adds, are left out.
+        crossings : sequence of str
+            Names of the reductions that are times.
+        """
+        self.t, self.t_eval = starts + self._own_t, t_eval
+        self.parameters = {name: values for name, values in self.parameters.items() if name in parameters}
+        self.events |= {
+            name: EventCounts(each.count, starts + each.first, starts + each.last) for name, each in self.events.items()
+        }
+        self.reduced |= {name: starts + self.reduced[name] for name in crossings if name in self.reduced}
+        return self
 
-    def _source(self, name: str, text: str) -> tuple[str, int | None]:
-        """Return the kernel that computes `name`, and its output; None for the sum of all."""
-        layout = self._program.layout
-        expanded = layout.variables
-        if name in expanded:
-            return "expand", expanded.index(name)
-        if name in layout.state_rates:
-            return "rhs", len(layout.state) - len(layout.states) + layout.state_rates.index(name)
-        for output in (name, text):
-            if output in layout.outputs:
-                return "outputs", layout.outputs.index(output)
-        if name in ENERGIES:
-            warn_of_energy(self._program, name)
-        if name == "energy":
-            return "energy", None
-        if name in ENERGIES:  # after the first, which is the sum of the others
-            return "energy", ENERGIES.index(name) - 1
-        raise self._unknown(text, (*self._names(), *layout.state))
+    def with_cases(self, some: NDArray[np.bool_], other: Self, starts: FloatArray) -> Self:
+        """Return this sweep with some cases (n_case,) of another, whose times are not those since the starts."""
+        self._own_t[some] = (other.t - starts)[some]
+        for name in ("t", "status", "steps"):
+            getattr(self, name)[some] = getattr(other, name)[some]
+        self._states.take(some, cast(Any, other._states), self._own_t)
+        for name, counts in self.events.items():
+            for part in ("count", "first", "last"):
+                getattr(counts, part)[some] = getattr(other.events[name], part)[some]
+        for name, values in self.reduced.items():
+            values[some] = other.reduced[name][some]
+        seconds = self.stats.run_seconds + other.stats.run_seconds
+        self.stats = replace(self.stats, steps=int(self.steps.sum()), run_seconds=seconds)
+        if self._twin is not None and other._twin is not None:
+            self._twin.with_cases(some, other._twin, starts)
+        return self
+
+    def with_twin(self, twin: Any) -> Self:
+        """See `Estimated.with_twin`; the statistics get the methods of the twin too."""
+        self.stats = replace(self.stats, methods={**self.stats.methods, **twin.stats.methods})
+        return super().with_twin(twin)
+
+    @property
+    def success(self) -> NDArray[np.bool_]:
+        """Whether each case reached its end, or a terminal event, (n_case,)."""
+        return np.asarray((self.status == Status.SUCCESS) | (self.status == Status.EVENT))
+
+    def failures(self) -> list[CaseFailure]:
+        """Return the cases that did not reach their end, and why."""
+        failed = np.flatnonzero(~self.success)
+        return [
+            CaseFailure(int(i), status, status.message_for((self._formulation,), self.stats.method), float(self.t[i]))
+            for i, status in ((i, Status(self.status[i])) for i in failed)
+        ]
+
+    @property
+    def final(self) -> NamedValues[FloatArray]:
+        """Final values (n_case,) of coordinates, rates, states and outputs, by name."""
+        layout = self._layout
+        names = list(dict.fromkeys((*layout.variables, *layout.state, *layout.outputs)))
+        return NamedValues("final value", dict(zip(names, self._states.at_ends(names), strict=True)), layout.aliases)
+
+    @nesting_named
+    def __getitem__(self, key: Any) -> FloatArray:
+        return self._by_name([key])[key]
+
+    def _names(self) -> tuple[str, ...]:
+        layout = self._layout
+        return (*layout.variables, *layout.state_rates, *layout.outputs, *ENERGIES, *layout.state)
+
+    def _compared(self, twin: Sweep) -> NamedArrays:
+        if isinstance(self._states, ContactStates) and isinstance(twin._states, ContactStates):
+            return _InSamePhases(twin, self._states.alike(twin._states))
+        return twin
+
+    def __repr__(self) -> str:
+        return f"<Sweep {self._name!r}: {len(self)} cases, {int(np.sum(~self.success))} failed>"
+
+    def _repr_html_(self) -> str:
+        kinds, counts = np.unique(self.status, return_counts=True)
+        facts = [(Status(kind).name, f"{count:,} cases") for kind, count in zip(kinds, counts, strict=True)]
+        varied = [(name, v) for name, v in {**self.initial, **self.parameters}.items() if len(v) > 1]
+        columns = [*varied, *self.reduced.items()]
+        rows = ranges((name for name, _ in columns), (np.asarray(values, dtype=float) for _, values in columns))
+        return summary(repr(self)[1:-1], facts, ("name", "least", "largest", "last case"), rows)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(dict.fromkeys(self._names()))
+
+    def to_xarray(self, units: Mapping[Any, str] | None = None) -> xarray.Dataset:
+        """Return the sweep as an ``xarray.Dataset`` over ``case`` or the axes of its grid, and ``time`` if sampled.
+
+        With contacts there are ``phases``, and ``name_mode`` of each contact as a number, whose meaning is in its
+        attributes ``flag_values`` and ``flag_meanings``; names that are taken have ``_of_contacts`` behind them.
+
+        Values are those at the samples, or final ones. Where x is an axis or a case's own initial value and a result,
+        too, each has a name of its own: the axis is ``x`` and the result ``x_value``; along ``case``, the result is
+        ``x`` and the initial value ``x_given``. A result called ``time``, ``case``, ``status``, ``steps`` or ``t_end``
+        is ``time_value``, and an axis or given values ``time_given``: the data set has these itself. A reduction whose
+        name is taken is ``name_reduced``. Of an event there are ``name_count``, ``name_first`` and ``name_last``, with
+        ``_of_event`` behind a name that is taken. The attributes ``flag_values`` and ``flag_meanings`` of
+        ``status`` have the meaning of its numbers. Other attributes are as for a trajectory.
+
+        Parameters
+        ----------
+        units : mapping of symbols or names to str, optional
+            Units of what the data set holds, and of parameters.
+
+        Raises
+        ------
+        MissingExtraError
+            Without the package.
+        UnknownNameError, OptionError
+            For units of what is not there, or that are no texts.
+        """
+        layout = self._layout
+        shape = tuple(len(values) for values in self.axes.values()) or (len(self),)
+        dims: tuple[str, ...] = tuple(map(given_name, self.axes)) or ("case",)
+        coords: dict[str, Any] = {dim: (dim, values) for dim, values in zip(dims, self.axes.values(), strict=False)}
+        times: tuple[str, ...] = ()
+        if self.t_eval is not None:
+            times, coords["time"] = ("time",), ("time", self.t_eval, {"units": "s"})
+        if not self.axes:
+            varied = {name: v for name, v in {**self.initial, **self.parameters}.items() if len(v) > 1}
+            coords |= {given_name(name, self._names()): ("case", v) for name, v in varied.items()}
+        data: dict[str, Any] = {}
+        for name, values in self._by_name(dict.fromkeys((*layout.variables, *layout.outputs, "energy"))).items():
+            data[value_name(name, {*coords, *data})] = ((*dims, *times), values.reshape(*shape, *values.shape[1:]))
+        data["status"] = (dims, self.status.reshape(shape), flags([status.name for status in Status]))
+        data |= {name: (dims, counts.reshape(shape)) for name, counts in (("steps", self.steps), ("t_end", self.t))}
+        others = {*coords, *dims}
+        for name, values in self.reduced.items():
+            data[distinct(name, others | data.keys(), "_reduced")] = (dims, values.reshape(shape))
+        for name, happened in self.events.items():
+            for part in ("count", "first", "last"):
+                key = distinct(f"{name}_{part}", others | data.keys(), "_of_event")
+                data[key] = (dims, getattr(happened, part).reshape(shape))
+        for name, column in self._of_contacts(shape, dims, times).items():
+            data[distinct(name, others | data.keys(), "_of_contacts")] = column
+        fixed = {name: float(v[0]) for name, v in self.parameters.items() if len(v) == 1 and np.ndim(v) == 1}
+        attrs = attributes(self._name, self._formulation, self.stats, fixed)
+        dataset: xarray.Dataset = xarray_package().Dataset(data, coords=coords, attrs=attrs)
+        return with_units(dataset, units, layout.aliases, fixed)
+
+    def _of_contacts(self, shape: tuple[int, ...], dims: tuple[str, ...], times: tuple[str, ...]) -> dict[str, Any]:
+        """Return the columns of a data set that say what contacts do; none where they do not change."""
+        if not self.modes:
+            return {}
+        from ..hybrid.modes import STATES
+
+        names, columns = ("none", *STATES), dict[str, Any]()
+        for contact, found in self.modes.items():
+            words, places = np.unique(found, return_inverse=True)
+            codes = np.array([names.index(word) for word in words], np.int8)[places]
+            columns[f"{contact}_mode"] = ((*dims, *times), codes.reshape(*shape, *found.shape[1:]), flags(names))
+        return {"phases": (dims, self.phases.reshape(shape))} | columns
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _InSamePhases:
+    """The values of a twin by name, NaN where it is not in the same phase as the run."""
+
+    twin: Sweep
+    alike: NDArray[np.bool_]
+
+    def __getitem__(self, key: Any) -> FloatArray:
+        values = self.twin[key]
+        return np.where(self.alike.reshape(values.shape), values, np.nan)

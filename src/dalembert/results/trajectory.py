@@ -2,50 +2,70 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
-from ..integrators.chaining import joined
-from ..integrators.dense_output import DenseOutput
-from ..integrators.problem import Solution
-from ..integrators.projected_states import projected
-from ..integrators.segments import Constants, Segments, constants_at
-from ..integrators.watched import Occurrence
-from ..ir.program import Program
+from ..integrators.event_rules import last_instants
+from ..ir.program import Layout
+from ..methods.event_constants import RESOLUTION
 from ..methods.status import Status
 from ..values import times_of
-from .events import EventRecords, event_records
-from .kernel_values import KernelValues
-from .motion import ENERGIES, Motion, RunStatistics, reaction_hint, warn_of_energy
+from . import labels, plots
+from .estimate import Estimated, NamedArrays, SamePhases
+from .events import EventRecords
+from .notebook import ranges, summary
+from .parts import ENERGIES, Part, Phase, joined_variables
 
 if TYPE_CHECKING:
-    import xarray
-
+    from ..integrators.segments import Constants
     from ..scene import Scene
 
-__all__ = ["Trajectory", "joined_runs", "joined_variables"]
+__all__ = ["RunStatistics", "Trajectory"]
 
-Monitors = Callable[[FloatArray, FloatArray, FloatArray], dict[str, FloatArray]]
+_NO_EVENTS = EventRecords()
 
 
 @final
-class Trajectory(Motion):
+@dataclass(frozen=True)
+class RunStatistics:
+    """Cost of a run: accepted and rejected steps, evaluations of the right-hand side, seconds.
+
+    `note` says why "auto" took another method than it usually does, or where a run met a singular configuration; `rtol`
+    and `atol` are the tolerances, NaN where they are not known.
+    """
+
+    method: str
+    steps: int
+    rejected: int
+    evaluations: int
+    compile_seconds: float
+    run_seconds: float
+    note: str = ""
+    rtol: float = math.nan
+    atol: float = math.nan
+
+
+@final
+class Trajectory(Estimated):
     """A simulated motion.
 
     Attributes
     ----------
     t : ndarray (n_t,)
-        Recorded times [s]: those of ``t_eval`` that the run reached, or the ends of its steps. A run that ended early,
-        by a failure or a terminal event, may have reached none of them.
+        Recorded times [s]: those of ``t_eval`` that the run reached, or the ends of its steps, and of phases twice. A
+        run that ended early, by a failure or a terminal event, may have reached none of them.
+    elapsed : ndarray (n_t,)
+        The same in the time of the model that ran: since the start of the run, where it is counted so.
     y : ndarray (n_t, n_y)
-        State of the formulation.
+        State of the formulation; with contacts that change, `variables`.
     q, qdot : ndarray (n_t, n_q)
         Coordinates and their rates.
     status : Status
@@ -54,6 +74,10 @@ class Trajectory(Motion):
         Time that the run reached [s], recorded or not.
     stats : RunStatistics
         Cost of the run.
+    parts : sequence of Part
+        The recorded rows, those of each phase in a part of their own.
+    phases : tuple of Phase
+        Phases, each in one mode of the contacts; empty where contacts do not change.
     events : EventRecords
         The events of the run, by name.
 
@@ -61,147 +85,215 @@ class Trajectory(Motion):
     give arrays (n_t,), by name or by SymPy symbol. ``trajectory(t)`` is the motion at other times within the span.
     """
 
+    _begin: float | None = None
+
     def __init__(
         self,
-        program: Program,
-        constants: Constants,
+        parts: Sequence[Part],
         status: Status,
-        t: FloatArray,
-        y: FloatArray,
         stats: RunStatistics,
-        dense: DenseOutput | None,
+        layout: Layout | None = None,
+        phases: tuple[Phase, ...] = (),
+        whole: Sequence[Part] | None = None,
+        order: NDArray[np.intp] | None = None,
     ) -> None:
-        self._program, self._c, self._dense = program, constants, dense
-        self._layout = program.layout
-        self.events = EventRecords()
-        self._monitors: Monitors | None = None
-        self._wrapped: FloatArray | None = None
-        self._scene: Scene | None = None
-        self._end: float | None = None
-        self.status, self.stats = status, stats
-        self.t, self.elapsed, self.y = t, t, y
+        """Initialise a motion.
 
-    @cached_property
-    def _values(self) -> KernelValues:
-        return KernelValues(self._program, self._c, self.elapsed, self.y, self._wrapped)
+        Parameters
+        ----------
+        parts : sequence of Part
+            The recorded rows.
+        status : Status
+        stats : RunStatistics
+        layout : Layout, optional
+            Names of the scene; by default those of the program of the only part.
+        phases : tuple of Phase
+        whole : sequence of Part, optional
+            The motion that other times are evaluated of, by default the same.
+        order : ndarray (n_t,), optional
+            Places of the rows among those of all parts.
+        """
+        self.parts, self.status, self.stats = parts, status, stats
+        self._layout = parts[0].program.layout if layout is None else layout
+        self.phases = self._own_phases = phases
+        self._whole, self._order, self.events = whole or parts, order, _NO_EVENTS
+        self.t = self.elapsed = self._joined(lambda part: part.t) if phases else parts[0].t
 
-    @property
-    def variables(self) -> FloatArray:
-        """Coordinates, rates and first-order states (n_t, 2 n_q + n_z)."""
-        return self._values.variables
+    def _joined(self, value: Callable[[Part], Any]) -> Any:
+        """Return the values of all parts, in the order of the recorded times."""
+        if len(self.parts) == 1 and self._order is None:
+            return value(self.parts[0])
+        joined = np.concatenate([value(part) for part in self.parts])
+        return joined if self._order is None else joined[self._order]
 
-    @property
-    def q(self) -> FloatArray:  # type: ignore[override]
-        """Coordinates (n_t, n_q)."""
-        return self._values.expanded[0]
+    def _of_parts(self, parts: Sequence[Part], t: FloatArray, order: NDArray[np.intp] | None = None) -> Self:
+        """Return other rows of this motion, in an order, at times t (k,) counted as this is."""
+        motion = type(self)(parts, self.status, self.stats, self._layout, self._own_phases, self._whole, order)
+        if self._begin is not None:
+            return motion.counted_from(self._begin, t)
+        motion.t = t.copy()
+        return motion
 
-    @property
-    def qdot(self) -> FloatArray:  # type: ignore[override]
-        """Rates of the coordinates (n_t, n_q)."""
-        return self._values.expanded[1]
+    def counted_from(self, start: float, t: FloatArray | None = None, note: str | None = None) -> Self:
+        """Return this motion with its times, which are counted from its start, counted as `start` is.
 
-    def ended_at(self, t: float | None) -> Trajectory:
-        """Return this motion with the time that its run reached, where that is not the last of the recorded ones."""
-        self._end = t
+        Parameters
+        ----------
+        start : float
+            Time of the start [s].
+        t : ndarray (k,), optional
+            The requested times [s], of which the run reached the first ``len(elapsed)``; they are recorded without
+            rounding.
+        note : str, optional
+            Note of the statistics, in place of the present one.
+        """
+        self._begin = start
+        self.t = start + self.elapsed if t is None else t[: len(self.elapsed)].copy()
+        self.phases = tuple(replace(phase, t0=start + phase.t0, t1=start + phase.t1) for phase in self._own_phases)
+        self.events.counted_from(start)
+        if note is not None:
+            self.stats = replace(self.stats, note=note)
         return self
+
+    def with_events(self, events: EventRecords) -> Self:
+        """Return this motion with the events that occurred on it."""
+        self.events = events
+        return self
+
+    @property
+    def name(self) -> str:
+        """Name of the scene."""
+        return self.parts[0].program.name
 
     @property
     def t_end(self) -> float:
         """Time that the run reached [s]; that of the last row where it is not known."""
-        end = self._end if self._dense is None else float(self._dense.knots[-1])
-        if end is None:
-            end = float(self.elapsed[-1]) if len(self.elapsed) else float("nan")
+        end = self._own_phases[-1].t1 if self._own_phases else self.parts[0].t_end
         return end if self._begin is None else self._begin + end
 
     @property
     def _formulations(self) -> tuple[str, ...]:
-        return (self._program.formulation,)
-
-    def with_monitors(self, monitors: Monitors) -> Trajectory:
-        """Return this motion with a function that computes first integrals from (c, t, x) on demand."""
-        self._monitors = monitors
-        return self
-
-    def of_scene(self, scene: Scene | None) -> Trajectory:
-        """Return this motion with the scene that it is of, for pictures."""
-        self._scene = scene
-        return self
-
-    @property
-    def _first(self) -> FloatArray:
-        """The constants at the start, of which the first are the parameters."""
-        return constants_at(self._c, self.elapsed[:1])[0] if isinstance(self._c, Segments) else self._c
+        """The formulations that the run was made in."""
+        return tuple(dict.fromkeys(part.program.formulation for part in self._whole))
 
     @property
     def _pictured(self) -> tuple[Scene, Constants] | None:
-        return None if self._scene is None else (self._scene, self._c)
+        """The scene, and constants that begin with its parameters; None where the motion does not have them."""
+        return None if self.parts[0].scene is None else (self.parts[0].scene, self.parts[0].c)
 
-    def with_wrapped(self, wrapped: FloatArray | None) -> Trajectory:
-        """Return this motion with its states (n_t, n_y) less turns of angles, from which more digits follow."""
-        self._wrapped = wrapped
-        return self
+    @property
+    def success(self) -> bool:
+        """Whether the end of the span, or a terminal event, was reached."""
+        return self.status.success
+
+    @property
+    def message(self) -> str:
+        """The status of the run, as a sentence."""
+        note, said = self.stats.note, self.status.message_for(self._formulations, self.stats.method)
+        return f"{said} Note: {note}." if note else said
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return self._layout.coordinates
+
+    # -- what it holds ---------------------------------------------------------------------
+
+    @cached_property
+    def variables(self) -> FloatArray:
+        """Coordinates, rates and first-order states (n_t, 2 n_q + n_z)."""
+        variables = joined_variables(self.parts)
+        return variables if self._order is None else variables[self._order]
+
+    @property
+    def y(self) -> FloatArray:
+        """See the class."""
+        return self.variables if self.phases else self.parts[0].y
+
+    @property
+    def q(self) -> FloatArray:
+        """Coordinates (n_t, n_q)."""
+        return self.variables[:, : len(self._layout.coordinates)].copy()
+
+    @property
+    def qdot(self) -> FloatArray:
+        """Rates of the coordinates (n_t, n_q)."""
+        size = len(self._layout.coordinates)
+        return self.variables[:, size : 2 * size].copy()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All names that ``self[name]`` takes."""
+        layout = self._layout
+        rates = (*layout.rates, *layout.state_rates)
+        return tuple(dict.fromkeys((*layout.coordinates, *rates, *layout.state, *layout.outputs, *ENERGIES)))
+
+    @nesting_named
+    def __getitem__(self, key: Any) -> FloatArray:
+        text = str(key)
+        name = self._layout.aliases.get(text, text)
+        found: FloatArray | None = None
+        if not self.phases or not {name, text}.isdisjoint(self.names):
+            found = self._joined(lambda part: part.named(text))
+        if found is None:
+            raise UnknownNameError(unknown_name("output", text, self.names) + labels.reaction_hint(self._layout, name))
+        return found
+
+    @property
+    def modes(self) -> dict[str, NDArray[np.str_]]:
+        """The states of each contact at the recorded times (n_t,); empty where contacts do not change."""
+        return {contact: self.mode(contact) for contact in (self.phases[0].modes if self.phases else ())}
+
+    def mode(self, contact: str) -> NDArray[np.str_]:
+        """Return the state of a contact at the recorded times (n_t,)."""
+        known = self.phases[0].modes if self.phases else {}
+        if contact not in known:
+            raise OptionError(unknown_name("contact", contact, known))
+        words: NDArray[np.str_] = self._joined(lambda part: np.full(len(part.t), part.modes[contact]))
+        return words
+
+    @property
+    def constraint_violation(self) -> FloatArray:
+        """Constraint residuals (n_t, n_constraints): positions of holonomic, velocities of nonholonomic ones.
+
+        Of an open contact it is the penetration.
+        """
+        violation: FloatArray = self._joined(lambda part: part.violation)
+        return violation
+
+    @property
+    def velocity_violation(self) -> FloatArray:
+        """Velocity residual of each constraint, (n_t, n_constraints); zero of an open contact."""
+        violation: FloatArray = self._joined(lambda part: part.velocity_violation)
+        return violation
 
     @cached_property
     def invariants(self) -> dict[str, FloatArray]:
         """First integrals along the motion (n_t,) by name, to see how well they are kept.
 
         They are "energy" where no force, constraint or motion of the scene does work, and "p_x" = dT/dx_dot for each
-        coordinate x whose momentum nothing changes. They are found from the equations, not from the motion.
+        coordinate x whose momentum nothing changes. They are found from the equations, not from the motion. With
+        contacts they are those that hold in every phase; between phases they may jump.
         """
-        if self._monitors is None:
-            raise OptionError("this motion has no scene; use one that simulate returned")
-        return self._monitors(self._values.constants, self.elapsed, self.variables)
+        every = {id(part): part.invariants for part in self.parts}
+        common = [name for name in every[id(self.parts[0])] if all(name in found for found in every.values())]
+        return {name: self._joined(lambda part, name=name: every[id(part)][name]) for name in common}  # type: ignore[misc]
+
+    # -- the motion at other times ---------------------------------------------------------
+
+    @property
+    def _lasting(self) -> Sequence[Part]:
+        """Phases that take time, of which there is something to evaluate; where there are none, all."""
+        return [part for part in self._whole if part.phase is None or part.phase.t0 != part.phase.t1] or self._whole
 
     @property
     def can_evaluate(self) -> bool:
         """Whether the run can be evaluated between the recorded times."""
-        return self._dense is not None
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """See `Motion.names`."""
-        layout = self._program.layout
-        rates = (*layout.rates, *layout.state_rates)
-        listed = (*layout.coordinates, *rates, *layout.state, *layout.outputs, *ENERGIES)
-        return tuple(dict.fromkeys(listed))
-
-    @nesting_named
-    def __getitem__(self, key: Any) -> FloatArray:
-        layout = self._program.layout
-        name = layout.aliases.get(str(key), str(key))
-        found = self._values.named(name)
-        if found is not None:
-            return found
-        for output in (name, str(key)):
-            if output in layout.outputs:
-                return self._values.outputs[:, layout.outputs.index(output)].copy()
-        if name in layout.state_rates:
-            return self._values.state_rates[:, layout.state_rates.index(name)].copy()
-        if name in ENERGIES:
-            warn_of_energy(self._program, name)
-            kinetic, potential = self._values.energies.T
-            energies: dict[str, FloatArray] = {
-                "energy": kinetic + potential,
-                "kinetic_energy": kinetic,
-                "potential_energy": potential,
-            }
-            return energies[name]
-        known = unknown_name("output", str(key), dict.fromkeys(self.names))
-        raise UnknownNameError(known + reaction_hint(layout, name))
-
-    @property
-    def constraint_violation(self) -> FloatArray:
-        """Constraint residuals (n_t, n_constraints): positions of holonomic, velocities of nonholonomic ones."""
-        return self._values.residuals
-
-    @property
-    def velocity_violation(self) -> FloatArray:
-        """Velocity residual of each constraint, (n_t, n_constraints)."""
-        return self._values.velocity_residuals
+        return all(part.dense is not None for part in self._lasting)
 
     @nesting_named
     def __call__(self, t: Any) -> Trajectory:
-        """Return the motion at other times.
+        """Return the motion at other times; where a phase ends, or within rounding before, as the next one begins.
 
         Parameters
         ----------
@@ -213,133 +305,89 @@ class Trajectory(Motion):
         OptionError
             Outside the span of the run, or where ``dense=False`` left nothing to evaluate.
         """
-        times = times_of("t", t)
-        if self._dense is None:
-            raise OptionError("this run kept no dense output; simulate with dense=True to evaluate between its times")
-        own = self._own(times)
-        y = projected(self._program, self._c, own, self._dense(own))
-        motion = Trajectory(self._program, self._c, self.status, own, y, self.stats, self._dense)
-        motion.of_scene(self._scene).ended_at(self._end)
-        if self._begin is not None:
-            motion.counted_from(self._begin, times)
-        return motion if self._monitors is None else motion.with_monitors(self._monitors)
+        given = times_of("t", t)
+        if self.phases:
+            return self.at_elapsed(self._own(given), self._begin or 0.0, given)
+        part = self._whole[0]
+        return self._of_parts([part(self._own(given) if part.dense is not None else given)], given)
+
+    def at_elapsed(self, times: FloatArray, origin: float, given: FloatArray | None = None) -> Trajectory:
+        """Return a motion with phases at times (k,) since an origin, or at times as they were given."""
+        lasting = [*self._lasting]
+        if self._whole[-1] is not lasting[-1]:  # the state after an impact at the end
+            lasting.append(self._whole[-1])
+        first, last = lasting[0].span[0], lasting[-1].span[1]
+        forward = 1.0 if last >= first else -1.0
+        if np.any((times - last) * forward > 0.0) or np.any((times - first) * forward < 0.0):
+            start = self._begin or 0.0
+            raise OptionError(
+                f"times must lie within the span of the run, {start + first:.12g} to {start + last:.12g} s"
+            )
+        begins = np.array([part.span[0] for part in lasting]) * forward
+        place = np.clip(np.searchsorted(begins, times * forward, side="right") - 1, 0, len(begins) - 1)
+        until = last_instants(times, origin)
+        following = np.minimum(place + 1, len(begins) - 1)
+        begun = begins[following] - until * forward <= RESOLUTION * np.abs(begins[following])  # as `recorded_after`
+        place = np.where(begun, following, place)
+        inside = forward * np.maximum(times * forward, begins[place])  # of the phase that has begun by then
+        rows = [np.flatnonzero(place == number) for number in range(len(lasting))]
+        parts = [part(inside[some]) for part, some in zip(lasting, rows, strict=True) if len(some)]
+        parts = parts or [lasting[0].rows(np.arange(0))]
+        return self._of_parts(parts, times if given is None else given, np.argsort(np.concatenate(rows), kind="stable"))
 
     def _own(self, times: FloatArray) -> FloatArray:
         """Return times since the start of the run, as known of recorded ones; rounding takes none out of it."""
-        if self._begin is None or self._dense is None:
+        if self._begin is None:
             return times
         own = times - self._begin
         if len(self.t):
             sign = 1.0 if self.t[-1] >= self.t[0] else -1.0
             near = np.minimum(np.searchsorted(sign * self.t, sign * times), len(self.t) - 1)
             own = np.where(self.t[near] == times, self.elapsed[near], own)
-        first, last = sorted((float(self._dense.knots[0]), float(self._dense.knots[-1])))
+        lasting = self._lasting
+        first, last = sorted((lasting[0].span[0], lasting[-1].span[1]))
         inside = np.clip(own, first, last)
         return np.where(np.abs(own - inside) <= 4.0 * np.spacing(np.abs(times)), inside, own)
 
     def at(self, t: FloatArray, y: FloatArray) -> Trajectory:
-        """Return states y (k, n_y) of this scene at times t (k,) of the model that ran, by name."""
-        motion = Trajectory(self._program, self._c, self.status, t, y, self.stats, None)
-        return motion.of_scene(self._scene).ended_at(self._end if self._dense is None else float(self._dense.knots[-1]))
+        """Return states y (k, n_y) of this motion, which has no phases, at times t (k,) of the model that ran."""
+        return Trajectory([self.parts[0].at(t, y)], self.status, self.stats)
 
     def rows(self, some: NDArray[np.intp]) -> Trajectory:
         """Return the motion at some of the recorded times, by number (k,)."""
-        motion = self.at(self.elapsed[some], self.y[some])
-        return motion if self._begin is None else motion.counted_from(self._begin, self.t[some])
+        sizes = [len(part.t) for part in self.parts]
+        ends = np.cumsum([0, *sizes])
+        rows = (np.arange(ends[-1]) if self._order is None else self._order)[some]
+        parts, order = [], []
+        for part, first, last in zip(self.parts, ends, ends[1:], strict=False):
+            mine = np.flatnonzero((first <= rows) & (rows < last))
+            order.append(mine)
+            parts.append(part.rows(rows[mine] - first))
+        back = np.argsort(np.concatenate(order), kind="stable")
+        return self._of_parts(parts, self.t[some], back)
 
-    def with_events(self, names: Sequence[str], occurrences: Sequence[Occurrence]) -> Trajectory:
-        """Return this motion with the events that occurred on it."""
-        self.events = event_records(names, occurrences, self, self._program.layout.aliases)
-        return self
+    def _compared(self, twin: Trajectory) -> NamedArrays:
+        return SamePhases(self, twin) if self.phases else twin
+
+    # -- how it is shown -------------------------------------------------------------------
+
+    plot = plots.plot
+    animate = plots.animate
+    to_xarray = labels.to_xarray
 
     def __repr__(self) -> str:
         span = f"t = {self.t[0]:g} .. {self.t[-1]:g}, " if len(self.t) else ""
-        return f"<Trajectory {self._program.name!r}: {span}{len(self.t)} times, {self.status.name}>"
+        phases = f"{len(self.phases)} phases, " if self.phases else ""
+        return f"<Trajectory {self.name!r}: {span}{len(self.t)} times, {phases}{self.status.name}>"
 
-    def to_xarray(self, units: Mapping[Any, str] | None = None) -> xarray.Dataset:
-        """Return the motion as an ``xarray.Dataset`` over ``time``: coordinates, rates, states, outputs, energy.
+    def _repr_html_(self) -> str:
+        facts = [("status", f"{self.status.name}. {self.message}")]
+        if len(self.t):
+            facts.append(("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} times"))
+        facts.append(("method", f"{self.stats.method}, {self.stats.steps} steps, {self.stats.rejected} rejected"))
+        names = dict.fromkeys((*self._layout.variables, *self._layout.outputs))
+        rows = ranges(names, (self[name] for name in names)) if len(self.t) else []
+        return summary(repr(self)[1:-1], facts, ("name", "least", "largest", "last"), rows)
 
-        Its attributes are the scene, formulation, status, method, tolerances, parameters (as JSON) and version.
-
-        Parameters
-        ----------
-        units : mapping of symbols or names to str, optional
-            Units of what the data set holds, and of parameters: ``{x: "m", "x_dot": "m/s", "m": "kg"}``.
-
-        Raises
-        ------
-        MissingExtraError
-            Without the package.
-        UnknownNameError, OptionError
-            For units of what is not there, or that are no texts.
-        """
-        layout = self._program.layout
-        names = dict.fromkeys((*layout.variables, *layout.outputs, "energy"))
-        values = dict(zip(layout.parameters, self._first.tolist(), strict=False))
-        given = {name: values[name] for name in layout.given}
-        return self._dataset(self._program.name, {name: ("time", self[name]) for name in names}, given, units)
-
-
-def joined_variables(motions: Sequence[Trajectory]) -> FloatArray:
-    """Return the variables of motions one after the other, those of one program computed together."""
-    found = [np.empty((0, 0))] * len(motions)
-    together: dict[int, list[int]] = {}
-    for i, motion in enumerate(motions):
-        if isinstance(motion._c, Segments) or motion._c.ndim != 1 or motion._wrapped is not None:
-            found[i] = motion.variables
-        else:
-            together.setdefault(id(motion._program), []).append(i)
-    for some in together.values():
-        own = [motions[i] for i in some]
-        if len(own) == 1:
-            found[some[0]] = own[0].variables
-            continue
-        t, y = np.concatenate([motion.elapsed for motion in own]), np.concatenate([motion.y for motion in own])
-        sizes = [len(motion.elapsed) for motion in own]
-        c = np.repeat(np.array([motion._c for motion in own]), sizes, axis=0)
-        values = KernelValues(own[0]._program, c, t, y, None).variables
-        for i, last, size in zip(some, np.cumsum(sizes).tolist(), sizes, strict=True):
-            found[i] = values[last - size : last]
-    return np.concatenate(found)
-
-
-def joined_runs(runs: Sequence[Trajectory], labels: Sequence[str], *, right: bool) -> Trajectory:
-    """Return one motion from runs of one program, each of which continues the one before with other constants.
-
-    Parameters
-    ----------
-    runs : sequence of Trajectory
-    labels : sequence of str
-        Names of the events that are kept.
-    right : bool
-        Whether steps hold the states behind the joints, not those before them.
-    """
-    first, last = runs[0], runs[-1]
-    if len(runs) == 1:
-        return first
-    parts = [
-        Solution(
-            status=run.status,
-            t=run.elapsed,
-            y=run.y,
-            steps=run.stats.steps,
-            rejected=run.stats.rejected,
-            evaluations=run.stats.evaluations,
-            dense=run._dense,
-            wrapped=run._wrapped,
-        )
-        for run in runs
-    ]
-    whole = joined(parts, recorded=False, right=right)
-    edges = np.array([run.elapsed[0] for run in runs] + [last.elapsed[-1]])
-    c = Segments(edges, np.array([constants_at(run._c, run.elapsed[:1]).reshape(-1) for run in runs]))
-    stats = replace(last.stats, steps=whole.steps, rejected=whole.rejected, evaluations=whole.evaluations)
-    found = Trajectory(first._program, c, last.status, whole.t, whole.y, stats, whole.dense)
-    found._monitors, found._scene, found._wrapped, found._end = first._monitors, first._scene, whole.wrapped, last._end
-    occurrences = [
-        Occurrence(e, float(t), before, after, int(sign))
-        for run in runs
-        for e, record in enumerate(run.events[label] for label in labels)
-        for t, before, after, sign in zip(record.t, record.before.y, record.after.y, record.direction, strict=True)
-    ]
-    return found.with_events(labels, sorted(occurrences, key=lambda one: abs(one.t - first.elapsed[0])))
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.names)

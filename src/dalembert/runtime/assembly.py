@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -20,7 +20,12 @@ from ..errors import InitialStateError, list_names
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from .constraint_rank import row_lengths
+from .inputs import constants
+from .segment_constants import at_time
 from .state_sizes import distance_sizes, least_speed
+
+if TYPE_CHECKING:
+    from .model import CompiledModel
 
 __all__ = ["assembled", "nearest"]
 
@@ -93,6 +98,15 @@ class _Constraints:
             f"{label}: {value * length:.3g} is left" for label, value, limit, length in rows if not abs(value) <= limit
         ]
         return "\n  ".join(open_)
+
+
+def assembled_by(
+    model: CompiledModel, t: float, guess: Mapping[str, float], parameters: Mapping[Any, Any], fixed: Collection[str]
+) -> dict[str, float]:
+    """Return consistent initial values of a model of one mode near a guess."""
+    program = model.stages.program
+    c = constants(program, model.parameter_vector(parameters))
+    return assembled(program, at_time(program, c, t), t, guess, fixed)
 
 
 def assembled(

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..integrators.problem import IntegrationProblem
 from ..methods.status import Status
-from ..results.motion import RunStatistics
-from ..results.trajectory import Trajectory
+from ..results.parts import Part
+from ..results.trajectory import RunStatistics, Trajectory
 from . import inputs
 from .constraint_rank import nearly_redundant, redundant, singular_start
 from .initial_states import initial_state, pivots_vanish, vanishing_pivots
@@ -40,8 +40,9 @@ def independent_model(
     statistics = RunStatistics(method, 0, 0, 0, 0.0, time.perf_counter() - begin, note)
     times = np.array([problem.t0]) if problem.t_eval is None else problem.t_eval[problem.t_eval == problem.t0]
     states = np.repeat(problem.y0[np.newaxis], len(times), axis=0)
-    run = Trajectory(program, problem.constants, Status.SINGULAR_CONFIGURATION, times, states, statistics, None)
-    return run.of_scene(model.stages.scene).with_monitors(model.monitors).ended_at(problem.t0)
+    about = None, problem.t0, model.stages.scene, model.monitors
+    part = Part(program, problem.constants, times, states, *about)
+    return Trajectory((part,), Status.SINGULAR_CONFIGURATION, statistics)
 
 
 def divisible_model(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,18 @@ from ..arrays import FloatArray
 from ..integrators.problem import times_wanted
 from ..scene.elapsed import Offset, time_symbol, timed
 from ..scene.symbol_table import SymbolTable
+from .event_parameters import moving_events
+from .inputs import named_parameters
 
 if TYPE_CHECKING:
     from ..integrators.event_code import Event
-    from .base import Model
+    from .model import CompiledModel
     from .reductions import Reduction
 
 __all__ = [
     "ElapsedRequest",
     "begins_elsewhere",
+    "check_watched",
     "elapsed_request",
     "elapsed_times",
     "extension",
@@ -38,8 +41,6 @@ __all__ = [
     "offset_values",
     "with_offsets",
 ]
-
-M = TypeVar("M", bound="Model[Any, Any]")
 
 FAR = 16.0
 """Times that are larger than this many spans count as far from zero: below, the rounding of both is much the same."""
@@ -116,28 +117,39 @@ def elapsed_request(
     return None if other and not np.any(far(*span)) else ElapsedRequest(other, watched, own, reductions)
 
 
-def in_elapsed_time(model: M, t0: Any, t1: Any, events: Any = (), reduce: Any = None) -> tuple[M | None, Any, Any]:
+def in_elapsed_time(
+    model: CompiledModel, t0: Any, t1: Any, events: Any = (), reduce: Any = None
+) -> tuple[CompiledModel | None, Any, Any]:
     """Return the model that runs a span, or many, in the time since its start; None where time is left as it is.
 
     Events and reductions are returned as that model takes them.
     """
-    found = elapsed_request(model._equations.symbols, (t0, t1), events, reduce)
+    found = elapsed_request(model.equations.symbols, (t0, t1), events, reduce)
     if found is None:
         return None, events, reduce
     if not found.other:
         return model, events, reduce
     if found.watched:
-        model._check_watched(events, reduce)  # errors are about the values as they were given
-    return model._in_elapsed_time(found.watched), found.events, found.reductions
+        check_watched(model, events, reduce)  # errors are about the values as they were given
+    return model.variants.in_elapsed_time(found.watched), found.events, found.reductions
 
 
-def with_offsets(model: M, other: M, start: float, parameters: Mapping[Any, Any]) -> Mapping[Any, Any]:
+def check_watched(model: CompiledModel, events: Any, reduce: Any) -> None:
+    """Refuse events and reductions that cannot be watched, as a run does."""
+    if model.modes is not None:
+        moving_events(model.layout, events)
+        model = model.modes.model(model.modes.open_mode)
+    model.derived.events(events, reduce)
+
+
+def with_offsets(
+    model: CompiledModel, other: CompiledModel, start: float, parameters: Mapping[Any, Any]
+) -> Mapping[Any, Any]:
     """Return parameters with those that another model of the scene has for a start."""
-    offsets = other._equations.symbols.offsets
+    offsets = other.equations.symbols.offsets
     if not offsets:
         return parameters
-    values = dict(zip(model.layout.parameters, model.parameter_vector(parameters).tolist(), strict=True))
-    return {**parameters, **offset_values(offsets, start, values)}
+    return {**parameters, **offset_values(offsets, start, named_parameters(model, parameters))}
 
 
 def offset_values(offsets: Sequence[Offset], start: float, parameters: Mapping[str, float]) -> dict[str, float]:

@@ -1,24 +1,25 @@
-"""Parameters that stand only in events and reductions: given with a run, and not in the scene."""
+"""Expressions of events and reductions of runs, and the parameters that stand only in them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
+from ..errors import ExpressionError
 from ..scene.expressions import symbols_called
 
 if TYPE_CHECKING:
+    from ..integrators.event_code import Event
+    from ..ir.program import Layout
     from ..results.sampler import CaseSet
-    from .base import Model
+    from .model import CompiledModel
 
-__all__ = ["watched_expressions", "with_event_parameters"]
-
-M = TypeVar("M", bound="Model[Any, Any]")
+__all__ = ["moving_events", "watched_expressions", "with_event_parameters"]
 
 
 def with_event_parameters(
-    model: M, parameters: Mapping[Any, Any], events: Any, reduce: Any = None, grid: CaseSet | None = None
-) -> M:
+    model: CompiledModel, parameters: Mapping[Any, Any], events: Any, reduce: Any = None, grid: CaseSet | None = None
+) -> CompiledModel:
     """Return the model whose parameters include those that events and reductions of a run bring; itself without any.
 
     They are the symbols of events and reductions that are given, and that the scene does not have. What is given and
@@ -35,7 +36,7 @@ def with_event_parameters(
     if not further:
         return model
     found = symbols_called(further, watched_expressions(events, reduce, layout.aliases))
-    return model._with_parameters(found) if found else model
+    return model.variants.with_parameters(found) if found else model
 
 
 def watched_expressions(events: Any, reduce: Any, aliases: Mapping[str, str]) -> Iterable[Any]:
@@ -48,3 +49,26 @@ def watched_expressions(events: Any, reduce: Any, aliases: Mapping[str, str]) ->
         yield from (event.apply or {}).values()
     for reduction in reduction_table(reduce, aliases).values():
         yield reduction.expression
+
+
+def moving_events(layout: Layout, events: Any) -> tuple[Event, ...]:
+    """Return events, each of which moves in some mode.
+
+    Raises
+    ------
+    ExpressionError
+        For those that are constant along every motion.
+    """
+    from ..integrators.event_code import event_list
+
+    listed = event_list(events, layout.aliases)
+    for event in listed:
+        watched = event.expression
+        inside = getattr(watched, "free_symbols", ())
+        names = {watched} if isinstance(watched, str) else {str(symbol) for symbol in inside}
+        if names <= {*layout.parameters}:
+            raise ExpressionError(
+                f"event {event.label!r} is constant along every motion, so that nothing can be watched: write it"
+                " in coordinates, rates, outputs or time"
+            )
+    return listed

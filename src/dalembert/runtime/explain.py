@@ -33,6 +33,13 @@ _RTOL = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 
 def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
     """Return the explanation of a compiled model as text; see `CompiledModel.explain`."""
+    if model.modes is not None:
+        contacts = list_names(model.contacts)
+        lines = [f"{model.name}: contacts {contacts}; a model for each mode, compiled when it is met"]
+        for mode, each in model.modes.compiled.items():
+            states = ", ".join(f"{name}: {state}" for name, state in model.modes.named(mode).items())
+            lines += ["", f"mode {states}", explain(each, passes=passes, formulations=formulations)]
+        return "\n".join(lines)
     stages, methods = model.stages, model.method_descriptions
     program, layout = stages.program, stages.program.layout
     automatic = {rtol: model.choose_method("auto", rtol, rtol) for rtol in _RTOL}

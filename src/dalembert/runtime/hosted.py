@@ -2,35 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
 from ..arrays import FloatArray
 from ..codegen.host_runs import HostedRuns, HostRun
-from ..errors import InitialStateError, list_names
+from ..errors import InitialStateError, OptionError, list_names, unknown_name
 from ..integrators.event_code import Event, event_list
 from ..integrators.samples import Samples, samples
 from ..ir.input_parameters import coefficient_places
-from ..ir.program import Layout
 from ..methods.status import Status
 from ..options import SolveOptions
 from ..scene.expressions import symbols_called
 from ..scene.symbol_table import InputSymbol
+from .elapsed import check_watched
 from .event_parameters import watched_expressions
 from .hosted_records import record_statuses
 from .reductions import Reduction, reduction_table
 
 if TYPE_CHECKING:
-    from .base import Model
-    from .hybrid import HybridModel
     from .model import CompiledModel
 
-__all__ = ["METHODS", "HostRuns", "hosted_runs", "hybrid_runs", "with_symbols"]
-
-T = TypeVar("T")
+__all__ = ["METHODS", "HostRuns", "hosted_runs", "with_symbols"]
 
 _BACKEND = "llvm"
 METHODS: Mapping[str, str] = {
@@ -50,7 +46,7 @@ class HostRuns:
 
     Attributes
     ----------
-    model : Model
+    model : CompiledModel
         Of the scene, on the compiled backend.
     given : tuple of str
         Names of the given initial values.
@@ -64,7 +60,7 @@ class HostRuns:
         Method, tolerances and limits of steps.
     """
 
-    model: Model[Any, Any]
+    model: CompiledModel
     given: tuple[str, ...]
     columns: tuple[str, ...]
     inputs: tuple[InputSymbol, ...]
@@ -191,20 +187,21 @@ def _alike(rows: FloatArray, cases: Any) -> list[Any]:
     return [cases[group.ravel() == i] for i in range(len(found))]
 
 
-def with_symbols(model: T, layout: Layout, events: Any, reduce: Any, make: Callable[[tuple[Any, ...]], T]) -> T:
-    """Return `make` of the symbols that only events and reductions contain; `model` without any."""
+def with_symbols(model: CompiledModel, events: Any, reduce: Any) -> CompiledModel:
+    """Return the model that has the symbols, too, which only events and reductions contain; itself without any."""
+    layout = model.layout
     expressions = list(watched_expressions(events, reduce, layout.aliases))
     known = {*layout.parameters, *layout.variables, *layout.state, *layout.inputs, *layout.outputs, "t"}
     free = {str(symbol) for each in expressions for symbol in getattr(each, "free_symbols", ())}
     further = {name for name in free if layout.aliases.get(name, name) not in known}
     found = symbols_called(further, expressions) if further else ()
-    return make(found) if found else model
+    return model.variants.with_parameters(found) if found else model
 
 
 def hosted_runs(
     model: CompiledModel, given: Iterable[str] | None, method: str, options: SolveOptions, events: Any, reduce: Any
 ) -> HostedRuns | None:
-    """Return the host's part of a traced function with events or reductions; None for those that have none.
+    """Return the host's part of a traced function with events, reductions or contacts; None for those without.
 
     Raises
     ------
@@ -213,67 +210,29 @@ def hosted_runs(
     UnknownNameError, ExpressionError
         For expressions that cannot be watched.
     """
-    code = model.derived.events(events, reduce)
-    if code is None:
-        return None
-    layout, inputs = model.layout, model._inputs
-    runner = _runner(model.variants.on_backend(_BACKEND), layout.state, given, method, options, events, reduce)
-    watched, refusal = (code.watch.values, code.watch.begins), _refusal(model, runner.events, runner.reductions)
-    return HostedRuns(runner, layout, inputs, layout.state, watched, _terminal(runner), refusal)
-
-
-def hybrid_runs(
-    model: HybridModel,
-    given: Iterable[str] | None,
-    method: str,
-    options: SolveOptions,
-    events: Any,
-    reduce: Any,
-) -> HostedRuns:
-    """Return the host's part of a traced function in which contacts change.
-
-    Raises
-    ------
-    OptionError
-        For what such runs do not serve.
-    UnknownNameError, ExpressionError
-        For expressions that cannot be watched.
-    """
-    layout, contacts = model.layout, list_names(model.contacts)
-    refusal = (
-        f"derivatives across changes of contacts ({contacts}) are not computed: differentiate runs of one mode, such as"
-        " model.mode().solve_fn(), or take differences of runs"
-    )
-    model._check_watched(events, reduce)
-    runner = _runner(model.on_backend(_BACKEND), layout.variables, given, method, options, events, reduce)
-    return HostedRuns(runner, layout, model._inputs, layout.variables, None, _terminal(runner), refusal)
-
-
-def _runner(
-    twin: Model[Any, Any],
-    state: tuple[str, ...],
-    given: Iterable[str] | None,
-    method: str,
-    options: SolveOptions,
-    events: Any,
-    reduce: Any,
-) -> HostRuns:
-    """Return the runs of a model of the compiled backend."""
-    layout = twin.layout
-    return HostRuns(
+    layout, watched = model.layout, None
+    if model.modes is not None:
+        if method not in METHODS:
+            raise OptionError(unknown_name("method", str(method), METHODS))
+        check_watched(model, events, reduce)
+    else:
+        code = model.derived.events(events, reduce)
+        if code is None:
+            return None
+        watched = code.watch.values, code.watch.begins
+    twin = model.variants.on_backend(_BACKEND)
+    runner = HostRuns(
         twin,
-        tuple(layout.variables if given is None else given),
-        (*state, *layout.coordinates, *layout.rates, *layout.outputs),
-        twin._inputs,
+        tuple(layout.state if given is None else given),
+        (*layout.state, *layout.coordinates, *layout.rates, *layout.outputs),
+        model.inputs,
         event_list(events, layout.aliases),
         reduction_table(reduce, layout.aliases),
         _options(method, options),
     )
-
-
-def _terminal(runner: HostRuns) -> tuple[bool, ...]:
-    """Return whether each event may end a run."""
-    return tuple(bool(event.terminal) for event in runner.events)
+    terminal = tuple(bool(event.terminal) for event in runner.events)
+    refusal = _refusal(model, runner.events, runner.reductions)
+    return HostedRuns(runner, layout, model.inputs, layout.state, watched, terminal, refusal)
 
 
 def _options(method: str, options: SolveOptions) -> dict[str, Any]:
@@ -289,6 +248,11 @@ def _options(method: str, options: SolveOptions) -> dict[str, Any]:
 
 def _refusal(model: CompiledModel, events: tuple[Event, ...], table: Mapping[str, Reduction]) -> str:
     """Return why runs have no derivatives; nothing where they have."""
+    if model.modes is not None:
+        return (
+            f"derivatives across changes of contacts ({list_names(model.contacts)}) are not computed: differentiate"
+            " runs of one mode, such as model.mode().solve_fn(), or take differences of runs"
+        )
     jumps = [event.label for event in events if event.apply is not None]
     if jumps:
         return (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,6 +29,9 @@ from ..values import listed, number, traced_note
 from .symbol_assumptions import ROUNDING, refuse_contradictions
 from .vanished_constraints import vanished_text
 
+if TYPE_CHECKING:
+    from .model import CompiledModel
+
 __all__ = [
     "FLOOR",
     "IMPLICIT_FLOOR",
@@ -37,6 +40,7 @@ __all__ = [
     "given_values",
     "guessed_values",
     "in_order",
+    "named_parameters",
     "parameter_text",
     "parameter_values",
     "parameter_vector",
@@ -149,6 +153,11 @@ def warn_below_floor(rtol: float, atol: float, program: Program | None = None, m
             f" {floor:g}",
             PrecisionWarning,
         )
+
+
+def named_parameters(model: CompiledModel, parameters: Mapping[Any, Any]) -> dict[str, float]:
+    """Return the parameters of a model by name, those of the inputs among them, checked."""
+    return dict(zip(model.layout.parameters, model.parameter_vector(parameters).tolist(), strict=True))
 
 
 def parameter_values(layout: Layout, parameters: Mapping[Any, Any]) -> dict[str, float]:

@@ -73,7 +73,7 @@ def linearize_period(
     states: Sequence[str] | None,
     outputs: Iterable[Any] | None,
 ) -> DiscreteLinearization:
-    """Return the linearised map over the period of the controllers from t on; see `Model.linearize`."""
+    """Return the linearised map over the period of the controllers from t on; see `CompiledModel.linearize`."""
     requested = None if outputs is None else output_names(model.layout, outputs)
     other = in_elapsed_time(model, t, t + 1.0)[0] if begins_elsewhere(t, t + 1.0) else None
     begin, given = t, parameters

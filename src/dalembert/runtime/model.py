@@ -2,51 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from html import escape
+from types import MethodType
 from typing import TYPE_CHECKING, Any, cast, final
 
 from ..arrays import FloatArray
 from ..codegen import backend_named
 from ..codegen.base import Capability, Engine
-from ..errors import OptionError, list_names, unknown_name
+from ..errors import CapabilityError, OptionError, list_names, unknown_name
 from ..ir.program import Layout, representative
 from ..mechanics.equations import EquationsOfMotion
 from ..once import derived_property, once_property
-from ..options import (
-    CompileOptions,
-    PrepareOptions,
-    SensitivityOptions,
-    StoreOptions,
-    SweepOptions,
-    TrimOptions,
-)
-from ..pipeline import Compiled, Stages, compile_equations, derive_scene
-from ..results.trajectory import Trajectory
+from ..options import CompileOptions
+from ..pipeline import Compiled, SeveralModes, Stages, compile_scene
 from ..scene import Scene
 from ..values import tolerances
 from . import inputs as run_input
-from .base import Given, Model
-from .capabilities import refusal, require
+from .capabilities import require
 from .derived import Derived
 from .engines import engine_of
-from .initial_states import initial_state
-from .interface import motions, states, traced
-from .segment_constants import at_time
-from .simulate import simulate_in_own_time
+from .interface import derivatives, evaluation, motions, states, sweeps, traced
+from .symbol_assumptions import ROUNDING
+from .value_reader import ValueReader
 from .variants import Variants
 
 if TYPE_CHECKING:
     from ..codegen.base import FunctionEngine, TracedEngine
-    from ..codegen.runs import Prepared
     from ..hybrid.modes import Mode
-    from ..results.discrete_linearization import DiscreteLinearization
-    from ..results.linearization import Linearization
-    from ..results.operating_point import OperatingPoint
-    from ..results.sensitivity import Sensitivity
-    from ..results.sweep import Sweep
-    from .input_values import GivenInputs
+    from ..scene.model import ControllerModel
+    from ..scene.symbol_table import InputSymbol
+    from .hybrid.mode_models import ModeModels
     from .run_check import RunCheck
 
 __all__ = ["CompiledModel"]
@@ -56,16 +43,48 @@ _MOST_CHOSEN = 64
 
 
 @final
-@dataclass(frozen=True, eq=False, repr=False)
-class CompiledModel(Model[Trajectory, "Sweep"]):
+class _OfOneMode:
+    """Method that models with several modes do not have: their `__getattr__` says so."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function, self.__doc__ = function, function.__doc__
+
+    def __get__(self, model: CompiledModel | None, owner: type) -> Any:
+        if model is None:
+            return self.function
+        if model.modes is not None:
+            raise AttributeError
+        return MethodType(self.function, model)
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class CompiledModel:
     """A scene compiled for one backend in one formulation.
 
-    It holds what was compiled and does not change; `simulate`, `sweep`, `prepare`, `sensitivity`, `linearize` and
-    `explain` are functions over it, in modules of these names. Models of equal programs are equal: compiled code that
-    JAX keeps for one serves the other.
+    It holds what was compiled and does not change. Its methods are functions over it, in `dalembert.runtime.interface`.
+    Models of equal programs are equal: compiled code that JAX keeps for one serves the other.
+
+    A scene whose contacts change between sliding, sticking and being open has a model for each mode, made when it is
+    needed (`mode`), and no stages of its own. Its `mass_matrix`, `forcing` (without the forces of the contacts) and
+    `constraint_jacobian` (of the constraints that hold whatever the contacts do) are the same in all modes.
+    `accelerations` are those of the mode that a state decides, and `linearize` is that of this mode alone.
 
     Attributes
     ----------
+    layout : Layout
+        Names of everything that arrays hold; with contacts that change, the state is coordinates, rates and first-order
+        states.
+    equations : EquationsOfMotion
+        The equations of the scene, in a mode those of the mode.
+    options : CompileOptions
+        Options of the compilation.
+    inputs, controllers : tuple
+        Inputs and controllers of the scene.
+    variants : Variants
+        Other models of the scene that runs need, compiled on demand, and kept.
+    modes : ModeModels or None
+        Models of the modes; None for a scene whose contacts do not change, and for a mode. Then there are, too:
     stages : Stages
         Every object of the pipeline, from the scene to the rendered module.
     engine : Engine
@@ -74,45 +93,120 @@ class CompiledModel(Model[Trajectory, "Sweep"]):
         Integration methods by name, each with one line of description.
     dropped : tuple of int
         Constraints that are not enforced, because they follow from the others around the start of a run.
-    layout : Layout
-        Names of everything that arrays hold.
     derived : Derived
         Kernels and facts that are derived on demand, and kept.
-    variants : Variants
-        Other models of the scene that runs need, compiled on demand, and kept.
     """
 
+    equations: EquationsOfMotion
+    layout: Layout
+    options: CompileOptions
+    inputs: tuple[InputSymbol, ...]
+    controllers: tuple[ControllerModel, ...]
+    variants: Variants
+    modes: ModeModels | None
     stages: Stages
     engine: Engine
     method_descriptions: Mapping[str, str]
     dropped: tuple[int, ...]
     derived: Derived
-    variants: Variants
-    layout: Layout = field(init=False)
-    _chosen: dict[tuple[float, float, bool], str] = field(init=False, default_factory=dict)
+    _chosen: dict[tuple[float, float, bool], str]
 
-    compare_formulations = motions.compare_formulations
-    expand = states.expand
+    parameter_vector = states.parameter_vector
+    initial_values = states.initial_values
+    state = states.state
+    expand = _OfOneMode(states.expand)
+    assemble = states.assemble
+    mass_matrix = evaluation.mass_matrix
+    forcing = evaluation.forcing
+    constraint_jacobian = evaluation.constraint_jacobian
+    accelerations = evaluation.accelerations
+    simulate = motions.simulate
+    sweep = sweeps.sweep
+    prepare = motions.prepare
+    compare_formulations = _OfOneMode(motions.compare_formulations)
+    sensitivity = derivatives.sensitivity
+    linearize = derivatives.linearize
+    trim = derivatives.trim
     solve_fn = traced.solve_fn
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "layout", self.stages.program.layout)
-        self.engine.accept_as_static(CompiledModel)
+    def __init__(self, source: Stages | ModeModels, variants: Variants, **of_one_mode: Any) -> None:
+        """Initialise a model of modes, or of stages with `engine`, `method_descriptions`, `dropped` and `derived`."""
+        if isinstance(source, Stages):
+            about: dict[str, Any] = {"stages": source, "modes": None, "_chosen": {}}
+            layout, options = source.program.layout, source.options
+        else:
+            about, layout, options = {"modes": source}, source.layout, source.several.options
+        equations = source.equations
+        about |= {"equations": equations, "layout": layout, "options": options, "variants": variants}
+        given = {"inputs": equations.symbols.inputs, "controllers": equations.controllers}
+        self.__dict__.update(about | given | of_one_mode)
 
     @classmethod
-    def of(cls, compiled: Compiled, dropped: tuple[int, ...] = ()) -> CompiledModel:
-        """Return the model of a scene that went through all stages."""
+    def of(cls, compiled: Compiled | SeveralModes, dropped: tuple[int, ...] = ()) -> CompiledModel:
+        """Return the model of a scene that went through all stages, or of one with several modes."""
+        if isinstance(compiled, SeveralModes):
+            from .hybrid.mode_models import ModeModels  # imported where there are contacts, because it takes a while
+
+            return cls(ModeModels(compiled, cls.of), Variants(compiled, (), cls.of))
         stages = compiled.stages
         derived, variants = Derived(stages, compiled.engine), Variants(stages, dropped, cls.of)
-        return cls(stages, engine_of(compiled, derived.start), compiled.methods, dropped, derived, variants)
+        engine = engine_of(compiled, derived.start)
+        engine.accept_as_static(cls)
+        about = {"method_descriptions": compiled.methods, "dropped": dropped, "derived": derived}
+        return cls(stages, variants, engine=engine, **about)
 
     @once_property
     def for_segments(self) -> CompiledModel:
         """The model for parts of runs that end where functions of time break, and between acts of controllers."""
-        program = replace(self.stages.program, conditions=None)
-        stages = replace(self.stages, program=program)
+        about = {name: getattr(self, name) for name in ("method_descriptions", "dropped", "derived")}
         variants = Variants(self.stages, self.dropped, lambda *compiled: CompiledModel.of(*compiled).for_segments)
-        return replace(self, stages=stages, engine=self.engine.for_segments, variants=variants)
+        stages = replace(self.stages, program=replace(self.stages.program, conditions=None))
+        return CompiledModel(stages, variants, engine=self.engine.for_segments, **about)
+
+    # -- the modes of contacts -------------------------------------------------------------
+
+    @property
+    def contacts(self) -> tuple[str, ...]:
+        """Names of the contacts of the scene."""
+        derivation = self.stages.derivation if self.modes is None else self.modes.several.derivation
+        return tuple(contact.name for contact in derivation.equations.contacts)
+
+    def mode(self, **states: str) -> CompiledModel:
+        """Return the model of one mode: an ordinary one, without events; the model itself where it has one mode.
+
+        Parameters
+        ----------
+        **states : str
+            For each contact "slip", "stick", "closed" or "open"; contacts that are left out slip, or are closed.
+            Directions of slip are further parameters of the model, see ``layout.parameters``.
+
+        Raises
+        ------
+        OptionError
+            For contacts that do not exist, and states that they do not have.
+        """
+        unknown = [name for name in states if name not in self.contacts]
+        if unknown:
+            raise OptionError(
+                f"no contact is called {list_names(map(repr, unknown))}; known: {list_names(self.contacts)}"
+            )
+        mode = []
+        for i, contact in enumerate(self.contacts):
+            able = (cast("Mode", self.stages.mode)[i],) if self.modes is None else self.modes.automaton.states(i)
+            state = states.get(contact, able[0])
+            if state not in able:
+                raise OptionError(f"contact {contact!r} cannot be {state!r}; it can be: {list_names(able)}")
+            mode.append(state)
+        return self if self.modes is None else self.modes.model(tuple(mode))
+
+    def __getattr__(self, name: str) -> Any:
+        hint, known = "", name in CompiledModel.__annotations__ or hasattr(CompiledModel, name)
+        if known and not name.startswith("_") and self.__dict__.get("modes") is not None:
+            hint = (
+                f" of its own, because its contacts change what it is; ask the model of one mode, such as"
+                f" model.mode().{name}, or model.mode({self.contacts[0]}='open').{name}"
+            )
+        raise AttributeError(f"a {type(self).__name__} has no {name!r}{hint}")
 
     # -- what was compiled -----------------------------------------------------------------
 
@@ -126,22 +220,25 @@ class CompiledModel(Model[Trajectory, "Sweep"]):
     @property
     def name(self) -> str:
         """Name of the scene."""
-        return self.stages.program.name
+        return self.equations.name
 
     @property
     def backend(self) -> str:
         """Name of the backend."""
-        return self.stages.rendered.backend
+        return self.options.backend
 
     @property
     def formulation(self) -> str:
-        """Name of the formulation."""
-        return self.stages.program.formulation
+        """Name of the formulation; with several modes the requested one, and each mode has its own."""
+        return self.stages.program.formulation if self.modes is None else self.options.formulation
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """Integration methods of the backend, other than "auto"."""
-        return tuple(self.method_descriptions)
+        """Integration methods of the backend, other than "auto"; those that serve every mode compiled so far."""
+        if self.modes is None:
+            return tuple(self.method_descriptions)
+        every = [model.methods for model in self.modes.compiled.values()]
+        return tuple(name for name in every[0] if all(name in methods for methods in every))
 
     @property
     def note(self) -> str:
@@ -153,9 +250,13 @@ class CompiledModel(Model[Trajectory, "Sweep"]):
 
     @property
     def source(self) -> str:
-        """The generated code that runs by default, by the method "auto" at the default tolerances."""
-        return self.stages.rendered.source
+        """The generated code that runs by default, by "auto" at the default tolerances; of all modes so far."""
+        if self.modes is None:
+            return self.stages.rendered.source
+        every = self.modes.compiled.items()
+        return "\n\n".join(f"# mode {self.modes.named(mode)}\n\n{model.source}" for mode, model in every)
 
+    @_OfOneMode
     def source_of(self, method: str = "auto", rtol: float = 1e-8, atol: float = 1e-10) -> str:
         """Return the generated code that `simulate` runs by a method at some tolerances.
 
@@ -202,8 +303,10 @@ class CompiledModel(Model[Trajectory, "Sweep"]):
         Raises
         ------
         CapabilityError
-            For another backend, and for scenes whose functions of time a run takes piece by piece.
+            For another backend, for scenes whose functions of time a run takes piece by piece, and for several modes.
         """
+        if self.modes is not None:
+            raise CapabilityError(f"{self.name!r} has kernels for each mode of its contacts: see mode(...).kernels")
         require(self.backend, self.stages.program, Capability.KERNEL_FUNCTIONS)
         return cast("FunctionEngine", self.engine).functions
 
@@ -240,13 +343,10 @@ class CompiledModel(Model[Trajectory, "Sweep"]):
         require(self.backend, self.stages.program, Capability.STATE_FUNCTIONS)
         return cast("TracedEngine", self.engine).state_functions
 
-    @property
-    def _traced_functions(self) -> Any:
-        served = not refusal(self.backend, self.stages.program, Capability.STATE_FUNCTIONS)
-        return cast("TracedEngine", self.engine).state_functions if served else None
-
     def explain(self, *, passes: bool = False, formulations: bool = False) -> str:
         """Return, in a few lines, what was chosen and why, what was left out, and operation counts.
+
+        With contacts that change it says so of every mode compiled so far.
 
         Parameters
         ----------
@@ -271,105 +371,38 @@ class CompiledModel(Model[Trajectory, "Sweep"]):
     @once_property
     def _identity(self) -> tuple[Any, ...]:
         """The parts that decide whether models are equal: then compiled code of one serves the other."""
+        if self.modes is not None:
+            return id(self), id(self)
         program = representative(self.stages.program)
         return program, hash(program), self.backend, self.dropped, self.stages.kept
 
     def __repr__(self) -> str:
-        return f"<CompiledModel {self.name!r}: {self.formulation}, {self.backend}>"
+        about = self.formulation if self.modes is None else f"contacts {list_names(self.contacts)}"
+        return f"<CompiledModel {self.name!r}: {about}, {self.backend}>"
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(self.explain())}</pre>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _compiled_again, (self.stages.scene, self.stages.options, self.stages.mode, self.stages.kept)
+        if self.modes is not None:
+            return _compiled_again, (self.modes.several.scene, self.options)
+        return _compiled_again, (self.stages.scene, self.options, self.stages.mode, self.stages.kept)
 
-    # -- what functions over models call; but for `simulate` it is imported when it is first needed ---------
+    # -- what functions over models read ---------------------------------------------------
 
-    @property
-    def _equations(self) -> EquationsOfMotion:
-        return self.stages.equations
+    @once_property
+    def read_parameters(self) -> ValueReader:
+        """The reader of parameters by name."""
+        layout = self.layout
+        return ValueReader(lambda given: run_input.parameter_values(layout, given), layout.aliases, layout.assumptions)
 
-    @property
-    def _starting_model(self) -> CompiledModel:
-        return self
-
-    _simulate_in_own_time = simulate_in_own_time
-
-    def _with_parameters(self, symbols: tuple[Any, ...]) -> CompiledModel:
-        return self.variants.with_parameters(symbols)
-
-    def _in_elapsed_time(self, watched: tuple[Any, ...]) -> CompiledModel:
-        return self.variants.in_elapsed_time(watched)
-
-    def _check_watched(self, events: Any, reduce: Any) -> None:
-        self.derived.events(events, reduce)
-
-    def _sweep_in_own_time(
-        self, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
-    ) -> Sweep:
-        from .sweep import sweep_in_own_time
-
-        return sweep_in_own_time(self, t_span, initial, parameters, options)
-
-    def _stored_sweep(
-        self, given: tuple[Any, Given, Given, Given | None], options: SweepOptions, to: StoreOptions
-    ) -> Any:
-        from .stored.sweep import stored_sweep
-        from .stored.swept_models import SmoothModel
-
-        return stored_sweep(SmoothModel(self), given, options, to)
-
-    def _prepare_in_own_time(self, t_span: tuple[float, float], options: PrepareOptions) -> tuple[str, Prepared]:
-        from .prepare import prepare_in_own_time
-
-        return prepare_in_own_time(self, t_span, options)
-
-    def _linearize(
-        self, t: float, initial: Given, parameters: Given, states: Sequence[str] | None, outputs: Any
-    ) -> Linearization:
-        from .linearize import linearize
-
-        return linearize(self, t, initial, parameters, states, outputs)
-
-    def _linearize_period(
-        self,
-        t: float,
-        initial: Given,
-        parameters: Given,
-        inputs: GivenInputs | None,
-        states: Sequence[str] | None,
-        outputs: Any,
-    ) -> DiscreteLinearization:
-        from .linearize_period import linearize_period
-
-        return linearize_period(self, t, initial, parameters, inputs, states, outputs)
-
-    def _sensitivity(
-        self, t_span: tuple[float, float], initial: Given, parameters: Given, options: SensitivityOptions
-    ) -> Sensitivity:
-        from .sensitivity import differentiate_run
-
-        return differentiate_run(self, t_span, initial, parameters, options)
-
-    def _assemble(
-        self, t: float, guess: dict[str, float], parameters: Given, fixed: Collection[str]
-    ) -> dict[str, float]:
-        from .assembly import assembled
-
-        program = self.stages.program
-        c = run_input.constants(program, self.parameter_vector(parameters))
-        return assembled(program, at_time(program, c, t), t, guess, fixed)
-
-    def _trim(self, guess: Given, parameters: Given, options: TrimOptions) -> OperatingPoint:
-        from .trim import find_operating_point
-
-        return find_operating_point(self, guess, parameters, options)
-
-    def _state(self, t: float, initial: Given, parameters: Given) -> FloatArray:
-        program = self.stages.program
-        c = run_input.constants(program, self.parameter_vector(parameters))
-        values = self.initial_values(initial)
-        return initial_state(self.derived.start(values), t, values, at_time(program, c, t), program)
+    @once_property
+    def read_initial(self) -> ValueReader:
+        """The reader of initial values by name."""
+        layout = self.layout
+        return ValueReader(
+            lambda given: run_input.given_values(layout, given), layout.aliases, layout.assumptions, ROUNDING
+        )
 
     def monitors(self, c: FloatArray, t: FloatArray, x: FloatArray) -> dict[str, FloatArray]:
         """Return the first integrals along a motion, as arrays (n_t,) by name.
@@ -385,23 +418,9 @@ class CompiledModel(Model[Trajectory, "Sweep"]):
 
         return conserved(self.stages.program, self.derived.invariants, c, t, x)
 
-    def _outputs(self, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray | None:
-        program = self.stages.program
-        if kernel not in program:
-            return None
-        if p.ndim == 1:
-            return self.engine.evaluate(kernel, t, x, run_input.constants(program, p))
-        if program.conditions is not None:
-            program.conditions.decide_at(p, t)
-        return self.engine.rows(program.kernel(kernel), t, x, run_input.prepare_rows(program, p))
 
-    def _depends_on_states(self, kernel: str) -> bool:
-        program, first = self.stages.program, 2 * len(self.layout.coordinates)
-        loads = program.kernel(kernel).loads if kernel in program else ()
-        return any(load.array == "y" and load.index is not None and load.index >= first for load in loads)
-
-
-def _compiled_again(scene: Scene, options: CompileOptions, mode: Mode | None, kept: tuple[str, ...]) -> CompiledModel:
+def _compiled_again(
+    scene: Scene, options: CompileOptions, mode: Mode | None = None, kept: tuple[str, ...] = ()
+) -> CompiledModel:
     """Return the model of a scene that has left the process, in one of the modes of its contacts."""
-    derivation = derive_scene(scene, options)
-    return CompiledModel.of(compile_equations(derivation, options, mode, (), kept, derivation.seconds))
+    return CompiledModel.of(compile_scene(scene, options, mode, kept=kept))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,24 +28,26 @@ from .prepared import PreparedRun
 from .segment_constants import starting_constants
 
 if TYPE_CHECKING:
-    from .base import Model
     from .model import CompiledModel
 
 __all__ = ["prepare", "prepare_in_own_time"]
 
 
-def prepare(model: Model[Any, Any], t_span: tuple[float, float], options: PrepareOptions) -> PreparedRun:
-    """Return a function from a state and parameters to the final state; see `Model.prepare`."""
+def prepare(model: CompiledModel, t_span: tuple[float, float], options: PrepareOptions) -> PreparedRun:
+    """Return a function from a state and parameters to the final state; see `CompiledModel.prepare`."""
     t0, t1 = t_span = span_of(t_span)
     again, given = partial(prepare, model, t_span, options), options.inputs
     if given is not None:
         given.refuse_span(t0, t1)
     other = in_elapsed_time(model, t0, t1)[0] if begins_elsewhere(t0, t1) else None
     if other is None:
-        method, run = model._prepare_in_own_time(t_span, options)
-        return PreparedRun(run, method, model._prepared_layout, again, given, t_span)
+        run_prepared = prepare_in_own_time
+        if model.modes is not None:
+            from .hybrid.prepare import prepare_with_contacts as run_prepared
+        method, run = run_prepared(model, t_span, options)
+        return PreparedRun(run, method, model.layout, again, given, t_span)
     elapsed = options if given is None else replace(options, inputs=given.counted_from(t0))
-    kept, offsets = prepare(other, (0.0, t1 - t0), elapsed), other._equations.symbols.offsets
+    kept, offsets = prepare(other, (0.0, t1 - t0), elapsed), other.equations.symbols.offsets
     if not offsets:
         return kept
     extended = extension(other.layout.parameters, model.layout.parameters, offsets, t0)
@@ -54,7 +56,7 @@ def prepare(model: Model[Any, Any], t_span: tuple[float, float], options: Prepar
         final = kept(state, extended(p))
         return final, kept.status
 
-    return PreparedRun(PreparedStates(run_extended), kept.method, model._prepared_layout, again, given, t_span)
+    return PreparedRun(PreparedStates(run_extended), kept.method, model.layout, again, given, t_span)
 
 
 def prepare_in_own_time(

@@ -92,8 +92,7 @@ def _one_run(
     except OptionError as refusal:
         raise OptionError(noted_from(str(refusal), t0)) from None
     if offsets:
-        p = dict(zip(model.layout.parameters, model.parameter_vector(parameters).tolist(), strict=True))
-        found = through_offsets(found, offsets, t0, p)
+        found = through_offsets(found, offsets, t0, inputs.named_parameters(model, parameters))
     return replace(found, t=t0 + found.t if times is None else times[: len(found.t)])
 
 

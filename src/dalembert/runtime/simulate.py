@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from ..arrays import FloatArray
 from ..errors import OptionError
@@ -14,16 +14,14 @@ from ..ir.decay_rates import along_run
 from ..ir.program import Program
 from ..methods.status import Status
 from ..options import SimulateOptions, tighter
-from ..progress import enter_stage, run_meter
-from ..results.motion import RunStatistics
-from ..results.trajectory import Trajectory
+from ..progress import enter_stage
+from ..results.events import event_records
+from ..results.parts import Part
+from ..results.trajectory import RunStatistics, Trajectory
 from . import inputs
 from .constraint_choice import divisible_model, independent_model
-from .elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_from, with_offsets
-from .event_parameters import with_event_parameters
 from .gains import with_gains
 from .initial_states import directed, initial_state
-from .inputs import span_of
 from .jump_sliding import slid_along
 from .pathway_lengths import lost_directions
 from .run_checks import checked
@@ -34,41 +32,13 @@ from .symbol_assumptions import warn_of_motion
 if TYPE_CHECKING:
     from ..integrators.event_code import EventCode
     from ..integrators.watched import Occurrence
-    from ..results.motion import Motion
-    from .base import Model
     from .model import CompiledModel
 
-__all__ = ["NO_ESTIMATE", "ended_early", "simulate", "simulate_in_own_time"]
+__all__ = ["NO_ESTIMATE", "ended_early", "simulate_in_own_time"]
 
 NO_ESTIMATE = "error_estimate compares motions time by time, which events may end or cut: leave out one of the two"
 
 Given = Mapping[Any, Any]
-RunT = TypeVar("RunT", bound="Motion")
-
-
-def simulate(
-    model: Model[RunT, Any], t_span: tuple[float, float], initial: Given, parameters: Given, options: SimulateOptions
-) -> RunT:
-    """Return one trajectory; see `Model.simulate`."""
-    model = with_event_parameters(model, parameters, options.events)
-    t0, t1 = span_of(t_span)
-    if options.inputs is not None:
-        options.inputs.refuse_span(t0, t1)
-        parameters = options.inputs.parameters(parameters, t0, after=t1 >= t0)
-    span, times, other = (t0, t1), options.t_eval, None
-    if begins_elsewhere(t0, t1):
-        other, events, _ = in_elapsed_time(model, t0, t1, options.events)
-        options = replace(options, events=events)
-    if other is not None:
-        span, parameters = (0.0, t1 - t0), with_offsets(model, other, t0, parameters)
-        options = replace(options, t_eval=elapsed_times(t0, t1, times), origin=t0)
-        if options.inputs is not None:
-            options = replace(options, inputs=options.inputs.counted_from(t0))
-            parameters = options.inputs.parameters(parameters, 0.0, after=t1 >= t0)
-    with run_meter(*span, options.progress) as show:
-        run = (model if other is None else other)._simulate_in_own_time(span, initial, parameters, options)
-        show(run.t_end)
-    return run if other is None else run.counted_from(t0, times, noted_from(run.stats.note, t0))
 
 
 def simulate_in_own_time(
@@ -91,7 +61,7 @@ def simulate_in_own_time(
         options, parameters = replace(options, project_invariants=False), {**parameters, **kept}
     begin = time.perf_counter()
     chosen = _model_and_problem(model, t_span, initial, parameters, options, begin)
-    if isinstance(chosen, Trajectory):
+    if not isinstance(chosen, tuple):
         return chosen
     model, method, problem, watch = chosen
     engine = model.engine
@@ -120,10 +90,10 @@ def _model_and_problem(
         if watch is not None and options.error_estimate:
             raise OptionError(NO_ESTIMATE)
         found = independent_model(able, problem, method, begin)
-        if isinstance(found, Trajectory):
-            return found
         if found is able:
             return able, method, problem, watch
+        if isinstance(found, Trajectory):
+            return found
         model = found
 
 
@@ -174,13 +144,21 @@ def integrate(
         rtol=problem.rtol,
         atol=problem.atol,
     )
-    program = model.stages.program
-    run = Trajectory(program, along, solution.status, solution.t, solution.y, statistics, solution.dense)
-    run.ended_at(solution.end)
+    part = Part(
+        model.stages.program,
+        along,
+        solution.t,
+        solution.y,
+        solution.dense,
+        solution.end,
+        model.stages.scene,
+        model.monitors,
+        solution.wrapped,
+    )
+    run = Trajectory((part,), solution.status, statistics)
     if model.derived.signed:
         warn_of_motion(model.layout.assumptions, model.derived.signed, run.t, run.__getitem__)
-    run.with_monitors(model.monitors).with_wrapped(solution.wrapped).of_scene(model.stages.scene)
-    return run if watch is None else run.with_events(watch.labels, occurrences)
+    return run if watch is None else run.with_events(event_records(watch.labels, occurrences, run))
 
 
 def ended_early(model: CompiledModel, problem: IntegrationProblem) -> tuple[IntegrationProblem, Status | None]:
@@ -215,8 +193,9 @@ def _problem(
         For values and options that are wrong.
     """
     program, (t0, t1) = model.stages.program, t_span
-    p = along_run(program.layout.parameters, model.parameter_vector(parameters), backward=t1 < t0)
-    values = directed(model.initial_values(initial), t0, t1)
+    p = inputs.in_order(program.layout, model.read_parameters(parameters))
+    p = along_run(program.layout.parameters, p, backward=t1 < t0)
+    values = directed(model.read_initial(initial), t0, t1)
     inputs.warn_below_floor(options.rtol, options.atol, program, method)
     start = model.derived.quick_start(values)
     found = start(t0, values, p) if program.conditions is None else None

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,9 +15,9 @@ from ..errors import InitialStateError, OptionError, ValueInputError
 from ..integrators.cases import BlockResult
 from ..methods.status import Status
 from ..options import SweepOptions, tighter
-from ..results.case_results import NO_MODE, SweepStatistics
 from ..results.sampler import CaseSet
-from ..results.sweep import Sweep
+from ..results.sweep import Sweep, SweepStatistics
+from ..results.sweep_states import NO_MODE, ProgramStates
 from . import inputs
 from .case_blocks import fitted, run_cases
 from .case_settings import Settings, common_settings
@@ -34,31 +34,33 @@ from .simulate import NO_ESTIMATE
 from .symbol_assumptions import warn_of_motion
 
 if TYPE_CHECKING:
-    from ..results.case_results import CaseResults
-    from .base import Model
     from .model import CompiledModel
 
-__all__ = ["runs_unchecked", "sweep", "sweep_in_own_time"]
+__all__ = ["runs_unchecked", "sweep_cases", "sweep_in_own_time"]
 
 Given = Mapping[Any, Any]
-SweepT = TypeVar("SweepT", bound="CaseResults")
 
 
-def sweep(
-    model: Model[Any, SweepT], t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
-) -> SweepT:
-    """Return the results of many cases; see `Model.sweep`."""
+def sweep_cases(
+    model: CompiledModel, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
+) -> Sweep:
+    """Return the results of many cases; see `CompiledModel.sweep`."""
     model = with_event_parameters(model, parameters, options.events, options.reduce, options.grid)
+    run_model: Callable[..., Sweep] = sweep_in_own_time
+    if model.modes is not None:
+        from .hybrid.given_values import run_cases as run_contact_cases
+
+        run_model = run_contact_cases
     starts, lasts = spans_of(t_span)
     if options.inputs is not None:
         options.inputs.refuse_span(starts, lasts)
         parameters = options.inputs.case_parameters(parameters, starts, lasts)
     together = len(starts) == len(lasts) == 1
     if not begins_elsewhere(starts, lasts) or not (together or options.t_eval is None):
-        return model._sweep_in_own_time(t_span, initial, parameters, options)
+        return run_model(model, t_span, initial, parameters, options)
     other, events, reduce = in_elapsed_time(model, starts, lasts, options.events, options.reduce)
     if other is None:
-        return model._sweep_in_own_time(t_span, initial, parameters, options)
+        return run_model(model, t_span, initial, parameters, options)
     times = options.t_eval
     since = None if times is None else elapsed_times(float(starts[0]), float(lasts[0]), times)
     given = _with_offset_columns(model, other, t_span, initial, parameters, options.grid)
@@ -69,30 +71,30 @@ def sweep(
     if options.inputs is not None:
         own = replace(own, inputs=options.inputs.counted_from(starts))
         given = own.inputs.case_parameters(given, begins, lasts - starts)
-    run = other._sweep_in_own_time((begins, lasts - starts), initial, given, own)
+    run = run_model(other, (begins, lasts - starts), initial, given, own)
     table = reduction_table(options.reduce, model.layout.aliases)
     crossings = [name for name, each in table.items() if each.kind == "first crossing"]
     run = run.counted_from(starts, times, model.layout.parameters, crossings)
     if not np.any(near):
         return run
-    rest = model._sweep_in_own_time((np.where(near, starts, np.nan), lasts), initial, parameters, options)
+    rest = run_model(model, (np.where(near, starts, np.nan), lasts), initial, parameters, options)
     return run.with_cases(np.broadcast_to(near, len(run)), rest, starts)
 
 
 def _with_offset_columns(
-    model: Model[Any, Any],
-    other: Model[Any, Any],
+    model: CompiledModel,
+    other: CompiledModel,
     t_span: tuple[Any, Any],
     initial: Given,
     parameters: Given,
     grid: CaseSet | None,
 ) -> Given:
     """Return parameters with those that another model of the scene has for the start of each case."""
-    offsets = other._equations.symbols.offsets
+    offsets = other.equations.symbols.offsets
     if not offsets:
         return parameters
     whole = (initial, parameters) if grid is None else with_grid(model.layout, grid, initial, parameters)
-    reader = model._starting_model
+    reader = model if model.modes is None else model.modes.model(model.modes.closed_mode)
     cases = Cases(reader.stages.program, reader.derived.start, t_span, *whole)
     return {**parameters, **offset_columns(offsets, cases.span["start"], cases.parameters)}
 
@@ -280,7 +282,9 @@ def _results(
     )
     samples = None if settings.t_eval is None else done.samples
     varied, program = (cases.initial, cases.parameters), model.stages.program
-    run = Sweep(program, cases.constants_at, varied, done.ends, done.y, samples, settings.t_eval, axes, statistics)
+    t_eval, about = settings.t_eval, (program.name, program.formulation, program.layout, varied)
+    states = ProgramStates(program, cases.constants_at, done.ends[:, 0], done.y, samples, t_eval)
+    run = Sweep(*about, done.ends, t_eval, axes, statistics, states)
     watched = (*model.layout.coordinates, *model.layout.states)
     warn_of_motion(model.layout.assumptions, watched, run.t, run._final)
     watch = settings.watch

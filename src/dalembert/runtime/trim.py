@@ -40,7 +40,7 @@ def find_operating_point(
 ) -> OperatingPoint:
     """Return an equilibrium or a steady motion; see `CompiledModel.trim`."""
     refuse_sampling(model.stages.equations.controllers, "trim", WITHOUT)
-    values = run_input.guessed_values(model.layout, model._equations.symbols.entries, guess)
+    values = run_input.guessed_values(model.layout, model.equations.symbols.entries, guess)
     p = held_at(model.layout, model.parameter_vector(parameters), options.t)
     free = _free_names(model, options.free)
     follow = tuple(name for name in model.layout.rates if name not in values)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any, final
 
 from ..once import BoundedTable, derived_once
 from ..options import CompileOptions
-from ..pipeline import Compiled, Stages, compile_equations, derive_scene
+from ..pipeline import Compiled, SeveralModes, Stages, compile_equations, compile_scene
 
 if TYPE_CHECKING:
+    from ..scene import Scene
     from .model import CompiledModel
 
 __all__ = ["MOST_VARIANTS", "Variants"]
@@ -25,18 +26,26 @@ class Variants:
 
     Parameters
     ----------
-    stages : Stages
-        Of the model.
+    compiled : Stages or SeveralModes
+        What the model was made of. One with several modes has only models in elapsed time, with further parameters, and
+        on other backends.
     dropped : tuple of int
         Constraints that the model does not enforce, because they follow from the others around the start of a run.
-    make : function of compiled stages and dropped constraints
+    make : function of compiled stages, or several modes, and dropped constraints
         Makes a model.
     """
 
     def __init__(
-        self, stages: Stages, dropped: tuple[int, ...], make: Callable[[Compiled, tuple[int, ...]], CompiledModel]
+        self,
+        compiled: Stages | SeveralModes,
+        dropped: tuple[int, ...],
+        make: Callable[[Compiled | SeveralModes, tuple[int, ...]], CompiledModel],
     ) -> None:
-        self._stages, self._dropped, self._make = stages, dropped, make
+        self._several = compiled if isinstance(compiled, SeveralModes) else None
+        if isinstance(compiled, Stages):
+            self._stages = compiled
+        self._scene, self._options = compiled.scene, compiled.options
+        self._dropped, self._make = dropped, make
         self._tables: dict[tuple[str, tuple[Any, ...]], CompiledModel] = {}
         self._watched: BoundedTable[tuple[str, tuple[Any, ...]], CompiledModel] = BoundedTable(MOST_VARIANTS)
 
@@ -64,27 +73,18 @@ class Variants:
         `watched` are expressions of events and reductions in which time itself occurs. It is another scene, which is
         read and derived anew.
         """
-        stages = self._stages
 
         def make() -> CompiledModel:
-            derivation = derive_scene(stages.scene.in_elapsed_time(watched), stages.options)
-            seconds = derivation.seconds
-            compiled = compile_equations(derivation, stages.options, stages.mode, (), stages.kept, seconds)
-            return self._make(compiled, ())
+            return self._of_scene(self._scene.in_elapsed_time(watched))
 
         return derived_once(self._watched, ("elapsed", watched), make)
 
     def with_parameters(self, symbols: tuple[Any, ...]) -> CompiledModel:
         """Return the model of the scene with further parameters, which only events and reductions of runs contain."""
-        stages = self._stages
 
         def make() -> CompiledModel:
-            derivation = derive_scene(stages.scene.with_parameters(symbols), stages.options)
-            left_out = stages.reduced.unproven if self._dropped else ()
-            compiled = compile_equations(
-                derivation, stages.options, stages.mode, left_out, stages.kept, derivation.seconds
-            )
-            return self._make(compiled, self._dropped)
+            left_out = self._stages.reduced.unproven if self._dropped else ()
+            return self._of_scene(self._scene.with_parameters(symbols), left_out, self._dropped)
 
         return derived_once(self._watched, ("parameters", symbols), make)
 
@@ -100,6 +100,9 @@ class Variants:
 
     def on_backend(self, name: str) -> CompiledModel:
         """Return the same model on another backend."""
+        if self._several is not None:
+            there = replace(self._several, options=replace(self._options, backend=name))
+            return self._once("backend", (name,), lambda: self._make(there, ()))
         stages = self._stages
         options = replace(stages.options, backend=name, formulation=stages.program.formulation)
         left_out = stages.reduced.unproven
@@ -118,6 +121,11 @@ class Variants:
     def invariant_models(self) -> list[CompiledModel]:
         """Return the models that keep first integrals and have been compiled."""
         return [model for (kind, _), model in self._tables.items() if kind == "keeping"]
+
+    def _of_scene(self, scene: Scene, left_out: tuple[int, ...] = (), dropped: tuple[int, ...] = ()) -> CompiledModel:
+        """Return the model of another scene, in the same mode and with the same first integrals kept."""
+        mode, kept = (None, ()) if self._several is not None else (self._stages.mode, self._stages.kept)
+        return self._make(compile_scene(scene, self._options, mode, left_out, kept), dropped)
 
     def _once(self, kind: str, key: tuple[Any, ...], make: Callable[[], CompiledModel]) -> CompiledModel:
         return derived_once(self._tables, (kind, key), make)

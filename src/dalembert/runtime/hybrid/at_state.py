@@ -17,13 +17,15 @@ from ...options import TrimOptions
 from ...results.linearization import Linearization
 from ...results.operating_point import OperatingPoint
 from .. import inputs as run_input
+from ..assembly import assembled_by
 from ..input_values import with_inputs
 from ..linearize import linearize
 from ..trim import find_operating_point
 from .given_values import start_state
+from .mode_models import ModeModels, all_modes
 
 if TYPE_CHECKING:
-    from .model import HybridModel
+    from ..model import CompiledModel
 
 __all__ = ["assemble_open", "linearize_mode", "trim_mode"]
 
@@ -32,53 +34,56 @@ _MOST_MODES = 8
 
 
 def linearize_mode(
-    model: HybridModel,
+    model: CompiledModel,
     t: float,
     initial: Mapping[Any, Any],
     parameters: Mapping[Any, Any],
     states: Sequence[str] | None,
     outputs: Iterable[Any] | None,
 ) -> Linearization:
-    """Return the linearisation about a state; see `Model.linearize`.
+    """Return the linearisation about a state; see `CompiledModel.linearize`.
 
     Raises
     ------
     InitialStateError
         For states that the contacts forbid, or from which no motion continues.
     """
-    values = run_input.given_values(model.layout, initial)
-    given = model.parameter_values(parameters)
-    mode, x, given = _decided_mode(model, t, start_state(model.modes, t, values, given), given)
+    modes, values = all_modes(model), run_input.given_values(model.layout, initial)
+    given = run_input.named_parameters(model, parameters)
+    mode, x, given = _decided_mode(modes, t, start_state(modes, t, values, given), given)
     start = dict(zip(model.layout.variables, x.tolist(), strict=True))
-    return linearize(model.modes.model(mode), t, start, given, states, outputs)
+    return linearize(modes.model(mode), t, start, given, states, outputs)
 
 
 def assemble_open(
-    model: HybridModel, t: float, guess: dict[str, float], parameters: Mapping[Any, Any], fixed: Collection[str]
+    model: CompiledModel, t: float, guess: dict[str, float], parameters: Mapping[Any, Any], fixed: Collection[str]
 ) -> dict[str, float]:
-    """Return consistent values near a guess; see `Model.assemble`. Contacts are closed one by one, as it penetrates.
+    """Return consistent values near a guess; see `CompiledModel.assemble`.
+
+    Contacts are closed one by one, as it penetrates.
 
     Raises
     ------
     InitialStateError
         For what cannot be assembled.
     """
-    given, slipping = model.parameter_values(parameters), model.modes.closed_mode
-    mode, found = model.modes.open_mode, guess
+    modes, given = all_modes(model), run_input.named_parameters(model, parameters)
+    slipping = modes.closed_mode
+    mode, found = modes.open_mode, guess
     for _ in range(len(mode) + 1):
-        found_gaps = _gaps(model, t, found, given)
+        found_gaps = _gaps(modes, t, found, given)
         deep = np.ones(len(mode), np.bool_) if found_gaps is None else found_gaps[0] < -found_gaps[1]
         mode = tuple(s if closes else m for m, s, closes in zip(mode, slipping, deep, strict=True))
-        found = model.modes.model(mode)._assemble(t, guess, given | _no_slip(model, mode), fixed)
-        if not _penetrates(model, t, found, given):
+        found = assembled_by(modes.model(mode), t, guess, given | _no_slip(modes, mode), fixed)
+        if not _penetrates(modes, t, found, given):
             break
     return found
 
 
 def trim_mode(
-    model: HybridModel, guess: Mapping[Any, Any], parameters: Mapping[Any, Any], options: TrimOptions
+    model: CompiledModel, guess: Mapping[Any, Any], parameters: Mapping[Any, Any], options: TrimOptions
 ) -> OperatingPoint:
-    """Return an equilibrium or a steady motion; see `Model.trim`.
+    """Return an equilibrium or a steady motion; see `CompiledModel.trim`.
 
     It is looked for in the mode that the guess decides. Where the contacts are in another mode at what is found, this
     is the guess for that one.
@@ -88,38 +93,38 @@ def trim_mode(
     InitialStateError
         For guesses that the contacts forbid, or from which no motion continues.
     """
-    layout, t = model.layout, options.t
-    values = run_input.guessed_values(layout, model._equations.symbols.entries, guess)
-    values, mode, own = _on_contacts(model, t, values, model.parameter_values(parameters))
+    modes, layout, t = all_modes(model), model.layout, options.t
+    values = run_input.guessed_values(layout, model.equations.symbols.entries, guess)
+    values, mode, own = _on_contacts(modes, t, values, run_input.named_parameters(model, parameters))
     for _ in range(_MOST_MODES):
-        found = find_operating_point(model.modes.model(mode), values, own, options)
+        found = find_operating_point(modes.model(mode), values, own, options)
         point = replace(
             found,
-            message=f"{found.message} ({_mode_text(model, mode)})",
+            message=f"{found.message} ({_mode_text(modes, mode)})",
             parameters={name: found.parameters[name] for name in layout.given},
             aliases=layout.aliases,
         )
         if not point.converged:
             return point
         values = {name: point.initial[name] for name in values}
-        given = model.parameter_values(with_inputs(layout, model._inputs, point.inputs, point.parameters, t))
+        given = run_input.named_parameters(model, with_inputs(layout, model.inputs, point.inputs, point.parameters, t))
         try:
-            if _penetrates(model, t, values, given):
-                values, after, own = _on_contacts(model, t, values, given)
+            if _penetrates(modes, t, values, given):
+                values, after, own = _on_contacts(modes, t, values, given)
             else:
                 x = np.array([point.initial[name] for name in layout.variables])
-                after, _, own = _decided_mode(model, t, x, given)
+                after, _, own = _decided_mode(modes, t, x, given)
         except InitialStateError as reason:
             return replace(point, converged=False, message=f"{point.message}, but the contacts forbid it: {reason}")
         if after == mode:
             return point
         mode = after
-    message = f"{point.message}, but there the mode is another, {_mode_text(model, mode)}, and so on: start elsewhere"
+    message = f"{point.message}, but there the mode is another, {_mode_text(modes, mode)}, and so on: start elsewhere"
     return replace(point, converged=False, message=message)
 
 
 def _on_contacts(
-    model: HybridModel, t: float, values: dict[str, float], given: dict[str, float]
+    modes: ModeModels, t: float, values: dict[str, float], given: dict[str, float]
 ) -> tuple[dict[str, float], Mode, dict[str, float]]:
     """Return a rough guess moved onto what it touches, the mode that it decides, and the parameters of its model.
 
@@ -128,35 +133,35 @@ def _on_contacts(
     InitialStateError
         For guesses that the contacts forbid, or from which no motion continues.
     """
-    modes, slipping, opened = model.modes, model.modes.closed_mode, model.modes.open_mode
-    gaps = _gaps(model, t, values, given)
+    slipping, opened = modes.closed_mode, modes.open_mode
+    gaps = _gaps(modes, t, values, given)
     apart = np.zeros(len(opened), np.bool_) if gaps is None else gaps[0] > gaps[1]
     touching = tuple(o if far else s for s, o, far in zip(slipping, opened, apart, strict=True))
-    values = values | modes.model(touching).assemble(values, given | _no_slip(model, touching), t=t)
-    mode, _, own = _decided_mode(model, t, start_state(modes, t, values, given), given)
+    values = values | modes.model(touching).assemble(values, given | _no_slip(modes, touching), t=t)
+    mode, _, own = _decided_mode(modes, t, start_state(modes, t, values, given), given)
     return values, mode, own
 
 
 def _gaps(
-    model: HybridModel, t: float, values: Mapping[str, float], given: Mapping[str, float]
+    modes: ModeModels, t: float, values: Mapping[str, float], given: Mapping[str, float]
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the gaps (n_contacts,) at a guess, and what counts as zero; None where it lacks coordinates."""
-    layout, decisions = model.layout, model.modes.decisions
+    layout = modes.layout
     if any(name not in values for name in layout.coordinates):
         return None
     x = np.array([[values.get(name, 0.0) for name in layout.variables]])
     c = np.array([[given[name] for name in layout.parameters]])
-    return decisions.gaps(np.array([t]), x, c)
+    return modes.decisions.gaps(np.array([t]), x, c)
 
 
-def _penetrates(model: HybridModel, t: float, values: Mapping[str, float], given: Mapping[str, float]) -> bool:
+def _penetrates(modes: ModeModels, t: float, values: Mapping[str, float], given: Mapping[str, float]) -> bool:
     """Whether a contact that can open has a gap below zero."""
-    gaps = _gaps(model, t, values, given)
+    gaps = _gaps(modes, t, values, given)
     return gaps is not None and bool(np.any(gaps[0] < -gaps[1]))
 
 
 def _decided_mode(
-    model: HybridModel, t: float, x: FloatArray, given: Mapping[str, float]
+    modes: ModeModels, t: float, x: FloatArray, given: Mapping[str, float]
 ) -> tuple[Mode, FloatArray, dict[str, float]]:
     """Return the mode that variables x (2 n_q + n_z,) decide, with the variables and the parameters of its model.
 
@@ -165,20 +170,20 @@ def _decided_mode(
     InitialStateError
         For states that the contacts forbid, or from which no motion continues.
     """
-    modes, values = model.modes, dict(given)
+    values = dict(given)
     if CONDITION_TIME in values:
         values[CONDITION_TIME] = t
-    p = np.array([[values[name] for name in model.layout.parameters]])
+    p = np.array([[values[name] for name in modes.layout.parameters]])
     cases = modes.decisions.at_states(np.array([t]), x[np.newaxis], p, "no motion continues from")
     mode = modes.automaton.mode(int(cases.number[0]))
     added = modes.added(mode, cases.added[0])
     return mode, cases.x[0], values | {name: float(value) for name, value in added.items()}
 
 
-def _no_slip(model: HybridModel, mode: Mode) -> dict[str, float]:
+def _no_slip(modes: ModeModels, mode: Mode) -> dict[str, float]:
     """Return parameters of the model of a mode for positions alone, which do not depend on them."""
-    return {name: 0.0 for name in model.modes.added(mode, np.zeros(ADDED * len(mode)))}
+    return {name: 0.0 for name in modes.added(mode, np.zeros(ADDED * len(mode)))}
 
 
-def _mode_text(model: HybridModel, mode: Mode) -> str:
-    return ", ".join(f"{name}: {state}" for name, state in model.modes.named(mode).items())
+def _mode_text(modes: ModeModels, mode: Mode) -> str:
+    return ", ".join(f"{name}: {state}" for name, state in modes.named(mode).items())

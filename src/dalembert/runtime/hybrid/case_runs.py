@@ -15,8 +15,7 @@ from ...integrators.event_rules import last_instants
 from ...integrators.phase_stops import no_stops
 from ...integrators.phase_tables import JUMPS, NOT_STARTED, CaseSamples, CaseTable, case_numbers
 from ...methods.status import RUNNING, Status
-from ...results.case_results import NO_MODE
-from ...results.hybrid_sweep import States
+from ...results.sweep_states import NO_MODE, States
 from .event_jumps import EventJumps
 from .output_values import OutputValues
 from .phases import PhaseExecutor

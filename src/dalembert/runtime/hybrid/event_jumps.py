@@ -17,7 +17,6 @@ from ...ir.conditions import CONDITION_TIME
 from ...ir.interpret import interpret_rows
 from ...methods.status import Status
 from .. import inputs
-from .mode_models import Violation
 
 if TYPE_CHECKING:
     from ..model import CompiledModel
@@ -33,17 +32,13 @@ class EventJumps:
     ----------
     model : CompiledModel
         Of the mode in which all that can open is open.
-    violation : Violation
-        Violation of the scene's constraints along motions of that model.
     events : sequence of Event
     names : sequence of str
         Parameters of the scene.
     """
 
-    def __init__(
-        self, model: CompiledModel, violation: Violation, events: Sequence[Event], names: Sequence[str]
-    ) -> None:
-        self.model, self.violation = model, violation
+    def __init__(self, model: CompiledModel, events: Sequence[Event], names: Sequence[str]) -> None:
+        self.model = model
         self._events, self._names = tuple(events), tuple(names)
         jumping = [replace(event, terminal=False) for event in events if event.apply is not None]
         self._codes = {event.label: model.derived.events((event,)) for event in jumping}

@@ -4,34 +4,52 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...arrays import FloatArray
-from ...errors import ExpressionError, OptionError, ValueInputError
+from ...errors import OptionError, ValueInputError, list_names
 from ...hybrid import Mode
-from ...integrators.event_code import Event, event_list
 from ...ir.decay_rates import along_run
 from ...ir.interpret import interpret_rows
-from ...ir.program import Layout
 from ...methods.status import RUNNING, Status
 from ...options import SimulateOptions, SweepOptions, tighter
 from ...reduction.baumgarte import GAINS, Baumgarte
-from ...results.hybrid import HybridTrajectory
-from ...results.hybrid_sweep import HybridSweep
+from ...results.sweep import Sweep
+from ...results.trajectory import Trajectory
 from .. import inputs
 from ..case_settings import common_settings
 from ..cases import Cases, with_grid
+from ..event_parameters import moving_events
 from ..reductions import reduction_table
 from ..simulate import NO_ESTIMATE
-from .mode_models import ModeModels
+from .mode_models import ModeModels, all_modes
 from .reductions import PhaseReductions
 from .request import MotionRequest
 from .simulate import simulate
 from .sweep import sweep
 
-__all__ = ["moving_events", "refuse_open_gains", "run_cases", "run_motion", "start_state"]
+if TYPE_CHECKING:
+    from ..model import CompiledModel
+
+__all__ = ["refuse_kept_invariants", "refuse_open_gains", "run_cases", "run_motion", "start_state"]
+
+
+def refuse_kept_invariants(model: CompiledModel, project_invariants: Any) -> ModeModels:
+    """Return the modes of a model, after refusing to keep first integrals.
+
+    Raises
+    ------
+    OptionError
+    """
+    if project_invariants is not False:
+        raise OptionError(
+            f"project_invariants: friction takes energy, and impacts and changes of contact change what else may be"
+            f" conserved in {model.name!r} ({list_names(model.contacts)}). Leave it out, or run a model of one"
+            " mode, as mode() gives it"
+        )
+    return all_modes(model)
 
 
 def refuse_open_gains(modes: ModeModels) -> None:
@@ -49,27 +67,6 @@ def refuse_open_gains(modes: ModeModels) -> None:
         )
 
 
-def moving_events(layout: Layout, events: Any) -> tuple[Event, ...]:
-    """Return events, each of which moves in some mode.
-
-    Raises
-    ------
-    ExpressionError
-        For those that are constant along every motion.
-    """
-    listed = event_list(events, layout.aliases)
-    for event in listed:
-        watched = event.expression
-        inside = getattr(watched, "free_symbols", ())
-        names = {watched} if isinstance(watched, str) else {str(symbol) for symbol in inside}
-        if names <= {*layout.parameters}:
-            raise ExpressionError(
-                f"event {event.label!r} is constant along every motion, so that nothing can be watched: write it"
-                " in coordinates, rates, outputs or time"
-            )
-    return listed
-
-
 def start_state(
     modes: ModeModels, t: float, values: Mapping[str, float], parameters: Mapping[str, float]
 ) -> FloatArray:
@@ -80,17 +77,19 @@ def start_state(
 
 
 def run_motion(
-    modes: ModeModels,
+    model: CompiledModel,
     t_span: tuple[float, float],
-    values: Mapping[str, float],
-    p: FloatArray,
+    initial: Mapping[Any, Any],
+    parameters: Mapping[Any, Any],
     options: SimulateOptions,
-    events: tuple[Event, ...],
-) -> HybridTrajectory:
-    """Return one trajectory from initial values by name and parameters p (n_p,); see `HybridModel.simulate`."""
-    (t0, t1), times = t_span, options.t_eval
-    p = along_run(modes.layout.parameters, p, backward=t1 < t0)
-    given = dict(zip(modes.layout.parameters, p.tolist(), strict=True))
+) -> Trajectory:
+    """Return one trajectory of a model with several modes, in the time of the model."""
+    modes = refuse_kept_invariants(model, options.project_invariants)
+    (t0, t1), times, layout = t_span, options.t_eval, modes.layout
+    p, values = model.parameter_vector(parameters), inputs.given_values(layout, initial)
+    events = moving_events(layout, options.events)
+    p = along_run(layout.parameters, p, backward=t1 < t0)
+    given = dict(zip(layout.parameters, p.tolist(), strict=True))
     inputs.warn_below_floor(options.rtol, options.atol)
     if events and options.error_estimate:
         raise OptionError(NO_ESTIMATE)
@@ -114,14 +113,15 @@ def run_motion(
 
 
 def run_cases(
-    modes: ModeModels,
+    model: CompiledModel,
     t_span: tuple[Any, Any],
     initial: Mapping[Any, Any],
     parameters: Mapping[Any, Any],
     options: SweepOptions,
-    events: tuple[Event, ...],
-) -> HybridSweep:
-    """Return the results of many cases; see `HybridModel.sweep`."""
+) -> Sweep:
+    """Return the results of many cases of a model with several modes, in the time of the model."""
+    modes = refuse_kept_invariants(model, options.project_invariants)
+    events = moving_events(modes.layout, options.events)
     inputs.warn_below_floor(options.rtol, options.atol)
     refuse_open_gains(modes)
     layout = modes.layout
@@ -131,11 +131,11 @@ def run_cases(
     if options.grid is not None:
         initial, parameters = with_grid(layout, options.grid, initial, parameters)
     known = {layout.aliases.get(str(key), str(key)) for key in initial}
-    model = modes.model(_starting_mode(modes, known))
-    program = model.stages.program
-    cases = Cases(program, model.derived.start, t_span, initial, parameters)
+    first = modes.model(_starting_mode(modes, known))
+    program = first.stages.program
+    cases = Cases(program, first.derived.start, t_span, initial, parameters)
     settings = common_settings(
-        cases, options, model.choose_method(options.method, options.rtol, options.atol, many=True)
+        cases, options, first.choose_method(options.method, options.rtol, options.atol, many=True)
     )
     block, status = cases.block(slice(0, cases.count), settings)
     own, p = cases.parameters_of(slice(0, cases.count)), np.zeros((cases.count, 0))

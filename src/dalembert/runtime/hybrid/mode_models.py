@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -21,19 +22,26 @@ from ...ir.kernel import Kernel
 from ...ir.program import Layout
 from ...mechanics.equations import EquationsOfMotion, Guard
 from ...once import derived_once, derived_property
-from ...pipeline import SeveralModes, compile_mode
+from ...pipeline import Compiled, SeveralModes, compile_mode
 from ...reduction.admission import admission_of_variables
 from ...reduction.event_functions import coordinates_kernel
 from ...reduction.sampling_kernels import SampledVariables, SamplingKernels, sampling_kernels
 from ...reduction.time_conditions import decided
-from ...results.trajectory import Trajectory
 from ..impulses import Impulses, impulses_of
-from ..model import CompiledModel
 from ..sampling import Sampling
 from ..symbol_assumptions import ROUNDING
 from .decisions import Decisions
 
-__all__ = ["ModeModels", "Violation"]
+if TYPE_CHECKING:
+    from ..model import CompiledModel
+
+__all__ = ["ModeModels", "all_modes"]
+
+
+def all_modes(model: CompiledModel) -> ModeModels:
+    """Return the modes of a model that has several."""
+    assert model.modes is not None
+    return model.modes
 
 
 @final
@@ -44,6 +52,8 @@ class ModeModels:
     Attributes
     ----------
     several : SeveralModes
+    make : function of a compiled mode
+        Makes its model.
     compiled : dict of Mode to CompiledModel
         The models that have been needed so far.
     recorders : dict of str to list of MotionRecorder
@@ -51,6 +61,7 @@ class ModeModels:
     """
 
     several: SeveralModes
+    make: Callable[[Compiled], CompiledModel]
     compiled: dict[Mode, CompiledModel] = field(default_factory=dict, init=False)
     recorders: dict[str, list[Any]] = field(default_factory=dict, init=False)
     _guards: dict[Mode, list[Guard]] = field(default_factory=dict, init=False)
@@ -64,7 +75,7 @@ class ModeModels:
 
     def model(self, mode: Mode) -> CompiledModel:
         """Return the model of a mode, compiled when it is first needed."""
-        return derived_once(self.compiled, mode, lambda: CompiledModel.of(compile_mode(self.several, mode)))
+        return derived_once(self.compiled, mode, lambda: self.make(compile_mode(self.several, mode)))
 
     def engine(self) -> Engine:
         """Return the engine that evaluates kernels which belong to no mode."""
@@ -83,9 +94,10 @@ class ModeModels:
     @cached_property
     def layout(self) -> Layout:
         """Names of the scene, of no mode."""
-        symbols = self.equations.symbols
+        symbols, opened = self.equations.symbols, self.model(self.open_mode).layout
         return replace(
-            self.model(self.open_mode).layout,
+            opened,
+            state=opened.variables,
             parameters=symbols.parameters,
             unknowns=symbols.unknowns,
             outputs=tuple(str(output) for output in self.several.options.outputs),
@@ -128,7 +140,7 @@ class ModeModels:
             return None
         kernels = self._sampling
         assert kernels is not None
-        return Sampling(replace(self.layout, state=self.layout.variables), kernels, None)
+        return Sampling(self.layout, kernels, None)
 
     def guards(self, mode: Mode) -> list[Guard]:
         """Return what can end a mode; what is constant along its motions cannot."""
@@ -194,26 +206,7 @@ class ModeModels:
         stages = self.model(mode).stages
         return impulses_of(stages.equations, stages.program)
 
-    def violation(self, mode: Mode) -> Violation:
-        """Return the function from a motion in a mode to the violation of the scene's constraints (n_t, n_c)."""
+    def opened(self, mode: Mode) -> tuple[str | None, ...]:
+        """Return, for each constraint of the scene, the name of the contact that is open in a mode instead, or None."""
         opened = {c.constraint: c.name for c, s in zip(self.equations.contacts, mode, strict=True) if s == OPEN}
-        return Violation(tuple(opened.get(i) for i in range(len(self.equations.constraints))))
-
-
-@final
-@dataclass(frozen=True)
-class Violation:
-    """Function from a motion in a mode to the violation of the scene's constraints (n_t, n_c); it can be pickled.
-
-    `opened` has for each constraint the name of the contact that is open instead, or None.
-    """
-
-    opened: tuple[str | None, ...]
-
-    def __call__(self, motion: Trajectory) -> FloatArray:
-        """Return the violation along a motion."""
-        found = iter(motion.constraint_violation.T)
-        columns = [
-            next(found) if contact is None else np.minimum(motion[f"gap of {contact}"], 0.0) for contact in self.opened
-        ]
-        return np.array(columns).T.reshape(len(motion.t), len(columns))
+        return tuple(opened.get(i) for i in range(len(self.equations.constraints)))

@@ -12,9 +12,9 @@ from ...arrays import FloatArray
 from ...hybrid import SLIP, Mode
 from ...ir.conditions import CONDITION_TIME
 from ...ir.interpret import interpret_rows
-from ...results.hybrid_sweep import States
-from ...results.motion import ENERGIES
+from ...results.parts import ENERGIES
 from ...results.shared_loads import output_rows
+from ...results.sweep_states import States
 from .. import inputs
 from .mode_models import ModeModels
 from .stops import Stops

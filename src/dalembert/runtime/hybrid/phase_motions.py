@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -10,7 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...arrays import FloatArray
+from ...integrators.chaining import joined
 from ...integrators.dense_output import PiecewisePolynomial
+from ...integrators.problem import Solution
 from ...integrators.projected_states import projected
 from ...integrators.segments import Constants, Segments, constants_at
 from ...integrators.step_polynomials import end_in
@@ -19,8 +22,9 @@ from ...integrators.watched import Occurrence
 from ...ir.conditions import CONDITION_TIME
 from ...methods.status import Status
 from ...options import SimulateOptions
-from ...results.motion import RunStatistics
-from ...results.trajectory import Trajectory, joined_runs
+from ...results.events import event_records
+from ...results.parts import Part
+from ...results.trajectory import RunStatistics, Trajectory
 from .. import inputs
 from ..symbol_assumptions import warn_of_motion
 from .mode_models import ModeModels
@@ -54,7 +58,7 @@ def trajectories(
     modes = request.modes
     dense, labels = request.options.dense or request.options.t_eval is not None, request.labels
     acts = stops is not None and stops.acts
-    found = [joined_runs(phase.runs, labels, right=acts) if phase.runs else None for phase in phases]
+    found = [_joined_runs(phase.runs, labels, right=acts) if phase.runs else None for phase in phases]
     for mode in dict.fromkeys(phase.mode for phase in phases if not phase.runs):
         some = [i for i, phase in enumerate(phases) if phase.mode == mode and not phase.runs]
         model = modes.model(mode)
@@ -115,12 +119,57 @@ def _trajectory(
     counted = rows[:, ATTEMPTS_AT].tolist()  # anew behind every stop
     attempts = int(sum(a for a, b in pairwise([*counted, 0.0]) if b <= a))
     stats = RunStatistics(method, len(rows), attempts - len(rows), attempts, model.stages.compile_seconds, 0.0, "")
-    run = Trajectory(model.stages.program, c, status, t, y, stats, output if dense else None)
-    run.ended_at(phase.t1)
+    about = output if dense else None, phase.t1, model.stages.scene, model.monitors
+    run = Trajectory((Part(model.stages.program, c, t, y, *about),), status, stats)
     if model.derived.signed:
         warn_of_motion(model.layout.assumptions, model.derived.signed, run.t, run.__getitem__)
-    run.with_monitors(model.monitors).of_scene(model.stages.scene)
-    return run.with_events(labels, _occurrences(model, phase, c, len(labels), output, y[-1])) if labels else run
+    if not labels:
+        return run
+    return run.with_events(event_records(labels, _occurrences(model, phase, c, len(labels), output, y[-1]), run))
+
+
+def _joined_runs(runs: Sequence[Trajectory], labels: Sequence[str], *, right: bool) -> Trajectory:
+    """Return one motion from runs of one program, each of which continues the one before with other constants.
+
+    Parameters
+    ----------
+    runs : sequence of Trajectory
+    labels : sequence of str
+        Names of the events that are kept.
+    right : bool
+        Whether steps hold the states behind the joints, not those before them.
+    """
+    if len(runs) == 1:
+        return runs[0]
+    parts = [run.parts[0] for run in runs]
+    first, last = parts[0], parts[-1]
+    solutions = [
+        Solution(
+            status=run.status,
+            t=part.t,
+            y=part.y,
+            steps=run.stats.steps,
+            rejected=run.stats.rejected,
+            evaluations=run.stats.evaluations,
+            dense=part.dense,
+            wrapped=part.wrapped,
+        )
+        for run, part in zip(runs, parts, strict=True)
+    ]
+    whole = joined(solutions, recorded=False, right=right)
+    edges = np.array([part.t[0] for part in parts] + [last.t[-1]])
+    c = Segments(edges, np.array([constants_at(part.c, part.t[:1]).reshape(-1) for part in parts]))
+    stats = replace(runs[-1].stats, steps=whole.steps, rejected=whole.rejected, evaluations=whole.evaluations)
+    about = last.end, first.scene, first.monitors, whole.wrapped
+    found = Trajectory((Part(first.program, c, whole.t, whole.y, whole.dense, *about),), runs[-1].status, stats)
+    occurrences = [
+        Occurrence(e, float(t), before, after, int(sign))
+        for run in runs
+        for e, record in enumerate(run.events[label] for label in labels)
+        for t, before, after, sign in zip(record.t, record.before.y, record.after.y, record.direction, strict=True)
+    ]
+    in_order = sorted(occurrences, key=lambda one: abs(one.t - first.t[0]))
+    return found.with_events(event_records(labels, in_order, found))
 
 
 def _recorded(

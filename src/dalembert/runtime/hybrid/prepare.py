@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from threading import get_ident
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,16 +13,33 @@ from ...codegen.runs import Final, Prepared, PreparedStates
 from ...ir.decay_rates import along_run
 from ...methods.status import Status
 from ...options import PrepareOptions
+from ..inputs import warn_below_floor
 from .case_runs import CaseRuns
+from .given_values import refuse_kept_invariants, refuse_open_gains
 from .mode_models import ModeModels
 from .reductions import PhaseReductions
 from .runner_choice import RunnerChoice
 from .stops import stops_of
 
-__all__ = ["prepared"]
+if TYPE_CHECKING:
+    from ..model import CompiledModel
+
+__all__ = ["prepare_with_contacts"]
 
 
-def prepared(modes: ModeModels, t_span: tuple[float, float], options: PrepareOptions) -> Prepared:
+def prepare_with_contacts(
+    model: CompiledModel, t_span: tuple[float, float], options: PrepareOptions
+) -> tuple[str, Prepared]:
+    """Return the method and the run of a model with several modes, in the time of the model."""
+    modes = refuse_kept_invariants(model, options.project_invariants)
+    warn_below_floor(options.rtol, options.atol)
+    refuse_open_gains(modes)
+    opened = modes.model(modes.open_mode)
+    method = opened.choose_method(options.method, options.rtol, options.atol, many=True)
+    return method, _prepared(modes, t_span, options)
+
+
+def _prepared(modes: ModeModels, t_span: tuple[float, float], options: PrepareOptions) -> Prepared:
     """Return a function from variables (2 n_q + n_z,) and parameters of the scene (n_p,) to the final variables.
 
     Every thread keeps its memory.

@@ -17,8 +17,8 @@ from ...errors import list_names
 from ...integrators.cases import BlockResult
 from ...integrators.event_code import Event
 from ...methods.status import Status
-from ...results.hybrid_sweep import States
 from ...results.shared_loads import shared_outputs
+from ...results.sweep_states import States
 from ..reductions import Reduction
 from .output_values import OutputValues
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -15,11 +14,10 @@ from ...integrators.contact_cases import ContactCases
 from ...methods.status import Status
 from ...options import SimulateOptions
 from ...results.events import EventRecord, EventRecords
-from ...results.hybrid import HybridTrajectory, Part, Phase
-from ...results.motion import RunStatistics
-from ...results.trajectory import Trajectory
+from ...results.parts import Part, Phase
+from ...results.trajectory import RunStatistics, Trajectory
 from ..simulate import simulate_in_own_time
-from .mode_models import ModeModels, Violation
+from .mode_models import ModeModels
 from .motion_recorder import RecordedPhase, recorder_of
 from .phase_motions import parameters_of_phases, trajectories
 from .request import MotionRequest
@@ -30,7 +28,7 @@ _SAME = 1e-9
 """Share of a state by which the state after an impact differs at least."""
 
 
-def simulate(request: MotionRequest[SimulateOptions]) -> HybridTrajectory:
+def simulate(request: MotionRequest[SimulateOptions]) -> Trajectory:
     """Return the requested motion.
 
     Raises
@@ -47,12 +45,13 @@ def simulate(request: MotionRequest[SimulateOptions]) -> HybridTrajectory:
             _refuse(request, phases, now)
         kept = _kept(phases, status)
         runs = trajectories(kept, request, status, stops)
-        about = {mode: (modes.named(mode), modes.violation(mode)) for mode in {phase.mode: None for phase in kept}}
-        parts = [_part(phase, run, *about[phase.mode]) for phase, run in zip(kept, runs, strict=True)]
-        parts = parts or [_start(request, now)]
+        about = {mode: (modes.named(mode), modes.opened(mode)) for mode in {phase.mode: None for phase in kept}}
+        parts = [_part(run, phase.t0, phase.t1, *about[phase.mode]) for phase, run in zip(kept, runs, strict=True)]
+        if not kept:
+            runs, parts = _start(request, now)
         note = _note(modes, phases, now, status) or recorder.note
         end = now.x[0].copy()
-    stats = _statistics(parts, options, note, (seconds, time.perf_counter() - begin - seconds))
+    stats = _statistics(runs, options, note, (seconds, time.perf_counter() - begin - seconds))
     whole, after = list(parts), None
     if kept and status is Status.EVENT:
         after = kept[-1].after
@@ -61,22 +60,24 @@ def simulate(request: MotionRequest[SimulateOptions]) -> HybridTrajectory:
     if after is not None:
         whole.append(_after_jump(parts[-1], request, after))
 
-    def make(some: Sequence[Part]) -> HybridTrajectory:
-        ended = status, stats, modes.equations.name, modes.layout
-        return HybridTrajectory(some, [part.phase for part in parts], None, whole, *ended)
+    own = tuple(part.phase for part in parts if part.phase is not None)
+
+    def make(some: Sequence[Part]) -> Trajectory:
+        return Trajectory(some, status, stats, modes.layout, own, whole)
 
     run, times = make(whole), options.t_eval
     if times is not None:
         forward = 1.0 if request.t1[0] >= request.t0[0] else -1.0
-        run = run.at_elapsed(times[(times - parts[-1].phase.t1) * forward <= 0.0], options.origin)
+        run = run.at_elapsed(times[(times - own[-1].t1) * forward <= 0.0], options.origin)
     if not request.labels or not kept:
         return run
-    return run.with_events(EventRecords(_event_history(request, kept, parts, make), modes.equations.symbols.aliases))
+    history = _event_history(request, kept, runs, parts, make)
+    return run.with_events(EventRecords(history, modes.equations.symbols.aliases))
 
 
-def _part(phase: RecordedPhase, run: Trajectory, named: Mapping[str, str], violation: Violation) -> Part:
-    """Return a phase with its motion, what each contact does in it, and how constraints are violated."""
-    return Part(Phase(phase.t0, phase.t1, named), run, violation)
+def _part(run: Trajectory, t0: float, t1: float, named: Mapping[str, str], opened: tuple[str | None, ...]) -> Part:
+    """Return the motion of a phase, with what each contact does in it."""
+    return run.parts[0].in_phase(Phase(t0, t1, named), opened)
 
 
 def _after_jump(part: Part, request: MotionRequest[SimulateOptions], x: FloatArray) -> Part:
@@ -84,26 +85,26 @@ def _after_jump(part: Part, request: MotionRequest[SimulateOptions], x: FloatArr
 
     They belong to no mode yet, and are a motion of the model in which all that can open is open.
     """
-    t, jumps = np.array([part.motion.t_end]), request.jumps
-    y, c = jumps.motion_state(t, x[np.newaxis], request.p)
-    stages = jumps.model.stages
-    motion = Trajectory(stages.program, c[0], part.motion.status, t, y, part.motion.stats, None)
-    return Part(replace(part.phase, t0=part.phase.t1), motion.of_scene(stages.scene), jumps.violation)
+    t, modes, model = np.array([part.t_end]), request.modes, request.jumps.model
+    y, c = request.jumps.motion_state(t, x[np.newaxis], request.p)
+    after = Part(model.stages.program, c[0], t, y, None, None, model.stages.scene, model.monitors)
+    return after.in_phase(part.phase and replace(part.phase, t0=part.phase.t1), modes.opened(modes.open_mode))
 
 
 def _event_history(
     request: MotionRequest[SimulateOptions],
     phases: Sequence[RecordedPhase],
+    runs: Sequence[Trajectory],
     parts: Sequence[Part],
-    make: Callable[[Sequence[Part]], HybridTrajectory],
+    make: Callable[[Sequence[Part]], Trajectory],
 ) -> list[EventRecord]:
-    """Return the records of all events over phases and their motions; `make` joins motions."""
+    """Return the records of all events over phases and their motions; `make` joins parts."""
     history = []
     for label in request.labels:
-        records = [part.motion.events[label] for part in parts]
-        sides: list[tuple[Any, Any]] = [(record.before, record.after) for record in records]
-        before = [replace(part, motion=motion) for part, (motion, _) in zip(parts, sides, strict=True)]
-        after = [replace(part, motion=motion) for part, (_, motion) in zip(parts, sides, strict=True)]
+        records = [run.events[label] for run in runs]
+        sides = [(record.before.parts[0], record.after.parts[0]) for record in records]
+        before = [side.in_phase(part.phase, part.opened) for part, (side, _) in zip(parts, sides, strict=True)]
+        after = [side.in_phase(part.phase, part.opened) for part, (_, side) in zip(parts, sides, strict=True)]
         for i, (phase, record) in enumerate(zip(phases, records, strict=True)):
             if phase.after is not None and label in request.jumps and len(record):  # a phase ends where its state jumps
                 after[i] = _after_jump(parts[i], request, phase.after)
@@ -114,7 +115,7 @@ def _event_history(
 
 def _struck_at_end(part: Part, x: FloatArray) -> bool:
     """Return whether the state x (2 n_q + n_z,) in which a motion ends is that after an impact at its end."""
-    gap = np.abs(x - part.motion.variables[-1])
+    gap = np.abs(x - part.variables[-1])
     return bool(np.max(gap, initial=0.0) > _SAME * np.max(np.abs(x), initial=0.0))
 
 
@@ -130,10 +131,10 @@ def _kept(phases: Sequence[RecordedPhase], status: Status) -> list[RecordedPhase
 
 
 def _statistics(
-    parts: Sequence[Part], options: SimulateOptions, note: str, seconds: tuple[float, float]
+    runs: Sequence[Trajectory], options: SimulateOptions, note: str, seconds: tuple[float, float]
 ) -> RunStatistics:
     """Return what a motion cost, with the seconds of compilation and of the run."""
-    every = [part.motion.stats for part in parts]
+    every = [run.stats for run in runs]
     return RunStatistics(
         method=next((each.method for each in reversed(every) if each.method), options.method),
         steps=sum(each.steps for each in every),
@@ -184,7 +185,7 @@ def _changing(before: Mapping[str, str], after: Mapping[str, str]) -> list[str]:
     return [name for name in before if before[name] != after.get(name)] or list(before)
 
 
-def _start(request: MotionRequest[SimulateOptions], now: ContactCases) -> Part:
+def _start(request: MotionRequest[SimulateOptions], now: ContactCases) -> tuple[list[Trajectory], list[Part]]:
     """Return the start of a motion that cannot continue, in the mode in which all touching contacts slip."""
     modes = request.modes
     gaps, noise = modes.decisions.gaps(now.t, now.x, now.p)
@@ -193,4 +194,4 @@ def _start(request: MotionRequest[SimulateOptions], now: ContactCases) -> Part:
     initial = dict(zip(model.layout.variables, now.x[0].tolist(), strict=True))
     options = SimulateOptions(method=request.options.method)
     run = simulate_in_own_time(model, (t, t), initial, request.parameters, options)
-    return Part(Phase(t, t, modes.named(mode)), run, modes.violation(mode))
+    return [run], [_part(run, t, t, modes.named(mode), modes.opened(mode))]

@@ -11,8 +11,8 @@ from ...integrators.contact_cases import UNDECIDED
 from ...methods.status import RUNNING, Status
 from ...options import SweepOptions
 from ...progress import meter
-from ...results.case_results import SweepStatistics
-from ...results.hybrid_sweep import HybridSweep
+from ...results.sweep import Sweep, SweepStatistics
+from ...results.sweep_states import ContactStates
 from ..symbol_assumptions import warn_of_motion
 from .case_runs import CaseRuns
 from .output_values import OutputValues
@@ -30,7 +30,7 @@ def sweep(
     request: MotionRequest[SweepOptions],
     varied: tuple[dict[str, FloatArray], dict[str, FloatArray]],
     stop: bool = False,
-) -> HybridSweep:
+) -> Sweep:
     """Return the results of all cases; with `stop` none of them is run.
 
     `varied` are initial values and parameters as they were given.
@@ -66,7 +66,7 @@ def _results(
     stops: Stops | None,
     varied: tuple[dict[str, FloatArray], dict[str, FloatArray]],
     seconds: float,
-) -> HybridSweep:
+) -> Sweep:
     """Return the results of cases that have been run."""
     numbers, options, methods, modes = runs.numbers, request.options, runs.choice.methods, request.modes
     assert options.threads is not None
@@ -85,19 +85,24 @@ def _results(
         samples.case[:] = np.repeat(last.case, len(options.t_eval))
     met = last.mode if samples is None else np.concatenate([last.mode, samples.mode])
     value = OutputValues(modes, request.p, stops, (request.t1, request.t1 >= request.t0))
-    run = HybridSweep(
+    states = ContactStates(
+        last,
+        samples,
+        value,
+        [contact.name for contact in modes.equations.contacts],
+        {int(n): modes.named(modes.automaton.mode(int(n))) for n in np.unique(met[met >= 0])},
+        numbers.phases + (last.mode >= 0),
+    )
+    run = Sweep(
         modes.equations.name,
+        "by mode",
         modes.layout,
         varied,
         np.column_stack([last.t, numbers.state.astype(float), numbers.steps.astype(float)]),
         options.t_eval,
         {} if options.grid is None else options.grid.axes,
         stats,
-        (last, samples),
-        numbers.phases + (last.mode >= 0),
-        [contact.name for contact in modes.equations.contacts],
-        {int(n): modes.named(modes.automaton.mode(int(n))) for n in np.unique(met[met >= 0])},
-        value,
+        states,
     )
     warn_of_motion(modes.layout.assumptions, modes.layout.coordinates, run.t, run._final)
     about, labels = (runs.occurred, runs.totals), request.labels

@@ -1,4 +1,5 @@
 """Public methods of models as functions: signatures, docstrings, and frozen options made of the arguments.
 
-`dalembert.runtime.base.Model` and `dalembert.runtime.model.CompiledModel` bind them by name; `self` is a model.
+`dalembert.runtime.model.CompiledModel` binds them by name; `self` is a model. Where contacts change what a method
+computes, it decides so once, and imports what it needs.
 """

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ...errors import nesting_named
+from ...errors import CapabilityError, list_names, nesting_named
 from ...options import SensitivityOptions, TrimOptions
 from ...values import option
-from ..capabilities import refuse_functions
+from ..capabilities import WITHOUT, refuse_functions, refuse_sampling
 from ..input_values import read_inputs, with_inputs
 
 if TYPE_CHECKING:
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from ...results.linearization import Linearization
     from ...results.operating_point import OperatingPoint
     from ...results.sensitivity import Sensitivity
-    from ..base import Model
+    from ..model import CompiledModel
 
 __all__ = ["linearize", "sensitivity", "trim"]
 
 
 @nesting_named
 def sensitivity(
-    self: Model[Any, Any],
+    self: CompiledModel,
     t_span: tuple[float, float],
     initial: Mapping[Any, Any],
     parameters: Mapping[Any, Any],
@@ -73,7 +73,7 @@ def sensitivity(
         found = model.sensitivity((0, 10), {theta: 1, theta.diff(): 0}, {m: 1, l: 1, g: 9.81}, wrt=[l, theta])
         found.jacobian("theta", "l")  # the derivative of the angle by the length, over found.t
     """
-    refuse_functions(self._controllers, "sensitivity")
+    refuse_functions(self.controllers, "sensitivity")
     options = SensitivityOptions(
         method=method,
         rtol=rtol,
@@ -82,14 +82,21 @@ def sensitivity(
         wrt=wrt,
         of=of,
         t_eval=t_eval,
-        inputs=read_inputs(self.layout, self._inputs, inputs),
+        inputs=read_inputs(self.layout, self.inputs, inputs),
     )
-    return self._sensitivity(t_span, initial, parameters, options)
+    if self.modes is not None:
+        raise CapabilityError(
+            f"derivatives across changes of contacts ({list_names(self.contacts)}) are not computed: differentiate runs"
+            " of one mode, as model.mode().sensitivity(...), or take differences of runs"
+        )
+    from ..sensitivity import differentiate_run
+
+    return differentiate_run(self, t_span, initial, parameters, options)
 
 
 @nesting_named
 def linearize(
-    self: Model[Any, Any],
+    self: CompiledModel,
     t: float,
     initial: Mapping[Any, Any],
     parameters: Mapping[Any, Any],
@@ -146,17 +153,27 @@ def linearize(
         linear.A, linear.eigenvalues
     """
     time = option("t", t)
-    if self._controllers:
-        refuse_functions(self._controllers, "linearize")
-        record = read_inputs(self.layout, self._inputs, inputs)
-        return self._linearize_period(time, initial, parameters, record, states, outputs)
-    given = with_inputs(self.layout, self._inputs, inputs, parameters, time)
-    return self._linearize(time, initial, given, states, outputs)
+    if self.controllers:
+        refuse_functions(self.controllers, "linearize")
+        if self.modes is not None:
+            refuse_sampling(self.controllers, "linearize", f"in scenes whose contacts change {WITHOUT}")
+        from ..linearize_period import linearize_period
+
+        record = read_inputs(self.layout, self.inputs, inputs)
+        return linearize_period(self, time, initial, parameters, record, states, outputs)
+    given = with_inputs(self.layout, self.inputs, inputs, parameters, time)
+    if self.modes is not None:
+        from ..hybrid.at_state import linearize_mode
+
+        return linearize_mode(self, time, initial, given, states, outputs)
+    from ..linearize import linearize as linearize_model
+
+    return linearize_model(self, time, initial, given, states, outputs)
 
 
 @nesting_named
 def trim(
-    self: Model[Any, Any],
+    self: CompiledModel,
     guess: Mapping[Any, Any],
     parameters: Mapping[Any, Any],
     *,
@@ -221,5 +238,11 @@ def trim(
         model.linearize(0.0, point.initial, point.parameters).eigenvalues
     """
     options = TrimOptions(free=free, steady=steady, t=t, tolerance=tolerance, max_iterations=max_iterations)
-    given = with_inputs(self.layout, self._inputs, inputs, parameters, options.t)
-    return self._trim(guess, given, options)
+    given = with_inputs(self.layout, self.inputs, inputs, parameters, options.t)
+    if self.modes is not None:
+        from ..hybrid.at_state import trim_mode
+
+        return trim_mode(self, guess, given, options)
+    from ..trim import find_operating_point
+
+    return find_operating_point(self, guess, given, options)

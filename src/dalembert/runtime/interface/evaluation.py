@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from ...arrays import FloatArray
+from ...codegen import backend_named
+from ...codegen.base import Capability
 from ...errors import UnknownNameError, ValueInputError, list_names, nesting_named
 from ...integrators.samples import Samples
 from ...ir.input_parameters import coefficient_places
@@ -17,14 +19,15 @@ from ..input_values import read_inputs
 from ..symbol_assumptions import ROUNDING, refuse_contradictions, rows_that_contradict
 
 if TYPE_CHECKING:
-    from ..base import Model
+    from ...codegen.base import TracedEngine
+    from ..model import CompiledModel
 
 __all__ = ["accelerations", "constraint_jacobian", "forcing", "mass_matrix", "rows_of"]
 
 
 @nesting_named
 def mass_matrix(
-    self: Model[Any, Any], q: Any, p: Any, *, t: Any = 0.0, inputs: Mapping[Any, Any] | None = None, states: Any = None
+    self: CompiledModel, q: Any, p: Any, *, t: Any = 0.0, inputs: Mapping[Any, Any] | None = None, states: Any = None
 ) -> FloatArray:
     """Return the mass matrix.
 
@@ -53,7 +56,7 @@ def mass_matrix(
 
 @nesting_named
 def forcing(
-    self: Model[Any, Any],
+    self: CompiledModel,
     t: Any,
     q: Any,
     qdot: Any,
@@ -71,7 +74,7 @@ def forcing(
 
 @nesting_named
 def constraint_jacobian(
-    self: Model[Any, Any], t: Any, q: Any, p: Any, *, inputs: Mapping[Any, Any] | None = None, states: Any = None
+    self: CompiledModel, t: Any, q: Any, p: Any, *, inputs: Mapping[Any, Any] | None = None, states: Any = None
 ) -> FloatArray:
     """Return the Jacobian of the velocity constraints, (n_c, n_q) or (k, n_c, n_q), holonomic rows first.
 
@@ -83,7 +86,7 @@ def constraint_jacobian(
 
 @nesting_named
 def accelerations(
-    self: Model[Any, Any],
+    self: CompiledModel,
     t: Any,
     q: Any,
     qdot: Any,
@@ -100,7 +103,7 @@ def accelerations(
 
 
 def _evaluate(
-    self: Model[Any, Any],
+    self: CompiledModel,
     kernel: str,
     point: tuple[Any, Any, Any, Any],
     further: tuple[Any, Mapping[Any, Any] | None],
@@ -108,9 +111,10 @@ def _evaluate(
 ) -> FloatArray:
     """Return a kernel's outputs at (t, q, qdot, p) with (states, inputs), as users give them."""
     _require_states(self, kernel, further[0])
-    functions = self._traced_functions
-    if functions is not None and _traced(*point, *further):
-        return cast("FloatArray", functions.at_coordinates(kernel, shape, point, further, self._inputs))
+    if self.modes is None and Capability.STATE_FUNCTIONS in backend_named(self.backend).capabilities:
+        functions = cast("TracedEngine", self.engine).state_functions
+        if _traced(*point, *further):
+            return cast("FloatArray", functions.at_coordinates(kernel, shape, point, further, self.inputs))
     (t, q, qdot, p), (states, inputs) = point, further
     size, at = len(self.layout.coordinates), times_of("t", t)
     q = rows_of("q", q, size)
@@ -129,7 +133,7 @@ def _evaluate(
         raise ValueInputError(f"p must have shape ({len(self.layout.parameters)},), not {p.shape}: one for all states")
     _refuse_contradictions(self, q, p)
     p = _with_inputs(self, p, times, inputs)
-    found = self._outputs(kernel, times, y, p)
+    found = _outputs(self, kernel, times, y, p)
     out = np.zeros((count, *shape)) if found is None else found.reshape(count, *shape)
     return out[0] if single else out
 
@@ -143,12 +147,12 @@ def _traced(*given: Any) -> bool:
     return is_traced(*values, *records)
 
 
-def _with_inputs(self: Model[Any, Any], p: FloatArray, t: FloatArray, inputs: Mapping[Any, Any] | None) -> FloatArray:
+def _with_inputs(self: CompiledModel, p: FloatArray, t: FloatArray, inputs: Mapping[Any, Any] | None) -> FloatArray:
     """Return parameters (n_p,), or (k, n_p) at times (k,), with the values of inputs."""
     places = [place + 1 for place in coefficient_places(self.layout.parameters, self.layout.inputs)]
     if inputs is None and not np.any(np.isnan(p[places])):
         return p
-    given = read_inputs(self.layout, self._inputs, inputs)
+    given = read_inputs(self.layout, self.inputs, inputs)
     if given is None:
         return p
     rows = np.tile(p, (len(t), 1))
@@ -156,7 +160,7 @@ def _with_inputs(self: Model[Any, Any], p: FloatArray, t: FloatArray, inputs: Ma
     return rows if given.sampled else rows[0]
 
 
-def _require_states(self: Model[Any, Any], kernel: str, given: Any) -> None:
+def _require_states(self: CompiledModel, kernel: str, given: Any) -> None:
     """Refuse to evaluate a kernel that depends on first-order states where none are given.
 
     Raises
@@ -164,13 +168,39 @@ def _require_states(self: Model[Any, Any], kernel: str, given: Any) -> None:
     ValueInputError
     """
     names = self.layout.states
-    if given is None and names and self._depends_on_states(kernel):
+    if given is None and names and _depends_on_states(self, kernel):
         raise ValueInputError(
             f"{kernel} depends on the first-order states of the scene; give states={{...}} for {list_names(names)}"
         )
 
 
-def _states(self: Model[Any, Any], given: Any) -> FloatArray:
+def _depends_on_states(self: CompiledModel, kernel: str) -> bool:
+    """Whether the outputs of a kernel depend on first-order states."""
+    if self.modes is not None:
+        return kernel != "mass_matrix"
+    program, first = self.stages.program, 2 * len(self.layout.coordinates)
+    loads = program.kernel(kernel).loads if kernel in program else ()
+    return any(load.array == "y" and load.index is not None and load.index >= first for load in loads)
+
+
+def _outputs(self: CompiledModel, kernel: str, t: FloatArray, x: FloatArray, p: FloatArray) -> FloatArray | None:
+    """Return outputs (k, n_out) at times (k,), variables x (k, 2 n_q + n_z) and parameters (n_p,) or (k, n_p).
+
+    The variables are coordinates, rates and first-order states. None stands for zeros.
+    """
+    if self.modes is not None:
+        return self.modes.decisions.evaluate(kernel, t, x, p)
+    program = self.stages.program
+    if kernel not in program:
+        return None
+    if p.ndim == 1:
+        return self.engine.evaluate(kernel, t, x, run_input.constants(program, p))
+    if program.conditions is not None:
+        program.conditions.decide_at(p, t)
+    return self.engine.rows(program.kernel(kernel), t, x, run_input.prepare_rows(program, p))
+
+
+def _states(self: CompiledModel, given: Any) -> FloatArray:
     """Return first-order states (n_z,) or (k, n_z), zeros where nothing is given."""
     names = self.layout.states
     if isinstance(given, Mapping):
@@ -182,7 +212,7 @@ def _states(self: Model[Any, Any], given: Any) -> FloatArray:
     return np.zeros(len(names)) if given is None else rows_of("states", given, len(names))
 
 
-def _refuse_contradictions(self: Model[Any, Any], q: FloatArray, p: FloatArray) -> None:
+def _refuse_contradictions(self: CompiledModel, q: FloatArray, p: FloatArray) -> None:
     """Refuse arrays of coordinates (k, n_q) and parameters (n_p,) with numbers that their symbols exclude."""
     layout = self.layout
     for names, table, rounding in ((layout.coordinates, q, ROUNDING), (layout.parameters, p[np.newaxis], 0.0)):

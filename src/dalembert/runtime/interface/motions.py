@@ -2,33 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import nesting_named
 from ...options import PrepareOptions, simulate_options
+from ...progress import run_meter
 from ...values import tolerances
 from ..capabilities import refuse_functions
+from ..elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_from, with_offsets
+from ..event_parameters import with_event_parameters
 from ..input_values import read_inputs
-from ..simulate import simulate as simulate_model
+from ..inputs import span_of
+from ..simulate import simulate_in_own_time
 
 if TYPE_CHECKING:
     from ...results.comparison import Comparison
-    from ...results.motion import Motion
-    from ..base import Model
+    from ...results.trajectory import Trajectory
     from ..model import CompiledModel
     from ..prepared import PreparedRun
 
 __all__ = ["compare_formulations", "prepare", "simulate"]
 
-RunT = TypeVar("RunT", bound="Motion")
-
 
 @nesting_named
 def simulate(
-    self: Model[RunT, Any],
+    self: CompiledModel,
     t_span: tuple[float, float],
     initial: Mapping[Any, Any],
     parameters: Mapping[Any, Any],
@@ -46,7 +48,7 @@ def simulate(
     events: Any = (),
     project_invariants: Any = False,
     progress: bool = False,
-) -> RunT:
+) -> Trajectory:
     """Simulate one trajectory.
 
     With contacts it has phases, and backwards in time ends where a contact changes. What `initial` leaves out is then
@@ -97,8 +99,7 @@ def simulate(
     Returns
     -------
     Trajectory
-        Numerical failure is its `status`, never an exception. With contacts a `HybridTrajectory`, whose `phases` say
-        what they did.
+        Numerical failure is its `status`, never an exception. With contacts its `phases` say what they did.
 
     Raises
     ------
@@ -125,15 +126,41 @@ def simulate(
         project_invariants,
         t_eval=t_eval,
         events=events,
-        inputs=read_inputs(self.layout, self._inputs, inputs),
+        inputs=read_inputs(self.layout, self.inputs, inputs),
         progress=progress,
     )
-    return simulate_model(self, t_span, initial, parameters, options)
+    model = with_event_parameters(self, parameters, options.events)
+    t0, t1 = span = span_of(t_span)
+    if options.inputs is not None:
+        options.inputs.refuse_span(t0, t1)
+        parameters = options.inputs.parameters(parameters, t0, after=t1 >= t0)
+    times, elapsed = options.t_eval, None
+    if begins_elsewhere(t0, t1):
+        elapsed, events, _ = in_elapsed_time(model, t0, t1, options.events)
+    if elapsed is not None:
+        parameters = with_offsets(model, elapsed, t0, parameters)
+        model, span = elapsed, (0.0, t1 - t0)
+        options = replace(options, events=events, t_eval=elapsed_times(t0, t1, times), origin=t0)
+        if options.inputs is not None:
+            options = replace(options, inputs=options.inputs.counted_from(t0))
+            parameters = options.inputs.parameters(parameters, 0.0, after=t1 >= t0)
+    run_model: Callable[..., Trajectory] = simulate_in_own_time
+    if model.modes is not None:
+        from ..hybrid.given_values import run_motion
+
+        run_model = run_motion
+    if options.progress:
+        with run_meter(*span) as show:
+            run = run_model(model, span, initial, parameters, options)
+            show(run.t_end)
+    else:
+        run = run_model(model, span, initial, parameters, options)
+    return run if elapsed is None else run.counted_from(t0, times, noted_from(run.stats.note, t0))
 
 
 @nesting_named
 def prepare(
-    self: Model[Any, Any],
+    self: CompiledModel,
     t_span: tuple[float, float],
     *,
     inputs: Mapping[Any, Any] | None = None,
@@ -181,7 +208,7 @@ def prepare(
         run = model.prepare((0, 10))
         end = run(model.state({theta: 1, theta.diff(): 0}, p), model.parameter_vector(p))
     """
-    refuse_functions(self._controllers, "a prepared run")
+    refuse_functions(self.controllers, "a prepared run")
     options = PrepareOptions(
         method=method,
         rtol=rtol,
@@ -189,7 +216,7 @@ def prepare(
         max_step=max_step,
         max_steps=max_steps,
         project_invariants=project_invariants,
-        inputs=None if inputs is None else read_inputs(self.layout, self._inputs, inputs),
+        inputs=None if inputs is None else read_inputs(self.layout, self.inputs, inputs),
     )
     from ..prepare import prepare as prepare_model
 

@@ -13,11 +13,12 @@ from ...ir.input_parameters import coefficient_places, hidden_parameters
 from ...ir.interpret import interpret_rows
 from ...values import option
 from .. import inputs as run_input
+from ..initial_states import initial_state
 from ..input_values import read_inputs, with_inputs
+from ..segment_constants import at_time
 from .evaluation import rows_of
 
 if TYPE_CHECKING:
-    from ..base import Model
     from ..model import CompiledModel
 
 __all__ = ["assemble", "expand", "initial_values", "parameter_vector", "state"]
@@ -25,7 +26,7 @@ __all__ = ["assemble", "expand", "initial_values", "parameter_vector", "state"]
 
 @nesting_named
 def parameter_vector(
-    self: Model[Any, Any], parameters: Mapping[Any, Any], *, inputs: Mapping[Any, Any] | None = None
+    self: CompiledModel, parameters: Mapping[Any, Any], *, inputs: Mapping[Any, Any] | None = None
 ) -> FloatArray:
     """Return p (n_p,) in the order of ``layout.parameters`` from a mapping of names or symbols to numbers.
 
@@ -37,24 +38,24 @@ def parameter_vector(
     UnknownNameError, ValueInputError
         For input that is wrong, and for samples, which change along a run.
     """
-    given = read_inputs(self.layout, self._inputs, inputs) if inputs is not None else None
+    given = read_inputs(self.layout, self.inputs, inputs) if inputs is not None else None
     if given is not None and given.sampled:
         raise ValueInputError(
             "parameter_vector takes numbers as inputs, because it holds for a whole run, and samples change along"
             " one: give samples to simulate, sweep or prepare(t_span, inputs=...)"
         )
     if given is not None:
-        return run_input.in_order(self.layout, self._read_parameters(given.parameters(parameters, 0.0)))
+        return run_input.in_order(self.layout, self.read_parameters(given.parameters(parameters, 0.0)))
     if not self.layout.inputs or hidden_parameters(self.layout.inputs[0])[0] in parameters:
-        return run_input.in_order(self.layout, self._read_parameters(parameters))
+        return run_input.in_order(self.layout, self.read_parameters(parameters))
     free = dict.fromkeys((hidden for u in self.layout.inputs for hidden in hidden_parameters(u)), 0.0)
-    p = run_input.in_order(self.layout, self._read_parameters({**parameters, **free}))
+    p = run_input.in_order(self.layout, self.read_parameters({**parameters, **free}))
     for place in coefficient_places(self.layout.parameters, self.layout.inputs):
         p[place + 1] = np.nan
     return p
 
 
-def initial_values(self: Model[Any, Any], initial: Mapping[Any, Any]) -> dict[str, float]:
+def initial_values(self: CompiledModel, initial: Mapping[Any, Any]) -> dict[str, float]:
     """Return initial values by name from a mapping of names or symbols to numbers.
 
     Raises
@@ -62,12 +63,12 @@ def initial_values(self: Model[Any, Any], initial: Mapping[Any, Any]) -> dict[st
     UnknownNameError, ValueInputError
         For unknown names, and values that are not finite numbers or that their symbols exclude.
     """
-    return self._read_initial(initial)
+    return self.read_initial(initial)
 
 
 @nesting_named
 def state(
-    self: Model[Any, Any],
+    self: CompiledModel,
     initial: Mapping[Any, Any],
     parameters: Mapping[Any, Any],
     *,
@@ -79,8 +80,15 @@ def state(
     In scenes with contacts it is coordinates, rates and first-order states (2 n_q + n_z,).
     """
     time = option("t", t)
-    given = with_inputs(self.layout, self._inputs, inputs, parameters, time)
-    return self._state(time, initial, given)
+    given = with_inputs(self.layout, self.inputs, inputs, parameters, time)
+    if self.modes is not None:
+        from ..hybrid.given_values import start_state
+
+        values = run_input.given_values(self.layout, initial)
+        return start_state(self.modes, time, values, run_input.named_parameters(self, given))
+    program, values = self.stages.program, self.initial_values(initial)
+    c = run_input.constants(program, self.parameter_vector(given))
+    return initial_state(self.derived.start(values), time, values, at_time(program, c, time), program)
 
 
 def expand(
@@ -92,10 +100,8 @@ def expand(
     inputs: Mapping[Any, Any] | None = None,
 ) -> FloatArray:
     """Return coordinates, rates and states (2 n_q + n_z,) of a state y (n_y,) of the formulation at time t."""
-    from ..segment_constants import at_time
-
     program, time = self.stages.program, option("t", t)
-    given = with_inputs(self.layout, self._inputs, inputs, parameters, time)
+    given = with_inputs(self.layout, self.inputs, inputs, parameters, time)
     c = run_input.constants(program, self.parameter_vector(given))
     state = rows_of("y", y, len(self.layout.state))
     c = at_time(program, c, time)
@@ -104,7 +110,7 @@ def expand(
 
 @nesting_named
 def assemble(
-    self: Model[Any, Any],
+    self: CompiledModel,
     guess: Mapping[Any, Any],
     parameters: Mapping[Any, Any],
     *,
@@ -144,7 +150,13 @@ def assemble(
         For input that is wrong.
     """
     time = option("t", t)
-    given = with_inputs(self.layout, self._inputs, inputs, parameters, time)
-    values = run_input.guessed_values(self.layout, self._equations.symbols.entries, guess)
+    given = with_inputs(self.layout, self.inputs, inputs, parameters, time)
+    values = run_input.guessed_values(self.layout, self.equations.symbols.entries, guess)
     held = run_input.resolve_names("fixed name", fixed, values, self.layout.aliases)
-    return self._assemble(time, values, given, held)
+    if self.modes is not None:
+        from ..hybrid.at_state import assemble_open
+
+        return assemble_open(self, time, values, given, held)
+    from ..assembly import assembled_by
+
+    return assembled_by(self, time, values, given, held)

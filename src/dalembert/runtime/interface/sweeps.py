@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,18 +13,16 @@ from ..capabilities import refuse_functions
 from ..input_values import read_inputs
 
 if TYPE_CHECKING:
-    from ...results.case_results import CaseResults
     from ...results.sampler import CaseSet
-    from ..base import Model
+    from ...results.sweep import Sweep
+    from ..model import CompiledModel
 
 __all__ = ["sweep"]
-
-SweepT = TypeVar("SweepT", bound="CaseResults")
 
 
 @nesting_named
 def sweep(
-    self: Model[Any, SweepT],
+    self: CompiledModel,
     t_span: tuple[Any, Any],
     initial: Mapping[Any, Any],
     parameters: Mapping[Any, Any],
@@ -48,7 +46,7 @@ def sweep(
     client: Any = None,
     resume: bool = True,
     units: Mapping[Any, str] | None = None,
-) -> SweepT | Any:
+) -> Sweep | Any:
     """Simulate many cases, each with its own steps and status; one that fails never touches its neighbours.
 
     With contacts all cases that are in one mode run side by side, every time of `t_eval` ends a step, `max_steps`
@@ -107,8 +105,7 @@ def sweep(
     -------
     Sweep
         After Ctrl-C, with the cases that were finished; the others have the status INTERRUPTED. Where `to` is
-        given, an ``xarray.Dataset`` in place of it, which reads values from the store when they are needed. With
-        contacts a `HybridSweep`, or a dataset with ``phases`` and the mode of each contact.
+        given, an ``xarray.Dataset`` in place of it, which reads values from the store when they are needed.
 
     Raises
     ------
@@ -125,7 +122,7 @@ def sweep(
         sweep = model.sweep((0, 10), {theta: angles, theta.diff(): 0}, {m: 1, l: 1, g: 9.81})
         sweep.final["theta"], sweep.status  # arrays over the cases
     """
-    refuse_functions(self._controllers, "a sweep")
+    refuse_functions(self.controllers, "a sweep")
     options = SweepOptions(
         method=method,
         rtol=rtol,
@@ -140,7 +137,7 @@ def sweep(
         events=events,
         reduce=reduce,
         project_invariants=project_invariants,
-        inputs=read_inputs(self.layout, self._inputs, inputs, many=True) if to is None else None,
+        inputs=read_inputs(self.layout, self.inputs, inputs, many=True) if to is None else None,
     )
     if to is None:
         if chunk is not None or client is not None:
@@ -149,8 +146,10 @@ def sweep(
             raise OptionError(
                 "units= are of sweeps that are stored (to=); give them to to_xarray(units=...) of this one"
             )
-        from ..sweep import sweep as sweep_model
+        from ..sweep import sweep_cases
 
-        return sweep_model(self, t_span, initial, parameters, options)
+        return sweep_cases(self, t_span, initial, parameters, options)
     where = StoreOptions(to=to, chunk=chunk, client=client, resume=resume, units=units)
-    return self._stored_sweep((t_span, initial, parameters, inputs), options, where)
+    from ..stored.sweep import stored_sweep
+
+    return stored_sweep(self, (t_span, initial, parameters, inputs), options, where)

@@ -8,19 +8,20 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from ...codegen import backend_named
 from ...codegen.base import Capability
-from ...errors import CapabilityError, OptionError, unknown_name
+from ...errors import CapabilityError, OptionError, list_names
 from ...ir.program import DIRECTION
 from ...options import SolveOptions
 from .. import inputs as run_input
-from ..capabilities import refuse_sampling, require
+from ..capabilities import refuse_sampling
 
 if TYPE_CHECKING:
     from ...codegen.base import TracedEngine
-    from ..hybrid import HybridModel
+    from ...codegen.host_runs import HostedRuns
     from ..model import CompiledModel
 
-__all__ = ["hybrid_solve_fn", "solve_fn"]
+__all__ = ["solve_fn"]
 
 
 def solve_fn(
@@ -41,6 +42,9 @@ def solve_fn(
     reduce: Any = None,
 ) -> Any:
     """Return a pure function ``solve(t, initial, p)`` that JAX can trace, vectorise and differentiate.
+
+    With contacts that change, its runs are left to the compiled backend on the host, one call for a whole batch, and
+    have no derivatives, so that `mode` and `adjoint` do nothing; the state is that of coordinates and rates.
 
     Parameters
     ----------
@@ -91,24 +95,22 @@ def solve_fn(
     UnknownNameError, InitialStateError
         For names that are not known or not enough.
     """
-    require(self.backend, self.stages.program, Capability.SOLVE_FUNCTION)
-    watching = reduce is not None or not (isinstance(events, tuple) and not events)
+    if Capability.SOLVE_FUNCTION not in backend_named(self.backend).capabilities:
+        raise CapabilityError(Capability.SOLVE_FUNCTION.value)
+    watching = self.modes is not None or reduce is not None or not (isinstance(events, tuple) and not events)
     if watching:
         if portable:
+            changing = f"contacts that change ({list_names(self.contacts)})" if self.modes is not None else ""
             raise OptionError(
-                "runs with events or reductions are calls of the host, which jax.export refuses: take portable=True"
-                " without events= and reduce="
+                f"runs with {changing or 'events or reductions'} are calls of the host, which jax.export refuses: take"
+                f" portable=True {'in one mode, as mode() gives it' if changing else 'without events= and reduce='}"
             )
         from ..hosted import hosted_runs, with_symbols  # for these runs alone
 
-        self = with_symbols(self, self.layout, events, reduce, self._with_parameters)
-    refuse_sampling(self._controllers, "solve_fn", "use simulate or sweep, or write solve_fn over one period")
-    start = None
+        self = with_symbols(self, events, reduce)
     if given is not None:
         names = [self.layout.aliases.get(str(name), str(name)) for name in given]
-        given = run_input.given_values(self.layout, dict.fromkeys(names, 0.0))
-        start = self.derived.start([*given, DIRECTION])
-        given = tuple(name for name in start.given if name != DIRECTION)
+        given = tuple(run_input.given_values(self.layout, dict.fromkeys(names, 0.0)))
     options = SolveOptions(
         method=method,
         mode=mode,
@@ -121,6 +123,14 @@ def solve_fn(
         throw=throw,
         portable=portable,
     )
+    if self.modes is not None:
+        hosted = hosted_runs(self, given, method, options, events, reduce)
+        return cast("TracedEngine", self.modes.engine()).hosted_solve_fn(None, options, cast("HostedRuns", hosted))
+    refuse_sampling(self.controllers, "solve_fn", "use simulate or sweep, or write solve_fn over one period")
+    start = None
+    if given is not None:
+        start = self.derived.start([*given, DIRECTION])
+        given = tuple(name for name in start.given if name != DIRECTION)
     options = replace(options, method=self.choose_method(method, *options.tolerances))
     engine = cast("TracedEngine", self.engine)
     hosted = hosted_runs(self, given, method, options, events, reduce) if watching else None
@@ -131,59 +141,4 @@ def solve_fn(
             f"solve_fn does not watch constraints that were left out and need not follow everywhere ({self.note}): use"
             " simulate or sweep, or write the scene with constraints that are independent everywhere"
         )
-    return engine.solve_fn(start, options, self._inputs, self.derived.dependence)
-
-
-def hybrid_solve_fn(
-    self: HybridModel,
-    given: Iterable[str] | None = None,
-    *,
-    method: str = "auto",
-    rtol: float = 1e-8,
-    atol: float = 1e-10,
-    max_step: float = np.inf,
-    max_steps: int = 4096,
-    dense: bool = False,
-    throw: bool = False,
-    events: Any = (),
-    reduce: Any = None,
-) -> Any:
-    """Return a pure function ``solve(t, initial, p)`` that JAX can trace and vectorise.
-
-    Its runs are left to the compiled backend on the host, one call for a whole batch, and have no derivatives.
-
-    Parameters
-    ----------
-    given : iterable of str, optional
-        Names of the coordinates and rates that `initial` holds; without it all of them, in the order of
-        ``layout.variables``.
-    method, rtol, atol, max_step, max_steps, dense, throw, events, reduce
-        As for `CompiledModel.solve_fn`.
-
-    Returns
-    -------
-    HostedSolve
-        Its results are described in `Solved`; the state y is that of coordinates and rates.
-
-    Raises
-    ------
-    CapabilityError
-        For a backend other than "jax".
-    OptionError
-        For options that do not exist.
-    """
-    if self.backend != "jax":
-        raise CapabilityError(Capability.SOLVE_FUNCTION.value)
-    from ..hosted import METHODS, hybrid_runs, with_symbols
-
-    self = with_symbols(self, self.layout, events, reduce, self._with_parameters)
-    if given is not None:
-        names = [self.layout.aliases.get(str(name), str(name)) for name in given]
-        given = tuple(run_input.given_values(self.layout, dict.fromkeys(names, 0.0)))
-    if method not in METHODS:
-        raise OptionError(unknown_name("method", str(method), METHODS))
-    options = SolveOptions(
-        method=method, rtol=rtol, atol=atol, max_step=max_step, max_steps=max_steps, dense=dense, throw=throw
-    )
-    hosted = hybrid_runs(self, given, method, options, events, reduce)
-    return cast("TracedEngine", self.traced_engine).hosted_solve_fn(None, options, hosted)
+    return engine.solve_fn(start, options, self.inputs, self.derived.dependence)

@@ -15,8 +15,8 @@ from ...codegen import backend_named
 from ...codegen.base import RenderedModule
 from ...ir.program import Program
 from ...once import DERIVING
-from ...pipeline import Compiled, Stages
-from .swept_models import SmoothModel, SweptModel
+from ...pipeline import Compiled, SeveralModes, Stages
+from .swept_models import SweptModel
 
 if TYPE_CHECKING:
     from ..model import CompiledModel
@@ -27,9 +27,8 @@ __all__ = ["packed", "unpacked"]
 def packed(model: SweptModel) -> bytes:
     """Return a model as bytes."""
     kind: type[Any] = type(model.model)
-    smooth = isinstance(model, SmoothModel)
     reductions: dict[type, Any] = {
-        kind: lambda each: (_loaded, (kind, each.stages, each.dropped)) if smooth else (kind, (each.several,)),
+        kind: lambda each: (_loaded, (kind, each.modes.several) if each.modes else (kind, each.stages, each.dropped)),
         RenderedModule: lambda each: (_rendered, (each.backend, each.program)),
     }
     data = io.BytesIO()
@@ -50,8 +49,10 @@ def _rendered(backend: str, program: Program) -> RenderedModule:
     return backend_named(backend).render(program)
 
 
-def _loaded(kind: type[CompiledModel], stages: Stages, dropped: tuple[int, ...]) -> CompiledModel:
+def _loaded(kind: type[CompiledModel], stages: Stages | SeveralModes, dropped: tuple[int, ...] = ()) -> CompiledModel:
     """Return the model of stages, its code compiled, or read from the cache, in this process."""
+    if isinstance(stages, SeveralModes):
+        return kind.of(stages)
     backend = backend_named(stages.rendered.backend)
     engine = backend.load(stages.rendered, cache=stages.options.cache)
     return kind.of(Compiled(stages, engine, backend.serving(stages.program)), dropped)

@@ -28,6 +28,8 @@ from .swept_models import SweptModel
 if TYPE_CHECKING:
     import xarray
 
+    from ..model import CompiledModel
+
 __all__ = ["stored_sweep"]
 
 _PILOT, _LARGEST_PILOT, _PILOT_SECONDS = 256, 1 << 14, 0.02
@@ -39,12 +41,12 @@ _NO_MATTER = ("grid", "inputs", "threads", "progress", "origin")
 """Options on which results do not depend, or that are among the cases: the origin is the start of each."""
 
 
-def stored_sweep(model: SweptModel, given: Given, options: SweepOptions, where: StoreOptions) -> xarray.Dataset:
+def stored_sweep(compiled: CompiledModel, given: Given, options: SweepOptions, where: StoreOptions) -> xarray.Dataset:
     """Return the results of a sweep from its store, after computing what is missing there.
 
     Parameters
     ----------
-    model : SweptModel
+    compiled : CompiledModel
     given : tuple
         Span, initial values, parameters and inputs, as `CompiledModel.sweep` takes them.
     options : SweepOptions
@@ -62,7 +64,7 @@ def stored_sweep(model: SweptModel, given: Given, options: SweepOptions, where: 
     """
     packages()
     _require_distributed(where)
-    model = model.with_event_parameters(given[2], options)
+    model = SweptModel(compiled).with_event_parameters(given[2], options)
     request = request_of(model.model.layout, given, options.grid)
     store = Store.open(where.to)
     if store is not None and not where.resume:
