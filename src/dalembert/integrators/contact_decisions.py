@@ -24,7 +24,7 @@ from .mode_selection import select_mode
 
 __all__ = ["LOOP", "DecisionArguments", "decide"]
 
-SHORT_LOOPS = True
+SHAPE = "short loops"
 """Loops over coordinates and contacts have a few rounds: they are not unrolled."""
 
 _REST, _REST_TOLERANCES, _REST_OF_SPAN, _LEAST_REST = 1e-6, 10.0, 1e-7, 1e-8

@@ -4,4 +4,5 @@ from .lane_loop import sweeping
 
 __all__ = ["LOOP"]
 
+SHAPE = "branches"
 LOOP = sweeping(watched=True, projected=True, stops=True)

@@ -93,8 +93,8 @@ class Loop:
 
             return loop_assembly(self._function, fused=target().fused)
 
-        module = importlib.import_module(self._function.__module__)
-        return library_code(self._name, text, "short loops" if getattr(module, "SHORT_LOOPS", False) else "loops")
+        module = importlib.import_module(f"dalembert.integrators.{self._name}")
+        return library_code(self._name, text, getattr(module, "SHAPE", "loops"))
 
     @once_property
     def call(self) -> Any:
