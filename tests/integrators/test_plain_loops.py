@@ -10,6 +10,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.codegen.llvm import foreign_batch, prepared, sweeps
+from dalembert.codegen.llvm import recorded as recorded_runs
 from dalembert.codegen.llvm.loops import DEBUG_VARIABLE, Loop, compiled_entry, debugging, loop_named
 from dalembert.errors import OptionError
 from dalembert.integrators import compiled_subset
@@ -122,6 +123,31 @@ SWEEPS = {
 
 PAIRS = [(what, "minimal") for what in SWEEPS if what != "samples"]
 PAIRS += [(what, "projected") for what in ("nothing", "samples", "all")]
+
+
+@pytest.mark.parametrize("watched", [STOPPING, TURNING])
+@pytest.mark.parametrize(
+    ("method", "formulation", "loop"),
+    [
+        ("taylor", "minimal", "event_lane_loop"),
+        ("dop853", "projected", "event_lane_loop"),
+        ("radau", "minimal", "block_search"),
+    ],
+)
+def test_single_runs_with_events(plainly, monkeypatch, method, formulation, loop, watched):
+    monkeypatch.setattr(recorded_runs, "_ROWS", 2)
+
+    def run():
+        done = sleigh(formulation).simulate(
+            (0, 0.8), START, PARAMETERS, method=method, events=watched, dense=True, **LOOSE
+        )
+        seen = [part for record in done.events.values() for part in (record.t, record.y, record.after.y)]
+        assert any(map(len, done.events.values()))
+        return [done.t, done.y, done(np.array([0.05, 0.1]))["x"], *seen]
+
+    compiled, found, names = plainly(run)
+    assert loop in names
+    assert_same_bits(compiled, found)
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853"])

@@ -348,6 +348,39 @@ def test_a_reaction_must_be_an_output():
         sleigh.simulate((0, 1), start, {"m": 1, "b": 0.3, "I_C": 0.5}, events=["X"])
 
 
+# -- expressions that jump at stops ---------------------------------------------------------
+
+
+@functools.cache
+def pushed(backend):
+    """A bead on a line and an input, which hardly pushes it."""
+    frame, origin, push = ReferenceFrame("N"), Point("O"), dynamicsymbols("push")
+    place = origin.locatenew("P", x * frame.x)
+    scene = da.Scene("pushed", frame=frame, origin=origin, coordinates=[x])
+    scene.add_bodies(Particle("b", place, m))
+    scene.add_loads((place, push / 1000 * frame.x))
+    scene.add_inputs(push)
+    return da.compile_model(scene, backend=backend), push
+
+
+@pytest.mark.parametrize("backend", ["llvm", "numpy"])
+@pytest.mark.parametrize("speed", [0.1, -0.1])
+@pytest.mark.parametrize("apply", [{x.diff(): -x.diff()}, {x: 0.0}, {x: x + 0.1}])
+def test_a_sign_that_changes_at_a_stop_is_one_event(backend, speed, apply):
+    """Before, the value behind the stop counted as what is left of a zero, and the map as a motion through it."""
+    bead, push = pushed(backend)
+    event = da.Event(x + push, name="changed", apply=apply)
+    held = {push: da.samples([0.0, 1.0, 2.0], [1.0, -1.0, -1.0], kind="hold")}
+    start = {x: 0.0, x.diff(): speed}
+    run = bead.simulate((0, 1.8), start, {m: 1.0}, inputs=held, events=[event])
+    np.testing.assert_array_equal(run.events["changed"].t, [1.0])
+    assert run.status is Status.SUCCESS and run.t[-1] == 1.8
+    assert run.events["changed"].direction == [-1] and np.sum(run.t == 1.0) >= 2
+    sweep = bead.sweep((0, 1.8), start | {x: [0.0, 0.1]}, {m: 1.0}, inputs=held, events=[event])
+    np.testing.assert_array_equal(sweep.events["changed"].count, [1, 1])
+    assert np.all(sweep.status == Status.SUCCESS)
+
+
 # -- motions that constraints prescribe -----------------------------------------------------
 
 

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, final
 
 import numpy as np
@@ -15,6 +16,7 @@ from ..errors import FormulationError
 from ..integrators.addresses import OwnedAddress
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.problem import IntegrationProblem, Solution
+from ..integrators.projected_states import projected
 from ..integrators.segments import Segments
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
@@ -29,6 +31,9 @@ from .runs import CaseRun, Final, Prepared, PreparedStates, StartCode
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from ..integrators.event_code import EventCode
+    from ..integrators.recorded_motion import Occurrence, RecordedCase
+    from ..integrators.workspace import EventKernels
     from ..reduction.starting import Start
     from ..scene.symbol_table import InputSymbol
     from .host_runs import HostedRuns
@@ -129,12 +134,45 @@ class Engine(ABC):
         """Return the method to take in place of `method` for problems like this one, and why."""
         return method, ""
 
-    def prepare(self, problem: IntegrationProblem, method: str) -> None:  # noqa: B027
-        """Compile what `integrate` will need for such a problem, where that is still to be done."""
+    def prepare(self, problem: IntegrationProblem, method: str, watch: EventCode | None = None) -> None:  # noqa: B027
+        """Compile what `integrate` will need for such a problem, or `recorded`, where that is still to be done."""
 
     @abstractmethod
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """Return the solution of an initial value problem in the state of the formulation."""
+
+    def integrate_watched(
+        self, problem: IntegrationProblem, method: str, watch: EventCode, carried: FloatArray | None = None
+    ) -> tuple[Solution, list[Occurrence]]:
+        """Return the solution of a problem with events, and what occurred, in the order of time.
+
+        Where a state jumps, accepted steps hold the time twice. `carried` are signs (n_events,) from which a motion
+        goes on behind a stop (`EventWorkspace.carried`): expressions that change theirs by what happens at the stop
+        occur at once. It gets the signs with which this part of the motion ends.
+        """
+        run = self.recorded(problem, method, watch, carried)
+        settle = partial(projected, watch.program, self.constants_along(problem))
+        return run.solution(problem, settle, right=self.controlled), run.occurrences(settle)
+
+    def records(self, method: str) -> bool:
+        """Whether a loop takes runs with events by a method to their ends, and records them on the way."""
+        return False
+
+    def recorded(
+        self, problem: IntegrationProblem, method: str, watch: EventCode, carried: FloatArray | None
+    ) -> RecordedCase:
+        """Return the records of a run with events; here blocks of its steps are searched.
+
+        An engine that `records` them passes the stops of the problem.
+        """
+        from .step_blocks import recorded_in_blocks
+
+        return recorded_in_blocks(self, problem, method, watch, carried)
+
+    @once_property
+    def block_events(self) -> BoundedTable[EventCode, EventKernels]:
+        """Interpreted kernels of sets of events."""
+        return BoundedTable(MOST_FURTHER)
 
     def step_blocks(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
         """Yield the solution of a problem in blocks of steps, for callers that may stop early.
@@ -165,6 +203,9 @@ class Engine(ABC):
 
     cuts: ClassVar[bool] = False
     """Whether runs are cut in segments, also those without a state."""
+
+    controlled: bool = False
+    """Whether controllers act along runs, so that accepted steps hold the states behind their actions."""
 
     parallel: ClassVar[bool] = False
     """Whether `integrate_block` releases the interpreter, so that threads help."""

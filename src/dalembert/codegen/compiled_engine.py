@@ -30,21 +30,28 @@ from .host_code import landing_code
 from .library import LARGEST_UNROLLED, MOST_FURTHER, KernelLibrary
 from .llvm.loops import loop_named
 from .runs import CaseRun, Prepared, StartCode
-from .steppers import Steppers, pair_named
+from .steppers import Stepper, Steppers, pair_named
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from ..integrators.event_code import EventCode
     from ..integrators.explicit_loop import ExplicitCode
     from ..integrators.implicit_loop import ImplicitCode
+    from ..integrators.recorded_motion import RecordedCase
     from ..integrators.stiffness import Rates
     from ..integrators.taylor_runs import StepCode
+    from ..integrators.workspace import EventKernels
     from ..reduction.starting import Start
     from .llvm.admission import Admission
     from .llvm.foreign import ForeignCode
     from .llvm.foreign_batch import Interface
+    from .llvm.recorded import RecordedLane
 
 __all__ = ["METHODS", "CompiledEngine", "default_source"]
+
+_MOST_LANES = 16
+"""Sets of events and tolerances of which the memory of single runs is kept."""
 
 METHODS: Mapping[str, str] = {
     "taylor": "Taylor series of an order chosen by the tolerance (Jorba and Zou)",
@@ -74,6 +81,8 @@ class CompiledEngine(Engine):
         self.steps = steps
         self._extra_kernels: BoundedTable[tuple[int, int], tuple[Kernel, OwnedAddress]] = BoundedTable(MOST_FURTHER)
         self._taylor_codes: dict[int, StepCode] = {}
+        self._recorded_lanes: BoundedTable[tuple[EventCode, str, float, float], list[RecordedLane]]
+        self._recorded_lanes = BoundedTable(_MOST_LANES)
         self._steppers = Steppers(steps, self._sizes.get("rhs", 0))
 
     @property
@@ -147,8 +156,11 @@ class CompiledEngine(Engine):
         """See `Engine.source_of`: the text of a single run."""
         return self.steps.source(method, order_at(rtol, atol))
 
-    def prepare(self, problem: IntegrationProblem, method: str) -> None:
+    def prepare(self, problem: IntegrationProblem, method: str, watch: EventCode | None = None) -> None:
         """See `Engine.prepare`."""
+        if watch is not None and self.records(method):
+            _ = self._watched_steps(problem, method, watch), loop_named("event_lane_loop").call
+            return
         _ = self._taylor(problem) if method == "taylor" else self._implicit if method == "radau" else self._explicit
 
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
@@ -230,6 +242,56 @@ class CompiledEngine(Engine):
         self.prepare(problem, method)
         yield from growing_step_blocks(lambda part: self.integrate(part, method), problem, 1)
 
+    def records(self, method: str) -> bool:
+        """See `Engine.records`: explicit steps, unless attempts of them would take seconds to compile."""
+        return bool(self._sizes["rhs"]) and (method == "taylor" or (method != "radau" and self.steps.compiles_starts))
+
+    def _watched_steps(
+        self, problem: IntegrationProblem, method: str, watch: EventCode
+    ) -> tuple[Stepper, EventKernels]:
+        """Return the steps of runs with events, and the events."""
+        stepper = self._steppers.stepper(method, (problem.rtol, problem.atol), 1, dense=True, bounded=True)
+        return stepper, self._steppers.events(watch, method, stepper, 1, 0, tested=False)
+
+    def recorded(
+        self, problem: IntegrationProblem, method: str, watch: EventCode, carried: FloatArray | None
+    ) -> RecordedCase:
+        """See `Engine.recorded`: explicit steps run in one lane of the loop over lanes."""
+        if not self.records(method):
+            return super().recorded(problem, method, watch, carried)
+        again = carried is None and problem.inputs is None and problem.first_step is None
+        lanes: list[RecordedLane] = []
+        if again:
+            lanes = computed_once(self._recorded_lanes, (watch, method, problem.rtol, problem.atol), list)
+        try:
+            lane = lanes.pop()
+        except IndexError:
+            lane = self._recorded_lane(problem, method, watch, carried)
+        run = lane.run(problem)
+        if again:
+            lanes.append(lane)
+        return run
+
+    def _recorded_lane(
+        self, problem: IntegrationProblem, method: str, watch: EventCode, carried: FloatArray | None
+    ) -> RecordedLane:
+        """Return the memory for runs like a problem."""
+        from .llvm.check_inputs import check_inputs
+        from .llvm.recorded import RecordedLane
+        from .llvm.sweeps import SweepShape
+
+        n = self._sizes["rhs"]
+        stepper, events = self._watched_steps(problem, method, watch)
+        prepare, own = NO_CODE, self._with_sides(problem)
+        if own.stops is not None:
+            prepare = self.steps.prepare()
+            own = replace(own, stops=own.stops.compiled(partial(self._action_code, lanes=1)))
+        kernels = SweepKernels(
+            *stepper.codes, *self._steppers.projections(1), prepare, NO_CODE, NO_CODE, check_inputs(1)
+        )
+        shape = SweepShape(1, n, len(problem.constants), stepper.degree, stepper.memory, 1, dense=True)
+        return RecordedLane(kernels, shape, stepper, own, watch, events, carried)
+
     parallel: ClassVar[bool] = True
 
     def sweeper(
@@ -247,6 +309,8 @@ class CompiledEngine(Engine):
         from .llvm.advance_lanes import advance_lanes
         from .llvm.check_inputs import check_inputs
         from .llvm.sweeps import SweepShape, case_run
+
+        assert cases.start is not None
 
         with_series = 0
         if watched is not None and watched.smooth and method == "taylor" and not projected:

@@ -58,15 +58,15 @@ def columns_at(address: int, rows: int, lanes: int) -> FloatArray:
     return np.ctypeslib.as_array((ctypes.c_double * (rows * lanes)).from_address(address)).reshape(rows, lanes)
 
 
-def interpreted_code(kernel: Kernel) -> OwnedAddress:
-    """Return a kernel of (t, y, c) as code of `HOST_LANES` lanes, which interprets it."""
+def interpreted_code(kernel: Kernel, lanes: int = HOST_LANES) -> OwnedAddress:
+    """Return a kernel of (t, y, c) as code for lanes, which interprets it."""
     places = [(load.array, load.index) for load in kernel.loads if load.index is not None]
     sizes = {name: 1 + max((index for array, index in places if array == name), default=-1) for name in "yc"}
 
     def interpret(t: int, y: int, c: int, s: int, out: int) -> int:
-        found = columns_at(out, len(kernel.outputs), HOST_LANES)
-        states, constants = columns_at(y, sizes["y"], HOST_LANES), columns_at(c, sizes["c"], HOST_LANES)
-        found[:] = interpret_rows(kernel, columns_at(t, 1, HOST_LANES)[0], states.T, constants.T).T
+        found = columns_at(out, len(kernel.outputs), lanes)
+        states, constants = columns_at(y, sizes["y"], lanes), columns_at(c, sizes["c"], lanes)
+        found[:] = interpret_rows(kernel, columns_at(t, 1, lanes)[0], states.T, constants.T).T
         return 0
 
     return host_code(interpret)

@@ -7,17 +7,27 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+from ..integrators.addresses import NO_CODE
 from ..integrators.cases import BlockResult, CaseBlock
 from ..integrators.chaining import blocks_between_knots
-from ..integrators.events import integrate_watched
+from ..integrators.events import run_with_events
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
-from ..integrators.watched import recorded_states
+from ..integrators.projected_states import projected
+from ..integrators.recorded_motion import recorded_states
 from ..methods.status import Status
+from ..once import computed_once
+from .event_kernels import event_kernels
+from .host_code import interpreted_code, raise_failure
 
 if TYPE_CHECKING:
+    from ..arrays import FloatArray
+    from ..integrators.block_search import SearchArguments
+    from ..integrators.event_code import EventCode
+    from ..integrators.recorded_motion import RecordedCase
+    from ..integrators.workspace import EventKernels
     from .base import Engine
 
-__all__ = ["growing_step_blocks", "watched_case"]
+__all__ = ["growing_step_blocks", "recorded_in_blocks", "watched_case"]
 
 LONGEST_BLOCK = 256
 """Attempts in the longest block of a run that may end early."""
@@ -41,26 +51,58 @@ def growing_step_blocks(
             problem = replace(problem, t0=float(solution.t[-1]), y0=y0, first_step=step)
 
 
+def recorded_in_blocks(
+    engine: Engine, problem: IntegrationProblem, method: str, watch: EventCode, carried: FloatArray | None
+) -> RecordedCase:
+    """Return the records of a run with events, searched in blocks of steps; see `Engine.recorded`."""
+    from .llvm.loops import loop_named
+
+    def step_blocks(part: IntegrationProblem) -> Iterator[Solution]:
+        if not (len(part.y0) or engine.cuts):
+            return iter([prescribed(part)])
+        blocks = partial(engine.step_blocks, method=method)
+        return blocks_between_knots(blocks, part) if watch.reads_inputs else blocks(part)
+
+    problem = engine.after_start(problem)
+    events = computed_once(engine.block_events, watch, lambda: _event_kernels(watch))
+    constants, loop = engine.constants_along(problem), loop_named("block_search")
+    return run_with_events(step_blocks, problem, watch, events, constants, _raising(loop), carried)
+
+
+def _raising(loop: Callable[[SearchArguments], int]) -> Callable[[SearchArguments], int]:
+    """Return a loop that raises what interpreted kernels have raised in it."""
+
+    def call(arguments: SearchArguments) -> int:
+        found = loop(arguments)
+        raise_failure()
+        return found
+
+    return call
+
+
+def _event_kernels(watch: EventCode) -> EventKernels:
+    """Return interpreted kernels of events, for polynomials of any steps."""
+    program = watch.program
+    position, velocity = (
+        interpreted_code(program.kernel(name), 1) if name in program else NO_CODE
+        for name in ("project_position", "project_velocity")
+    )
+    about = interpreted_code, (position, velocity), replace(watch, kinds=()), NO_CODE
+    return event_kernels(*about, (len(program.layout.state), 0, 0), 1, 0, tested=False, exact=False)
+
+
 def watched_case(
     engine: Engine, block: CaseBlock, i: int, problem: IntegrationProblem, method: str, result: BlockResult
 ) -> None:
     """Write the results of case i of a block with events."""
     assert block.watch is not None
-
-    def step_blocks(part: IntegrationProblem) -> Iterator[Solution]:
-        blocks = partial(engine.step_blocks, method=method)
-        if not (len(part.y0) or engine.cuts):
-            return iter([prescribed(part)])
-        return blocks_between_knots(blocks, part) if watch.reads_inputs else blocks(part)
-
-    watch = block.watch
-    problem = engine.after_start(problem)
-    constants = engine.constants_along(problem)
-    watched = block.watch.watched(constants)
-    own, carried = replace(problem, t_eval=None, dense=True), None if block.carried is None else block.carried[i]
-    solution, occurrences = integrate_watched(step_blocks, own, watched, carried)
+    carried = None if block.carried is None else block.carried[i]
+    own = replace(problem, t_eval=None, dense=True)
+    solution, occurrences = engine.integrate_watched(own, method, block.watch, carried)
     result.y[i], result.ends[i] = solution.y[-1], (solution.t[-1], solution.status, solution.steps)
-    reached, states = recorded_states(watched, block.t_eval, solution.dense, solution.t, solution.y)
+    constants = engine.constants_along(own)
+    settle = partial(projected, block.watch.program, constants)
+    reached, states = recorded_states(settle, block.t_eval, solution.dense, solution.t, solution.y)
     result.samples[i, : len(reached)] = states
     result.totals[i] = block.watch.totals(constants, solution.dense)
     for occurrence in occurrences:

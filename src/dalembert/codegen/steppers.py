@@ -10,6 +10,7 @@ from ..methods.step_constants import SMALLEST_SCALE
 from ..once import BoundedTable, computed_once
 from ..transforms.runge_kutta_parts import memory_size
 from ..transforms.taylor import order_at, scale_floor
+from .host_code import interpreted_code
 from .library import KernelLibrary
 
 if TYPE_CHECKING:
@@ -35,12 +36,15 @@ class Stepper(NamedTuple):
         Degree of the polynomial of a step.
     settings : list of float
         Tolerances that the step reads.
+    evaluations : (int, int)
+        Evaluations of the rates, or of the series, before the first attempt and in each.
     """
 
     codes: tuple[OwnedAddress, OwnedAddress]
     memory: int
     degree: int
     settings: list[float]
+    evaluations: tuple[int, int] = (0, 1)
 
 
 @final
@@ -56,7 +60,7 @@ class Steppers:
 
     def __init__(self, steps: KernelLibrary, n: int) -> None:
         self._steps, self._n = steps, n
-        self._events: BoundedTable[tuple[EventCode, str, tuple[int, int], int, int], EventKernels]
+        self._events: BoundedTable[tuple[EventCode, str, tuple[int, int], int, int, bool], EventKernels]
         self._events = BoundedTable(_MOST_EVENTS)
 
     def projections(self, lanes: int) -> tuple[OwnedAddress, OwnedAddress]:
@@ -88,14 +92,23 @@ class Steppers:
             return Stepper((step, NO_CODE), 0, order, [floor])
         tableau = pair_named(method, bounded=bounded)
         codes, memory = self._steps.attempt(tableau, lanes, dense=dense), memory_size(self._n, self._steps.carried)
-        return Stepper(codes, memory, tableau.degree, [rtol, max(atol, SMALLEST_SCALE)])
+        evaluations = 2, tableau.n_total - self._steps.carried
+        return Stepper(codes, memory, tableau.degree, [rtol, max(atol, SMALLEST_SCALE)], evaluations)
 
     def events(
-        self, code: EventCode | None, method: str, stepper: Stepper, lanes: int, with_series: int
+        self,
+        code: EventCode | None,
+        method: str,
+        stepper: Stepper,
+        lanes: int,
+        with_series: int,
+        *,
+        tested: bool = True,
     ) -> EventKernels:
         """Return compiled events along the steps of a method.
 
-        So many of them have series that the steps write: all or none.
+        So many of them have series that the steps write: all or none. Where whole steps are not `tested`, all are
+        searched.
         """
         if code is None:
             return no_events()
@@ -104,10 +117,15 @@ class Steppers:
         def make() -> EventKernels:
             from .event_kernels import event_kernels
 
-            tableau = None if method == "taylor" else pair_named(method)
-            return event_kernels(self._steps, code, tableau, (self._n, *shape), lanes, with_series)
+            refill = stepper.codes[1]
+            if refill and lanes != 1:
+                refill = self._steps.beginning(pair_named(method), 1)
+            # in single runs kernels are interpreted where compiling them takes longer than running
+            compiled = self._steps.extra_kernel if tested or self._steps.compiles_starts else interpreted_code
+            about = compiled, self.projections(1), code, refill, (self._n, *shape)
+            return event_kernels(*about, lanes, with_series, tested=tested, exact=not refill)
 
-        return computed_once(self._events, (code, method, shape, lanes, with_series), make)
+        return computed_once(self._events, (code, method, shape, lanes, with_series, tested), make)
 
 
 def pair_named(name: str, *, bounded: bool = False) -> Tableau:

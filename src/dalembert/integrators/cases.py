@@ -14,6 +14,7 @@ from ..methods.status import Status
 from .case_stops import CaseStops
 from .input_records import InputRecords
 from .problem import IntegrationProblem
+from .sweep_arguments import CaseRows
 
 if TYPE_CHECKING:
     from ..reduction.starting import Start
@@ -81,13 +82,15 @@ class CaseColumns:
         Where runs stop beside knots; then `inputs` are there, be they without records.
     constants_at : function or None
         Constants (k m, n_c) at times (k, m) of each case, where they change along a run.
+    rows : CaseRows or None
+        States and constants of the cases, in place of parameters and given values, and of `start`.
     """
 
     count: int
     spans: tuple[FloatArray, FloatArray]
     parameters: tuple[FloatArray, ...]
     given: tuple[FloatArray, ...]
-    start: Start
+    start: Start | None
     t_eval: FloatArray
     rtol: float
     atol: float
@@ -99,6 +102,7 @@ class CaseColumns:
     carried: FloatArray | None = None
     stops: CaseStops | None = None
     constants_at: Callable[[FloatArray], FloatArray] | None = None
+    rows: CaseRows | None = None
 
 
 @final

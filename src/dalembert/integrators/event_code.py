@@ -24,8 +24,7 @@ from ..values import listed as members
 from .dense_output import DenseOutput, JoinedOutput
 from .projected_states import projected
 from .reductions import running_values
-from .segments import Constants, Segments, constants_at
-from .watched import Jump, Rule, Watched
+from .segments import Constants, Segments
 
 __all__ = ["Event", "EventCode", "armed", "event_list", "suspected"]
 
@@ -266,41 +265,6 @@ class EventCode:
         out = rows_of_columns(columns, len(t))
         out[~np.isin(ends[:, 1], (Status.SUCCESS, Status.EVENT))] = np.nan
         return out
-
-    def watched(self, c: Constants, rows: Callable[..., FloatArray] = interpret_rows) -> Watched:
-        """Return the watched expressions for an integration with the constants c, (n_c,) or those of its segments.
-
-        `rows` evaluates the watched expressions, as `Engine.rows` does.
-        """
-        program, watch = self.program, self.watch
-
-        def evaluate(kernel: Kernel, t: FloatArray, y: FloatArray) -> FloatArray:
-            own = constants_at(c, t)
-            return rows(kernel, t, y, np.broadcast_to(own, (len(t), own.shape[-1])))
-
-        def begins(t: float, y: FloatArray) -> FloatArray:
-            return evaluate(watch.begins, np.array([t]), y.reshape(1, -1)).reshape(-1, 3)
-
-        jumps = [None if jump is None else self._jump(jump, c) for jump in self.jumps]
-        rules = [Rule(e.direction, int(e.terminal), jump) for e, jump in zip(self.events, jumps, strict=True)]
-        return Watched(
-            values=lambda t, y: evaluate(watch.values, t, y),
-            begins=begins,
-            settle=lambda t, y: projected(program, c, t, y),
-            rules=rules,
-            oscillating=self.oscillating,
-            during=(lambda t0, t1: self.watched(_during(c, t0, t1), rows)) if isinstance(c, Segments) else None,
-        )
-
-    def _jump(self, jump: Kernel, c: Constants) -> Jump:
-        def apply(t: float, y: FloatArray, direction: float) -> FloatArray | None:
-            time = np.array([t])
-            states, allowed = self.after_jump(
-                jump, time, y.reshape(1, -1), constants_at(c, time), np.array([direction])
-            )
-            return states[0] if allowed[0] else None
-
-        return apply
 
     def after_jump(
         self, jump: Kernel, t: FloatArray, y: FloatArray, c: FloatArray, directions: FloatArray

@@ -1,7 +1,7 @@
-"""Pieces of a step of one case of a sweep: watched expressions at their eight points, and whether they are simple.
+"""Pieces of a step of one case: watched expressions at their eight points, and whether they are simple.
 
-A piece is simple where no expression can have more than the zero that its ends show; see
-`dalembert.integrators.crossings`.
+A piece is simple where no expression can have more than the zero that its ends show: |T_k| <= 1 bounds it by the
+coefficients of its Chebyshev series, of which the last two stand for what the series leaves out.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ __all__ = [
     "resolved_piece",
     "sample",
     "simple_piece",
+    "state_at",
     "transformed",
 ]
 
@@ -280,6 +281,17 @@ def push_halves(space: EventWorkspace, height: int, low: float, high: float, dep
     stack[height, 0], stack[height, 1], stack[height, 2] = middle, high, depth + 1.0
     stack[height + 1, 0], stack[height + 1, 1], stack[height + 1, 2] = low, middle, depth + 1.0
     return height + 2
+
+
+@compiled_subset
+def state_at(space: EventWorkspace, n: int, theta: float, target: int) -> None:
+    """Write the state at a fraction of the step, all of whose series are in place, to a row of ``one_point``."""
+    degree = space.series.shape[1] - 1
+    for m in range(n):
+        value = space.series[m, degree]
+        for k in range(degree - 1, -1, -1):
+            value = fma(value, theta, space.series[m, k])
+        space.one_point[target, m] = value
 
 
 @compiled_subset

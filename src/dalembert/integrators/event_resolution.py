@@ -1,4 +1,4 @@
-"""Resolution of an event of a case of a sweep: other events at its time, jumps, status, signs after it."""
+"""Resolution of an event of a case: other events at its time, jumps, status, signs after it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _take_signs(
 @compiled_subset
 def starts(events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, one: int) -> None:
     """Begin a case in a lane, its state being in the first row of ``one_point``."""
-    space.jumped[lane, 0], space.jumped[lane, 1] = math.nan, 0.0
+    space.jumped[lane, 0], space.jumped[lane, 1], space.jumped[lane, 2] = math.nan, 0.0, 0.0
     for e in range(events.directions.size):
         space.residual[0, e] = 0.0
     begin_signs(events, space, lane, t, direction, one)
@@ -54,6 +54,7 @@ def starts(events: EventKernels, space: EventWorkspace, lane: int, t: float, dir
 @compiled_subset
 def go_on(events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, case: int) -> None:
     """Set the signs with which a case continues in a lane, see ``EventWorkspace.carried``."""
+    space.jumped[lane, 2] = 1.0
     for e in range(events.directions.size):
         value, rate, noise = space.one_out[0, 3 * e], space.one_out[0, 3 * e + 1], space.one_out[0, 3 * e + 2]
         sign = carried_sign(space.carried[case, e], value, rate, noise, t, direction, events.directions[e])
@@ -116,9 +117,10 @@ def resolve(
     call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), one, 0, row(space.one_out, 0))
     _count_together(events, space, lane, t, direction, happened, case)
     ended, jumps, seen = False, False, True
+    share = 0.0 if theta == 0.0 and space.jumped[lane, 2] != 0.0 else RESIDUAL
     for e in range(events.directions.size):
         here = space.happens[0, e] > 0.0
-        space.residual[0, e] = RESIDUAL * abs(space.one_out[0, 3 * e]) if here else 0.0
+        space.residual[0, e] = share * abs(space.one_out[0, 3 * e]) if here else 0.0
         ended = ended or space.happens[0, e] == 2.0
         jumps = jumps or (here and events.jumps[e] != 0)
         seen = seen and (not here or space.seen[lane, e] != 0.0)

@@ -1,7 +1,4 @@
-"""Rules of events: signs at the start, occurrences, simultaneous events, accumulation of jumps.
-
-Single runs call them as plain Python; in sweeps they are compiled.
-"""
+"""Rules of events: signs at the start, occurrences, simultaneous events, accumulation of jumps."""
 
 from __future__ import annotations
 

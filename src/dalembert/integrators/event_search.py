@@ -1,7 +1,9 @@
-"""Events of one case of a sweep: `dalembert.integrators.crossings` and `dalembert.integrators.events`, compiled.
+"""Search for events in a step of one case.
 
-The eight points of a piece of a step are the eight lanes of a call of the watched expressions, so that a case is
-watched by itself, whatever its neighbours do.
+A step is cut in halves until on each piece an expression keeps its sign or is monotone, as far as the Chebyshev series
+through its values at eight points can tell (`dalembert.integrators.event_intervals`). A sign change on a monotone piece
+is then one zero, located by Chandrupatla's method (Advances in Engineering Software 28, 1997). The eight points are the
+lanes of one call of the watched expressions, so that a case is watched by itself, whatever its neighbours do.
 """
 
 from __future__ import annotations
@@ -20,8 +22,8 @@ from ..methods.event_constants import (
     TIME_NOISE,
 )
 from ..methods.step_constants import EPSILON
-from .compiled_subset import call_code, compiled_subset, fma, row, square
-from .event_intervals import push_halves, resolved_piece, sample, simple_piece
+from .compiled_subset import call_code, compiled_subset, row, square
+from .event_intervals import push_halves, resolved_piece, sample, simple_piece, state_at
 from .event_rules import (
     change_counts,
     happens_together,
@@ -32,21 +34,10 @@ from .event_series import sample_event_series, value_at, zero_of_series
 from .workspace import BEND, DOUBT, LIMIT, RATE, EventKernels, EventWorkspace
 from .zero_starts import bend_from_rates, error_limit, short_share, unresolved
 
-__all__ = ["BROKEN", "NOTHING", "STOPPED", "count_occurrence", "occur", "scan", "state_at"]
+__all__ = ["BROKEN", "NOTHING", "STOPPED", "count_occurrence", "occur", "scan"]
 
 NOTHING, STOPPED, BROKEN = 0, 1, 2
 _POINTS = POINTS.copy()
-
-
-@compiled_subset
-def state_at(space: EventWorkspace, n: int, theta: float, target: int) -> None:
-    """Write the state at a fraction of the step, all of whose series are in place, to a row of ``one_point``."""
-    degree = space.series.shape[1] - 1
-    for m in range(n):
-        value = space.series[m, degree]
-        for k in range(degree - 1, -1, -1):
-            value = fma(value, theta, space.series[m, k])
-        space.one_point[target, m] = value
 
 
 @compiled_subset
@@ -62,7 +53,7 @@ def _zero(
     fa: float,
     fb: float,
 ) -> float:
-    """Return the zero of an expression between two fractions of the step, NaN for a pole; see `crossings.zeros`."""
+    """Return the zero of an expression between two fractions of the step, NaN for a pole."""
     x1, f1, x2, f2, x3, f3 = b, fb, a, fa, a, fa
     largest, least = max(abs(fa), abs(fb)), EPSILON * max(abs(t), abs(t + h)) / abs(h)
     share, best, f_best = 0.5, x1, f1
@@ -170,10 +161,12 @@ def count_occurrence(
     happened[case, 3 * e + 2] = now
     ends = events.last[e] > 0 and happened[case, 3 * e] >= events.last[e]
     space.happens[0, e] = 2.0 if ends else 1.0 if events.jumps[e] != 0 else 0.5
-    place = int(space.occurrences[0, 0]) + 1 if space.occurrences.shape[0] > 0 else 0
-    if 0 < place < space.occurrences.shape[0]:
-        space.occurrences[0, 0] = float(place)
-        space.occurrences[place, 0], space.occurrences[place, 1], space.occurrences[place, 2] = float(e), now, sign
+    if space.occurrences.shape[0] > 0:
+        space.occurrences[0, 0] += 1.0
+        place = int(space.occurrences[0, 0])
+        if place < space.occurrences.shape[0]:
+            space.occurrences[place, 0], space.occurrences[place, 1], space.occurrences[place, 2] = float(e), now, sign
+            space.occurrences[place, 3], space.occurrences[place, 4] = space.happens[0, e], space.occurrences[0, 1]
 
 
 @compiled_subset
@@ -290,7 +283,7 @@ def _find_bends(events: EventKernels, space: EventWorkspace, one: int, t: float,
             elif share > 0.0:
                 values = space.rates[LIMIT, e] - 7.0 * value
                 space.rates[LIMIT, e] = error_limit(values, space.rates[BEND, e], space.noise[0, e], share)
-                if events.refill == 0:  # polynomials of Taylor steps have no error
+                if events.exact != 0:
                     space.rates[LIMIT, e] = 0.0
 
 

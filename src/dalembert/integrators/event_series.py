@@ -11,8 +11,8 @@ import math
 from ..arrays import FloatArray
 from ..methods.chebyshev import POINTS, SLOPE_TAIL, TAIL
 from ..methods.event_constants import FLAT, TIME_NOISE
-from .compiled_subset import compiled_subset, fma, sqrt
-from .event_intervals import output_at
+from .compiled_subset import call_code, compiled_subset, fma, row, sqrt
+from .event_intervals import output_at, state_at
 from .workspace import EventKernels, EventWorkspace
 
 __all__ = [
@@ -34,8 +34,21 @@ _NEWTON, _CLOSE, _NEAR = 60, 1e-7, 1e-5
 def value_at(
     events: EventKernels, space: EventWorkspace, c: int, t: float, h: float, theta: float, event: int
 ) -> float:
-    """Return one expression at a fraction of the step."""
-    return output_at(events.value, events.used, space, 0, c, t, h, theta, event)
+    """Return one expression at a fraction of the step, of the state on the constraints where steps are projected."""
+    if events.position == 0 and events.velocity == 0:
+        return output_at(events.value, events.used, space, 0, c, t, h, theta, event)
+    n = space.series.shape[0]
+    state_at(space, n, theta, 0)
+    space.one_clock[0, 0] = t + theta * h
+    clock, point, out = row(space.one_clock, 0), row(space.one_point, 0), row(space.one_out, 0)
+    for correction in range(4):
+        code = events.position if correction < 2 else events.velocity
+        if code != 0:
+            call_code(code, clock, point, c, 0, out)
+            for m in range(n):
+                space.one_point[0, m] += space.one_out[0, m]
+    call_code(events.value, clock, point, c, 0, out)
+    return float(space.one_out[0, event])
 
 
 @compiled_subset

@@ -1,43 +1,48 @@
-"""Integration with events: a motion is cut where its state jumps, and ends where an event says so.
+"""Integration with events by blocks of steps with continuous output, which any integrator gives.
 
-Any integrator serves that gives blocks of steps of a motion with continuous output. After a jump the rest of the block
-is dropped and a new one begins.
+A motion is cut where its state jumps: the rest of the block is dropped and a new one begins.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..methods.event_constants import RESIDUAL, TIME_NOISE
-from ..methods.status import Status
-from .crossings import Crossing, Pieces, changes, located, pieces
-from .event_rules import (
-    accumulates,
-    carried_sign,
-    happens_together,
-    start_sign,
-    too_soon,
-    zero_level,
-)
-from .motion_record import MotionRecord
+from ..methods.status import RUNNING, Status
+from .block_search import BEGIN, END, RESOLVE, RESTART, SEARCH, SearchArguments, SearchProgress
+from .cases import BlockResult
+from .dense_output import DenseOutput, PiecewisePolynomial
+from .event_code import EventCode
+from .event_search import BROKEN, NOTHING
 from .problem import IntegrationProblem, Solution
-from .watched import Occurrence, Watched, recorded_states
-from .zero_starts import ZeroStarts, short_share
+from .projected_states import projected
+from .recorded_motion import RecordedCase
+from .segments import Constants, Segments
+from .step_polynomials import end_in
+from .step_records import ATTEMPTS_AT, END_AT, ENDED_AT, FIRST_AT, START_AT
+from .workspace import OCCURRENCE, EventKernels, event_workspace
 
-__all__ = ["integrate_watched"]
+__all__ = ["run_with_events"]
 
 StepBlocks = Callable[[IntegrationProblem], Iterator[Solution]]
 
+_DEGREE, _ROOM = 12, 256
+"""Degree of the polynomials that continuous output is at most; occurrences that there is room for at first."""
 
-def integrate_watched(
-    step_blocks: StepBlocks, problem: IntegrationProblem, watched: Watched, carried: FloatArray | None = None
-) -> tuple[Solution, list[Occurrence]]:
+
+def run_with_events(
+    step_blocks: StepBlocks,
+    problem: IntegrationProblem,
+    watch: EventCode,
+    events: EventKernels,
+    constants: Constants,
+    loop: Callable[[SearchArguments], int],
+    carried: FloatArray | None,
+) -> RecordedCase:
     """Integrate a problem with events.
 
     Parameters
@@ -45,22 +50,22 @@ def integrate_watched(
     step_blocks
         Gives the solution of a problem in blocks of steps, each with its continuous output; the status of the last is
         that of the whole.
-    problem
-        The problem.
-    watched
-        The events.
-    carried
-        Signs (n_events,) from which a motion goes on behind a stop (`EventWorkspace.carried`): expressions that change
-        theirs by what happens at the stop occur at once. It gets the signs with which this part of the motion ends.
-
-    Returns
-    -------
-    Solution
-        Where a state jumps, its accepted steps hold the time twice.
-    list of Occurrence
-        In the order of time.
+    problem : IntegrationProblem
+    watch, events : EventCode, EventKernels
+    constants : ndarray (n_c,) or Segments
+        Those of the run; blocks end where they change.
+    loop
+        That of `dalembert.integrators.block_search`.
+    carried : ndarray (n_events,) or None
+        See `dalembert.codegen.base.Engine.integrate_watched`.
     """
-    return _Run(step_blocks, problem, watched, carried).solution()
+    room = _ROOM
+    while True:
+        run = _Run(step_blocks, problem, watch, events, constants, loop, carried, room)
+        found = run.case()
+        if found is not None:
+            return found
+        room *= 8  # more occurred in a step than there was room for
 
 
 @final
@@ -68,249 +73,199 @@ class _Run:
     """One integration in progress."""
 
     def __init__(
-        self, step_blocks: StepBlocks, problem: IntegrationProblem, watched: Watched, carried: FloatArray | None
+        self,
+        step_blocks: StepBlocks,
+        problem: IntegrationProblem,
+        watch: EventCode,
+        events: EventKernels,
+        constants: Constants,
+        loop: Callable[[SearchArguments], int],
+        carried: FloatArray | None,
+        room: int,
     ) -> None:
-        self.step_blocks, self.problem, self.watched, self.carried = step_blocks, problem, watched, carried
-        self.t, self.y = float(problem.t0), np.array(problem.y0, dtype=float)
-        self.forward = 1.0 if problem.t1 >= problem.t0 else -1.0
-        self.span = abs(problem.t1 - problem.t0)
-        self.occurrences: list[Occurrence] = []
-        self.counts = [0] * len(watched.rules)
-        self.jumped_at: float | None = None
-        self.soon = 0.0
-        self.record = MotionRecord(self.t, len(self.y), controlled=problem.sampled is not None)
-        self.steps = self.rejected = self.evaluations = 0
-        self.signs: NDArray[np.int8] = np.zeros(len(watched.rules), np.int8)
-        self.seen: NDArray[np.bool_] = np.zeros(len(watched.rules), np.bool_)
-        self.zero: NDArray[np.bool_] = np.zeros(len(watched.rules), np.bool_)
-        self.residual = np.zeros(len(watched.rules))
-        self.began = self.t
-        self._directions = np.array([rule.direction for rule in watched.rules])
-        self._armed = np.abs(self._directions) > 1
+        self.step_blocks, self.problem, self.watch, self.events = step_blocks, problem, watch, events
+        self.constants, self.loop, self.carried, self.room = constants, loop, carried, room
+        self.t, self.y, self.n = float(problem.t0), np.array(problem.y0, dtype=float), len(problem.y0)
+        self.happened = BlockResult.at_start(1, len(watch.events), ())[0]
+        self.rows: list[FloatArray] = []
+        self.occurrences: list[FloatArray] = []
+        self.recorded = self.steps = self.rejected = self.evaluations = 0
+        self.overflows = False
+        self.progress = SearchProgress()
+        self.progress.direction = 1.0 if problem.t1 >= problem.t0 else -1.0
+        self.progress.span = abs(problem.t1 - problem.t0)
+        self.work: SearchArguments | None = None
 
-    def solution(self) -> tuple[Solution, list[Occurrence]]:
-        """Run to the end and collect what was recorded."""
-        status: Status | None = None
-        while status is None:
-            status = self._until_jump()
-        t, y, dense = self.record.joined()
-        if self.problem.t_eval is not None:
-            t, y = recorded_states(self.watched, self.problem.t_eval, dense, t, y)
-        return Solution(
-            status=status,
-            t=t,
-            y=y,
-            steps=self.steps,
-            rejected=self.rejected,
-            evaluations=self.evaluations,
-            dense=dense if self.problem.dense else None,
-            end=self.t,
-        ), self.occurrences
+    def case(self) -> RecordedCase | None:
+        """Run to the end and return what was recorded; None where there was no room for it."""
+        status, task = RUNNING, BEGIN
+        while status == RUNNING and not self.overflows:
+            status, task = self._until_jump(task), RESTART
+        if self.overflows:
+            return None
+        occurrences = np.concatenate(self.occurrences) if self.occurrences else np.empty((0, OCCURRENCE))
+        width = FIRST_AT + 3 * self.n if not self.rows else self.rows[0].shape[1]
+        return RecordedCase(
+            np.concatenate(self.rows) if self.rows else np.empty((0, width)),
+            occurrences,
+            self.y,
+            Status(status),
+            (self.steps, self.rejected, self.evaluations),
+            in_time=False,
+            jumping=[jump is not None for jump in self.watch.jumps],
+        )
 
-    def _begin(self) -> None:
-        """Record the state and the signs from which the motion begins, or continues after a jump."""
-        self.record.add(np.array([self.t]), self.y)
-        self.began = self.t
-        self.signs, self.zero = self._signs(self.t, self.y, self.residual, armed=True)
-        if self.carried is not None and self.t == self.problem.t0:
-            self._go_on(self.carried)
-        self.seen = np.zeros(len(self.counts), np.bool_)
-
-    def _go_on(self, carried: FloatArray) -> None:
-        """Take over the signs from which a motion goes on behind a stop."""
-        begins = self.watched.begins(self.t, self.y).tolist()
-        rows = zip(carried[: len(begins)].tolist(), begins, self.watched.rules, strict=True)
-        for e, (before, (value, rate, noise), rule) in enumerate(rows):
-            sign = carried_sign(before, value, rate, noise, self.t, self.forward, rule.direction)
-            if sign != 0.0:
-                self.signs[e], self.zero[e] = int(sign), False
-
-    def _signs(
-        self, t: float, y: FloatArray, residual: FloatArray, *, armed: bool
-    ) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
-        """Return the sign that each expression has, or takes at once where it is zero, and where it is."""
-        rows = zip(self.watched.begins(t, y).tolist(), residual.tolist(), self.watched.rules, strict=True)
-        found = [
-            start_sign(value, rate, noise, left, t, self.forward, rule.direction if armed else 0)
-            for (value, rate, noise), left, rule in rows
-        ]
-        return np.array([sign for sign, _ in found], np.int8), np.array([zero for _, zero in found], np.bool_)
-
-    def _noise(self, t: float, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return rates, and the sizes below which expressions count as zero, for a state that is not one of them."""
-        begins = self.watched.begins(t, y)
-        return begins[:, 1], np.array([zero_level(rate, noise, t) for _, rate, noise in begins.tolist()])
-
-    def _until_jump(self) -> Status | None:
-        """Integrate to the end, or to the next jump, for which None is returned."""
-        self._begin()
-        left = self.problem.max_steps - self.steps - self.rejected
+    def _until_jump(self, task: int) -> int:
+        """Integrate to the end or to the next jump; return the status, `RUNNING` for the latter."""
+        problem, left = self.problem, self.problem.max_steps - self.steps - self.rejected
         if left <= 0:
             return Status.MAX_STEPS
-        rest = replace(self.problem, t0=self.t, y0=self.y, t_eval=None, dense=True, bounded=True, max_steps=left)
-        status = Status.SUCCESS
+        rest = replace(problem, t0=self.t, y0=self.y, t_eval=None, dense=True, bounded=True, max_steps=left)
+        status, begun = int(Status.SUCCESS), False
         for block in self.step_blocks(rest):
-            status = block.status
+            status = int(block.status)
             self.steps += block.steps
             self.rejected += block.rejected
             self.evaluations += block.evaluations
-            if len(block.t) > 1 and block.t[-1] != block.t[0]:  # also of a motion that takes no steps
-                ended, outcome = self._scan(block)
-                if ended:
-                    return outcome
-        return self._last(status)
-
-    def _scan(self, block: Solution) -> tuple[bool, Status | None]:
-        """Search for events in a block of steps; return whether one ended the motion or a part of it, and how."""
-        dense = block.dense
-        assert dense is not None
-        knots = dense.knots
-        sizes = np.diff(knots)
-        watched = self.watched
-        if watched.during is not None:
-            watched = watched.during(float(knots[0]), float(knots[-1]))
-
-        def states(step: NDArray[np.intp], theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-            times = np.where(theta == 1.0, knots[step + 1], knots[step] + theta * sizes[step])
-            times = np.clip(times, min(knots[0], knots[-1]), max(knots[0], knots[-1]))
-            return times, watched.settle(times, dense.within(step, theta))
-
-        def sample(step: NDArray[np.intp], theta: FloatArray) -> FloatArray:
-            return watched.values(*states(step, theta))
-
-        if not self.counts:
-            self._take(block)
-            return False, None
-        rate, noise = self._noise(float(knots[0]), block.y[0])
-        least = TIME_NOISE * np.maximum(np.abs(knots[:-1]), np.abs(knots[1:])) / np.abs(sizes)
-        fresh = self.t == self.began
-        starts = None
-        if fresh and np.any(self.zero):
-
-            def near(share: float) -> tuple[FloatArray, FloatArray]:
-                times, y = states(np.array([0]), np.array([share]))
-                begins = self.watched.begins(float(times[0]), y[0])
-                return begins[:, 0], begins[:, 1] * sizes[0]
-
-            slopes, sides = np.where(self.zero, rate * sizes[0], np.nan), np.where(self._armed, self.signs, 0.0)
-            starts = ZeroStarts(slopes, sides, short_share(float(knots[0]), float(sizes[0])), near)
-        cut = pieces(sample, len(sizes), noise, least, starts, oscillating=watched.oscillating)
-        if fresh:
-            cut.first[0, self.zero] = 0.0
-        broken = int(np.argmin(cut.finite)) if not np.all(cut.finite) else None
-        whole = cut if broken is None else Pieces(*(getattr(cut, name)[:broken] for name in cut.__dataclass_fields__))
-        found, self.signs, seen = changes(whole, self.signs, noise)
-
-        def state(crossing: Crossing) -> tuple[float, FloatArray]:
-            times, y = states(np.array([crossing.step]), np.array([crossing.theta]))
-            return float(times[0]), y[0]
-
-        ended, outcome = self._occur(located(sample, whole, found, least), state, block)
-        if not ended and broken is not None:
-            place, theta = np.array([cut.step[broken]]), np.array([cut.low[broken]])
-            (t,), y = states(place, theta)
-            self._cut(block, float(t), y[0])
-            return True, Status.EVENT_NON_FINITE
-        if not ended:
-            self.seen |= seen
-            self._take(block)
-        return ended, outcome
-
-    def _occur(
-        self,
-        found: Iterator[Crossing],
-        state: Callable[[Crossing], tuple[float, FloatArray]],
-        block: Solution | None,
-    ) -> tuple[bool, Status | None]:
-        """Record sign changes as events up to the first that ends the run or makes it jump."""
-        rules = self.watched.rules
-        for crossing in found:
-            rule = rules[crossing.function]
-            if not rule.counts(crossing.sign):
+            if not (len(block.t) > 1 and block.t[-1] != block.t[0]):  # of a motion that takes no steps
                 continue
-            t, y = state(crossing)
-            terminal = rule.last > 0 and self.counts[crossing.function] + 1 >= rule.last
-            if rule.jump is None and not terminal:
-                self._occurred(crossing, t, y, y)
-                continue
-            together = [crossing]
-            for other in found:
-                if not happens_together(state(other)[0] - t, t, self.t):
-                    break
-                if rules[other.function].counts(other.sign):
-                    together.append(other)
-            return True, self._stop(together, t, y, block)
-        return False, None
-
-    def _occurred(self, crossing: Crossing, t: float, before: FloatArray, after: FloatArray) -> bool:
-        """Record an occurrence; return whether it ends the run."""
-        number = crossing.function
-        self.counts[number] += 1
-        self.occurrences.append(Occurrence(number, t, before, after, crossing.sign))
-        last = self.watched.rules[number].last
-        return 0 < last <= self.counts[number]
-
-    def _stop(self, together: Sequence[Crossing], t: float, y: FloatArray, block: Solution | None) -> Status | None:
-        """End the present part of the motion at time t in state y, where `together` occur; None to continue."""
-        if block is not None:
-            self._cut(block, t, y)
-        jumps = [self.watched.rules[crossing.function].jump for crossing in together]
-        after: FloatArray | None = y
-        for jump in jumps:
-            if jump is not None and after is not None:
-                after = jump(t, after, self.forward)
-        status = None
-        for crossing in together:
-            if self._occurred(crossing, t, y, y if after is None else after):
-                status = Status.EVENT
-        if after is None:
-            return Status.EVENT_STATE
-        first_of_part = all(crossing.seen or self.seen[crossing.function] for crossing in together)
-        self.t, self.y = t, after
-        here = np.array([crossing.function for crossing in together])
-        self.residual = np.zeros(len(self.counts))
-        self.residual[here] = RESIDUAL * np.abs(self.watched.values(np.array([t]), y[np.newaxis])[0, here])
-        if status is None:
-            status = self._accumulation(t, first_of_part)
-        if status is None and t == self.problem.t1:
-            status = Status.SUCCESS
-        if status is not None and any(jump is not None for jump in jumps):
-            self.record.add(np.array([t]), after)
+            rows = self._rows_of(block)
+            self._load_constants(float(block.t[0]), float(block.t[-1]), rows)
+            if not begun:
+                self._at(task, self.t, self.y)
+                begun = True
+                self.progress.fresh = 1
+            outcome = self._scan(rows)
+            if outcome is not None:
+                return outcome
+        if status == Status.SUCCESS and begun:
+            return self._end()
         return status
 
-    def _accumulation(self, t: float, seen: bool) -> Status | None:
-        """Return the status where jumps accumulate; `seen`: there was motion beyond rounding in between."""
-        before, self.jumped_at = self.jumped_at, t
-        if before is None:
+    # -- blocks of steps -------------------------------------------------------------------
+
+    def _rows_of(self, block: Solution) -> FloatArray:
+        """Return a block as records of steps."""
+        assert block.dense is not None
+        coefficients, n = _polynomials(block.dense), self.n
+        knots = block.dense.knots
+        ends = np.concatenate([block.y[1:], block.y[1:]], axis=1)
+        moved = np.flatnonzero(np.diff(knots) != 0.0)
+        found = coefficients[moved].copy()
+        if n:
+            end_in(block.y[1:][moved], found)
+        rows = np.empty((len(moved), FIRST_AT + 2 * n + n * coefficients.shape[1]))
+        rows[:, START_AT], rows[:, END_AT], rows[:, ENDED_AT] = knots[moved], knots[moved + 1], knots[moved + 1]
+        rows[:, ATTEMPTS_AT] = 0.0
+        rows[:, FIRST_AT : FIRST_AT + 2 * n] = ends[moved]
+        rows[:, FIRST_AT + 2 * n :] = found.transpose(0, 2, 1).reshape(len(moved), -1)
+        return rows
+
+    def _load_constants(self, t0: float, t1: float, rows: FloatArray) -> None:
+        """Make the arguments of the loop at first, and write the constants between two times into them."""
+        c = self.constants
+        own = c.at(np.array([t0 + 0.5 * (t1 - t0)]))[0] if isinstance(c, Segments) else c
+        if self.work is None:
+            terms = (rows.shape[1] - FIRST_AT - 2 * self.n) // self.n if self.n else 1
+            space = event_workspace(self.events, self.n, terms - 1, len(own), 2, 1)
+            space = space._replace(occurrences=np.zeros((1 + self.room, OCCURRENCE)))
+            if self.carried is not None:
+                space = space._replace(carried=self.carried[np.newaxis].copy())
+            nothing = np.zeros(1), np.zeros((0, self.n * terms))
+            self.work = SearchArguments(self.events, space, *nothing, self.happened, self.progress)
+        space = self.work.workspace
+        if len(own):
+            changed = self.recorded > 0 and bool(np.any(space.own[0] != own))
+            space.own[0], space.constants[:] = own, own[:, np.newaxis]
+            if changed:
+                space.jumped[0, 2] = 1.0
+
+    def _call(self, task: int) -> int:
+        assert self.work is not None
+        self.progress.task = task
+        return self.loop(self.work)
+
+    def _at(self, task: int, t: float, y: FloatArray) -> int:
+        """Carry out a task at a time and a state."""
+        assert self.work is not None
+        self.work.workspace.one_point[0, : self.n] = y
+        self.progress.t = t
+        return self._call(task)
+
+    def _scan(self, rows: FloatArray) -> int | None:
+        """Search a block of steps; return the status where something stops it, `RUNNING` to continue from there."""
+        work, progress = self.work, self.progress
+        assert work is not None
+        n, knots = self.n, np.append(rows[:, START_AT], rows[-1, END_AT])
+        self.work = work._replace(knots=knots, polynomials=np.ascontiguousarray(rows[:, FIRST_AT + 2 * n :]))
+        progress.step, progress.before = 0, self.recorded
+        outcome = self._call(SEARCH)
+        if outcome == NOTHING:
+            self._keep(rows)
+            self.t, self.y = float(rows[-1, END_AT]), rows[-1, FIRST_AT + n : FIRST_AT + 2 * n].copy()
             return None
-        gap = abs(t - before)
-        self.soon = too_soon(gap, self.span, self.soon)
-        return Status.EVENTS_ACCUMULATE if accumulates(gap, t, self.span, seen, self.soon) else None
+        rows, theta = rows[: progress.step + 1], progress.theta
+        last = rows[-1]
+        if theta < 1.0:
+            t = float(last[START_AT] + theta * (last[END_AT] - last[START_AT]))
+            y = np.zeros(n)
+            if n:
+                y = np.polynomial.polynomial.polyval(theta, last[FIRST_AT + 2 * n :].reshape(n, -1).T)
+            y = projected(self.watch.program, self.constants, np.array([t]), np.reshape(y, (1, n)))[0]
+            last[ENDED_AT], last[FIRST_AT + n : FIRST_AT + 2 * n] = t, y
+        else:
+            t, y = float(last[END_AT]), last[FIRST_AT + n : FIRST_AT + 2 * n]
+        self.t, self.y = t, np.array(y)
+        if outcome == BROKEN:
+            self._keep(rows)
+            return Status.EVENT_NON_FINITE
+        status = self._resolved()
+        self._keep(rows)
+        return status
 
-    def _take(self, block: Solution) -> None:
-        """Record a whole block."""
-        self.record.take(block)
-        self.t, self.y = float(block.t[-1]), block.y[-1]
+    def _resolved(self) -> int:
+        """Resolve what stops the motion at the present time and state; return the status."""
+        assert self.work is not None
+        status = self._at(RESOLVE, self.t, self.y)
+        if status != Status.EVENT_STATE:
+            self.y = self.work.workspace.one_point[0, : self.n].copy()
+        return int(Status.SUCCESS) if status == RUNNING and self.t == self.problem.t1 else status
 
-    def _cut(self, block: Solution, t: float, y: FloatArray) -> None:
-        """Record a block of steps up to time t, where the state is y."""
-        self.record.cut(block, t, y, self.forward)
-        self.t, self.y = t, y
+    def _keep(self, rows: FloatArray) -> None:
+        """Record steps, and what occurred in them."""
+        assert self.work is not None
+        occurrences = self.work.workspace.occurrences
+        count = int(occurrences[0, 0])
+        if count:
+            self.overflows = count >= len(occurrences)
+            self.occurrences.append(occurrences[1 : 1 + count].copy())
+            occurrences[0, 0] = 0.0
+        self.rows.append(rows)
+        self.recorded += len(rows)
 
-    def _last(self, status: Status) -> Status | None:
-        """Search for events at the very end, where an expression may be zero without a change of sign.
+    def _end(self) -> int:
+        """Look for expressions that are zero at the very end, where they need not change their signs."""
+        assert self.work is not None
+        space, status = self.work.workspace, int(Status.SUCCESS)
+        space.occurrences[0, 1] = float(self.recorded - 1)
+        if self._at(END, self.t, self.y):
+            self.progress.theta = 1.0
+            status = self._resolved()
+        self._keep(np.empty((0, self.rows[0].shape[1])))
+        if self.carried is not None and status == Status.SUCCESS and not self.overflows:
+            some = slice(len(self.watch.events))
+            self.carried[some] = np.where(space.zero[0, some] != 0.0, 0.0, space.signs[0, some])
+        return status
 
-        One that is zero from the beginning, up to rounding, does not occur there.
-        """
-        if status is not Status.SUCCESS or self.span == 0.0:
-            return status
-        signs, zero = self._signs(self.t, self.y, np.zeros(len(self.counts)), armed=False)
-        if self.carried is not None:
-            self.carried[: len(zero)] = np.where(zero, 0.0, self.signs)
-        left = self.seen | ~self.zero
-        found = (
-            Crossing(int(i), 0, 1.0, int(signs[i]), True)
-            for i in np.flatnonzero((signs * self.signs < 0) & zero & left)
-        )
-        ended, outcome = self._occur(found, lambda crossing: (self.t, self.y), None)
-        return outcome if ended else status
+
+def _polynomials(dense: DenseOutput) -> FloatArray:
+    """Return the coefficients (k, degree + 1, n) of continuous output, which is a polynomial in each step."""
+    if isinstance(dense, PiecewisePolynomial):
+        return dense.coefficients
+    steps = len(dense.knots) - 1
+    points = 0.5 - 0.5 * np.cos(np.pi * np.arange(_DEGREE + 1) / _DEGREE)
+    values = dense.within(np.repeat(np.arange(steps), len(points)), np.tile(points, steps))
+    n = values.shape[1]
+    values = values.reshape(steps, len(points), n).transpose(1, 0, 2).reshape(len(points), -1)
+    found = np.asarray(np.linalg.solve(np.vander(points, increasing=True), values), dtype=np.float64)
+    return found.reshape(len(points), steps, n).transpose(1, 0, 2)

@@ -5,6 +5,7 @@ Intervals are cut in two until the function is monotone in them, or cannot be to
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import final
 
 import numpy as np
@@ -16,8 +17,8 @@ from ..ir.conditions import WHOLE
 from ..ir.interpret import ARRAY_OPERATIONS, interpret
 from ..ir.intervals import INTERVAL_OPERATIONS, Interval
 from ..ir.kernel import Kernel
+from ..methods.event_constants import ROOT_PRECISION, ROOT_TRIES
 from ..methods.step_constants import EPSILON, SMALLEST_NORMAL, SMALLEST_OF_TIME
-from .crossings import zeros
 
 __all__ = ["FIRST_PARTS", "IntArray", "ParameterRows", "RootSearch"]
 
@@ -161,7 +162,7 @@ class RootSearch:
             def value(t: FloatArray) -> FloatArray:
                 return self._value(which, t) - levels
 
-            found[inside], _ = zeros(value, *ends, first[inside], last[inside], least)
+            found[inside], _ = _zeros(value, *ends, first[inside], last[inside], least)
         return row, found
 
     def _across(self, row: IntArray, low: FloatArray, high: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -207,3 +208,41 @@ def _cut(row: IntArray, low: FloatArray, high: FloatArray, parts: int) -> tuple[
     edges = low[:, np.newaxis] + (high - low)[:, np.newaxis] * shares
     edges[:, -1] = high
     return np.repeat(row, parts), edges[:, :-1].ravel(), edges[:, 1:].ravel()
+
+
+def _zeros(
+    value: Callable[[FloatArray], FloatArray],
+    a: FloatArray,
+    b: FloatArray,
+    fa: FloatArray,
+    fb: FloatArray,
+    least: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return zeros of functions between a and b (k,), where their values differ in sign, and their values there.
+
+    Source: T. R. Chandrupatla, Advances in Engineering Software 28 (1997) 145-149.
+    """
+    x1, f1, x2, f2, x3, f3 = b, fb, a, fa, a, fa
+    t = np.full_like(a, 0.5)
+    best, f_best = x1, f1
+    for _ in range(ROOT_TRIES):
+        x = x1 + t * (x2 - x1)
+        f = value(x)
+        same = (f > 0.0) == (f1 > 0.0)
+        x3, f3 = np.where(same, x1, x2), np.where(same, f1, f2)
+        x2, f2 = np.where(same, x2, x1), np.where(same, f2, f1)
+        x1, f1 = x, f
+        second = np.abs(f2) < np.abs(f1)
+        best, f_best = np.where(second, x2, x1), np.where(second, f2, f1)
+        with np.errstate(all="ignore"):
+            room = (ROOT_PRECISION * np.abs(best) + least) / np.abs(x2 - x1)
+            done = (room > 0.5) | (f_best == 0.0) | ~np.isfinite(room)
+            if np.all(done):
+                break
+            xi, phi = (x1 - x2) / (x3 - x2), (f1 - f2) / (f3 - f2)
+            inner = f1 / (f2 - f1) * f3 / (f2 - f3)
+            outer = (x3 - x1) / (x2 - x1) * f1 / (f3 - f1) * f2 / (f3 - f2)
+            bend = (phi * phi < xi) & ((1.0 - phi) ** 2 < 1.0 - xi) & np.isfinite(inner + outer)
+            t = np.where(bend, np.clip(inner + outer, room, 1.0 - room), 0.5)
+            t = np.where(done, np.where(second, 1.0, 0.0), t)  # what is found is only evaluated again
+    return best, f_best

@@ -6,14 +6,16 @@ import numpy as np
 
 from ..methods.status import RUNNING, Status
 from .compiled_subset import call_code, compiled_subset, row
+from .event_intervals import state_at
 from .event_resolution import begin_signs, go_on, resolve, starts, zeros_at_end
 from .event_rules import recorded_after
-from .event_search import BROKEN, NOTHING, scan, state_at
+from .event_search import BROKEN, NOTHING, scan
 from .event_series import at_most_one_zero, keeps_signs, load_event_series, no_sign_change
 from .lane_stops import end_of_case
 from .projection import FAILED, NONE, PENDING, correct
 from .step_control import largest_step, status_after
 from .step_polynomials import end_polynomial
+from .step_records import drop_compensation, record_end
 from .step_reductions import accumulate, advance
 from .sweep_arguments import SweepArguments
 from .workspace import ATTEMPTS, BEFORE, END, FIRST, NEXT, NOW, POINT_LANES
@@ -29,6 +31,7 @@ def watch_case(arguments: SweepArguments, lane: int) -> None:
     sampled = arguments.shape.events_with_series == 0 or events.oscillating != 0 or events.kinds.size > 0
     points = POINT_LANES if sampled else 0
     state.numbers.fresh[lane] = 1
+    drop_compensation(arguments, lane)
     for m in range(count):
         space.own[lane, m] = state.constants[m, lane]
         for point in range(points):
@@ -77,8 +80,11 @@ def handle_events(arguments: SweepArguments) -> None:
         searched, found, theta = _search(arguments, lane)
         arguments.state.numbers.fresh[lane] = 0
         _reduce(arguments, lane, searched, found, theta)
-        if searched and _stops(arguments, lane, found, theta):
+        stops = searched and _stops(arguments, lane, found, theta)
+        record_end(arguments, lane)
+        if stops:
             _stop(arguments, lane, found, theta)
+        arguments.workspace.jumped[lane, 2] = 0.0
         if arguments.workspace.carried.shape[0] > 0:
             _carry(arguments, lane, searched)
 
@@ -128,7 +134,7 @@ def _first_polynomial(arguments: SweepArguments) -> int:
 def _keeps_signs(arguments: SweepArguments, lane: int, fresh: bool) -> bool:
     """Return whether the test of the whole step shows that no expression changes its sign; the others are opened."""
     space, with_series = arguments.workspace, arguments.shape.events_with_series > 0
-    all_keep = True
+    all_keep = space.step_signs.shape[0] == arguments.events.directions.size
     for e in range(space.step_signs.shape[0]):
         keeps = space.step_signs[e, lane] * space.signs[lane, e] > 0.0
         keeps = keeps and not (fresh and space.zero[lane, e] != 0.0)
@@ -270,6 +276,7 @@ def _restart(arguments: SweepArguments, lane: int) -> None:
     state, space, events, limits = arguments.state, arguments.workspace, arguments.events, arguments.limits
     t, direction, one = state.clock[NOW, lane], state.settings[1, lane], row(space.own, lane)
     state.numbers.fresh[lane] = 1
+    drop_compensation(arguments, lane)
     begin_signs(events, space, lane, t, direction, one)
     if arguments.shape.memory > 0:
         space.setting[0, 0], space.setting[0, 1] = largest_step(t, state.clock[END, lane], limits[0, 0]), direction

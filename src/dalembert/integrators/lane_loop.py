@@ -20,7 +20,7 @@ from .compiled_subset import compiled_subset, lowest
 from .lane_events import handle_events, hold_for_events, test_steps, watch_case
 from .lane_steps import accept_steps, advance_together, project_lanes, swap_states, take_step
 from .lane_stops import begin_lane_stops, pass_lane_stops, run_on_at_stops, watch_constants
-from .step_records import record_ends, record_steps, records_are_full
+from .step_records import compensate_steps, record_steps, records_are_full
 from .sweep_arguments import SweepArguments
 
 __all__ = ["LOOP", "SweepArguments", "sweeping"]
@@ -72,6 +72,8 @@ def _following(watched: bool, projected: bool, stops: bool, recorded: bool) -> C
     @compiled_subset
     def follow(arguments: SweepArguments) -> None:
         """Project and record the steps of lanes that were looked at, and find events in them."""
+        if watched:
+            compensate_steps(arguments)
         if projected:
             project_lanes(arguments)
         if recorded:
@@ -82,7 +84,6 @@ def _following(watched: bool, projected: bool, stops: bool, recorded: bool) -> C
             test_steps(arguments)
             record_steps(arguments)
             handle_events(arguments)
-            record_ends(arguments)
 
     return follow
 

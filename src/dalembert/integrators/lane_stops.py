@@ -8,6 +8,7 @@ from ..transforms.runge_kutta_parts import CONTROLS, PROPOSAL_AT
 from .compiled_subset import call_code, compiled_subset, lowest, row
 from .input_steps import pass_knots
 from .step_control import largest_step, status_after
+from .step_records import drop_compensation
 from .stops import act, begin_stops, end_of_steps, is_due, prepare_lanes, take_next
 from .sweep_arguments import SweepArguments
 from .workspace import ATTEMPTS, END, NEXT, NOW
@@ -185,6 +186,8 @@ def watch_constants(arguments: SweepArguments, lanes: int) -> None:
     while left != 0:
         lane = lowest(left)
         left &= left - 1
+        arguments.workspace.jumped[lane, 2] = 1.0
+        drop_compensation(arguments, lane)
         for m in range(0 if stops.place < 0 else arguments.state.constants.shape[0]):
             _watch_constant(arguments, lane, m)
         for r in range(stops.inputs.places.size if stops.place < 0 else 0):

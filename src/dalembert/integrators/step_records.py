@@ -5,7 +5,7 @@ from __future__ import annotations
 from .compiled_subset import compiled_subset
 from .projection import PENDING
 from .sweep_arguments import SweepArguments
-from .workspace import ATTEMPTS, BEFORE, NOW
+from .workspace import ATTEMPTS, BEFORE, END, NOW
 
 __all__ = [
     "ATTEMPTS_AT",
@@ -13,7 +13,9 @@ __all__ = [
     "END_AT",
     "FIRST_AT",
     "START_AT",
-    "record_ends",
+    "compensate_steps",
+    "drop_compensation",
+    "record_end",
     "record_steps",
     "records_are_full",
 ]
@@ -34,6 +36,46 @@ def records_are_full(arguments: SweepArguments) -> bool:
 
 
 @compiled_subset
+def _sum(a: float, b: float) -> tuple[float, float]:
+    """Return a + b as rounded, and the rounding error (Knuth's two-sum)."""
+    total = a + b
+    part = total - a
+    return total, (a - (total - part)) + (b - part)
+
+
+@compiled_subset
+def compensate_steps(arguments: SweepArguments) -> None:
+    """Sum time and state of Taylor steps that were accepted with compensation, where a run alone has that.
+
+    See `dalembert.integrators.taylor_loop`.
+    """
+    low, state, shape = arguments.workspace.low, arguments.state, arguments.shape
+    if low.shape[0] == 0:
+        return
+    states, n, old = state.states, shape.n, state.progress.old
+    before, first = states.shape[0] // 2 - old, old + n + shape.events_with_series
+    for lane in range(state.clock.shape[1]):
+        if state.numbers.mark[lane] == PENDING:
+            h = state.settings[1, lane] * states[first, lane]
+            for m in range(n):
+                move = 0.0
+                for k in range(shape.degree, 0, -1):
+                    move = (move + states[first + 2 + m * (shape.degree + 1) + k, lane]) * h
+                states[old + m, lane], low[m, lane] = _sum(states[before + m, lane], move + low[m, lane])
+            if state.clock[NOW, lane] == state.clock[END, lane]:
+                low[n, lane] = 0.0
+            else:
+                state.clock[NOW, lane], low[n, lane] = _sum(state.tally[BEFORE, lane], h + low[n, lane])
+
+
+@compiled_subset
+def drop_compensation(arguments: SweepArguments, lane: int) -> None:
+    """Forget the rounding errors of sums in a lane whose state is another one now."""
+    for m in range(arguments.workspace.low.shape[0]):
+        arguments.workspace.low[m, lane] = 0.0
+
+
+@compiled_subset
 def record_steps(arguments: SweepArguments) -> None:
     """Record the steps that were accepted, before events cut them."""
     steps, state, shape = arguments.steps, arguments.state, arguments.shape
@@ -44,6 +86,7 @@ def record_steps(arguments: SweepArguments) -> None:
     for lane in range(state.clock.shape[1]):
         if state.numbers.mark[lane] == PENDING:
             place = state.progress.recorded
+            arguments.workspace.occurrences[0, 1] = float(place)
             steps[place, START_AT], steps[place, END_AT] = state.tally[BEFORE, lane], state.clock[NOW, lane]
             steps[place, ATTEMPTS_AT] = state.tally[ATTEMPTS, lane]
             for m in range(n):
@@ -53,15 +96,13 @@ def record_steps(arguments: SweepArguments) -> None:
 
 
 @compiled_subset
-def record_ends(arguments: SweepArguments) -> None:
-    """Record where the steps ended that were accepted."""
+def record_end(arguments: SweepArguments, lane: int) -> None:
+    """Record where the step of a lane ended, before events map the state there."""
     steps, state, n = arguments.steps, arguments.state, arguments.shape.n
     if steps.shape[0] == 0:
         return
-    for lane in range(state.clock.shape[1]):
-        if state.numbers.mark[lane] == PENDING:
-            place = state.progress.recorded
-            steps[place, ENDED_AT] = state.clock[NOW, lane]
-            for m in range(n):
-                steps[place, FIRST_AT + n + m] = state.states[state.progress.old + m, lane]
-            state.progress.recorded += 1
+    place = state.progress.recorded
+    steps[place, ENDED_AT] = state.clock[NOW, lane]
+    for m in range(n):
+        steps[place, FIRST_AT + n + m] = state.states[state.progress.old + m, lane]
+    state.progress.recorded += 1

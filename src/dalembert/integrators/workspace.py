@@ -57,8 +57,8 @@ ATTEMPTS, REJECTIONS, BEFORE, FIRST = range(4)
 RATE, BEND, DOUBT, LIMIT = range(4)
 """Rows of ``EventWorkspace.rates``."""
 
-OCCURRENCE = 3
-"""Columns of ``EventWorkspace.occurrences``: event, time and sign."""
+OCCURRENCE = 5
+"""Columns of ``EventWorkspace.occurrences``: event, time, sign, at least 1 where it stops the motion, and the step."""
 
 LONG_ENDS = 5
 """Columns of ``SweepArguments.ends`` where there are those for attempts and rows of a record, too."""
@@ -173,7 +173,8 @@ def lane_state(lanes: int, n: int, n_c: int, n_s: int, rows: int, given: int, be
 class EventKernels(NamedTuple):
     """Addresses of compiled code, and the rules of the events.
 
-    ``step_signs`` gives the sign of each expression over a step of every lane, 0 where it may change. ``values`` are
+    ``step_signs`` gives the sign of each expression over a step of every lane, 0 where it may change; it is 0 where all
+    steps are searched. ``values`` are
     the watched expressions (n) at `POINT_LANES` points, all others take one point: ``value`` the same expressions,
     ``begins`` value, rate and noise of each (3 n), ``jumps`` (n) coordinates and rates after a jump or 0, ``start`` the
     state from them with its checks, and with the direction of time behind them where it depends on that, ``refill``
@@ -186,7 +187,8 @@ class EventKernels(NamedTuple):
 
     ``events_with_series`` is 0, or the number of events: then all of these end the case, and a step writes their series
     too. ``oscillating`` is 1 where expressions may oscillate within a step, however smooth the motion is, and
-    ``running_oscillates`` where those of minima and maxima may.
+    ``running_oscillates`` where those of minima and maxima may. ``position`` and ``velocity`` are projections, onto
+    whose states zeros are located; ``exact`` is 1 where polynomials of steps have no error that counts.
     """
 
     step_signs: Address
@@ -209,6 +211,9 @@ class EventKernels(NamedTuple):
     events_with_series: int = 0
     oscillating: int = 0
     running_oscillates: int = 0
+    position: Address = NO_CODE
+    velocity: Address = NO_CODE
+    exact: int = 0
 
 
 @once
@@ -230,13 +235,18 @@ class EventWorkspace(NamedTuple):
 
     ``values`` are those of expressions at the points of a piece of a step, ``between`` those between these points.
 
+    ``jumped`` are when the state of each lane last jumped, how many jumps in a row came too soon, and 1 where its step
+    begins behind a stop, at which expressions may change their signs without a zero.
+
     ``own`` (lanes, n_c) are the constants of each lane in a row, ``constants`` (lanes * n_c, 8) for eight points.
 
-    Where ``occurrences`` has rows, it gets event, time and sign of each occurrence, from the second row on; the first
-    has their number.
+    Where ``occurrences`` has rows, it gets the occurrences, from the second row on; the first has their number, also of
+    those for which there is no row, and the number of the present step among the records of steps.
 
     Where ``carried`` (n_cases, n_events) has rows, it has the signs with which cases continue: NaN at a start,
     0 where a sign is not known; it gets those at their ends.
+
+    Where ``low`` (n + 1, lanes) has rows, they are what rounding took from the sums of state and time.
     """
 
     own: Matrix
@@ -272,6 +282,7 @@ class EventWorkspace(NamedTuple):
     powers: Matrix
     occurrences: Matrix
     carried: Matrix
+    low: Matrix
 
 
 def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: int, lanes: int) -> EventWorkspace:
@@ -294,7 +305,7 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         one_out=aligned(1, size),
         setting=aligned(1, n_s),
         step_begins=aligned(1, lanes),
-        step_signs=aligned(events.directions.size, lanes),
+        step_signs=aligned(events.directions.size if events.step_signs else 0, lanes),
         step_bounds=aligned(BOUNDS * events.kinds.size, lanes),
         signs=aligned(lanes, k),
         seen=aligned(lanes, k),
@@ -302,7 +313,7 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         found=aligned(k, 2),
         happens=aligned(1, k),
         residual=aligned(1, k),
-        jumped=aligned(lanes, 2),
+        jumped=aligned(lanes, 3),
         work=aligned(5, 8),
         stack=aligned(2 * DEEPEST + 4, 3),
         event_series=aligned(max(events.events_with_series, 1), degree),
@@ -312,6 +323,7 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         powers=aligned(1, degree + 1),
         occurrences=np.zeros((0, OCCURRENCE)),
         carried=np.zeros((0, k)),
+        low=np.zeros((0, lanes)),
     )
 
 

@@ -9,34 +9,21 @@ an expression that oscillates within the step do not give its bend: E is bounded
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import final
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ..arrays import FloatArray
-from ..methods.chebyshev import BEND, COUNT, DIVIDED, MISSED, TAIL
-from ..methods.event_constants import BENT, DOUBT, FLAT, LIKELY, RESOLVED, SHORT_SHARE, STEEP
+from ..methods.event_constants import BENT, DOUBT, FLAT, LIKELY, RESOLVED, SHORT_SHARE
 from .compiled_subset import compiled_subset, sqrt, square
 
 __all__ = [
-    "ZeroStarts",
     "bend_agrees",
     "bend_from_rates",
     "deepest_dip",
     "error_limit",
     "least_doubt",
-    "least_sizes",
     "leaves_zero",
     "short_share",
     "slope_agrees",
     "unresolved",
 ]
-
-
-_AT_START = (-1.0) ** np.arange(COUNT)
-"""Values of the Chebyshev polynomials where a piece begins."""
 
 
 @compiled_subset
@@ -139,137 +126,3 @@ def unresolved(value: float, theta: float, doubt: float) -> bool:
     `doubt` is the error of the bend over the step, not finite where it is not known.
     """
     return doubt < math.inf and abs(value) <= DOUBT * doubt * square(theta)
-
-
-def least_sizes(series: FloatArray) -> FloatArray:
-    """Return the least sizes of functions that keep their signs, from the sizes of their coefficients (k, 8, n)."""
-    tail = series[:, -2:].sum(axis=1)
-    return np.asarray(series[:, 0] - (series[:, 1:].sum(axis=1) + TAIL * tail))
-
-
-@final
-class ZeroStarts:
-    """Functions of which some are zero where the first of some steps begins.
-
-    Parameters
-    ----------
-    slopes : (n,)
-        Rates there over the step; NaN for functions that are not zero there.
-    sides : (n,)
-        Signs with which functions leave zero, where that is known by construction; 0 for others.
-    share, near
-        A short share of the step (`short_share`), and the function from such shares to the values and rates (n,) over
-        the step.
-    """
-
-    def __init__(
-        self,
-        slopes: FloatArray,
-        sides: FloatArray,
-        share: float,
-        near: Callable[[float], tuple[FloatArray, FloatArray]],
-    ) -> None:
-        self._slopes, self._share, self._near = slopes, share, near
-        self._sides = np.where(np.isnan(slopes), 0.0, sides)
-        self._bends: FloatArray | None = None
-        self._limits = np.full(len(slopes), math.inf)
-        self._doubts = np.full(len(slopes), math.inf)
-
-    def simple(self, values: FloatArray, points: FloatArray, noise: FloatArray, good: NDArray[np.bool_]) -> bool:
-        """Return whether a piece that begins there need not be cut.
-
-        Parameters
-        ----------
-        values : (8, n)
-            Of the functions, at `points` (8,), fractions of the step.
-        noise : (n,)
-            Sizes below which they count as zero.
-        good : (n,)
-            Those for which the piece need not be cut by itself.
-        """
-        left = np.flatnonzero(~good & ~np.isnan(self._slopes))
-        if len(left) < np.count_nonzero(~good):
-            return False
-        if all(self._leaves(int(i), values[:, i], points, float(noise[i])) for i in left):
-            return True
-        flat = np.abs(self._slopes[left]) <= STEEP * np.abs(values[:, left]).max(axis=0)
-        if self._bends is not None or not np.any(flat & (self._sides[left] != 0.0)):
-            return False
-        self._bends = self._find_bends(noise)
-        return all(self._leaves(int(i), values[:, i], points, float(noise[i])) for i in left)
-
-    def agree(self, values: FloatArray, high: float) -> NDArray[np.bool_]:
-        """Return which functions (n,) leave zero to the side where their values (8, n) on a piece end."""
-        rows = zip(self._slopes.tolist(), values[-1].tolist(), np.abs(values).max(axis=0).tolist(), strict=True)
-        return np.array([math.isnan(slope) or slope_agrees(slope * high, *row) for slope, *row in rows], np.bool_)
-
-    def keep_sides(
-        self,
-        resolved: NDArray[np.bool_],
-        last: FloatArray,
-        between: FloatArray,
-        points: FloatArray,
-        noise: FloatArray,
-    ) -> None:
-        """Set which functions (n,) that begin in zero have no value (8, n) at points between beyond the other side."""
-        largest = np.maximum(np.abs(between).max(axis=0), np.abs(last))
-        for i in np.flatnonzero(~np.isnan(self._slopes)):
-            beyond = (between[:, i] * last[i] < 0.0) & (np.abs(between[:, i]) > max(noise[i], BENT * largest[i]))
-            places = zip(between[beyond, i].tolist(), points[beyond].tolist(), strict=True)
-            resolved[i] = all(unresolved(value, x, self._doubts[i]) for value, x in places)
-
-    def _find_bends(self, noise: FloatArray) -> FloatArray:
-        """Return bends without the errors of the polynomials, and set the limits of these errors."""
-        share, slopes = self._share, self._slopes
-        (begin, _), (once, first), (twice, second) = (self._near(x * share) for x in (0.0, 1.0, 2.0))
-        rates = zip(slopes.tolist(), first.tolist(), second.tolist(), strict=True)
-        bends = np.array([bend_from_rates(a, b, c, share) for a, b, c in rates])
-        values = 8.0 * once - twice - 7.0 * begin - 6.0 * share * slopes
-        if share > 0.0:
-            rows = zip(values.tolist(), bends.tolist(), noise.tolist(), strict=True)
-            self._limits = np.array([error_limit(*row, share) for row in rows])
-        return bends
-
-    def _leaves(self, i: int, values: FloatArray, points: FloatArray, noise: float) -> bool:
-        """Return whether a piece need not be cut for a function that is zero where it begins."""
-        high, last, slope = float(points[-1]), float(values[-1]), float(self._slopes[i])
-        with np.errstate(all="ignore"):
-            series = [np.abs(matrix @ values)[np.newaxis] for matrix in DIVIDED]
-            once, twice, thrice = (float(least_sizes(part)[0]) for part in series)
-            begin = float(_AT_START @ (DIVIDED[0] @ values))
-            bend, largest = float(BEND @ (values - slope * points)), float(np.abs(values).max())
-        if once > MISSED * abs(begin - slope * high) or abs(slope) * high > STEEP * largest:
-            return once > MISSED * abs(begin - slope * high) and slope_agrees(slope * high, last, largest)
-        beyond = float(self._sides[i]) * last < 0.0
-        if beyond and self._bends is None:
-            return False
-        if self._bends is not None and self._sides[i] != 0.0 and math.isfinite(self._bends[i]):
-            exact = float(self._bends[i]) * high * high
-            error, tail = abs(bend - exact) / (high * high), float(series[1][0, -2:].sum()) / (high * high)
-            doubt = self._doubts[i] = least_doubt(self._doubts[i], error, tail, self._limits[i])
-            bend = exact
-            if all(unresolved(v, x, doubt) for v, x in zip(values.tolist(), points.tolist(), strict=True)):
-                return True
-            if beyond and not bend_agrees(bend, last, twice):
-                return False
-        known = float(self._sides[i]) * last > 0.0
-        return leaves_zero(abs(slope) * high, bend if last < 0.0 else -bend, twice, thrice, largest, noise, known)
-
-    def drop_unresolved(self, low: FloatArray, high: FloatArray, first: FloatArray, last: FloatArray) -> None:
-        """Set what the error of the polynomials may have made of values at the ends of pieces of the step to zero.
-
-        Parameters
-        ----------
-        low, high : (k,)
-            The ends, fractions of the step.
-        first, last : (k, n)
-            Values at them, in the order of time; those of a function are left after the first that is resolved.
-        """
-        for i in np.flatnonzero(self._sides):
-            for k in range(len(low)):
-                if not unresolved(float(first[k, i]), float(low[k]), self._doubts[i]):
-                    break
-                first[k, i] = 0.0
-                if not unresolved(float(last[k, i]), float(high[k]), self._doubts[i]):
-                    break
-                last[k, i] = 0.0

@@ -12,7 +12,7 @@ from ..arrays import FloatArray
 from ..errors import UnknownNameError, unknown_name
 
 if TYPE_CHECKING:
-    from ..integrators.watched import Occurrence
+    from ..integrators.recorded_motion import Occurrence
     from .trajectory import Trajectory
 
 __all__ = ["EventRecord", "EventRecords", "event_records"]

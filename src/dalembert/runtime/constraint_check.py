@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING, final
 
 import numpy as np
@@ -141,13 +140,9 @@ def _alone(model: CompiledModel, method: str, block: CaseBlock, problem: Integra
     Without constraints that need not follow everywhere it comes in parts: beyond the place where these matter, steps
     may become very small.
     """
-    engine = model.engine
-    blocks = partial(engine.step_blocks, method=method)
-    if block.watch is None or not block.watch.reported:
-        return blocks(problem) if model.stages.reduced.unproven else iter([engine.integrate(problem, method)])
-    from ..integrators.chaining import blocks_between_knots
-    from ..integrators.events import integrate_watched
-
-    watched = block.watch.watched(engine.constants_along(problem))
-    between = partial(blocks_between_knots, blocks) if block.watch.reads_inputs else blocks
-    return iter([integrate_watched(between, problem, watched)[0]])
+    engine, watch = model.engine, block.watch
+    if watch is not None and watch.reported:
+        return iter([engine.integrate_watched(problem, method, watch)[0]])
+    if model.stages.reduced.unproven:
+        return engine.step_blocks(problem, method)
+    return iter([engine.integrate(problem, method)])

@@ -35,6 +35,7 @@ from ..ir.conditions import NO_CONDITIONS, Conditions
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..methods.status import Status
+from .inputs import prepare_rows
 from .sampling import NoInstants, Sampling
 from .segment_constants import at_time, prepared_rows, segments_of
 from .segment_rounds import SegmentRounds
@@ -46,6 +47,8 @@ if TYPE_CHECKING:
     from ..codegen.base import FunctionEngine, TracedEngine
     from ..codegen.llvm.admission import Admission
     from ..codegen.runs import CaseRun
+    from ..integrators.event_code import EventCode
+    from ..integrators.recorded_motion import RecordedCase
 
 __all__ = ["SegmentedEngine"]
 
@@ -61,6 +64,7 @@ class SegmentedEngine(Engine):
     ) -> None:
         self.inner, self._program, self.landing, self.sampling = inner, program, landing, sampling
         self._kept: dict[tuple[bytes, float, float], Segments] = {}
+        self.controlled = sampling is not None
         self.parallel, self.whole_blocks = inner.parallel, inner.whole_blocks  # type: ignore[misc]
 
     cuts: ClassVar[bool] = True
@@ -181,9 +185,9 @@ class SegmentedEngine(Engine):
         """See `Engine.automatic`."""
         return self.inner.automatic(methods, rtol, atol, many=many)
 
-    def prepare(self, problem: IntegrationProblem, method: str) -> None:
+    def prepare(self, problem: IntegrationProblem, method: str, watch: EventCode | None = None) -> None:
         """See `Engine.prepare`."""
-        self.inner.prepare(problem, method)
+        self.inner.prepare(problem, method, watch)
 
     def fit(self, problem: IntegrationProblem, method: str) -> tuple[str, str]:
         """See `Engine.fit`: the first segment decides."""
@@ -217,6 +221,21 @@ class SegmentedEngine(Engine):
         started, landing = self._started(problem, segments)
         found = chained(self._following(run), started, segments, landing, right=self.sampling is not None)
         return found, taken, notes
+
+    def recorded(
+        self, problem: IntegrationProblem, method: str, watch: EventCode, carried: FloatArray | None
+    ) -> RecordedCase:
+        """See `Engine.recorded`: a run passes its stops in the loop of the inner engine."""
+        if not (self.inner.records(method) and self.inner.passes_stops(method)):
+            return super().recorded(problem, method, watch, carried)
+        p = problem.constants[np.newaxis, : len(self._program.layout.parameters)].copy()
+        spans = np.array([problem.t0]), np.array([problem.t1])
+        found = Stopping.of(self._program, p, spans, problem.t_eval, self.sampling, self.landing, many=False)
+        if self._program.conditions is not None:
+            found.decide(p, np.zeros(1, np.intp), found.begin)
+            problem = replace(problem, constants=prepare_rows(self._program, p)[0])
+        own = found.problem(problem) if len(found.lists.times) else problem
+        return self.inner.recorded(own, method, watch, carried)
 
     def step_blocks(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
         """See `Engine.step_blocks`; none of them reaches beyond its segment."""

@@ -31,7 +31,7 @@ from .symbol_assumptions import warn_of_motion
 
 if TYPE_CHECKING:
     from ..integrators.event_code import EventCode
-    from ..integrators.watched import Occurrence
+    from ..integrators.recorded_motion import Occurrence
     from .model import CompiledModel
 
 __all__ = ["NO_ESTIMATE", "ended_early", "simulate_in_own_time"]
@@ -51,7 +51,7 @@ def simulate_in_own_time(
 ) -> Trajectory:
     """Return one trajectory in the time of the model, whatever the span.
 
-    `carried` (n_events,) are signs of events, for a run that is a part of another (see `integrate_watched`).
+    `carried` (n_events,) are signs of events, for a run that is a part of another (see `Engine.integrate_watched`).
     """
     if options.project_invariants is not False:
         from .invariant_projection import keeping_from, refuse_jumps
@@ -110,14 +110,14 @@ def integrate(
     """Return the trajectory of one problem; its run time counts from `begin`, less what was compiled.
 
     Where the method was chosen automatically, a stiff run without events changes to an implicit one. `carried` are
-    signs of events (see `integrate_watched`).
+    signs of events (see `Engine.integrate_watched`).
     """
     ready, wanted = time.perf_counter(), problem.dense
     for check in model.checks:
         problem = check.before(problem)
     if model.layout.state:
         enter_stage("machine code")
-        model.engine.prepare(problem, method)
+        model.engine.prepare(problem, method, watch)
     compiled = time.perf_counter() - ready
     engine, note = model.engine, ""
     occurrences: list[Occurrence] = []

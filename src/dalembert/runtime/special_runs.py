@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 from ..arrays import FloatArray
 from ..integrators.problem import IntegrationProblem, Solution, prescribed
-from ..ir.interpret import interpret_rows
 from ..methods.status import Status
 from .recording import Record
 from .singular import checked_run, searched
 
 if TYPE_CHECKING:
     from ..integrators.event_code import EventCode
-    from ..integrators.watched import Occurrence
+    from ..integrators.recorded_motion import Occurrence
     from .model import CompiledModel
 
 __all__ = ["special_run"]
@@ -38,7 +35,7 @@ def special_run(
     if watch is not None:
         if automatic and model.layout.state:
             method, note = model.engine.fit(problem, method)
-        return *_watched(model, problem, method, watch, carried), method, note
+        return *model.engine.integrate_watched(problem, method, watch, carried), method, note
     if not model.layout.state:
         return prescribed(problem), [], method, note
     if model.derived.enforced and searched(model.stages.program) and not problem.dense:
@@ -59,24 +56,3 @@ def _searched(model: CompiledModel, problem: IntegrationProblem, method: str) ->
         if found.status is Status.SINGULAR_CONFIGURATION:
             break
     return record.solution(), where
-
-
-def _watched(
-    model: CompiledModel, problem: IntegrationProblem, method: str, watch: EventCode, carried: FloatArray | None
-) -> tuple[Solution, list[Occurrence]]:
-    """Integrate one problem with events."""
-    from ..integrators.chaining import blocks_between_knots
-    from ..integrators.events import integrate_watched
-
-    engine = model.engine
-
-    def step_blocks(part: IntegrationProblem) -> Iterator[Solution]:
-        if not (model.layout.state or engine.cuts):
-            return iter([prescribed(part)])
-        blocks = partial(engine.step_blocks, method=method)
-        return blocks_between_knots(blocks, part) if watch.reads_inputs else blocks(part)
-
-    problem = engine.after_start(problem)
-    # guards of modes are evaluated in every phase, so that compiling them pays
-    rows = engine.rows if watch.smooth else interpret_rows
-    return integrate_watched(step_blocks, problem, watch.watched(engine.constants_along(problem), rows), carried)

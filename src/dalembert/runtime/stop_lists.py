@@ -17,6 +17,7 @@ from ..integrators.problem import IntegrationProblem
 from ..ir.conditions import NO_CONDITIONS
 from ..ir.program import Program
 from ..methods.step_constants import SMALLEST_OF_TIME
+from ..reduction.sampling_kernels import Action
 from .sampling import NoInstants, Sampling
 
 __all__ = ["Stopping", "segments_of_cases", "stop_lists"]
@@ -64,7 +65,7 @@ class Stopping:
         """
         breaks = CaseBreaks.of(program.conditions or NO_CONDITIONS, p, *spans)
         where, _, middles = segments_of_cases(breaks)
-        actions = [StopAction(action.places, action.kernel) for action in sampling.kernels.actions] if sampling else []
+        actions = [] if sampling is None else [_action(sampling, action) for action in sampling.kernels.actions]
         lists, bad = stop_lists(breaks, sampling, p, t_eval, 0 if landing is None else 1 << len(actions), many=many)
         if landing is not None:
             actions.append(StopAction(tuple(range(len(program.layout.state))), function=landing))
@@ -101,6 +102,17 @@ class Stopping:
 
     def _inputs(self, given: InputRecords | None) -> InputRecords:
         return given or InputRecords((), (), np.zeros(1), sides=self.program.knot_sides)
+
+
+def _action(sampling: Sampling, action: Action) -> StopAction:
+    """Return what a controller does at stops."""
+    if action.kernel is not None:
+        return StopAction(action.places, action.kernel)
+
+    def act(t: float, y: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
+        return sampling.called(action, t, y, after)
+
+    return StopAction(tuple(range(len(sampling.layout.state))), function=act)
 
 
 def segments_of_cases(breaks: CaseBreaks) -> tuple[IntArray, FloatArray, FloatArray]:

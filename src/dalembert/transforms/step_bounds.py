@@ -1,7 +1,7 @@
 """Bounds and signs of expressions over a whole step, as kernels for many lanes: [Kernel] -> [Kernel].
 
-These are the first tests of `dalembert.integrators.crossings` and `dalembert.integrators.reductions` as straight-line
-code. Most steps pass these cheap tests; the others are examined one by one.
+These are the first tests of `dalembert.integrators.event_search` and `dalembert.integrators.step_reductions`, as
+straight-line code. Most steps pass these cheap tests; the others are examined one by one.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ from ..host_code import raise_failure
 from ..runs import CaseRun, LoopCall
 from .loops import loop_named
 
-__all__ = ["SweepShape", "case_run"]
+__all__ = ["CaseArrays", "SweepShape", "case_run"]
 
 _ROUNDS, _MOST_ROUNDS, _QUICK = 256, 1 << 24, 0.02
 """Rounds after which a loop first returns to Python, and at most; seconds below which the next may take longer."""
@@ -93,7 +93,7 @@ def case_run(
     watched : bool
         Whether there are events or reductions, or steps are recorded.
     """
-    run = _Run(kernels, shape, settings, cases, result, constants, events, watched)
+    run = CaseArrays(kernels, shape, settings, cases, result, constants, events, watched)
     loop, turn = loop_named(run.loop_name), np.zeros(1, np.int64)
 
     def call(turn: NDArray[np.int64]) -> LoopCall:
@@ -119,7 +119,7 @@ def case_run(
 
 
 @final
-class _Run:
+class CaseArrays:
     """Arrays that the threads of one run share, and the arguments of the loop in each thread."""
 
     def __init__(
@@ -154,7 +154,8 @@ class _Run:
     def arguments(self, turn: NDArray[np.int64]) -> SweepArguments:
         """Return the arguments of the loop in one thread; `turn` counts the cases that all threads have taken."""
         shape, cases, n = self.shape, self.cases, self.shape.n
-        given, checks, parameters = len(cases.given), 2 * len(cases.start.labels), len(cases.parameters)
+        checks = 0 if cases.start is None else 2 * len(cases.start.labels)
+        given, parameters = len(cases.given), len(cases.parameters)
         more, n_s = n + shape.events_with_series, 2 + len(self.settings)
         size = more + 2 + shape.memory
         rows = size + (more * (shape.degree + 1) if shape.dense else 0)
@@ -180,7 +181,7 @@ class _Run:
             totals=self.result.totals,
             stops=self._stops(),
             steps=steps,
-            rows=no_rows(),
+            rows=cases.rows or no_rows(),
         )
 
     def _stops(self) -> StopTable:
@@ -200,6 +201,8 @@ class _Run:
             workspace = event_workspace(self.events, shape.n, shape.degree, shape.n_c, n_s, shape.lanes)
         if self.cases.recorded:
             workspace = workspace._replace(occurrences=np.zeros((1 + self.cases.recorded, OCCURRENCE)))
+        if self.cases.recorded and self.cases.rows is not None and self.shape.memory == 0:
+            workspace = workspace._replace(low=np.zeros((self.shape.n + 1, self.shape.lanes)))
         return workspace if self.cases.carried is None else workspace._replace(carried=self.cases.carried)
 
     def project_samples(self) -> None:

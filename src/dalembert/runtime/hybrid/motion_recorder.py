@@ -15,6 +15,7 @@ from ...arrays import FloatArray
 from ...hybrid import Mode
 from ...integrators.phase_tables import NO_RUNNER
 from ...integrators.step_records import ENDED_AT, START_AT
+from ...integrators.workspace import OCCURRENCE
 from ...interrupts import check
 from ...methods.status import Status
 from ...options import SimulateOptions
@@ -52,8 +53,8 @@ class RecordedPhase:
         Records of its steps (`dalembert.integrators.step_records`).
     runs : list of Trajectory
         Its motion from stop to stop, where Python ran it.
-    occurrences : ndarray (m, 3)
-        Event, time and sign of what occurred in it.
+    occurrences : ndarray (m, OCCURRENCE)
+        What occurred in it: event, time, sign and more (`dalembert.integrators.workspace.OCCURRENCE`).
     after : ndarray (2 n_q + n_z,) or None
         The same after the jump that ended it.
     """
@@ -66,7 +67,7 @@ class RecordedPhase:
     runner: ModeRunner | HostRunner | None = None
     rows: list[FloatArray] = field(default_factory=list)
     runs: list[Trajectory] = field(default_factory=list)
-    occurrences: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    occurrences: FloatArray = field(default_factory=lambda: np.empty((0, OCCURRENCE)))
     after: FloatArray | None = None
 
     @property

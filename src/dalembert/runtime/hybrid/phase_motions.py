@@ -15,10 +15,9 @@ from ...integrators.chaining import joined
 from ...integrators.dense_output import PiecewisePolynomial
 from ...integrators.problem import Solution
 from ...integrators.projected_states import projected
+from ...integrators.recorded_motion import Occurrence, step_polynomials
 from ...integrators.segments import Constants, Segments, constants_at
-from ...integrators.step_polynomials import end_in
-from ...integrators.step_records import ATTEMPTS_AT, END_AT, ENDED_AT, FIRST_AT, START_AT
-from ...integrators.watched import Occurrence
+from ...integrators.step_records import ATTEMPTS_AT, ENDED_AT, FIRST_AT
 from ...ir.conditions import CONDITION_TIME
 from ...methods.status import Status
 from ...options import SimulateOptions
@@ -182,14 +181,14 @@ def _recorded(
     y[0], y[1:] = polynomials[0, :, 0], rows[:, FIRST_AT + n : FIRST_AT + 2 * n]
     if acts:
         y[1:-1] = polynomials[1:, :, 0]
-    return t, y, PiecewisePolynomial(t, partial(_coefficients, rows, polynomials, in_time=method == "taylor"))
+    return t, y, PiecewisePolynomial(t, partial(step_polynomials, rows, n, in_time=method == "taylor"))
 
 
 def _occurrences(
     model: CompiledModel, phase: RecordedPhase, c: Constants, count: int, output: PiecewisePolynomial, last: FloatArray
 ) -> list[Occurrence]:
     """Return the occurrences of the first events, `count` in number, in a phase that ends in the state `last`."""
-    found = [(int(e), t, int(sign)) for e, t, sign in phase.occurrences.tolist() if e < count]
+    found = [(int(e), t, int(sign)) for e, t, sign in phase.occurrences[:, :3].tolist() if e < count]
     if not found:
         return []
     low, high = sorted((phase.t0, phase.t1))
@@ -198,18 +197,3 @@ def _occurrences(
     states[times == phase.t1] = last
     listed = zip(found, times.tolist(), states, strict=True)
     return [Occurrence(e, at, own, own, sign) for (e, _, sign), at, own in listed]
-
-
-def _coefficients(rows: FloatArray, polynomials: FloatArray, *, in_time: bool) -> FloatArray:
-    """Return coefficients (k, degree + 1, n_y) in the fraction of each step, up to where events cut it.
-
-    As where events are searched, polynomials end in the states in which the steps ended.
-    """
-    n, terms = polynomials.shape[1:]
-    whole, powers = (rows[:, END_AT] - rows[:, START_AT])[:, np.newaxis], np.arange(terms)
-    scaled = polynomials * (whole**powers)[:, np.newaxis] if in_time else polynomials
-    found = scaled.transpose(0, 2, 1).copy()
-    end_in(rows[:, FIRST_AT : FIRST_AT + n], found)
-    share = (rows[:, ENDED_AT] - rows[:, START_AT])[:, np.newaxis] / whole
-    found *= (share**powers)[:, :, np.newaxis]
-    return found
