@@ -105,6 +105,8 @@ class Engine(ABC):
 
     def constants_along(self, problem: IntegrationProblem) -> Any:
         """Return the constants along a run: those of the problem, or of its segments where they change."""
+        if problem.stops is not None and problem.stops.along is not None:
+            return problem.stops.along
         if problem.inputs is None:
             return problem.constants
         edges = np.array([problem.t0, problem.t1])
@@ -116,7 +118,7 @@ class Engine(ABC):
         return False
 
     def passes_stops(self, method: str) -> bool:
-        """Whether `prepared` passes the stops of a problem (`IntegrationProblem.stops`) by a method."""
+        """Whether runs by a method pass the stops of a problem (`IntegrationProblem.stops`) in place."""
         return False
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:

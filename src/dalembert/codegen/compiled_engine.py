@@ -26,7 +26,7 @@ from ..once import BoundedTable, computed_once, once_property
 from ..options import DEFAULT_TOLERANCES
 from ..transforms.taylor import clipped_tolerance, order_at, order_for
 from .base import Engine
-from .host_code import landing_code
+from .host_code import landing_code, raise_failure
 from .library import LARGEST_UNROLLED, MOST_FURTHER, KernelLibrary
 from .llvm.loops import loop_named
 from .runs import CaseRun, Prepared, StartCode
@@ -92,7 +92,7 @@ class CompiledEngine(Engine):
 
     def passes_stops(self, method: str) -> bool:
         """See `Engine.passes_stops`."""
-        return self.follows_inputs and method != "radau"
+        return self.follows_inputs
 
     @property
     def folder(self) -> Path | None:
@@ -165,27 +165,31 @@ class CompiledEngine(Engine):
 
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """See `Engine.integrate`."""
+        compiled = self._with_codes(problem)
         if method == "taylor":
-            solution = self._taylor(problem).integrate(self._with_sides(problem))
+            solution = self._taylor(problem).integrate(compiled)
             assert solution is not None
             return solution
         if method == "radau":
             from ..integrators import implicit_loop as implicit
 
-            return implicit.integrate(self._implicit, self._with_sides(problem), self._multipliers(problem))
+            return implicit.integrate(self._implicit, compiled, self._multipliers(problem))
         from ..integrators import explicit_loop as explicit
 
         pair = pair_named(method, bounded=problem.bounded)
-        run = explicit.integrate(self._explicit, pair, self._with_sides(problem))
+        run = explicit.integrate(self._explicit, pair, compiled)
         assert isinstance(run, Solution)
         return run
 
-    def _with_sides(self, problem: IntegrationProblem) -> IntegrationProblem:
-        """Return a problem whose inputs have the code of `Program.knot_sides` for one lane."""
-        inputs = problem.inputs
-        if inputs is None or inputs.sides is None:
+    def _with_codes(self, problem: IntegrationProblem) -> IntegrationProblem:
+        """Return a problem of one lane whose inputs have the code of `Program.knot_sides`, stops that of actions."""
+        inputs, stops = problem.inputs, problem.stops
+        if inputs is not None and inputs.sides is not None:
+            problem = replace(problem, inputs=inputs.compiled(lambda sides: self.steps.kernel(sides.name)))
+        if stops is None:
             return problem
-        return replace(problem, inputs=inputs.compiled(lambda sides: self.steps.kernel(sides.name)))
+        code = partial(self._action_code, lanes=1)
+        return replace(problem, stops=stops.compiled(code, self.steps.prepare(), raise_failure))
 
     def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
         """See `Engine.integrate_automatic`: a run that proves stiff is repeated by "radau"."""
@@ -195,19 +199,20 @@ class CompiledEngine(Engine):
             from ..integrators.stiffness import radau_pays, still_stiff
 
             nonlocal reason
-            rate = still_stiff(self._rates(problem), t, y, abs(problem.t1 - t), step)
+            part = problem if problem.stops is None else problem.up_to_stop(t)
+            rate = still_stiff(self._rates(problem), t, y, abs(part.t1 - t), step)
             if rate:
-                reason = radau_pays(problem, t, y, step, rate, self._radau, self._operations)
+                reason = radau_pays(part, t, y, step, rate, self._radau, self._operations)
             return bool(reason)
 
         if method == "taylor":
-            solution = self._taylor(problem).integrate(self._with_sides(problem), watch)
+            solution = self._taylor(problem).integrate(self._with_codes(problem), watch)
             return self._implicit_run(problem, reason) if solution is None else (solution, method, "")
         if method != "dop853":
             return super().integrate_automatic(problem, method)
         from ..integrators import explicit_loop as explicit
 
-        tried = explicit.integrate(self._explicit, pair_named(method), self._with_sides(problem), stop_if_stiff=True)
+        tried = explicit.integrate(self._explicit, pair_named(method), self._with_codes(problem), stop_if_stiff=True)
         if isinstance(tried, Solution):
             return tried, method, ""
         if watch(tried.t, tried.y, tried.step):
@@ -362,10 +367,7 @@ class CompiledEngine(Engine):
         stepper = self._steppers.stepper(method, (problem.rtol, problem.atol), 1, dense=False)
         tests = NO_CODE if admission is None else admission.code.address
         kernels = PreparedKernels(self.steps.prepare(), *stepper.codes, *self._steppers.projections(1), tests)
-        problem = self._with_sides(problem)
-        if problem.stops is not None:
-            problem = replace(problem, stops=problem.stops.compiled(partial(self._action_code, lanes=1)))
-        return prepared_run(kernels, sizes, stepper.memory, stepper.settings, problem, admission)
+        return prepared_run(kernels, sizes, stepper.memory, stepper.settings, self._with_codes(problem), admission)
 
     def foreign(
         self, method: str, tolerances: tuple[float, float], limits: tuple[float, int], version: tuple[int, int]

@@ -74,12 +74,12 @@ def interpreted_code(kernel: Kernel, lanes: int = HOST_LANES) -> OwnedAddress:
 
 def landing_code(action: StopAction, n_y: int, n_c: int, lanes: int) -> OwnedAddress:
     """Return the Python function of an action at stops as code for lanes; see `dalembert.integrators.stops.act`."""
-    function = action.function
+    function, size = action.function, len(action.places)
     assert function is not None
 
     def land(t: int, y: int, c: int, before: int, out: int) -> int:
         now, states, constants = columns_at(t, 1, lanes)[0], columns_at(y, n_y, lanes), columns_at(c, n_c, lanes)
-        earlier, after = columns_at(before, 1 + n_c, lanes), columns_at(out, n_y, lanes)
+        earlier, after = columns_at(before, 1 + n_c, lanes), columns_at(out, size, lanes)
         for lane in np.flatnonzero(earlier[0]):
             arguments = states[:, lane].copy(), earlier[1:, lane].copy(), constants[:, lane].copy()
             after[:, lane] = function(float(now[lane]), *arguments)

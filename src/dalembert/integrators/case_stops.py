@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..ir.kernel import Kernel
-from .addresses import AddressTable, OwnedAddress
+from .addresses import NO_CODE, AddressTable, OwnedAddress
 from .input_steps import InputTable
 from .stops import StopTable
+
+if TYPE_CHECKING:
+    from .segments import Segments
 
 __all__ = ["CaseStops", "StopAction", "StopLists"]
 
@@ -57,16 +60,38 @@ class CaseStops:
         In the order in which they happen at one time; the bits of `lists` are their numbers.
     codes : tuple of OwnedAddress
         Actions as code for the lanes of a loop.
+    along : Segments or None
+        Constants along the run of a case that is alone.
+    behind : bool
+        Whether accepted steps of that run hold the states behind stops, not those before.
+    prepare : OwnedAddress
+        Code of the constants, for that run.
+    failure : function without arguments
+        Raises what Python functions among the actions have raised.
     """
 
     lists: StopLists
     place: int | None
     actions: tuple[StopAction, ...]
     codes: tuple[OwnedAddress, ...] = ()
+    along: Segments | None = None
+    behind: bool = False
+    prepare: OwnedAddress = NO_CODE
+    failure: Callable[[], None] | None = None
 
-    def compiled(self, code: Callable[[StopAction], OwnedAddress]) -> CaseStops:
-        """Return the stops with actions as code."""
-        return replace(self, codes=tuple(map(code, self.actions)))
+    def compiled(
+        self,
+        code: Callable[[StopAction], OwnedAddress],
+        prepare: OwnedAddress = NO_CODE,
+        failure: Callable[[], None] | None = None,
+    ) -> CaseStops:
+        """Return the stops with actions as code; for `prepare` and `failure` see above."""
+        return replace(self, codes=tuple(map(code, self.actions)), prepare=prepare, failure=failure)
+
+    def raise_failure(self) -> None:
+        """Raise what Python functions among the actions have raised since the last call, if anything."""
+        if self.failure is not None and self.calls:
+            self.failure()
 
     @property
     def calls(self) -> bool:

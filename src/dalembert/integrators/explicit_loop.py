@@ -34,14 +34,15 @@ from .recorded_runs import (
     all_finite,
     begin_status,
     block_is_full,
-    enter_first_piece,
-    enters_piece,
     evaluate,
+    pass_first_stops,
+    passes_stop,
     pending,
     planned_step,
     project,
     proposed_after,
     record,
+    record_behind,
     retry,
 )
 from .run_blocks import run_in_blocks, settings_of, solution
@@ -145,7 +146,7 @@ def _begin(codes: Addresses, tableau: PackedTableau, settings: Settings, run: Ru
     """Evaluate the first stage and choose the first step; return whether the former is finite."""
     t0, t1, progress = settings.t0, settings.t1, run.progress
     run.progress.previous = SMALLEST_PREVIOUS
-    enter_first_piece(settings, run)
+    pass_first_stops(settings, run)
     evaluate(codes.rhs, t0, run, 0, tableau.first)
     progress.evaluations += 1
     if not all_finite(run.work, 0, tableau.first):
@@ -211,8 +212,9 @@ def _attempt(codes: Addresses, tableau: PackedTableau, settings: Settings, run: 
     progress.retried = 0
     for m in range(n):
         work[tableau.first, m] = work[tableau.first + tableau.end, m]
-    if enters_piece(settings, run):
+    if passes_stop(settings, run, status):
         evaluate(codes.rhs, t_new, run, y_new, tableau.first)
         progress.evaluations += 1
-        progress.size = max(progress.size, proposed)  # the knot cut the step, not its error
+        progress.size = max(progress.size, proposed)  # the stop cut the step, not its error
+    record_behind(settings, run)
     return status

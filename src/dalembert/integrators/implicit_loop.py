@@ -42,14 +42,15 @@ from .recorded_runs import (
     all_finite,
     begin_status,
     block_is_full,
-    enter_first_piece,
-    enters_piece,
     evaluate,
+    pass_first_stops,
+    passes_stop,
     pending,
     planned_step,
     project,
     proposed_after,
     record,
+    record_behind,
     retry,
     status_of,
 )
@@ -158,7 +159,7 @@ def _begin(codes: Addresses, settings: Settings, run: Run) -> bool:
     """Evaluate the first slope and choose the first step; return whether the former is finite."""
     progress, span = run.progress, abs(settings.t1 - settings.t0)
     progress.previous, progress.rate, progress.known_rate = _SMALLEST_PREVIOUS, 1.0, 1.0
-    enter_first_piece(settings, run)
+    pass_first_stops(settings, run)
     evaluate(codes.rhs, settings.t0, run, 0, SLOPE)
     run.progress.evaluations += 1
     if not all_finite(run.work, 0, SLOPE):
@@ -294,18 +295,19 @@ def _attempt(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: 
     if progress.unlimited != 0.0:  # the polynomial of so short a step does not predict a longer one
         progress.ratio = progress.last_size = 0.0
     progress.retried = progress.fresh = 0
-    if enters_piece(settings, run):
+    if passes_stop(settings, run, status):
         _begin_piece(codes, run, y_new, t_new, proposed)
+    record_behind(settings, run)
     return status
 
 
 @compiled_subset
 def _begin_piece(codes: Addresses, run: Run, y: int, t: float, proposed: float) -> None:
-    """Discard the predictions from the last steps; the next step has other inputs."""
+    """Discard the Jacobian and the predictions from the last steps, which are those of the motion before the stop."""
     progress = run.progress
     evaluate(codes.rhs, t, run, y, SLOPE)
     progress.evaluations += 1
-    progress.size = max(progress.size, proposed)  # the knot cut the step, not its error
+    progress.size = max(progress.size, proposed)  # the stop cut the step, not its error
     progress.rate = progress.known_rate = 1.0
     progress.ratio = progress.last_size = 0.0
     progress.previous = _SMALLEST_PREVIOUS

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias, final
 
 import numpy as np
@@ -126,6 +126,16 @@ class IntegrationProblem:
 
     def __post_init__(self) -> None:
         validate(self)
+
+    def up_to_stop(self, t: float) -> "IntegrationProblem":
+        """Return the problem from a time to the next of its stops, with the constants there and nothing to record."""
+        assert self.stops is not None
+        sign, times = 1.0 if self.t1 >= self.t0 else -1.0, self.stops.lists.times
+        ahead = times[sign * times > sign * t]
+        end = float(ahead[0]) if len(ahead) else self.t1
+        along = self.stops.along
+        c = self.constants if along is None else along.at(np.array([t]))[0]
+        return replace(self, t0=t, t1=end, constants=c, t_eval=None, stops=None)
 
 
 @final

@@ -8,13 +8,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ..arrays import FloatArray
-from ..methods.status import Status
-from .arguments import IntVector, Matrix, Record, Vector
+from ..methods.status import RUNNING, Status
+from .arguments import Address, IntVector, Matrix, Record, Vector
 from .compiled_subset import call_code, compiled_subset, fma, row
-from .input_steps import InputTable, begin_inputs, pass_knots, take_sides
+from .input_steps import pass_knots, take_sides
 from .packed_tableaus import POINT
 from .projection import project_row
 from .step_control import next_step, smallest_step, status_after
+from .stops import StopTable, begin_stops, end_of_steps, is_due, take_stops
 
 __all__ = [
     "Progress",
@@ -23,14 +24,15 @@ __all__ = [
     "all_finite",
     "begin_status",
     "block_is_full",
-    "enter_first_piece",
-    "enters_piece",
     "evaluate",
+    "pass_first_stops",
+    "passes_stop",
     "pending",
     "planned_step",
     "project",
     "proposed_after",
     "record",
+    "record_behind",
     "retry",
     "status_of",
 ]
@@ -40,7 +42,7 @@ class Settings(NamedTuple):
     """The numbers of a problem, of whose components the first ``kept`` are recorded, by polynomials of a ``degree``.
 
     ``first_step`` is 0 where it is to be chosen; runs with ``stop_if_stiff`` stop where
-    stability holds the steps.
+    stability holds the steps. Accepted steps hold the states ``behind`` stops, or those before.
     """
 
     t0: float
@@ -55,6 +57,7 @@ class Settings(NamedTuple):
     sampled: bool
     dense: bool
     stop_if_stiff: bool
+    behind: bool
 
 
 class Progress(Record):
@@ -96,10 +99,10 @@ class Run(NamedTuple):
     """Arrays that a loop works on.
 
     ``work`` (n_rows, width) are vectors in rows: the ends of a step in turn, then those of `packing`. ``rows``
-    (k, 1 + n) get the times to record ``t_eval`` with their states or, where there are none, the ends of the steps of a
-    block; ``pieces`` (k, 1 + (degree + 1)*n) ends of steps and polynomials, of one step where they are not kept.
-    Steps end at the knots of ``inputs``, where ``constants`` (n_c, 1) change.
-    ``knot`` (1, 2) gets the limits of a step at knots of tables.
+    (k, 1 + n) get the times to record ``t_eval`` with their states or, where there are none, the start and the ends of
+    the steps of a block; ``pieces`` (k, 1 + (degree + 1)*n) ends of steps and polynomials, of one step where they are
+    not kept. Steps end at ``stops``, where ``constants`` (n_c, 1) change; ``prepare`` is their code. ``knot`` (1, 2)
+    gets the limits of a step at knots of tables.
     """
 
     clock: Matrix
@@ -112,7 +115,8 @@ class Run(NamedTuple):
     knot: Matrix
     rows: Matrix
     pieces: Matrix
-    inputs: InputTable
+    stops: StopTable
+    prepare: Address
 
 
 @compiled_subset
@@ -174,25 +178,47 @@ def planned_step(settings: Settings, run: Run, knots: int) -> tuple[float, float
 
 
 @compiled_subset
-def enter_first_piece(settings: Settings, run: Run) -> None:
-    """Set where the first steps must end: with the run, or with the piece of an input."""
-    run.progress.end = settings.t1
-    if run.inputs.knots.size > 0:
-        forward = settings.t1 >= settings.t0
-        run.progress.end = begin_inputs(run.inputs, run.constants, 0, 0, settings.t0, settings.t1, forward)
+def pass_first_stops(settings: Settings, run: Run) -> None:
+    """Take the stops at the start, record the state behind them, and set where the first steps must end."""
+    t0, t1, stops = settings.t0, settings.t1, run.stops
+    run.progress.end = t1
+    if stops.inputs.ends.shape[0] > 0:
+        forward = t1 >= t0
+        run.progress.end = begin_stops(stops, run.constants, 0, 0, t0, t1, forward)
+        if is_due(stops, 0, t0, forward):
+            _take_stops(settings, run)
+        run.progress.end = end_of_steps(stops, 0, run.progress.end, forward)
+    _record_at(run, t0, run.progress.row)
+    if not settings.sampled:
+        _store(run, 0, t0, run.progress.row)
 
 
 @compiled_subset
-def enters_piece(settings: Settings, run: Run) -> bool:
-    """Return whether a piece of an input begins at the end of the step just accepted; its coefficients are set then."""
-    progress = run.progress
-    if run.inputs.knots.size == 0 or progress.t != progress.end or progress.t == settings.t1:
+def passes_stop(settings: Settings, run: Run, status: int) -> bool:
+    """Return whether the step just accepted ends at a stop, be it a knot of an input; it is passed then.
+
+    Of a run that has used up its steps only knots are passed: another run may continue it.
+    """
+    progress, stops = run.progress, run.stops
+    if progress.t != progress.end or progress.t == settings.t1 or (status != RUNNING and stops.first.size > 0):
         return False
     forward = settings.t1 >= settings.t0
-    progress.end = pass_knots(run.inputs, run.constants, 0, 0, progress.t, forward)
-    run.clock[0, 0] = progress.t
-    take_sides(run.inputs, run.clock, run.work, progress.row, run.constants, settings.kept, forward)
+    for m in range(stops.before.shape[0] - 1):
+        stops.before[1 + m, 0] = run.constants[m, 0]
+    progress.end = pass_knots(stops.inputs, run.constants, 0, 0, progress.t, forward)
+    _take_stops(settings, run)
+    progress.end = end_of_steps(stops, 0, progress.end, forward)
     return True
+
+
+@compiled_subset
+def _take_stops(settings: Settings, run: Run) -> None:
+    """Take the stops at the present time, and move the state to the sides of switches that the motion goes to."""
+    progress, stops, forward = run.progress, run.stops, settings.t1 >= settings.t0
+    run.clock[0, 0] = progress.t
+    if stops.first.size > 0:
+        take_stops(stops, run.prepare, run.clock, run.work, progress.row, run.constants, forward)
+    take_sides(stops.inputs, run.clock, run.work, progress.row, run.constants, settings.kept, forward)
 
 
 @compiled_subset
@@ -245,14 +271,29 @@ def record(position: int, velocity: int, settings: Settings, run: Run, piece: in
             break
         _store(run, progress.recorded, at, POINT)
         progress.recorded += 1
-    while progress.recorded < run.t_eval.size and run.t_eval[progress.recorded] == t_new:
-        _store(run, progress.recorded, t_new, y_new)
-        progress.recorded += 1
     if not settings.sampled:
-        _store(run, progress.steps - progress.begun, t_new, y_new)
+        _store(run, 1 + progress.steps - progress.begun, t_new, y_new)
     progress.steps += 1
     progress.row, run.progress.t = y_new, t_new
     return status_of(settings, progress) if projected else Status.PROJECTION_FAILED
+
+
+@compiled_subset
+def record_behind(settings: Settings, run: Run) -> None:
+    """Record the state at the end of a step where that is a requested time, and behind a stop where steps hold it."""
+    progress = run.progress
+    _record_at(run, progress.t, progress.row)
+    if settings.behind and not settings.sampled:
+        _store(run, progress.steps - progress.begun, progress.t, progress.row)
+
+
+@compiled_subset
+def _record_at(run: Run, t: float, y: int) -> None:
+    """Record a row of the work at the times to record that are this one."""
+    progress = run.progress
+    while progress.recorded < run.t_eval.size and run.t_eval[progress.recorded] == t:
+        _store(run, progress.recorded, t, y)
+        progress.recorded += 1
 
 
 @compiled_subset

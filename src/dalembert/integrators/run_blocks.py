@@ -10,10 +10,11 @@ from ..arrays import FloatArray
 from ..interrupts import check, is_observed
 from ..methods.status import RUNNING, Status
 from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK, SMALLEST_SCALE
+from .addresses import NO_CODE
 from .dense_output import PiecewisePolynomial
-from .input_steps import no_inputs
 from .problem import IntegrationProblem, Solution
 from .recorded_runs import Progress, Run, Settings
+from .stops import table_of
 
 __all__ = ["run_in_blocks", "settings_of", "solution"]
 
@@ -33,6 +34,7 @@ def settings_of(problem: IntegrationProblem, degree: int, *, stop_if_stiff: bool
         problem.t_eval is not None,
         bool(problem.dense),
         stop_if_stiff,
+        problem.stops is not None and problem.stops.behind,
     )
 
 
@@ -57,38 +59,37 @@ def run_in_blocks(
     """
     n, bounded = settings.kept, settings.dense or not settings.sampled or is_observed()
     run = _begun(problem, settings, work)
-    progress, samples = run.progress, run.rows  # rows, pieces and inputs are the last fields of a run
-    blocks, pieces = [np.concatenate([[settings.t0], work[0, :n]]).reshape(1, -1)], []
+    progress, samples = run.progress, run.rows
+    blocks, pieces = [np.empty((0, 1 + n))], []
     status, size = RUNNING, FIRST_BLOCK
     while status == RUNNING:
         check(progress.t)
         limit = size if bounded else settings.max_steps
-        rows = samples if settings.sampled else np.empty((limit, 1 + n))
+        rows = samples if settings.sampled else np.empty((1 + limit, 1 + n))
         piece = np.empty((limit if settings.dense else 1, 1 + (settings.degree + 1) * n))
         progress.begun, progress.limit = progress.steps, progress.steps + limit
-        status = loop(Run(*run[:8], rows, piece, run.inputs))
+        status = loop(run._replace(rows=rows, pieces=piece))
+        if problem.stops is not None:
+            problem.stops.raise_failure()
         count = progress.steps - progress.begun
         if not settings.sampled:
-            blocks.append(rows[:count])
+            blocks.append(rows[min(1, progress.begun) : 1 + count])  # that before the first step is the start
         if settings.dense:
             pieces.append(piece[:count])
         size = min(2 * size, LARGEST_BLOCK)
     recorded = samples[: progress.recorded] if settings.sampled else np.concatenate(blocks)
-    return status, Run(*run[:8], recorded, samples, run.inputs), pieces
+    return status, run._replace(rows=recorded), pieces
 
 
 def _begun(problem: IntegrationProblem, settings: Settings, work: FloatArray) -> Run:
-    """Return a run before its first step, whose rows are for the requested times; those at the start are filled."""
-    n = settings.kept
+    """Return a run before its first step, whose rows are for the requested times."""
+    n, constants = settings.kept, np.array(problem.constants, dtype=np.float64).reshape(-1, 1)
     t_eval = np.array(() if problem.t_eval is None else problem.t_eval, dtype=np.float64)
-    first = int(np.searchsorted(t_eval != settings.t0, True)) if len(t_eval) else 0
-    samples = np.empty((max(len(t_eval), 1), 1 + n))
-    samples[:first, 0], samples[:first, 1:] = settings.t0, work[0, :n]
-    progress = Progress()
-    progress.t, progress.size, progress.recorded = settings.t0, settings.first_step, first
+    samples, progress = np.empty((max(len(t_eval), 1), 1 + n)), Progress()
+    progress.t, progress.size = settings.t0, settings.first_step
     return Run(
         clock=np.zeros((1, 1)),
-        constants=np.array(problem.constants, dtype=np.float64).reshape(-1, 1),
+        constants=constants,
         t_eval=t_eval,
         work=work,
         delta=np.zeros((n, 1)),
@@ -97,7 +98,8 @@ def _begun(problem: IntegrationProblem, settings: Settings, work: FloatArray) ->
         knot=np.zeros((1, 2)),
         rows=samples,
         pieces=samples,
-        inputs=no_inputs() if problem.inputs is None else problem.inputs.table(1),
+        stops=table_of(problem.stops, problem.inputs, len(constants)),
+        prepare=NO_CODE if problem.stops is None else problem.stops.prepare,
     )
 
 

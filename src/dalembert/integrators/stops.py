@@ -7,7 +7,7 @@ writes what counts from there on, and the case continues in its lane.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,10 @@ from .arguments import AddressVector, IntVector, Matrix, Vector
 from .compiled_subset import call_code, compiled_subset, flat, lowest, row
 from .input_steps import InputTable, begin_inputs, no_inputs
 
+if TYPE_CHECKING:
+    from .case_stops import CaseStops
+    from .input_records import InputRecords
+
 __all__ = [
     "StopTable",
     "act",
@@ -26,6 +30,7 @@ __all__ = [
     "is_due",
     "no_stops",
     "prepare_lanes",
+    "table_of",
     "take_next",
     "take_stops",
 ]
@@ -81,6 +86,12 @@ def no_stops(inputs: InputTable | None = None) -> StopTable:
     none, nothing, room = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 1))
     about = none, none, nothing, none, nothing, -1, AddressTable(), none, none
     return StopTable(*about, *(none,) * 3, *(room,) * 3, no_inputs() if inputs is None else inputs)
+
+
+def table_of(stops: CaseStops | None, inputs: InputRecords | None, constants: int, remembered: int = 0) -> StopTable:
+    """Return the table of a case that is alone, with so many constants, whose steps remember so many numbers."""
+    table = None if inputs is None else inputs.table(1, remembered)
+    return no_stops(table) if table is None or stops is None else stops.table(table, 1, constants)
 
 
 @compiled_subset

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Protocol, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..interrupts import check
@@ -17,11 +18,10 @@ from ..transforms.taylor import scale_floor
 from .addresses import NO_CODE, OwnedAddress
 from .arguments import address_of, pack, place_of
 from .dense_output import PiecewisePolynomial
-from .input_records import InputRecords
-from .input_steps import no_inputs
+from .prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
 from .problem import IntegrationProblem, Solution
 from .step_polynomials import end_in
-from .taylor_loop import TaylorArguments, TaylorProgress
+from .stops import table_of
 
 __all__ = ["StepCode"]
 
@@ -41,8 +41,9 @@ _TURN_LOW = float.fromhex("0x1.10b4611a62633p-28")
 _LARGEST_KEPT = 1 << 20
 """Bytes of the largest workspace that is kept for later runs."""
 
-_LIMIT_AT, _T1_AT, _LARGEST_AT = (place_of(TaylorArguments, name) for name in ("limit", "t1", "largest"))
-
+_LIMITS_AT = place_of(PreparedArguments, "limits")
+_T0_AT, _T1_AT, _LARGEST_AT = (_LIMITS_AT + PreparedLimits._fields.index(name) for name in ("t0", "t1", "largest"))
+_ATTEMPTS_AT, _GOING_AT = (_LIMITS_AT + PreparedLimits._fields.index(name) for name in ("attempts", "going"))
 
 Watch = Callable[[float, FloatArray, float], bool]
 """Time, state and mean size of the last steps -> whether to stop there."""
@@ -93,36 +94,36 @@ class StepCode:
             Numerical failure is its status, never an exception. Each step is one evaluation of the series. None
             where the run was stopped.
         """
-        inputs = problem.inputs
+        inputs, stops = problem.inputs, problem.stops
         try:
             work = None if inputs is not None else self.workspaces.pop()
         except IndexError:
             work = None
         if work is None:
-            work = _Workspace(self, len(problem.y0), len(problem.constants), inputs)
+            work = _Workspace(self, problem)
         call, record = self.loop.call, _Record(problem, self.order)
-        turns, angles = None, list(self.angles)
+        # what happens at stops reads angles, and not modulo a turn
+        turns, angles = None, [] if stops is not None and stops.actions else list(self.angles)
         status, size = RUNNING if work.begin(problem) else int(Status.NON_FINITE), FIRST_BLOCK
         while status == RUNNING:
             check(record.end)
-            limit = min(size, problem.max_steps - record.steps)
-            if limit == 0:
-                status = int(Status.MAX_STEPS)
-                break
             start = record.end
             if angles and work.has_turned(angles):
                 turns = np.zeros(len(problem.y0)) if turns is None else turns.copy()
-                turns[angles] += _unwound(work.y[0], work.low, angles)
+                turns[angles] += _unwound(work.y, work.low, angles)
                 record.wound = record.wound or bool(np.any(turns))
-            status, times, rows = work.run(call, limit)
+            status, times, rows = work.run(call, min(size, problem.max_steps - record.steps))
+            if stops is not None:
+                stops.raise_failure()
+                if record.steps == 0:
+                    record.start = work.started
             record.add(times, rows, turns if record.wound else None)
             size = min(2 * size, _LARGEST_WINDING if angles else LARGEST_BLOCK)
             if watch is not None and status == RUNNING and record.steps >= _STIFFNESS_FROM:
                 step = abs(record.end - start) / len(times)
-                state = work.y[0, :-1].copy()
-                if abs(problem.t1 - record.end) >= _STIFFNESS_REST * step and watch(record.end, state, step):
+                if abs(problem.t1 - record.end) >= _STIFFNESS_REST * step and watch(record.end, work.y.copy(), step):
                     return None
-        if inputs is None and work.rows.nbytes <= _LARGEST_KEPT:
+        if inputs is None and work.states.nbytes <= _LARGEST_KEPT:
             self.workspaces.append(work)
         return record.solution(Status(status))
 
@@ -131,70 +132,79 @@ class StepCode:
 class _Workspace:
     """Memory of one run at a time, and the packed arguments that point to it."""
 
-    def __init__(self, code: StepCode, n: int, constants: int, inputs: InputRecords | None = None) -> None:
-        self.width = n + 2 + n * (code.order + 1)
-        self.settings, self.y, self.constants = np.zeros((1, 3)), np.zeros((1, n + 1)), np.zeros((constants, 1))
-        self.low, self.progress = np.zeros(n + 1), TaylorProgress()
-        self.rows, self.times = np.empty((FIRST_BLOCK, self.width)), np.empty(FIRST_BLOCK)
-        self._nothing = np.zeros(n), np.zeros(constants)
-        self._inputs = inputs
-        self._arguments = TaylorArguments(
-            code.step,
-            code.position,
-            code.velocity,
-            FIRST_BLOCK,
-            0.0,
-            0.0,
-            self.settings,
-            self.y,
-            self.constants,
-            self.rows,
-            self.times,
-            self.low,
-            np.empty((1, 1)),
-            np.empty((n, 1)),
-            np.zeros(1, np.int64),
-            self.progress,
-            no_inputs() if inputs is None else inputs.table(1),
+    def __init__(self, code: StepCode, problem: IntegrationProblem) -> None:
+        n, constants = len(problem.y0), len(problem.constants)
+        prepare = NO_CODE if problem.stops is None else problem.stops.prepare
+        self._width = n + 2 + n * (code.order + 1)
+        self.low, self.progress, nothing = np.zeros(n + 1), PreparedProgress(), np.zeros((0, 1))
+        self.states, self.times = self._rows(FIRST_BLOCK)
+        self._arguments = PreparedArguments(
+            kernels=PreparedKernels(prepare, code.step, NO_CODE, code.position, code.velocity),
+            limits=PreparedLimits(0.0, 0.0, 0.0, 0, 0, going=False, slack=1.0),
+            n=n,
+            memory=0,
+            parameters=nothing,
+            constants=np.zeros((constants, 1)),
+            settings=np.zeros((1, 3)),
+            clock=np.empty((1, 1)),
+            states=self.states,
+            times=self.times,
+            low=self.low,
+            delta=np.empty((n, 1)),
+            mark=np.zeros(1, np.int64),
+            tests=nothing,
+            progress=self.progress,
+            stops=table_of(problem.stops, problem.inputs, constants),
         )
+        self._nothing = np.zeros(n), np.zeros(constants)
         self._words = pack(self._arguments)
         self._doubles, self.address = self._words.view(np.float64), address_of(self._words)
-        self._state, self._constants, self._settings = self.y[0, :-1], self.constants[:, 0], self.settings[0]
+        self.y, self._begun = self.states[0, :n], self.states[0, : n + 1]
+        self.started = self.y
+        self._constants, self._settings = self._arguments.constants[:, 0], self._arguments.settings[0]
+
+    def _rows(self, limit: int) -> tuple[FloatArray, FloatArray]:
+        """Return the first state and so many steps as rows, with room behind the last for a state behind a stop."""
+        return np.empty((limit + 2, self._width)), np.empty(limit + 2)
 
     def begin(self, problem: IntegrationProblem) -> bool:
         """Load the start of a problem; return whether its numbers are finite."""
-        y, c, settings, words = self._state, self._constants, self._settings, self._doubles
-        y[...], c[...], self.y[0, -1] = problem.y0, problem.constants, 0.0
+        y, c, settings, numbers, words = self.y, self._constants, self._settings, self._doubles, self._words
+        y[...], c[...] = problem.y0, problem.constants
         self.low.fill(0.0)
         settings[0], settings[1] = 0.0, 1.0 if problem.t1 >= problem.t0 else -1.0
         settings[2] = scale_floor(problem.rtol, problem.atol)
-        self.progress.t = problem.t0
-        words[_T1_AT], words[_LARGEST_AT] = problem.t1, problem.max_step
+        numbers[_T0_AT], numbers[_T1_AT], numbers[_LARGEST_AT] = problem.t0, problem.t1, problem.max_step
+        words[_ATTEMPTS_AT], words[_GOING_AT] = problem.max_steps, 0
         state, constants = self._nothing
         return bool(y.dot(state) + c.dot(constants) == 0.0)
 
     def has_turned(self, angles: list[int]) -> bool:
         """Return whether one of these components of the state has become large."""
-        y = self._state.tolist()
+        y = self.y.tolist()
         return any(abs(y[i]) > _MOST_TURNS * _TURN for i in angles)
 
     def run(self, call: Callable[[int], int], limit: int) -> tuple[int, FloatArray, FloatArray]:
-        """Take at most `limit` steps; return the status, ends of steps (k,) and their outputs (k, width)."""
+        """Take at most so many steps; return the status, the times of rows (k,) and the rows (k, width)."""
         if limit <= FIRST_BLOCK:
-            self._words[_LIMIT_AT] = limit
             status = call(self.address)
-            count = self.progress.steps
-            rows, times = self.rows[:count].copy(), self.times[:count].copy()
+            last = self.progress.row + 1
+            rows, times = self.states[1:last].copy(), self.times[1:last].copy()
         else:
-            rows, times = np.empty((limit, self.width)), np.empty(limit)
-            t1, largest = self._doubles[_T1_AT].item(), self._doubles[_LARGEST_AT].item()
-            words = pack(self._arguments._replace(limit=limit, t1=t1, largest=largest, rows=rows, times=times))
+            states, ends = self._rows(limit)
+            states[0, : len(self._begun)] = self._begun
+            words = pack(self._arguments._replace(states=states, times=ends))
+            words[_LIMITS_AT : _GOING_AT + 1] = self._words[_LIMITS_AT : _GOING_AT + 1]
             status = call(address_of(words))
-            count = self.progress.steps
-            if count < limit:
-                rows, times = rows[:count].copy(), times[:count].copy()
-        if count and status == RUNNING:
-            self.y[0] = rows[-1, : self.y.shape[1]]
+            last = self.progress.row + 1
+            rows, times = states[1:last], ends[1:last]
+            if last <= limit:
+                rows, times = rows.copy(), times.copy()
+        if not self._words[_GOING_AT]:
+            self.started = self.y.copy()
+            self._words[_GOING_AT] = 1
+        if last > 1 and status == RUNNING:
+            self._begun[...] = rows[-1, : len(self._begun)]
         return status, times, rows
 
 
@@ -215,33 +225,43 @@ _Block = tuple[FloatArray, FloatArray, FloatArray | None]
 
 @final
 class _Record:
-    """The record of a run: its steps or the states at the requested times, and the series if requested."""
+    """The record of a run: its steps or the states at the requested times, and the series if requested.
+
+    Where the state jumps at a stop, series and steps end in the state before it. Requested times have that behind it,
+    as have steps where the stops of the problem say so.
+    """
 
     def __init__(self, problem: IntegrationProblem, order: int) -> None:
         self.problem, self.order = problem, order
         self.steps, self.end, self.wound = 0, float(problem.t0), False
+        self.start = np.asarray(problem.y0, dtype=float)
         self.blocks: list[_Block] = []
         self.samples: list[_Block] = []
-        if problem.t_eval is not None:
-            first = problem.t_eval[problem.t_eval == problem.t0]
-            self.samples.append((first, np.tile(np.asarray(problem.y0, dtype=float), (len(first), 1)), None))
+        self.behind: list[tuple[NDArray[np.intp], FloatArray]] = []
 
     def add(self, times: FloatArray, rows: FloatArray, turns: FloatArray | None) -> None:
         """Add a block of steps, less some turns (n,)."""
         if not len(times):
             return
+        problem, n, place, behind = self.problem, len(self.problem.y0), self.steps, None
+        if problem.stops is not None:
+            times, rows, behind = _parted(times, rows, n)
         start, self.end = self.end, float(times[-1])
         self.steps += len(times)
-        problem = self.problem
         if problem.t_eval is not None:
             requested, low, high = problem.t_eval, min(start, self.end), max(start, self.end)
             inside = requested[(requested >= low) & (requested <= high) & (requested != start)]
-            series = _Series(self.order, self._direction, [(times, rows, None)], len(problem.y0))
-            self.samples.append((inside, PiecewisePolynomial(np.append(start, times), series)(inside), turns))
+            series = _Series(self.order, self._direction, [(times, rows, None)], n)
+            found = PiecewisePolynomial(np.append(start, times), series)(inside)
+            for number, state in zip(*behind, strict=True) if behind is not None else ():
+                found[inside == times[number]] = state
+            self.samples.append((inside, found, turns))
+        elif behind is not None and problem.stops is not None and problem.stops.behind:
+            self.behind.append((behind[0] + 1 + place, behind[1]))
         if problem.dense:
             self.blocks.append((times, rows, turns))
         elif problem.t_eval is None:
-            self.blocks.append((times, rows[:, : len(problem.y0)].copy(), turns))
+            self.blocks.append((times, rows[:, :n].copy(), turns))
 
     @property
     def _direction(self) -> float:
@@ -252,21 +272,24 @@ class _Record:
         problem, n = self.problem, len(self.problem.y0)
         count = 1 + sum(len(times) for times, _, _ in self.blocks)
         knots, wrapped = np.empty(count), np.empty((count, n))
-        knots[0], wrapped[0], place = problem.t0, problem.y0, 1
+        knots[0], wrapped[0], place = problem.t0, self.start, 1
         for times, rows, _ in self.blocks:
             knots[place : place + len(times)], wrapped[place : place + len(times)] = times, rows[:, :n]
             place += len(times)
+        for numbers, states in self.behind:
+            wrapped[numbers] = states
         parts = self.blocks
         t = knots.copy() if problem.dense else knots
         if problem.t_eval is not None:
-            parts = self.samples
-            t, wrapped = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+            parts, first = self.samples, problem.t_eval[problem.t_eval == problem.t0]
+            t = np.concatenate([first, *(times for times, _, _ in parts)])
+            wrapped = np.concatenate([np.tile(self.start, (len(first), 1)), *(states for _, states, _ in parts)])
         y = self._turned(wrapped, parts) if self.wound else wrapped
         dense = None
         if problem.dense and self.blocks:
             dense = PiecewisePolynomial(knots, _Series(self.order, self._direction, self.blocks, n))
         elif problem.dense:
-            constant = np.array(problem.y0, dtype=float).reshape(1, 1, n)
+            constant = self.start.reshape(1, 1, n).copy()
             dense = PiecewisePolynomial(np.full(2, float(problem.t0)), constant)
         return Solution(
             status=status,
@@ -290,6 +313,18 @@ class _Record:
                 y[place : place + len(times)] += turns * _TURN
             place += len(times)
         return y
+
+
+def _parted(
+    times: FloatArray, rows: FloatArray, n: int
+) -> tuple[FloatArray, FloatArray, tuple[NDArray[np.intp], FloatArray] | None]:
+    """Return the steps among rows, and behind which of these (m,) a stop gave which states (m, n)."""
+    jumps = np.flatnonzero((rows[:, n] == 0.0) & (np.diff(times, prepend=np.nan) == 0.0))
+    if not len(jumps):
+        return times, rows, None
+    steps = np.ones(len(times), np.bool_)
+    steps[jumps] = False
+    return times[steps], rows[steps], (jumps - 1 - np.arange(len(jumps)), rows[jumps, :n])
 
 
 @final

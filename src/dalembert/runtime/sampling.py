@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import OptionError, ValueInputError, list_names
+from ..integrators.case_stops import StopAction
 from ..integrators.problem import SamplingClock
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
@@ -140,6 +141,26 @@ class Sampling:
             for k in some if action.function is not None else ():
                 y[k] = self.called(action, float(t[k]), y[k], c[k])
         return y
+
+    @property
+    def stop_actions(self) -> list[StopAction]:
+        """What controllers do at stops, in their order."""
+        return [self._stop_action(action) for action in self.kernels.actions]
+
+    @property
+    def called_back(self) -> bool:
+        """Whether laws are Python functions, which must be called once an instant."""
+        return any(action.function is not None for action in self.kernels.actions)
+
+    def _stop_action(self, action: Action) -> StopAction:
+        if action.function is None:
+            return StopAction(action.places, action.kernel)
+        places = tuple(self.layout.state.index(name) for name in (*action.inputs, *action.states))
+
+        def landing(t: float, y: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
+            return self.called(action, t, y, after)[list(places)]
+
+        return StopAction(places, function=landing)
 
     def called(self, action: Action, t: float, y: FloatArray, c: FloatArray) -> FloatArray:
         """Return a state (n_y,) with the values that a Python function sets."""

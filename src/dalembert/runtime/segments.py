@@ -18,6 +18,7 @@ from ..arrays import FloatArray
 from ..codegen.base import Engine
 from ..codegen.runs import Final, Prepared, PreparedStates
 from ..integrators.addresses import OwnedAddress
+from ..integrators.breakpoints import CaseBreaks
 from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
 from ..integrators.chaining import (
     Landing,
@@ -149,8 +150,8 @@ class SegmentedEngine(Engine):
         return self.inner
 
     def constants_along(self, problem: IntegrationProblem) -> Segments:
-        """See `Engine.constants_along`."""
-        return self.segments(problem)
+        """See `Engine.constants_along`; they do not change at instants of controllers."""
+        return self._unsampled(problem)
 
     def accept_as_static(self, kind: type) -> None:
         """See `Engine.accept_as_static`."""
@@ -200,14 +201,48 @@ class SegmentedEngine(Engine):
             part = next(parts_of(part, KnotSegments(part)))
         return self.inner.fit(part, method)
 
+    def _with_stops(self, problem: IntegrationProblem) -> IntegrationProblem:
+        """Return a problem with its stops, which the inner engine passes."""
+        along = self._unsampled(problem)
+        edges, p = along.edges, problem.constants[np.newaxis, : len(self._program.layout.parameters)]
+        breaks = CaseBreaks(
+            self._conditions.place, edges[:1], edges[-1:], np.array([0, len(edges) - 2], np.intp), edges[1:-1]
+        )
+        clock, requested = problem.sampled, problem.t_eval
+        found = Stopping.of(
+            self._program,
+            p,
+            (edges[:1], edges[-1:]),
+            requested if clock is None else clock.requested,
+            self.sampling,
+            self.landing,
+            many=False,
+            clock=clock,
+            breaks=breaks,
+        )
+        problem = replace(problem, constants=along.of(0))
+        return found.problem(problem, along, behind=self.sampling is not None) if len(found.lists.times) else problem
+
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """See `Engine.integrate`."""
+        if self.inner.passes_stops(method):
+            return self.inner.integrate(self._with_stops(problem), method)
         run, segments = self._following(partial(self.inner.integrate, method=method)), self.segments(problem)
         started, landing = self._started(problem, segments)
         return chained(run, started, segments, landing, right=self.sampling is not None)
 
     def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
-        """See `Engine.integrate_automatic`: a method that proves unfit in one segment is not tried in the others."""
+        """See `Engine.integrate_automatic`.
+
+        Laws that are Python functions are called once an instant, so that a run with them is not repeated by another
+        method: it is chosen at the start. Where runs are chained, a method that proves unfit in one segment is not
+        tried in the others.
+        """
+        if self.inner.passes_stops(method):
+            if self.sampling is None or not self.sampling.called_back:
+                return self.inner.integrate_automatic(self._with_stops(problem), method)
+            taken, notes = self.fit(problem, method)
+            return self.integrate(problem, taken), taken, notes
         taken, notes = method, ""
 
         def run(part: IntegrationProblem) -> Solution:

@@ -13,11 +13,11 @@ from ..integrators.breakpoints import CaseBreaks
 from ..integrators.case_stops import CaseStops, Landing, StopAction, StopLists
 from ..integrators.cases import CaseColumns
 from ..integrators.input_records import InputRecords
-from ..integrators.problem import IntegrationProblem
+from ..integrators.problem import IntegrationProblem, SamplingClock
+from ..integrators.segments import Segments
 from ..ir.conditions import NO_CONDITIONS
 from ..ir.program import Program
 from ..methods.step_constants import SMALLEST_OF_TIME
-from ..reduction.sampling_kernels import Action
 from .sampling import NoInstants, Sampling
 
 __all__ = ["Stopping", "segments_of_cases", "stop_lists"]
@@ -58,17 +58,21 @@ class Stopping:
         landing: Landing | None,
         *,
         many: bool = True,
+        clock: SamplingClock | None = None,
+        breaks: CaseBreaks | None = None,
     ) -> Stopping:
         """Return the stops of cases with parameters (k, n_p), starts and ends (k,) and times to record (n_t,).
 
-        `landing` gives states behind jumps of prescribed velocities; for `many` see `stop_lists`.
+        `landing` gives states behind jumps of prescribed velocities; for `many` and `clock` see `stop_lists`. `breaks`
+        are those of the conditions, where they are known.
         """
-        breaks = CaseBreaks.of(program.conditions or NO_CONDITIONS, p, *spans)
+        breaks = breaks or CaseBreaks.of(program.conditions or NO_CONDITIONS, p, *spans)
         where, _, middles = segments_of_cases(breaks)
-        actions = [] if sampling is None else [_action(sampling, action) for action in sampling.kernels.actions]
-        lists, bad = stop_lists(breaks, sampling, p, t_eval, 0 if landing is None else 1 << len(actions), many=many)
+        actions = [] if sampling is None else sampling.stop_actions
+        jump = 0 if landing is None else 1 << len(actions)
+        lists, bad = stop_lists(breaks, sampling, p, t_eval, jump, many=many, clock=clock)
         if landing is not None:
-            actions.append(StopAction(tuple(range(len(program.layout.state))), function=landing))
+            actions = [*actions, StopAction(tuple(range(len(program.layout.state))), function=landing)]
         return cls(program, lists, tuple(actions), middles[where[:-1]], bad)
 
     def decide(self, p: FloatArray, some: NDArray[np.intp], times: FloatArray) -> None:
@@ -88,9 +92,12 @@ class Stopping:
             return cases
         return replace(cases, inputs=self._inputs(cases.inputs), stops=self._stops)
 
-    def problem(self, problem: IntegrationProblem) -> IntegrationProblem:
-        """Return the problem of a case that is alone, with its stops."""
-        return replace(problem, inputs=self._inputs(problem.inputs), stops=self._stops)
+    def problem(
+        self, problem: IntegrationProblem, along: Segments | None = None, *, behind: bool = False
+    ) -> IntegrationProblem:
+        """Return the problem of a case that is alone, with its stops; for `along` and `behind` see `CaseStops`."""
+        stops = replace(self._stops, along=along, behind=behind)
+        return replace(problem, inputs=self._inputs(problem.inputs), stops=stops)
 
     @property
     def _place(self) -> int | None:
@@ -102,17 +109,6 @@ class Stopping:
 
     def _inputs(self, given: InputRecords | None) -> InputRecords:
         return given or InputRecords((), (), np.zeros(1), sides=self.program.knot_sides)
-
-
-def _action(sampling: Sampling, action: Action) -> StopAction:
-    """Return what a controller does at stops."""
-    if action.kernel is not None:
-        return StopAction(action.places, action.kernel)
-
-    def act(t: float, y: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
-        return sampling.called(action, t, y, after)
-
-    return StopAction(tuple(range(len(sampling.layout.state))), function=act)
 
 
 def segments_of_cases(breaks: CaseBreaks) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -133,6 +129,7 @@ def stop_lists(
     *,
     at_start: bool = False,
     many: bool = True,
+    clock: SamplingClock | None = None,
 ) -> tuple[StopLists, NDArray[np.bool_]]:
     """Return the stops of cases, and in which of them (k,) controllers have no instants.
 
@@ -152,6 +149,8 @@ def stop_lists(
         Whether what is decided at the start is a stop, too.
     many : bool
         Whether cases without instants are marked, or raise an error.
+    clock : SamplingClock, optional
+        From which instants count, of cases that continue others.
 
     Raises
     ------
@@ -167,7 +166,7 @@ def stop_lists(
     lists = StopLists(first, where[1:].copy(), times, acts, middles)
     if sampling is None:
         return lists, np.zeros(len(p), np.bool_)
-    return _with_instants(breaks, lists, where[:-1], sampling, p, t_eval, many)
+    return _with_instants(breaks, lists, where[:-1], sampling, p, t_eval, many, clock)
 
 
 _List = tuple[FloatArray, IntArray, FloatArray]
@@ -182,6 +181,7 @@ def _with_instants(
     p: FloatArray,
     t_eval: FloatArray | None,
     many: bool,
+    clock: SamplingClock | None,
 ) -> tuple[StopLists, NDArray[np.bool_]]:
     """Return lists with the instants of controllers; cases with equal stops share one.
 
@@ -196,7 +196,7 @@ def _with_instants(
         key = np.array([t0, t1]).tobytes() + lists.times[own].tobytes() + schedules[i].tobytes()
         if key not in known and np.isfinite(t0 + t1):
             try:
-                found = sampling.instants(schedules[i], t0, t1, None, t_eval)
+                found = sampling.instants(schedules[i], t0, t1, clock, t_eval)
             except NoInstants:
                 if not many:
                     raise

@@ -137,6 +137,8 @@ def foreign_arguments(
         settings=np.zeros((1, 2 + len(reads))),
         clock=np.zeros((1, 1)),
         states=np.zeros((2, n + 2 + memory)),
+        times=np.zeros(0),
+        low=np.zeros(0),
         delta=np.zeros((n, 1)),
         mark=np.zeros(1, np.int64),
         tests=np.zeros((0, 1)),

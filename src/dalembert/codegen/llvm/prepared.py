@@ -78,6 +78,8 @@ def _memory(
         settings=np.array([[0.0, 1.0 if problem.t1 >= problem.t0 else -1.0, *settings]]),
         clock=np.zeros((1, 1)),
         states=states,
+        times=np.zeros(0),
+        low=np.zeros(0),
         delta=np.zeros((n, 1)),
         mark=np.zeros(1, np.int64),
         tests=np.zeros((n_tests, 1)),
