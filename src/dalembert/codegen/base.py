@@ -112,14 +112,8 @@ class Engine(ABC):
         edges = np.array([problem.t0, problem.t1])
         return Segments(edges, problem.constants[np.newaxis], problem.inputs)
 
-    @property
-    def follows_inputs(self) -> bool:
-        """Whether `integrate`, `sweeper` and `prepared` end steps at knots of inputs, and change constants there."""
-        return False
-
-    def passes_stops(self, method: str) -> bool:
-        """Whether runs by a method pass the stops of a problem (`IntegrationProblem.stops`) in place."""
-        return False
+    passes_stops: ClassVar[bool] = False
+    """Whether `integrate`, `sweeper` and `prepared` pass stops of a problem in place, and knots of its inputs."""
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
         """Return the method that "auto" takes at these tolerances; the first one unless an engine overrides this.

@@ -85,14 +85,7 @@ class CompiledEngine(Engine):
         self._recorded_lanes = BoundedTable(_MOST_LANES)
         self._steppers = Steppers(steps, self._sizes.get("rhs", 0))
 
-    @property
-    def follows_inputs(self) -> bool:
-        """See `Engine.follows_inputs`: multipliers that a formulation solves for are those of the start of a run."""
-        return "stages" not in self._sizes
-
-    def passes_stops(self, method: str) -> bool:
-        """See `Engine.passes_stops`."""
-        return self.follows_inputs
+    passes_stops: ClassVar[bool] = True
 
     @property
     def folder(self) -> Path | None:
@@ -173,7 +166,10 @@ class CompiledEngine(Engine):
         if method == "radau":
             from ..integrators import implicit_loop as implicit
 
-            return implicit.integrate(self._implicit, compiled, self._multipliers(problem))
+            code, multipliers = self._implicit, self._multipliers(problem)
+            if multipliers is not None and problem.inputs is not None:
+                code = replace(code, multipliers=self.steps.kernel("multipliers"))
+            return implicit.integrate(code, compiled, multipliers)
         from ..integrators import explicit_loop as explicit
 
         pair = pair_named(method, bounded=problem.bounded)

@@ -35,6 +35,7 @@ from .newton import (
     newton_workspace,
     predict,
 )
+from .packed_tableaus import POINT
 from .problem import IntegrationProblem, Solution
 from .recorded_runs import (
     Run,
@@ -80,6 +81,7 @@ class Addresses(NamedTuple):
     position: Address
     velocity: Address
     knots: Address
+    multipliers: Address
 
 
 @final
@@ -89,7 +91,8 @@ class ImplicitCode:
 
     Kernels have the arguments of a step (`dalembert.transforms.taylor.STEP_ARGUMENTS`). Either ``jacobian``, which
     writes the derivatives of ``rhs`` row by row, or ``tangent``, which writes its derivative along the second half
-    of a state of twice the length, must be there. ``states`` counts the first-order states, the last with rates.
+    of a state of twice the length, must be there. ``multipliers`` gives components without rates behind stops;
+    ``states`` counts the first-order states, the last with rates.
     """
 
     loop: Callable[..., int]
@@ -99,6 +102,7 @@ class ImplicitCode:
     position: OwnedAddress = NO_CODE
     velocity: OwnedAddress = NO_CODE
     knots: OwnedAddress = NO_CODE
+    multipliers: OwnedAddress = NO_CODE
     states: int = 0
 
 
@@ -131,7 +135,8 @@ def integrate(code: ImplicitCode, problem: IntegrationProblem, multipliers: Floa
     y0 = np.concatenate([problem.y0, [] if multipliers is None else multipliers])
     work = np.zeros((ROWS, len(y0)))
     work[0] = y0
-    codes = Addresses(code.rhs, code.jacobian, code.tangent, code.position, code.velocity, code.knots)
+    projections = code.position, code.velocity
+    codes = Addresses(code.rhs, code.jacobian, code.tangent, *projections, code.knots, code.multipliers)
     paired = len(problem.y0) - code.states
     settings, space = settings_of(problem, DEGREE), newton_workspace(len(y0), paired)
 
@@ -159,7 +164,8 @@ def _begin(codes: Addresses, settings: Settings, run: Run) -> bool:
     """Evaluate the first slope and choose the first step; return whether the former is finite."""
     progress, span = run.progress, abs(settings.t1 - settings.t0)
     progress.previous, progress.rate, progress.known_rate = _SMALLEST_PREVIOUS, 1.0, 1.0
-    pass_first_stops(settings, run)
+    if pass_first_stops(settings, run):
+        _solve_multipliers(codes, settings, run, 0)
     evaluate(codes.rhs, settings.t0, run, 0, SLOPE)
     run.progress.evaluations += 1
     if not all_finite(run.work, 0, SLOPE):
@@ -296,21 +302,32 @@ def _attempt(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: 
         progress.ratio = progress.last_size = 0.0
     progress.retried = progress.fresh = 0
     if passes_stop(settings, run, status):
-        _begin_piece(codes, run, y_new, t_new, proposed)
+        _begin_piece(codes, settings, run, y_new, t_new, proposed)
     record_behind(settings, run)
     return status
 
 
 @compiled_subset
-def _begin_piece(codes: Addresses, run: Run, y: int, t: float, proposed: float) -> None:
+def _begin_piece(codes: Addresses, settings: Settings, run: Run, y: int, t: float, proposed: float) -> None:
     """Discard the Jacobian and the predictions from the last steps, which are those of the motion before the stop."""
     progress = run.progress
+    _solve_multipliers(codes, settings, run, y)
     evaluate(codes.rhs, t, run, y, SLOPE)
     progress.evaluations += 1
     progress.size = max(progress.size, proposed)  # the stop cut the step, not its error
     progress.rate = progress.known_rate = 1.0
     progress.ratio = progress.last_size = 0.0
     progress.previous = _SMALLEST_PREVIOUS
+
+
+@compiled_subset
+def _solve_multipliers(codes: Addresses, settings: Settings, run: Run, y: int) -> None:
+    """Compute the components without rates of a state behind a stop, where there are any."""
+    if codes.multipliers == 0:
+        return
+    evaluate(codes.multipliers, run.progress.t, run, y, POINT)
+    for m in range(settings.kept, run.work.shape[1]):
+        run.work[y, m] = run.work[POINT, m - settings.kept]
 
 
 assert NODES[2] == 1.0

@@ -14,7 +14,7 @@ from ..arrays import FloatArray
 from ..methods.step_constants import SMALLEST_OF_TIME
 from .addresses import NO_CODE, AddressTable
 from .arguments import Address, AddressVector, IntMatrix, IntVector, Matrix
-from .compiled_subset import call_code, compiled_subset, element, row
+from .compiled_subset import call_code, compiled_subset, element, lowest, row
 
 __all__ = ["CUBIC", "HOLD", "LINEAR", "InputTable", "begin_inputs", "no_inputs", "pass_knots", "take_sides"]
 
@@ -133,21 +133,32 @@ def pass_knots(inputs: InputTable, constants: FloatArray, lane: int, case: int, 
 
 @compiled_subset
 def take_sides(
-    inputs: InputTable, clock: FloatArray, states: FloatArray, place: int, constants: FloatArray, n: int, forward: bool
+    inputs: InputTable, clock: FloatArray, states: FloatArray, place: int, constants: FloatArray, n: int, lanes: int
 ) -> None:
-    """Move the first `n` components of ``states[place]`` to the sides of knots and switches that the motion goes to.
+    """Move the states of some lanes (a bit for each) to the sides of knots and switches that their motions go to.
 
-    ``clock`` (1, 1) holds the time, ``constants`` (n_c, 1) are those of the pieces that begin there.
+    ``clock`` (k, lanes) begins with their times, the `n` rows of states begin at a place, and ``constants`` (n_c,
+    lanes) are those of what follows.
     """
-    if inputs.sides == 0:
+    if inputs.sides == 0 or lanes == 0:
         return
-    call_code(inputs.near, row(clock, 0), row(states, place), row(constants, 0), 0, row(inputs.sided, 0))
-    if inputs.sided[0, 0] == 0.0:
+    now, y, c, sided = row(clock, 0), row(states, place), row(constants, 0), row(inputs.sided, 0)
+    call_code(inputs.near, now, y, c, 0, sided)
+    left, found = lanes, 0.0
+    while left != 0:
+        lane = lowest(left)
+        left &= left - 1
+        found += inputs.sided[0, lane]
+    if found == 0.0:
         return
-    call_code(inputs.sides, row(clock, 0), row(states, place), row(constants, 0), 0, row(inputs.sided, 0))
-    first = 0 if forward else n
-    for m in range(n):
-        states[place, m] = inputs.sided[first + m, 0]
+    left = lanes
+    call_code(inputs.sides, now, y, c, 0, sided)
+    while left != 0:
+        lane = lowest(left)
+        left &= left - 1
+        first = 0 if inputs.ends[0, lane] >= clock[0, lane] else n
+        for m in range(n):
+            states[place + m, lane] = inputs.sided[first + m, lane]
 
 
 @compiled_subset

@@ -6,7 +6,7 @@ from ..ir.input_parameters import WIDTH
 from ..methods.status import RUNNING, Status
 from ..transforms.runge_kutta_parts import CONTROLS, PROPOSAL_AT
 from .compiled_subset import call_code, compiled_subset, lowest, row
-from .input_steps import pass_knots
+from .input_steps import pass_knots, take_sides
 from .step_control import largest_step, status_after
 from .step_records import drop_compensation
 from .stops import act, begin_stops, end_of_steps, is_due, prepare_lanes, take_next
@@ -99,8 +99,7 @@ def _take_stops(arguments: SweepArguments, lanes: int) -> None:
     while due != 0:
         act(stops, state.clock, state.states, old, state.constants)
         due = _take_due(arguments, due)
-    if stops.inputs.sides != 0:
-        _take_sides(arguments, lanes)
+    take_sides(stops.inputs, state.clock, state.states, old, state.constants, arguments.shape.n, lanes)
 
 
 @compiled_subset
@@ -122,30 +121,6 @@ def _take_due(arguments: SweepArguments, lanes: int) -> int:
     if decided != 0:
         prepare_lanes(stops, arguments.kernels.prepare, state.constants, decided)
     return due
-
-
-@compiled_subset
-def _take_sides(arguments: SweepArguments, lanes: int) -> None:
-    """Move the states of some lanes (a bit for each) to the sides of knots and switches that their motions go to."""
-    state, inputs, n, left = arguments.state, arguments.stops.inputs, arguments.shape.n, lanes
-    old = state.progress.old
-    clock, states, constants = row(state.clock, 0), row(state.states, old), row(state.constants, 0)
-    call_code(inputs.near, clock, states, constants, 0, row(inputs.sided, 0))
-    found = 0.0
-    while left != 0:
-        lane = lowest(left)
-        left &= left - 1
-        found += inputs.sided[0, lane]
-    if found == 0.0:
-        return
-    left = lanes
-    call_code(inputs.sides, clock, states, constants, 0, row(inputs.sided, 0))
-    while left != 0:
-        lane = lowest(left)
-        left &= left - 1
-        first = 0 if state.settings[1, lane] > 0.0 else n
-        for m in range(n):
-            state.states[old + m, lane] = inputs.sided[first + m, lane]
 
 
 @compiled_subset

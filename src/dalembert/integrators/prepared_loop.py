@@ -21,11 +21,10 @@ from ..methods.status import RUNNING, Status
 from ..transforms.runge_kutta_parts import CONTROLS, GROWTH_AT, PROPOSAL_AT
 from .addresses import NO_CODE
 from .arguments import Address, IntVector, Matrix, Record, Vector
-from .compiled_subset import call_code, compiled_subset, row
-from .input_steps import pass_knots, take_sides
+from .compiled_subset import call_code, compiled_subset, flat, row
 from .projection import project_row
 from .step_control import ACCEPTED, REJECTED, attempt_test, blind_retry, end_of_step, largest_step, status_after
-from .stops import StopTable, begin_stops, end_of_steps, is_due, take_stops
+from .stops import StopTable, begin_stops, end_of_steps, is_due, pass_stops, take_stops
 
 __all__ = [
     "LOOP",
@@ -172,8 +171,7 @@ def _beginning(recorded: bool) -> Callable[[PreparedArguments], int]:
             return refusal
         if is_due(stops, 0, limits.t0, forward):
             clock[0, 0] = limits.t0
-            take_stops(stops, kernels.prepare, clock, states, 0, constants, forward)
-            take_sides(stops.inputs, clock, states, 0, constants, arguments.n, forward)
+            take_stops(stops, kernels.prepare, clock, flat(states), 0, constants, arguments.n, forward)
         progress.end = end_of_steps(stops, 0, progress.end, forward)
         status = status_after(limits.t0 == limits.t1, 0.0, limits.attempts)
         if kernels.start != 0 and status == RUNNING:
@@ -301,20 +299,13 @@ def _passing(recorded: bool) -> Callable[[PreparedArguments, int, int], None]:
         """Take the stops at the end of a step, and set what the next step remembers of it."""
         limits, progress, states, stops = arguments.limits, arguments.progress, arguments.states, arguments.stops
         constants, settings, clock, n = arguments.constants, arguments.settings, arguments.clock, arguments.n
-        forward = limits.t1 >= limits.t0
-        for m in range(stops.before.shape[0] - 1):
-            stops.before[1 + m, 0] = constants[m, 0]
-        progress.end = pass_knots(stops.inputs, constants, 0, 0, progress.t, forward)
-        clock[0, 0] = progress.t
-        taken, here = False, new
-        if stops.first.size > 0:
-            if recorded:
-                if is_due(stops, 0, progress.t, forward):
-                    here = new + 1
-                    _continue_in(arguments, new, here)
-            taken = take_stops(stops, arguments.kernels.prepare, clock, states, here, constants, forward)
-            progress.end = end_of_steps(stops, 0, progress.end, forward)
-        take_sides(stops.inputs, clock, states, here, constants, n, forward)
+        forward, here = limits.t1 >= limits.t0, new
+        taken = is_due(stops, 0, progress.t, forward)
+        if recorded and taken:
+            here = new + 1
+            _continue_in(arguments, new, here)
+        clock[0, 0], place = progress.t, here * states.shape[1]
+        progress.end = pass_stops(stops, arguments.kernels.prepare, clock, flat(states), place, constants, n, forward)
         if arguments.memory == 0:
             if recorded:
                 for m in range(n):

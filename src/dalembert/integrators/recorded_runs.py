@@ -10,12 +10,11 @@ from typing import NamedTuple
 from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
 from .arguments import Address, IntVector, Matrix, Record, Vector
-from .compiled_subset import call_code, compiled_subset, fma, row
-from .input_steps import pass_knots, take_sides
+from .compiled_subset import call_code, compiled_subset, flat, fma, row
 from .packed_tableaus import POINT
 from .projection import project_row
 from .step_control import next_step, smallest_step, status_after
-from .stops import StopTable, begin_stops, end_of_steps, is_due, take_stops
+from .stops import StopTable, begin_stops, end_of_steps, is_due, pass_stops, take_stops
 
 __all__ = [
     "Progress",
@@ -178,19 +177,25 @@ def planned_step(settings: Settings, run: Run, knots: int) -> tuple[float, float
 
 
 @compiled_subset
-def pass_first_stops(settings: Settings, run: Run) -> None:
-    """Take the stops at the start, record the state behind them, and set where the first steps must end."""
-    t0, t1, stops = settings.t0, settings.t1, run.stops
+def pass_first_stops(settings: Settings, run: Run) -> bool:
+    """Take the stops at the start, record the state behind them, and set where the first steps must end.
+
+    Return whether there are any.
+    """
+    t0, t1, stops, taken = settings.t0, settings.t1, run.stops, False
     run.progress.end = t1
     if stops.inputs.ends.shape[0] > 0:
         forward = t1 >= t0
         run.progress.end = begin_stops(stops, run.constants, 0, 0, t0, t1, forward)
-        if is_due(stops, 0, t0, forward):
-            _take_stops(settings, run)
+        taken = is_due(stops, 0, t0, forward)
+        if taken:
+            run.clock[0, 0] = t0
+            take_stops(stops, run.prepare, run.clock, flat(run.work), 0, run.constants, settings.kept, forward)
         run.progress.end = end_of_steps(stops, 0, run.progress.end, forward)
     _record_at(run, t0, run.progress.row)
     if not settings.sampled:
         _store(run, 0, t0, run.progress.row)
+    return taken
 
 
 @compiled_subset
@@ -202,23 +207,11 @@ def passes_stop(settings: Settings, run: Run, status: int) -> bool:
     progress, stops = run.progress, run.stops
     if progress.t != progress.end or progress.t == settings.t1 or (status != RUNNING and stops.first.size > 0):
         return False
-    forward = settings.t1 >= settings.t0
-    for m in range(stops.before.shape[0] - 1):
-        stops.before[1 + m, 0] = run.constants[m, 0]
-    progress.end = pass_knots(stops.inputs, run.constants, 0, 0, progress.t, forward)
-    _take_stops(settings, run)
-    progress.end = end_of_steps(stops, 0, progress.end, forward)
+    run.clock[0, 0], place, forward = progress.t, progress.row * run.work.shape[1], settings.t1 >= settings.t0
+    progress.end = pass_stops(
+        stops, run.prepare, run.clock, flat(run.work), place, run.constants, settings.kept, forward
+    )
     return True
-
-
-@compiled_subset
-def _take_stops(settings: Settings, run: Run) -> None:
-    """Take the stops at the present time, and move the state to the sides of switches that the motion goes to."""
-    progress, stops, forward = run.progress, run.stops, settings.t1 >= settings.t0
-    run.clock[0, 0] = progress.t
-    if stops.first.size > 0:
-        take_stops(stops, run.prepare, run.clock, run.work, progress.row, run.constants, forward)
-    take_sides(stops.inputs, run.clock, run.work, progress.row, run.constants, settings.kept, forward)
 
 
 @compiled_subset

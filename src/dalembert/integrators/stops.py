@@ -15,8 +15,8 @@ from ..arrays import FloatArray
 from ..methods.step_constants import SMALLEST_OF_TIME
 from .addresses import AddressTable
 from .arguments import AddressVector, IntVector, Matrix, Vector
-from .compiled_subset import call_code, compiled_subset, flat, lowest, row
-from .input_steps import InputTable, begin_inputs, no_inputs
+from .compiled_subset import call_code, compiled_subset, lowest, row
+from .input_steps import InputTable, begin_inputs, no_inputs, pass_knots, take_sides
 
 if TYPE_CHECKING:
     from .case_stops import CaseStops
@@ -29,6 +29,7 @@ __all__ = [
     "end_of_steps",
     "is_due",
     "no_stops",
+    "pass_stops",
     "prepare_lanes",
     "table_of",
     "take_next",
@@ -177,13 +178,37 @@ def take_stops(
     states: FloatArray,
     place: int,
     constants: FloatArray,
+    n: int,
     forward: bool,
-) -> bool:
-    """Take the stops at the present time of a run that is alone, whose state is a row; return whether there are any."""
-    found = False
+) -> None:
+    """Take the stops at the present time of a run that is alone, and move its state to the sides that it goes to.
+
+    The `n` rows of its state begin at a place.
+    """
     while is_due(stops, 0, clock[0, 0], forward):
         if take_next(stops, constants, 0):
             prepare_lanes(stops, prepare, constants, 1)
-        act(stops, clock, flat(states), place * states.shape[1], constants)
-        found = True
-    return found
+        act(stops, clock, states, place, constants)
+    take_sides(stops.inputs, clock, states, place, constants, n, 1)
+
+
+@compiled_subset
+def pass_stops(
+    stops: StopTable,
+    prepare: int,
+    clock: FloatArray,
+    states: FloatArray,
+    place: int,
+    constants: FloatArray,
+    n: int,
+    forward: bool,
+) -> float:
+    """Pass the stops and knots at the present time of a run that is alone; return where its next steps end.
+
+    Arguments are those of `take_stops`.
+    """
+    for m in range(stops.before.shape[0] - 1):
+        stops.before[1 + m, 0] = constants[m, 0]
+    end = pass_knots(stops.inputs, constants, 0, 0, clock[0, 0], forward)
+    take_stops(stops, prepare, clock, states, place, constants, n, forward)
+    return end_of_steps(stops, 0, end, forward)

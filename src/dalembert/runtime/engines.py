@@ -39,7 +39,7 @@ def segmented(
     `landing` gives the state after a break of a condition; None leaves it as it is.
     `sampling` is what controllers do at their instants.
     """
-    if program.conditions is None and sampling is None and (engine.follows_inputs or not program.layout.inputs):
+    if program.conditions is None and sampling is None and (engine.passes_stops or not program.layout.inputs):
         return engine
     from .segments import SegmentedEngine
 

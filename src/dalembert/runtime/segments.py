@@ -69,21 +69,11 @@ class SegmentedEngine(Engine):
         self.parallel, self.whole_blocks = inner.parallel, inner.whole_blocks  # type: ignore[misc]
 
     cuts: ClassVar[bool] = True
+    passes_stops: ClassVar[bool] = True
 
     @property
     def _conditions(self) -> Conditions:
         return self._program.conditions or NO_CONDITIONS
-
-    @property
-    def follows_inputs(self) -> bool:
-        """See `Engine.follows_inputs`."""
-        return True
-
-    def _following(
-        self, integrate: Callable[[IntegrationProblem], Solution]
-    ) -> Callable[[IntegrationProblem], Solution]:
-        """Return an integration of problems whose inputs have knots."""
-        return integrate if self.inner.follows_inputs else between_knots(integrate)
 
     def segments(self, problem: IntegrationProblem) -> Segments:
         """Return the segments of a problem between changes of its conditions, and instants of controllers."""
@@ -197,7 +187,7 @@ class SegmentedEngine(Engine):
         except NoInstants:  # of a case whose controllers have no instants; its run raises the error
             segments = self._unsampled(problem)
         part = replace(next(parts_of(problem, segments)), t_eval=None)
-        if part.inputs is not None and not self.inner.follows_inputs:
+        if part.inputs is not None and not self.inner.passes_stops:
             part = next(parts_of(part, KnotSegments(part)))
         return self.inner.fit(part, method)
 
@@ -225,9 +215,9 @@ class SegmentedEngine(Engine):
 
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """See `Engine.integrate`."""
-        if self.inner.passes_stops(method):
+        if self.inner.passes_stops:
             return self.inner.integrate(self._with_stops(problem), method)
-        run, segments = self._following(partial(self.inner.integrate, method=method)), self.segments(problem)
+        run, segments = between_knots(partial(self.inner.integrate, method=method)), self.segments(problem)
         started, landing = self._started(problem, segments)
         return chained(run, started, segments, landing, right=self.sampling is not None)
 
@@ -235,27 +225,14 @@ class SegmentedEngine(Engine):
         """See `Engine.integrate_automatic`.
 
         Laws that are Python functions are called once an instant, so that a run with them is not repeated by another
-        method: it is chosen at the start. Where runs are chained, a method that proves unfit in one segment is not
-        tried in the others.
+        method: it is chosen behind the start.
         """
-        if self.inner.passes_stops(method):
-            if self.sampling is None or not self.sampling.called_back:
-                return self.inner.integrate_automatic(self._with_stops(problem), method)
-            taken, notes = self.fit(problem, method)
-            return self.integrate(problem, taken), taken, notes
-        taken, notes = method, ""
-
-        def run(part: IntegrationProblem) -> Solution:
-            nonlocal taken, notes
-            if taken != method:
-                return self.inner.integrate(part, taken)
-            solution, taken, notes = self.inner.integrate_automatic(part, method)
-            return solution
-
-        segments = self.segments(problem)
-        started, landing = self._started(problem, segments)
-        found = chained(self._following(run), started, segments, landing, right=self.sampling is not None)
-        return found, taken, notes
+        called = self.sampling is not None and self.sampling.called_back
+        if self.inner.passes_stops and not called:
+            return self.inner.integrate_automatic(self._with_stops(problem), method)
+        problem = self.after_start(problem)
+        taken, note = self.fit(problem, method)
+        return self.integrate(problem, taken), taken, note
 
     def recorded(
         self, problem: IntegrationProblem, method: str, watch: EventCode, carried: FloatArray | None
@@ -279,7 +256,7 @@ class SegmentedEngine(Engine):
         parts = parts_of(replace(problem, t_eval=None), segments)
 
         def step_blocks(part: IntegrationProblem) -> Iterator[Solution]:
-            if self.inner.follows_inputs:
+            if self.inner.passes_stops:
                 return self.inner.step_blocks(part, method)
             return blocks_between_knots(partial(self.inner.step_blocks, method=method), part)
 
@@ -293,7 +270,7 @@ class SegmentedEngine(Engine):
         admission: Admission | None = None,
     ) -> Prepared:
         """See `Engine.prepared`: runs that the inner engine cannot take through their stops are chained."""
-        knots = problem.inputs is not None and not self.inner.follows_inputs
+        knots = problem.inputs is not None and not self.inner.passes_stops
         whole = self.inner.prepared(replace(problem, inputs=None) if knots else problem, method, constants, admission)
         spans = np.array([problem.t0]), np.array([problem.t1])
         known: dict[bytes, tuple[Stopping, Prepared | None]] = {}
@@ -302,7 +279,7 @@ class SegmentedEngine(Engine):
             found = Stopping.of(self._program, p[np.newaxis], spans, None, self.sampling, self.landing, many=False)
             if not len(found.lists.times) and not knots:
                 return found, whole
-            if not self.inner.passes_stops(method):
+            if not self.inner.passes_stops:
                 return found, None
             return found, self.inner.prepared(found.problem(problem), method, constants, admission)
 
@@ -355,7 +332,7 @@ class SegmentedEngine(Engine):
         self, cases: CaseColumns, method: str, result: BlockResult, constants: FloatArray, share: int
     ) -> CaseRun | None:
         """See `Engine.sweeper`: cases pass their stops in the loop of the inner engine."""
-        knots = cases.inputs is not None and not self.inner.follows_inputs
+        knots = cases.inputs is not None and not self.inner.passes_stops
         if knots or cases.carried is not None:
             return None
         t0, t1 = (np.broadcast_to(span, cases.count) for span in cases.spans)
@@ -378,7 +355,7 @@ class SegmentedEngine(Engine):
 
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         """See `Engine.integrate_block`: side by side from stop to stop where the engine can, else one by one."""
-        knots = block.inputs is not None and not self.inner.follows_inputs
+        knots = block.inputs is not None and not self.inner.passes_stops
         if self._program.conditions is None and not knots and self.sampling is None:
             self.inner.integrate_block(block, method, result)
         elif self.inner.whole_blocks and not (knots or len(block.t_eval) or block.watch):
