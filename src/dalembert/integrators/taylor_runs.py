@@ -107,7 +107,7 @@ class StepCode:
         status, size = RUNNING if work.begin(problem) else int(Status.NON_FINITE), FIRST_BLOCK
         while status == RUNNING:
             check(record.end)
-            start = record.end
+            start, before = record.end, record.steps
             if angles and work.has_turned(angles):
                 turns = np.zeros(len(problem.y0)) if turns is None else turns.copy()
                 turns[angles] += _unwound(work.y, work.low, angles)
@@ -115,12 +115,12 @@ class StepCode:
             status, times, rows = work.run(call, min(size, problem.max_steps - record.steps))
             if stops is not None:
                 stops.raise_failure()
-                if record.steps == 0:
+                if before == 0:
                     record.start = work.started
             record.add(times, rows, turns if record.wound else None)
             size = min(2 * size, _LARGEST_WINDING if angles else LARGEST_BLOCK)
             if watch is not None and status == RUNNING and record.steps >= _STIFFNESS_FROM:
-                step = abs(record.end - start) / len(times)
+                step = abs(record.end - start) / (record.steps - before)
                 if abs(problem.t1 - record.end) >= _STIFFNESS_REST * step and watch(record.end, work.y.copy(), step):
                     return None
         if inputs is None and work.states.nbytes <= _LARGEST_KEPT:

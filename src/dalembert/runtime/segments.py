@@ -273,14 +273,14 @@ class SegmentedEngine(Engine):
         knots = problem.inputs is not None and not self.inner.passes_stops
         whole = self.inner.prepared(replace(problem, inputs=None) if knots else problem, method, constants, admission)
         spans = np.array([problem.t0]), np.array([problem.t1])
-        known: dict[bytes, tuple[Stopping, Prepared | None]] = {}
+        known: dict[bytes, tuple[Stopping, Prepared]] = {}
 
-        def stopped(p: FloatArray) -> tuple[Stopping, Prepared | None]:
+        def stopped(p: FloatArray) -> tuple[Stopping, Prepared]:
             found = Stopping.of(self._program, p[np.newaxis], spans, None, self.sampling, self.landing, many=False)
             if not len(found.lists.times) and not knots:
                 return found, whole
             if not self.inner.passes_stops:
-                return found, None
+                return found, Engine.prepared(self, problem, method, constants, admission)
             return found, self.inner.prepared(found.problem(problem), method, constants, admission)
 
         def run(state: FloatArray, p: FloatArray) -> Final:
@@ -291,16 +291,7 @@ class SegmentedEngine(Engine):
                 entry = known[key] = stopped(p)
             own, (found, prepared) = p[np.newaxis].copy(), entry
             found.decide(own, np.zeros(1, np.intp), found.begin)
-            if prepared is not None:
-                return prepared(state, own[0]), prepared.status()
-            if admission is not None:
-                status = admission(state, own[0])
-                if status is not Status.SUCCESS:
-                    return admission.final_of_refused(status, state, p)
-            solution = self.integrate(
-                replace(problem, y0=state, constants=constants(p), t_eval=np.array([problem.t1])), method
-            )
-            return (solution.y[-1] if len(solution.y) else np.full_like(state, np.nan)), Status(solution.status)
+            return prepared(state, own[0]), prepared.status()
 
         return PreparedStates(run)
 
