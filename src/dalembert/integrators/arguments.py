@@ -48,6 +48,7 @@ __all__ = [
     "Vector",
     "address_of",
     "arguments_of",
+    "constant_group",
     "kind_of",
     "owned_address",
     "pack",
@@ -72,6 +73,7 @@ _SCALARS: dict[Any, Scalar] = {int: INTEGER, float: NUMBER, bool: FLAG}
 _RECORD_FIELDS: dict[Any, Scalar] = {"int": INTEGER, "float": NUMBER, int: INTEGER, float: NUMBER}
 _DTYPES = {INTEGER: np.dtype(np.int64), NUMBER: np.dtype(np.float64), FLAG: np.dtype(np.bool_)}
 _WORD = 8
+_CONSTANT: dict[int, tuple[Any, list[Any]]] = {}
 
 
 class Record:
@@ -191,6 +193,15 @@ def pack(arguments: tuple[Any, ...]) -> NDArray[np.int64]:
     return words
 
 
+def constant_group(group: T) -> T:
+    """Return a NamedTuple of arguments that never changes: its words are computed once, and it stays alive."""
+    values: list[Any] = []
+    annotation: Any = type(group)
+    _collector(kind_of(annotation), annotation.__name__)(group, values)
+    _CONSTANT[id(group)] = group, values
+    return group
+
+
 def unpack(arguments: Callable[..., T], words: NDArray[np.int64], wrap: Callable[[Any, str], Any] | None = None) -> T:
     """Return the arguments that `pack` made words of; arrays and records are on the same memory.
 
@@ -242,6 +253,10 @@ def _collector(kind: Kind, name: str) -> _Collect:
         )
 
         def collect(group: tuple[Any, ...], values: list[Any]) -> None:
+            constant = _CONSTANT.get(id(group))
+            if constant is not None:
+                values.extend(constant[1])
+                return
             if len(group) != len(collectors):
                 raise TypeError(f"{name} must have the fields {', '.join(kind.names)}, and is {group!r}")
             for part, following in zip(group, collectors, strict=True):

@@ -14,7 +14,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..methods.step_constants import SMALLEST_OF_TIME
 from .addresses import AddressTable
-from .arguments import AddressVector, IntVector, Matrix, Vector
+from .arguments import AddressVector, IntVector, Matrix, Vector, constant_group
 from .compiled_subset import call_code, compiled_subset, lowest, row
 from .input_steps import InputTable, begin_inputs, no_inputs, pass_knots, take_sides
 
@@ -84,9 +84,16 @@ class StopTable(NamedTuple):
 
 def no_stops(inputs: InputTable | None = None) -> StopTable:
     """Return a table without stops but the knots of inputs."""
+    return _NO_STOPS if inputs is None else _NO_STOPS._replace(inputs=inputs)
+
+
+def _nothing() -> StopTable:
     none, nothing, room = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 1))
     about = none, none, nothing, none, nothing, -1, AddressTable(), none, none
-    return StopTable(*about, *(none,) * 3, *(room,) * 3, no_inputs() if inputs is None else inputs)
+    return StopTable(*about, *(none,) * 3, *(room,) * 3, no_inputs())
+
+
+_NO_STOPS = constant_group(_nothing())
 
 
 def table_of(stops: CaseStops | None, inputs: InputRecords | None, constants: int, remembered: int = 0) -> StopTable:
