@@ -5,12 +5,20 @@ import math
 import numpy as np
 import pytest
 
-from dalembert.integrators.addresses import AddressTable
+from dalembert.integrators.addresses import NO_CODE, AddressTable
 from dalembert.integrators.case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes, runs_on
-from dalembert.integrators.lane_steps import accept_steps, project_lanes, swap_states
+from dalembert.integrators.lane_steps import accept_steps, next_record, project_lanes, record_part, swap_states
 from dalembert.integrators.projection import FAILED, NONE, PENDING
 from dalembert.integrators.stops import no_stops
-from dalembert.integrators.sweep_arguments import CaseShape, Columns, SweepArguments, SweepKernels, no_rows
+from dalembert.integrators.sweep_arguments import (
+    CaseShape,
+    Columns,
+    PartSamples,
+    SweepArguments,
+    SweepKernels,
+    no_part_samples,
+    no_rows,
+)
 from dalembert.integrators.workspace import (
     ATTEMPTS,
     BEFORE,
@@ -55,6 +63,7 @@ def sweep(memory=0, t_eval=(), cases=2, position=0):
         stops=no_stops(),
         steps=np.empty((0, 0)),
         rows=no_rows(),
+        part=no_part_samples(),
     )
     begin_lanes(arguments)
     for lane in range(LANES):
@@ -130,6 +139,39 @@ def test_times_inside_a_step_are_sampled_and_its_end_is_not(memory):
     assert list(arguments.samples[1, 1:3]) == [7.0, 7.0] and np.isnan(arguments.samples[1, 3])
     assert arguments.state.clock[NEXT, 1] == 2.0
     assert not runs_on(arguments, 1)  # there is more to record
+
+
+@pytest.mark.parametrize("memory", [0, MEMORY])
+def test_samples_of_parts_up_to_where_a_step_is_cut(memory, monkeypatch):
+    """Each case from its own next sample on, as variables, here twice the state; its motion has a row each time."""
+    samples = PartSamples(
+        times=np.array([1.25, 1.375, 1.5, 2.0]),
+        motion=np.array([1, 0]),
+        next=np.array([1, 0]),
+        x=np.full((8, 1), np.nan),
+        expand=NO_CODE,
+        clock=np.zeros((1, LANES)),
+        states=np.zeros((N, LANES)),
+        posed=np.zeros((1, LANES)),
+    )
+
+    def expand(code, clock, states, constants, settings, out):
+        samples.posed[:] = 2.0 * samples.states
+
+    monkeypatch.setattr("dalembert.integrators.lane_steps.call_code", expand)
+    arguments = sweep(memory)._replace(part=samples)
+    for lane in range(LANES):
+        step(arguments, lane, 0.5, polynomial=(1.0, 2.0, 0.0, 8.0))
+    accept_steps(arguments)
+    swap_states(arguments)
+    arguments.state.clock[NOW, 0] = 1.375  # cut, there
+    record_part(arguments)
+    values = [2.0 * (1.0 + 2.0 * x + 8.0 * x**3) for x in ((0.5, 0.75) if memory else (0.25, 0.375))]
+    np.testing.assert_array_equal(samples.x[:, 0], [*values, *[np.nan] * 6])
+    assert list(samples.next) == [1, 2]
+    assert [next_record(arguments, lane) for lane in range(LANES)] == [1.375, 1.5]
+    arguments.state.clock[END, 1], samples.next[0] = 1.25, 4
+    assert [next_record(arguments, lane) for lane in range(LANES)] == [5.0, 1.25]
 
 
 def test_a_case_that_has_ended_is_handed_in_with_its_accepted_steps():

@@ -14,16 +14,16 @@ JUMP = da.Event(x, direction=-1, apply={v: -v / 2})
 LAST = da.Event(x, direction=-1, apply={v: -v / 2}, terminal=True)
 
 
-def ball(contact):
+def ball(contact, drag=0, restitution=sp.S.Half):
     N, O = ReferenceFrame("N"), Point("O")
     scene = da.Scene("ball", frame=N, origin=O, coordinates=[x])
     place = O.locatenew("P", x * N.x)
     scene.add_bodies(Particle("body", place, 1))
-    scene.add_loads((place, -2 * N.x))
+    scene.add_loads((place, (-2 - drag * (v * sp.sqrt(v**2 + 1) + 3 * sp.sin(3 * x))) * N.x))
     if contact:
         normal = da.unknowns("F")
         scene.add_joints(da.Joint("floor", body="body", at=place, force=normal * N.x))
-        scene.add_contacts(da.UnilateralContact(normal, gap=x, name="floor", restitution=sp.S.Half))
+        scene.add_contacts(da.UnilateralContact(normal, gap=x, name="floor", restitution=restitution))
     return scene
 
 
@@ -64,9 +64,82 @@ def test_times_of_a_run_given_to_it_again(contact, method):
     again = model.simulate((0, 2.5), START, {}, events=events, method=method, t_eval=jumps)
     assert len(jumps) > 1 and (again["x_dot"] > 0.1).all()
     np.testing.assert_array_equal(again.t, jumps)
-    if method == "taylor":  # its steps are the same in a sweep
+    if contact or method == "taylor":  # the steps are the same in a sweep
         sweep = model.sweep((0, 2.5), {x: [1.0], v: 0}, {}, events=events, method=method, t_eval=jumps)
         assert (np.asarray(sweep["x_dot"]) > 0.1).all()
+
+
+@pytest.fixture(scope="module")
+def falling():
+    """A ball whose motion no method integrates exactly, so that where its impacts are depends on the steps."""
+    return da.compile_model(ball(True, sp.Rational(1, 10), sp.Rational(9, 10)))
+
+
+def impacts(model, height, method):
+    run = model.simulate((0, 2.5), {x: height, v: 0}, {}, method=method)
+    return np.unique(run.t[1:][np.diff(run.t) == 0])
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "radau"])
+def test_samples_of_sweeps_at_impacts(falling, method):
+    """To the last bit of the time: values after the impact, those of the single run."""
+    for height in (0.5, 1.0, 1.5):
+        times = impacts(falling, height, method)
+        run = falling.simulate((0, 2.5), {x: height, v: 0}, {}, method=method, t_eval=times)
+        sweep = falling.sweep((0, 2.5), {x: [height, 0.7], v: 0}, {}, method=method, t_eval=times)
+        assert len(times) > 0 and (run["x_dot"] > 0.1).all()
+        np.testing.assert_allclose(np.asarray(sweep["x_dot"])[0], run["x_dot"], rtol=1e-9)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "radau"])
+def test_spans_that_end_at_impacts(falling, method):
+    """Their last steps are cut, which moves the impact by the error of a step: the value is the one after it."""
+    for height in (0.5, 1.0, 1.5):
+        times = impacts(falling, height, method)
+        cases = {x: np.full(len(times), height), v: 0}
+        ends = falling.sweep((np.zeros(len(times)), times), cases, {}, method=method)
+        after = falling.simulate((0, 2.5), {x: height, v: 0}, {}, method=method, t_eval=times)
+        np.testing.assert_allclose(ends["x_dot"], after["x_dot"], atol=1e-6)
+        assert ends.success.all()
+        for t, expected in zip(times, after["x_dot"], strict=True):
+            run = falling.simulate((0, t), {x: height, v: 0}, {}, method=method, t_eval=[t])
+            assert run["x_dot"][-1] == pytest.approx(expected, rel=1e-6)
+            assert falling.prepare((0, t), method=method)(np.array([height, 0.0]), np.zeros(0))[1] == pytest.approx(
+                expected, rel=1e-6
+            )
+
+
+def test_a_span_that_ends_before_an_impact(falling):
+    """By more than the error of a step: the ball falls, and no contact has met."""
+    (time, *_) = impacts(falling, 1.0, "dop853")
+    for early in (1e-6, 1e-4):
+        run = falling.simulate((0, time - early), {x: 1.0, v: 0}, {}, method="dop853")
+        assert run["x_dot"][-1] < 0 and run["x"][-1] > 0
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "radau"])
+def test_samples_inside_steps_on_constraints(method):
+    """Those of sweeps are projected as those of single runs are, in the phase in which they are."""
+    y, rim = dynamicsymbols("y"), da.unknowns("R")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("bead", frame=N, origin=O, coordinates=[x, y])
+    place = O.locatenew("P", x * N.x + y * N.y)
+    scene.add_bodies(Particle("body", place, 1))
+    scene.add_loads((place, -2 * N.y))
+    scene.add_holonomic_constraints(x**2 + y**2 - 1)
+    scene.add_joints(da.Joint("floor", body="body", at=place, force=rim * N.y))
+    scene.add_contacts(da.UnilateralContact(rim, gap=y + sp.S.Half, name="floor", restitution=sp.S.Half))
+    model = da.compile_model(scene, formulation="projected")
+    start = {x: 1.0, y: 0.0, "x_dot": 0.0, "y_dot": 0.0}
+    times = np.linspace(0.05, 2.0, 40)
+    run = model.simulate((0, 2), start, {}, method=method, t_eval=times)
+    sweep = model.sweep((0, 2), {**start, x: [1.0, 1.0]}, {}, method=method, t_eval=times)
+    assert (np.diff(np.sign(run["y_dot"])) > 0).any()
+    for name in ("x", "y", "x_dot", "y_dot"):
+        np.testing.assert_allclose(sweep[name], [run[name]] * 2, atol=1e-7)
+    assert np.max(np.abs(sweep["x"] ** 2 + sweep["y"] ** 2 - 1)) < 1e-14
+    assert np.max(np.abs(sweep["x"] * sweep["x_dot"] + sweep["y"] * sweep["y_dot"])) < 1e-14
+    np.testing.assert_array_equal(sweep.mode("floor"), [run.mode("floor")] * 2)
 
 
 @pytest.mark.parametrize("contact", [False, True])

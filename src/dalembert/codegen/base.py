@@ -247,7 +247,8 @@ class Engine(ABC):
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         """Write the results of many cases; here one after the other, as `integrate` does each."""
         for i in range(len(block.y)):
-            problem = block.problem(i, t_eval=np.append(block.t_eval, block.spans[i, 1]))
+            times = block.times(i)
+            problem = block.problem(i, t_eval=np.append(block.t_eval[times], block.spans[i, 1]))
             if block.watch is not None:
                 from .step_blocks import watched_case
 
@@ -258,8 +259,9 @@ class Engine(ABC):
             if not solution.success and solution.end is not None and solution.last is not None:
                 end, last = solution.end, solution.last
             result.y[i], result.ends[i] = last, (end, solution.status, solution.steps)
-            count = min(len(solution.y), len(block.t_eval))
-            result.samples[i, :count] = solution.y[:count]
+            recorded = result.samples[i, times]
+            count = min(len(solution.y), len(recorded))
+            recorded[:count] = solution.y[:count]
 
 
 class FunctionEngine(Protocol):

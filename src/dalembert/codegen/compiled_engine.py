@@ -304,7 +304,8 @@ class CompiledEngine(Engine):
             return None
         watched = None if cases.watch is None or not cases.watch.along else cases.watch
         n_times, lanes = len(cases.t_eval), self.steps.lanes
-        dense = n_times > 0 or watched is not None or cases.recorded > 0
+        each_step = cases.recorded > 0 or cases.part is not None
+        dense = n_times > 0 or watched is not None or each_step
         projections = self._steppers.projections(lanes)
         projected = any(projections)
         from .llvm.advance_lanes import advance_lanes
@@ -320,7 +321,7 @@ class CompiledEngine(Engine):
         located = watched is not None and bool(watched.events)  # on polynomials of steps
         stepper = self._steppers.stepper(method, tolerances, lanes, dense=dense, bounded=located, watched=series_of)
         nothing_each_step = watched is None or (with_series > 0 and not n_times and not watched.kinds)
-        nothing_each_step = nothing_each_step and not cases.recorded
+        nothing_each_step = nothing_each_step and not cases.recorded and (watched is not None or not each_step)
         advance = advance_lanes(lanes) if nothing_each_step and not projected else NO_CODE
         prepare, start = self.steps.prepare(lanes), self.steps.start(cases.start, lanes)
         if cases.inputs is not None:
@@ -337,7 +338,7 @@ class CompiledEngine(Engine):
             result,
             constants,
             self._steppers.events(watched, method, stepper, lanes, with_series),
-            watched is not None or cases.recorded > 0,
+            watched is not None or each_step,
         )
 
     def _action_code(self, action: StopAction, lanes: int) -> OwnedAddress:

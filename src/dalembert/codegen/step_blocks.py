@@ -100,10 +100,10 @@ def watched_case(
     own = replace(problem, t_eval=None, dense=True)
     solution, occurrences = engine.integrate_watched(own, method, block.watch, carried)
     result.y[i], result.ends[i] = solution.y[-1], (solution.t[-1], solution.status, solution.steps)
-    constants = engine.constants_along(own)
+    constants, times = engine.constants_along(own), block.times(i)
     settle = partial(projected, block.watch.program, constants)
-    reached, states = recorded_states(settle, block.t_eval, solution.dense, solution.t, solution.y)
-    result.samples[i, : len(reached)] = states
+    reached, states = recorded_states(settle, block.t_eval[times], solution.dense, solution.t, solution.y)
+    result.samples[i, times][: len(reached)] = states
     result.totals[i] = block.watch.totals(constants, solution.dense)
     for occurrence in occurrences:
         count, first, _ = result.happened[i, 3 * occurrence.event : 3 * occurrence.event + 3]

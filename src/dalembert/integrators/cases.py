@@ -19,6 +19,7 @@ from .sweep_arguments import CaseRows
 if TYPE_CHECKING:
     from ..reduction.starting import Start
     from .event_code import EventCode
+    from .sweep_arguments import PartSamples
 
 __all__ = ["BlockResult", "CaseBlock", "CaseColumns"]
 
@@ -43,6 +44,13 @@ class CaseBlock:
     watch: EventCode | None = None
     inputs: InputRecords | None = None
     carried: FloatArray | None = None
+
+    def times(self, number: int) -> slice:
+        """Return which times to record lie in the span of a case: some, where it is part of a longer motion."""
+        t0, t1 = self.spans[number].tolist()
+        forward = 1.0 if t1 >= t0 else -1.0
+        first = int(np.sum((self.t_eval - t0) * forward < 0.0))
+        return slice(first, first + int(np.sum((self.t_eval[first:] - t1) * forward <= 0.0)))
 
     def problem(self, number: int, *, t_eval: FloatArray | None = None, dense: bool = False) -> IntegrationProblem:
         """Return a case alone."""
@@ -84,6 +92,8 @@ class CaseColumns:
         Constants (k m, n_c) at times (k, m) of each case, where they change along a run.
     rows : CaseRows or None
         States and constants of the cases, in place of parameters and given values, and of `start`.
+    part : PartSamples or None
+        Samples of cases that are parts of motions, in place of ``t_eval``.
     """
 
     count: int
@@ -103,6 +113,7 @@ class CaseColumns:
     stops: CaseStops | None = None
     constants_at: Callable[[FloatArray], FloatArray] | None = None
     rows: CaseRows | None = None
+    part: PartSamples | None = None
 
 
 @final

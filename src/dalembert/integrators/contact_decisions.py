@@ -16,7 +16,17 @@ from .compiled_subset import compiled_subset, sqrt
 from .contact_cases import ADDED, REST, SIDE, UNDECIDED, ContactCases, set_mode
 from .contact_forces import compliance, load_accelerations, solve_mode
 from .contact_impacts import close_gaps, hold, moves_in_mode, strike
-from .contact_kinds import approaches, arrives, gap_allowance, kind_at_end, refused, sign, strikes, touching
+from .contact_kinds import (
+    approaches,
+    arrives,
+    gap_allowance,
+    kind_at_end,
+    meets_at_end,
+    refused,
+    sign,
+    strikes,
+    touching,
+)
 from .contact_sizes import slip_speed, slip_terms, slow_terms
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, dot, inertial_terms, opening_power, terms
 from .mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, TURN, Candidates
@@ -51,10 +61,13 @@ class DecisionArguments(NamedTuple):
         The cases to decide; negative numbers are left out.
     values : (n, n_values)
         Outputs of the kernel of the contact data for each of them.
+    ending : (n,)
+        Not 0 for cases that have come to their ends: these are left out, and get -1 in ``deciding``, unless a contact
+        meets there.
     after_impact : (n,)
         Gets 1 where there was an impact, else 0.
-    tolerance : float
-        Relative tolerance of the integration.
+    rtol, atol : float
+        Relative and absolute tolerance of the integration.
     """
 
     system: ContactSystem
@@ -62,8 +75,10 @@ class DecisionArguments(NamedTuple):
     cases: ContactCases
     values: Matrix
     deciding: IntVector
+    ending: IntVector
     after_impact: IntVector
-    tolerance: float
+    rtol: float
+    atol: float
 
 
 @compiled_subset
@@ -270,7 +285,7 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
         cases.status[case] = strike(system, pick, cases, case)
         return cases.status[case] == _SUCCESS
     sticking = _enter(system, pick, cases, case)
-    _rest_speeds(system, pick, cases, case, arguments.tolerance)
+    _rest_speeds(system, pick, cases, case, arguments.rtol)
     if (closing or sticking) and moves_in_mode(system, pick, cases, case):
         hold(system, pick, cases, case)
     if pick.given.mode[0] != UNDECIDED:
@@ -288,4 +303,8 @@ def LOOP(arguments: DecisionArguments) -> None:
             continue
         for v in range(system.values.size):
             system.values[v] = arguments.values[place, v]
+        ends = arguments.ending[place] != 0
+        if ends and not meets_at_end(system, arguments.cases, case, arguments.rtol, arguments.atol):
+            arguments.deciding[place] = -1
+            continue
         arguments.after_impact[place] = 1 if decide(arguments, case) else 0

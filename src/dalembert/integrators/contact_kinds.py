@@ -21,6 +21,7 @@ __all__ = [
     "forget_breaks",
     "gap_allowance",
     "kind_at_end",
+    "meets_at_end",
     "refused",
     "sign",
     "strikes",
@@ -130,6 +131,25 @@ def arrives(system: ContactSystem, cases: ContactCases, case: int, i: int) -> bo
         return False
     passing = abs(cases.t[case]) * -gap_rate(system, i)
     return system.gap[i] <= TOGETHER * (_gap_terms(system, cases, case, i) + passing)
+
+
+@compiled_subset
+def meets_at_end(system: ContactSystem, cases: ContactCases, case: int, rtol: float, atol: float) -> bool:
+    """Find the open contacts that meet at the end of a motion, as if their guards had fired; return whether any does.
+
+    The last step of a motion is cut at its end. A longer motion locates the same impact on the polynomial of a longer
+    step, which differs by no more than is allowed of the error of a step.
+    """
+    meets = False
+    for i in range(system.contacts):
+        if system.constraint[i] < 0 or cases.modes[case, i] != OPEN or not approaches(system, cases, case, i):
+            continue
+        passing, slopes = abs(cases.passed[case]) * -gap_rate(system, i), 0.0
+        for j in range(system.coordinates):
+            slopes += abs(system.jacobian[system.constraint[i], j])
+        if system.gap[i] <= rtol * (_gap_terms(system, cases, case, i) + passing) + atol * slopes:
+            cases.fired[case, i], meets = MEET, True
+    return meets
 
 
 @compiled_subset

@@ -11,6 +11,7 @@ from .event_resolution import begin_signs, go_on, resolve, starts, zeros_at_end
 from .event_rules import recorded_after
 from .event_search import BROKEN, NOTHING, scan
 from .event_series import at_most_one_zero, keeps_signs, load_event_series, no_sign_change
+from .lane_steps import next_record
 from .lane_stops import end_of_case
 from .projection import FAILED, NONE, PENDING, correct
 from .step_control import largest_step, status_after
@@ -52,7 +53,7 @@ def hold_for_events(arguments: SweepArguments) -> None:
     time, constants, settings = row(state.clock, 0), row(state.constants, 0), row(state.settings, 0)
     call_code(arguments.events.step_signs, time, row(state.states, new), constants, settings, row(space.step_signs, 0))
     for lane in range(state.clock.shape[1]):
-        state.numbers.mark[lane], state.clock[NEXT, lane] = NONE, state.clock[END, lane]
+        state.numbers.mark[lane], state.clock[NEXT, lane] = NONE, next_record(arguments, lane)
         if state.numbers.fresh[lane] != 0 or not keeps_signs(space, lane):
             state.clock[NEXT, lane] = state.clock[NOW, lane]
 

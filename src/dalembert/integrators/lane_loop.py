@@ -18,7 +18,7 @@ from .case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes,
 from .case_records import record_cases
 from .compiled_subset import compiled_subset, lowest
 from .lane_events import handle_events, hold_for_events, test_steps, watch_case
-from .lane_steps import accept_steps, advance_together, project_lanes, swap_states, take_step
+from .lane_steps import accept_steps, advance_together, project_lanes, record_part, swap_states, take_step
 from .lane_stops import begin_lane_stops, pass_lane_stops, run_on_at_stops, watch_constants
 from .step_records import compensate_steps, record_steps, records_are_full
 from .sweep_arguments import SweepArguments
@@ -84,6 +84,7 @@ def _following(watched: bool, projected: bool, stops: bool, recorded: bool) -> C
             test_steps(arguments)
             record_steps(arguments)
             handle_events(arguments)
+            record_part(arguments)
 
     return follow
 

@@ -10,7 +10,15 @@ from .step_control import ACCEPTED, REJECTED, attempt_test, blind_retry, end_of_
 from .sweep_arguments import SweepArguments
 from .workspace import ATTEMPTS, BEFORE, END, NOW, REJECTIONS
 
-__all__ = ["accept_steps", "advance_together", "project_lanes", "swap_states", "take_step"]
+__all__ = [
+    "accept_steps",
+    "advance_together",
+    "next_record",
+    "project_lanes",
+    "record_part",
+    "swap_states",
+    "take_step",
+]
 
 
 @compiled_subset
@@ -88,7 +96,7 @@ def _accept(arguments: SweepArguments, lane: int) -> None:
 def _sample(arguments: SweepArguments, lane: int, t: float) -> None:
     """Record what lies inside the step of a lane up to a time, by the polynomials of the step."""
     state, shape, t_eval = arguments.state, arguments.shape, arguments.t_eval
-    states, numbers, n, terms = state.states, state.numbers, shape.n, shape.degree + 1
+    states, numbers, n = state.states, state.numbers, shape.n
     now, direction = state.clock[NOW, lane], state.settings[1, lane]
     new = states.shape[0] // 2 - state.progress.old
     size_at = new + n + shape.events_with_series
@@ -98,14 +106,80 @@ def _sample(arguments: SweepArguments, lane: int, t: float) -> None:
         if shape.memory > 0:
             x /= direction * states[size_at, lane]
         for m in range(n):
-            value = 0.0
-            for k in range(shape.degree, -1, -1):
-                value = fma(value, x, states[size_at + 2 + shape.memory + m * terms + k, lane])
-            arguments.samples[numbers.case[lane], sampled * n + m] = value
+            arguments.samples[numbers.case[lane], sampled * n + m] = _inside(arguments, size_at, lane, m, x)
         if arguments.inside.size > 0:
             arguments.inside[numbers.case[lane], sampled] = True
         sampled += 1
     numbers.sampled[lane] = sampled
+
+
+@compiled_subset
+def _inside(arguments: SweepArguments, size_at: int, lane: int, m: int, x: float) -> float:
+    """Return a component of the state of a lane inside its step, whose size is in a row, by its polynomial of x."""
+    first, value = size_at + 2 + arguments.shape.memory + m * (arguments.shape.degree + 1), 0.0
+    for k in range(arguments.shape.degree, -1, -1):
+        value = fma(value, x, arguments.state.states[first + k, lane])
+    return value
+
+
+@compiled_subset
+def next_record(arguments: SweepArguments, lane: int) -> float:
+    """Return the time to which the steps of a lane need not be looked at: its next sample, or the end of its steps."""
+    part, state, case = arguments.part, arguments.state, arguments.state.numbers.case[lane]
+    end = state.clock[END, lane]
+    if part.times.size == 0 or case < 0 or part.next[case] == part.times.size:
+        return end
+    time = part.times[part.next[case]]
+    return time if (time - end) * state.settings[1, lane] < 0.0 else end
+
+
+@compiled_subset
+def record_part(arguments: SweepArguments) -> None:
+    """Record the samples of `PartSamples` inside the steps that were accepted, up to where events cut these."""
+    part, state, kernels = arguments.part, arguments.state, arguments.kernels
+    if part.times.size == 0:
+        return
+    clock, states, lone = row(part.clock, 0), row(part.states, 0), state.numbers.lone
+    while _interpolate_part(arguments):
+        correct(kernels.position, kernels.velocity, part.clock, part.states, 0, state.constants, state.delta, lone)
+        for lane in range(state.clock.shape[1]):
+            if lone[lane] == FAILED:  # it stays as it is
+                _interpolate(arguments, lane)
+        call_code(part.expand, clock, states, row(state.constants, 0), 0, row(part.posed, 0))
+        for lane in range(state.clock.shape[1]):
+            if lone[lane] != NONE:
+                case = state.numbers.case[lane]
+                place = part.motion[case] * part.times.size + part.next[case]
+                for m in range(part.x.shape[1]):
+                    part.x[place, m] = part.posed[m, lane]
+                part.next[case] += 1
+
+
+@compiled_subset
+def _interpolate_part(arguments: SweepArguments) -> bool:
+    """Compute the states of lanes at their next samples, where these are inside their steps; return whether any is."""
+    part, state, numbers, some = arguments.part, arguments.state, arguments.state.numbers, False
+    for lane in range(state.clock.shape[1]):
+        numbers.lone[lane], case = NONE, numbers.case[lane]
+        if numbers.mark[lane] != PENDING or part.next[case] == part.times.size:
+            continue
+        if (part.times[part.next[case]] - state.clock[NOW, lane]) * state.settings[1, lane] < 0.0:
+            numbers.lone[lane], some = PENDING, True
+            _interpolate(arguments, lane)
+    return some
+
+
+@compiled_subset
+def _interpolate(arguments: SweepArguments, lane: int) -> None:
+    """Compute the state of a lane at its next sample."""
+    part, state, shape = arguments.part, arguments.state, arguments.shape
+    size_at = state.progress.old + shape.n + shape.events_with_series
+    time = part.times[part.next[state.numbers.case[lane]]]
+    x, part.clock[0, lane] = time - state.tally[BEFORE, lane], time
+    if shape.memory > 0:
+        x /= state.settings[1, lane] * state.states[size_at, lane]
+    for m in range(shape.n):
+        part.states[m, lane] = _inside(arguments, size_at, lane, m, x)
 
 
 @compiled_subset

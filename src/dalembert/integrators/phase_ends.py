@@ -5,10 +5,11 @@ from __future__ import annotations
 from ..methods.status import Status
 from .compiled_subset import compiled_subset
 from .contact_kinds import SOON, SOON_IN_A_ROW, forget_breaks
+from .contact_system import OPEN
 from .event_rules import happens_together
 from .phase_tables import JUMPS, NO_RUNNER, CaseTable, PhasePlan, ThreadWorkspace
 
-__all__ = ["begins_motion", "ended", "next_history"]
+__all__ = ["begins_motion", "count_phase", "ended", "may_meet", "next_history"]
 
 _SUCCESS, _EVENT = int(Status.SUCCESS), int(Status.EVENT)
 _IMPOSSIBLE, _ACCUMULATE = int(Status.CONTACT_IMPOSSIBLE), int(Status.EVENTS_ACCUMULATE)
@@ -79,6 +80,23 @@ def _refuse(table: CaseTable, i: int, t: float) -> None:
 
 
 @compiled_subset
+def count_phase(table: CaseTable, i: int, mode: int) -> None:
+    """Count a phase of a case that has ended, in a mode of a number, if it took time."""
+    if table.cases.passed[i] != 0.0:
+        table.numbers.phases[i] += 1
+        table.numbers.history[i] = next_history(table.numbers.history[i], mode)
+
+
+@compiled_subset
+def may_meet(table: CaseTable, i: int) -> bool:
+    """Return whether a case has come to its end with a contact open."""
+    opened = False
+    for m in range(table.cases.modes.shape[1]):
+        opened = opened or table.cases.modes[i, m] == OPEN
+    return opened and table.numbers.state[i] == _SUCCESS and table.cases.span[i] > 0.0
+
+
+@compiled_subset
 def ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, place: int, lane: int) -> bool:
     """Record how a case ended its run; return whether a decision is needed."""
     i, t, status = space.chosen[place], space.ends[place, 0], int(space.ends[place, 1])
@@ -117,7 +135,5 @@ def ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int
     if cases.soon[i] >= SOON_IN_A_ROW:
         numbers.state[i] = _ACCUMULATE
         return False
-    if cases.passed[i] != 0.0:
-        numbers.phases[i] += 1
-        numbers.history[i] = next_history(numbers.history[i], cases.number[i])
+    count_phase(table, i, cases.number[i])
     return not jumps

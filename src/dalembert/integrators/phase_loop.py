@@ -14,9 +14,10 @@ from ..interrupts import STOPPED
 from ..methods.status import Status
 from .arguments import place_of
 from .compiled_subset import call_code, call_test, compiled_subset, row, take
+from .contact_cases import UNDECIDED
 from .event_rules import recorded_after
 from .lane_loop import SweepArguments
-from .phase_ends import ended
+from .phase_ends import count_phase, ended, may_meet
 from .phase_stops import begin_stops, goes_to, load_case, pass_stops
 from .phase_tables import JUMPS, NO_RUNNER, NOT_STARTED, CaseTable, PhasePlan, PhaseProgress, ThreadWorkspace
 from .workspace import RUNNING
@@ -40,15 +41,15 @@ _COUNT = place_of(SweepArguments, "shape.cases")
 
 
 @compiled_subset
-def _gather(table: CaseTable, space: ThreadWorkspace, size: int) -> None:
+def _gather(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, size: int) -> None:
     """Write what the chosen cases are made from to the columns of the loop over lanes."""
-    gathered, cases = space.gathered, table.cases
+    gathered, cases, cut = space.gathered, table.cases, plan.runners.inside[runner] == 0
     p, added, last = cases.p.shape[1], cases.added.shape[1], gathered.shape[0] - 1
     for place in range(size):
         i = space.chosen[place]
-        following = table.numbers.next[i]
+        following = space.sampled[place] = table.numbers.next[i]
         begin_stops(table, i)
-        goal = table.t_eval[following] if following < table.t_eval.size else table.t1[i]
+        goal = table.t_eval[following] if cut and following < table.t_eval.size else table.t1[i]
         gathered[0, place], gathered[1, place] = cases.t[i], goes_to(table, i, goal)
         gathered[last, place] = 1.0 if table.t1[i] >= cases.t[i] else -1.0
         for m in range(p):
@@ -116,6 +117,9 @@ def _decide(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace) -> None:
         call_test(plan.decide, row(space.decision, 0), 0, 0, 0, 0)
         pending = False
         for lane in range(lanes):
+            if space.deciding[lane] >= 0 and space.ending[lane] != 0:  # a contact has met at the end
+                count_phase(table, space.deciding[lane], space.ending[lane] - 1)
+            space.ending[lane] = 0
             if space.deciding[lane] >= 0 and space.after_impact[lane] == 0:
                 _enter_phase(plan, table, space.deciding[lane])
                 space.deciding[lane] = NO_RUNNER
@@ -163,21 +167,48 @@ def _log(table: CaseTable, i: int) -> None:
 
 
 @compiled_subset
-def _sample(table: CaseTable, i: int) -> None:
-    """Record the samples that a case has reached, those at the present time anew: it may be that of an impact."""
-    numbers, count, cases, samples = table.numbers, table.t_eval.size, table.cases, table.samples
-    forward, t = 1.0 if cases.span[i] >= 0.0 else -1.0, cases.t[i]
+def _place_sample(table: CaseTable, i: int, t: float) -> int:
+    """Record time and mode of the next sample of a case; return its place."""
+    numbers, cases, samples = table.numbers, table.cases, table.samples
+    place = i * table.t_eval.size + numbers.next[i]
+    samples.t[place], samples.number[place], samples.history[place] = t, cases.number[i], numbers.history[i]
+    for m in range(cases.added.shape[1]):
+        samples.added[place, m] = cases.added[i, m]
+    numbers.next[i] += 1
+    return place
+
+
+@compiled_subset
+def _take_samples(table: CaseTable, space: ThreadWorkspace, place: int) -> None:
+    """Complete the samples that the run of a case has recorded before its end."""
+    i = space.chosen[place]
+    while table.numbers.next[i] < space.sampled[place]:
+        _place_sample(table, i, table.t_eval[table.numbers.next[i]])
+
+
+@compiled_subset
+def _drop_samples(table: CaseTable, i: int) -> None:
+    """Drop the samples of a case that show its motion from the present time on: something occurs at it."""
+    numbers, samples, count = table.numbers, table.samples, table.t_eval.size
+    forward, t = 1.0 if table.cases.span[i] >= 0.0 else -1.0, table.cases.t[i]
     while numbers.next[i] > 0 and recorded_after(table.t_last[numbers.next[i] - 1], t, forward):
         numbers.next[i] -= 1
-    while numbers.next[i] < count and (table.t_eval[numbers.next[i]] - t) * forward <= 0.0:
         place = i * count + numbers.next[i]
-        samples.t[place], samples.number[place] = t, cases.number[i]
-        samples.history[place] = numbers.history[i]
+        samples.t[place], samples.number[place] = math.nan, UNDECIDED
+        for m in range(samples.x.shape[1]):
+            samples.x[place, m] = math.nan
+
+
+@compiled_subset
+def _sample(table: CaseTable, i: int) -> None:
+    """Record the samples that a case has reached, those at the present time anew: it may be that of an impact."""
+    numbers, count, cases = table.numbers, table.t_eval.size, table.cases
+    forward, t = 1.0 if cases.span[i] >= 0.0 else -1.0, cases.t[i]
+    _drop_samples(table, i)
+    while numbers.next[i] < count and (table.t_eval[numbers.next[i]] - t) * forward <= 0.0:
+        place = _place_sample(table, i, t)
         for m in range(cases.x.shape[1]):
-            samples.x[place, m] = cases.x[i, m]
-        for m in range(cases.added.shape[1]):
-            samples.added[place, m] = cases.added[i, m]
-        numbers.next[i] += 1
+            table.samples.x[place, m] = cases.x[i, m]
 
 
 # -- cases ---------------------------------------------------------------------------------------
@@ -205,12 +236,17 @@ def _conclude(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner:
         _expand(plan, space, runner, first, size)
     for lane in range(space.clock.shape[1]):
         space.deciding[lane] = space.reaching[0, lane] = NO_RUNNER
+        space.ending[lane] = 0
         if lane < here:
             i = space.chosen[first + lane]
             if starts:
                 begin_stops(table, i)
+            else:
+                _take_samples(table, space, first + lane)
             if starts or ended(plan, table, space, runner, first + lane, lane):
                 space.deciding[lane], changes = i, True
+            elif may_meet(table, i):
+                space.deciding[lane], space.ending[lane], changes = i, 1 + table.cases.number[i], True
             if table.numbers.state[i] == RUNNING:
                 space.reaching[0, lane] = i
     pass_stops(table, space)
@@ -221,6 +257,8 @@ def _conclude(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner:
         state, jumps = table.numbers.state[i], table.numbers.runner[i] == JUMPS
         if state == _SUCCESS or (state == RUNNING and not jumps) or (starts and state != _INITIAL_STATE):
             _sample(table, i)
+        elif jumps:
+            _drop_samples(table, i)
 
 
 @compiled_subset
@@ -229,7 +267,7 @@ def _run(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace) -> int:
     progress, runner = space.progress, table.numbers.runner[space.chosen[0]]
     if runner != NOT_STARTED:
         if progress.paused == 0:
-            _gather(table, space, progress.size)
+            _gather(plan, table, space, runner, progress.size)
             _reset(plan, table, space, runner, progress.size)
         paused = call_test(space.entries[runner], row(space.packed_args, runner), 0, 0, 0, 0)
         if space.turns[runner] >= STOPPED or paused != 0:  # a run that was stopped leaves no valid results

@@ -77,6 +77,8 @@ class RunnerTable(NamedTuple):
         Row of the first guard in ``PhasePlan.guards``.
     expand : (n,)
         Code of coordinates and rates; 0 where these are the state.
+    inside : (n,)
+        1 where it records samples inside its runs; those of others end at samples.
     """
 
     mode: IntVector
@@ -85,6 +87,7 @@ class RunnerTable(NamedTuple):
     events: IntVector
     first_guard: IntVector
     expand: AddressVector
+    inside: IntVector
 
 
 class PhasePlan(NamedTuple):
@@ -198,12 +201,12 @@ class ThreadWorkspace(NamedTuple):
         Signs of events with which cases continue in them, and with which they end.
     reaching, acted
         Cases that reach stops, one a lane, with the controllers that act there; and what these set.
-    chosen
-        The cases at hand.
+    chosen, sampled
+        The cases at hand, and the next sample of each.
     clock, states, constants, scene, posed, data
         Arguments and results of kernels, one column a lane.
-    deciding, values, after_impact, decision
-        Arguments of the decisions: cases or -1, one row a lane; packed.
+    deciding, ending, values, after_impact, decision
+        Arguments of the decisions: cases or -1, one row a lane; 1 and the number of the mode of those that end; packed.
     progress
         See `PhaseProgress`.
     """
@@ -220,6 +223,7 @@ class ThreadWorkspace(NamedTuple):
     reaching: IntMatrix
     acted: Matrix
     chosen: IntVector
+    sampled: IntVector
     clock: Matrix
     states: Matrix
     constants: Matrix
@@ -227,6 +231,7 @@ class ThreadWorkspace(NamedTuple):
     posed: Matrix
     data: Matrix
     deciding: IntVector
+    ending: IntVector
     values: Matrix
     after_impact: IntVector
     decision: IntMatrix

@@ -7,11 +7,21 @@ from typing import NamedTuple
 import numpy as np
 
 from ..once import once
+from .addresses import NO_CODE
 from .arguments import Address, AddressVector, FlagMatrix, IntVector, Matrix, Vector
 from .stops import StopTable
 from .workspace import EventKernels, EventWorkspace, LaneState
 
-__all__ = ["CaseRows", "CaseShape", "Columns", "SweepArguments", "SweepKernels", "no_rows"]
+__all__ = [
+    "CaseRows",
+    "CaseShape",
+    "Columns",
+    "PartSamples",
+    "SweepArguments",
+    "SweepKernels",
+    "no_part_samples",
+    "no_rows",
+]
 
 
 class SweepKernels(NamedTuple):
@@ -83,6 +93,42 @@ def no_rows() -> CaseRows:
     return CaseRows(*(np.empty((0, 0)),) * len(CaseRows._fields))
 
 
+class PartSamples(NamedTuple):
+    """Samples of cases whose runs are parts of longer motions: taken inside steps, as variables; none without times.
+
+    A run records what lies before its end; what lies there shows the motion that follows, and is left to the caller.
+
+    Attributes
+    ----------
+    times : (m,)
+        Times to record.
+    motion, next : (k,), (k,)
+        The motion of each case, and its next sample.
+    x : (n m, n_x)
+        Gets coordinates, rates and first-order states, motion by motion.
+    expand : Address
+        Code of these.
+    clock, states, posed : (1, lanes), (n_y, lanes), (n_x, lanes)
+        Are overwritten.
+    """
+
+    times: Vector
+    motion: IntVector
+    next: IntVector
+    x: Matrix
+    expand: Address
+    clock: Matrix
+    states: Matrix
+    posed: Matrix
+
+
+@once
+def no_part_samples() -> PartSamples:
+    """Return empty fields, for cases that are whole motions."""
+    none, nothing = np.zeros(0, np.int64), np.empty((0, 0))
+    return PartSamples(np.empty(0), none, none, nothing, NO_CODE, *(nothing,) * 3)
+
+
 class SweepArguments(NamedTuple):
     """Arguments of the loop over lanes.
 
@@ -111,6 +157,8 @@ class SweepArguments(NamedTuple):
         Gets the steps of a case that is alone (`dalembert.integrators.step_records`).
     rows : CaseRows
         Cases that are given so, in place of columns.
+    part : PartSamples
+        Samples of cases that are parts of motions, in place of ``t_eval``.
     """
 
     kernels: SweepKernels
@@ -132,3 +180,4 @@ class SweepArguments(NamedTuple):
     stops: StopTable
     steps: Matrix
     rows: CaseRows
+    part: PartSamples

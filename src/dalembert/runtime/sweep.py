@@ -106,10 +106,12 @@ def sweep_in_own_time(
     parameters: Given,
     options: SweepOptions,
     carried: FloatArray | None = None,
+    times: FloatArray | None = None,
 ) -> Sweep:
     """Return the results of many cases of a model without contacts, in the time of the model.
 
-    `carried` (k, n_events) are signs of events, for runs that are parts of others (`CaseColumns.carried`).
+    For runs that are parts of others, `carried` (k, n_events) are signs of events (`CaseColumns.carried`), and `times`
+    (n_t,) those to record of all of these others.
     """
     if options.project_invariants is not False:
         refuse_jumps(options.events, model.layout.aliases)
@@ -119,7 +121,7 @@ def sweep_in_own_time(
     if options.grid is not None:
         initial, parameters = with_grid(model.layout, options.grid, initial, parameters)
     model, cases, settings = _model_and_cases(model, t_span, initial, parameters, options, begin)
-    settings = replace(settings, carried=carried)
+    settings = replace(settings, carried=carried, t_eval=settings.t_eval if times is None else times)
     if options.fits:
         settings = fitted(model.engine, cases, settings)
     if any(check.guards(settings.method) for check in model.checks):

@@ -16,7 +16,14 @@ from ...integrators.arguments import pack, place_of
 from ...integrators.foreign_batch_loop import HEAD, BatchArguments, BatchCode, PoolFunctions
 from ...integrators.foreign_task import TaskSlots, task_slots
 from ...integrators.stops import no_stops
-from ...integrators.sweep_arguments import CaseRows, CaseShape, Columns, SweepArguments, SweepKernels
+from ...integrators.sweep_arguments import (
+    CaseRows,
+    CaseShape,
+    Columns,
+    SweepArguments,
+    SweepKernels,
+    no_part_samples,
+)
 from ...integrators.workspace import LaneNumbers, LaneState, lane_state, no_event_workspace, no_events
 from ...once import once
 from ..rendering import render
@@ -138,6 +145,7 @@ def sweep_arguments(kernels: SweepKernels, sizes: BatchSizes) -> SweepArguments:
         stops=no_stops(),
         steps=none,
         rows=CaseRows(none, none, none, none),
+        part=no_part_samples(),
     )
 
 

@@ -18,7 +18,7 @@ from ...integrators.cases import BlockResult, CaseColumns
 from ...integrators.sample_projection import SampleArguments
 from ...integrators.step_records import FIRST_AT
 from ...integrators.stops import StopTable, no_stops
-from ...integrators.sweep_arguments import CaseShape, Columns, SweepArguments, SweepKernels, no_rows
+from ...integrators.sweep_arguments import CaseShape, Columns, SweepArguments, SweepKernels, no_part_samples, no_rows
 from ...integrators.workspace import (
     OCCURRENCE,
     EventKernels,
@@ -182,6 +182,7 @@ class CaseArrays:
             stops=self._stops(),
             steps=steps,
             rows=cases.rows or no_rows(),
+            part=cases.part or no_part_samples(),
         )
 
     def _stops(self) -> StopTable:

@@ -44,9 +44,9 @@ class Decisions:
         self.automaton, self._engine = automaton, engine
 
     def arguments(
-        self, cases: ContactCases, values: FloatArray, deciding: NDArray[np.int64], rtol: float
+        self, cases: ContactCases, values: FloatArray, deciding: NDArray[np.int64], tolerances: tuple[float, float]
     ) -> DecisionArguments:
-        """Return the arguments of the loop, with working memory of their own."""
+        """Return the arguments of the loop for relative and absolute tolerances, with working memory of their own."""
         system = self.system()
         return DecisionArguments(
             system=system,
@@ -54,8 +54,10 @@ class Decisions:
             cases=cases,
             values=values,
             deciding=deciding,
+            ending=np.zeros(len(deciding), np.int64),
             after_impact=np.zeros(len(deciding), np.int64),
-            tolerance=rtol,
+            rtol=tolerances[0],
+            atol=tolerances[1],
         )
 
     def values(self, t: FloatArray, x: FloatArray, c: FloatArray) -> FloatArray:
@@ -67,7 +69,7 @@ class Decisions:
         deciding = np.arange(len(cases.t))
         while len(deciding):
             values = self.values(cases.t[deciding], cases.x[deciding], cases.p[deciding])
-            arguments = self.arguments(cases, values, deciding, 0.0)
+            arguments = self.arguments(cases, values, deciding, (0.0, 0.0))
             loop_named(LOOP)(arguments)
             deciding = deciding[arguments.after_impact != 0]
 

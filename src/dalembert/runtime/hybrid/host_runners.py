@@ -18,6 +18,7 @@ from ...arrays import FloatArray
 from ...codegen.host_code import host_code
 from ...codegen.runs import LoopCall
 from ...errors import InitialStateError
+from ...integrators.addresses import NO_CODE, OwnedAddress
 from ...integrators.arguments import kind_of, place_of
 from ...integrators.event_code import Event
 from ...integrators.phase_ends import begins_motion
@@ -69,7 +70,7 @@ class HostRunner:
         Method of the last run.
     """
 
-    expands: ClassVar[bool] = False
+    expand: ClassVar[OwnedAddress] = NO_CODE
 
     def __init__(
         self,
@@ -97,6 +98,11 @@ class HostRunner:
         """Components of the states that it writes, which are variables."""
         return len(self.model.layout.variables)
 
+    @property
+    def samples_inside(self) -> bool:
+        """Whether a sweep records samples inside its runs: where nothing ends these, they end at samples."""
+        return bool(self.events)
+
     def forget(self) -> None:
         """Forget earlier motions."""
         if self._jumps is not None:
@@ -116,7 +122,7 @@ class HostRunner:
             if recorded:
                 self._simulate(group, space, table)
             else:
-                self._sweep(group, space)
+                self._sweep(group, space, table)
             if self._jumps is not None:
                 self._jumps.leave(group, space.ends)
             if group.carried is not None:
@@ -171,9 +177,12 @@ class HostRunner:
         """Return what happened (k, 3 n_events), a view."""
         return space.happened[: count * 3 * len(self.events)].reshape(count, -1)
 
-    def _sweep(self, group: CaseGroup, space: ThreadWorkspace) -> None:
+    def _sweep(self, group: CaseGroup, space: ThreadWorkspace, table: CaseTable) -> None:
         """Run cases, and write how they end."""
-        happened = self._happened(space, len(group.t0))
+        happened, times = self._happened(space, len(group.t0)), None
+        first = int(np.min(space.sampled[: len(happened)]))
+        if self.samples_inside and first < len(table.t_eval):
+            times = table.t_eval[first:]
         for counts, some in self._alike(happened[:, : 3 * self._requested : 3]):
             own = self._options
             options = SweepOptions(
@@ -188,7 +197,7 @@ class HostRunner:
             )
             carried = None if group.carried is None else group.carried[some]
             x, p = ({name: values[some] for name, values in table.items()} for table in (group.x, group.p))
-            run = sweep_in_own_time(self.model, (group.t0[some], group.t1[some]), x, p, options, carried)
+            run = sweep_in_own_time(self.model, (group.t0[some], group.t1[some]), x, p, options, carried, times)
             if np.any(run.status == Status.INTERRUPTED):
                 raise KeyboardInterrupt
             self.taken = run.stats.method
@@ -197,6 +206,8 @@ class HostRunner:
             happened[some] = self._counted_on(happened[some], run)
             y = space.y[: len(happened) * self.size].reshape(len(happened), -1)
             y[some] = self._variables(run, p)
+            if times is not None:
+                self._record(run, group, some, space.sampled, table)
             space.ends[some] = np.column_stack([run.t, run.status, run.steps])
             space.totals[some] = self._reductions.keep(space.totals[some], run.reduced, run.t - group.t0[some])
 
@@ -204,9 +215,23 @@ class HostRunner:
         """Return the variables (k, 2 n_q + n_z) in which cases end, of parameters by name."""
         layout = self.model.layout
         if run._layout.state != layout.state:  # of a model without constraints that others imply
-            return np.column_stack(list(run._by_name(layout.variables).values()))
+            return np.column_stack(run._at_ends(layout.variables))
         columns = np.array([p[name] for name in layout.parameters]).reshape(len(layout.parameters), -1)
         return self.model.engine.rows(self._expansion, run.t, run.y, columns.T)
+
+    def _record(
+        self, run: Sweep, group: CaseGroup, some: NDArray[np.intp], following: NDArray[np.int64], table: CaseTable
+    ) -> None:
+        """Record the samples before the ends of the runs of some cases, of which `following` are the next."""
+        recorded = np.stack(run._at_samples(self.model.layout.variables), axis=2)
+        count = len(table.t_eval)
+        before = count - recorded.shape[1]
+        for place, t, own in zip(some.tolist(), run.t.tolist(), recorded, strict=True):
+            forward, first = 1.0 if group.t1[place] >= group.t0[place] else -1.0, int(following[place])
+            until = first + int(np.sum((table.t_eval[first:] - t) * forward < 0.0))
+            rows = slice(int(group.cases[place]) * count + first, int(group.cases[place]) * count + until)
+            table.samples.x[rows] = own[first - before : until - before]
+            following[place] = until
 
     def _counted_on(self, happened: FloatArray, run: Sweep) -> FloatArray:
         """Return what happened (k, 3 n_events) with what has happened in a run."""

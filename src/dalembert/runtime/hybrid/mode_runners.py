@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from ...codegen.runs import LoopCall
 from ...hybrid import Mode
 from ...hybrid.modes import mode_parameters
+from ...integrators.addresses import OwnedAddress
 from ...integrators.cases import BlockResult, CaseColumns
 from ...integrators.event_code import Event
 from ...integrators.phase_tables import CaseTable, ThreadWorkspace
+from ...integrators.sweep_arguments import PartSamples
 from ...ir.program import DIRECTION, Layout
 from ...mechanics.equations import ContactRow
 from ...options import StepOptions
@@ -55,7 +57,7 @@ class ModeRunner:
     """A mode, what is watched in it, and a method: the loop over lanes, compiled.
 
     `number` is that of the mode. The events are those of users, then the guards of the mode. The states that it writes
-    are those of the formulation (`expands`); the method is the one that it has.
+    are those of the formulation, of which the code `expand` makes variables; the method is the one that it has.
     """
 
     number: int
@@ -65,7 +67,8 @@ class ModeRunner:
     along: Mapping[str, Reduction]
     method: str
     options: StepOptions
-    expands: ClassVar[bool] = True
+    expand: OwnedAddress
+    samples_inside: ClassVar[bool] = True
     taken: ClassVar[str] = ""
 
     def forget(self) -> None:
@@ -102,6 +105,7 @@ class ModeRunner:
             max_steps=self.options.max_steps,
             carried=space.carried[: k * len(self.events)].reshape(k, -1) if stops else None,
             recorded=max(_FEWEST_ROWS, min(_MOST_ROWS, _ROOM // max(self.size, 1))) if recorded else 0,
+            part=self._part(space, table) if len(table.t_eval) else None,
         )
         happened = space.happened[: 3 * k * len(self.events)].reshape(k, -1)
         y = space.y[: k * self.size].reshape(k, self.size)
@@ -110,3 +114,8 @@ class ModeRunner:
         run = engine.sweeper(columns, self.method, result, np.empty((0, 0)), k)
         assert run is not None and run.call is not None
         return run.call(turn)
+
+    def _part(self, space: ThreadWorkspace, table: CaseTable) -> PartSamples:
+        """Return where the samples of the cases that are gathered are recorded."""
+        overwritten = space.clock, space.states, space.posed
+        return PartSamples(table.t_eval, space.chosen, space.sampled, table.samples.x, self.expand, *overwritten)

@@ -180,21 +180,20 @@ class PhaseExecutor:
         choice, modes, runners = self.choice, self.choice.modes, self.choice.runners
         width = max((len(runner.model.layout.parameters) for runner in runners), default=0)
         columns = np.zeros((len(runners), max(width, 1)), np.int64)
-        lines, guards = np.zeros((4, len(runners)), np.int64), list[tuple[int, int, int]]()
+        lines, guards = np.zeros((5, len(runners)), np.int64), list[tuple[int, int, int]]()
         expand = AddressTable.zeros(len(runners))
         for i, (row, runner) in enumerate(zip(columns, runners, strict=True)):
-            names = runner.model.layout.parameters if runner.expands else ()
+            names = runner.model.layout.parameters if runner.expand else ()
             row[: len(names)] = [choice.rows.parameters[name] for name in names]
-            if runner.expands:
-                expand[i] = runner.model.engine.code(modes.expansion(runner.mode))[0]
-            lines[:, i] = runner.size, len(names), len(runner.events), len(guards)
+            expand[i] = runner.expand
+            lines[:, i] = runner.size, len(names), len(runner.events), len(guards), runner.samples_inside
             own, kinked = modes.guards(runner.mode), modes.kinked(runner.mode)
             guards += [(g.contact, BITS.get((g.kind, g.sign), 0), int(g.output in kinked)) for g in own]
         watched = choice.reductions.events
         return PhasePlan(
             contact_data=modes.engine().code(modes.automaton.contact_data)[0],
             decide=loop_named(LOOP).entry,
-            runners=RunnerTable(choice.served, lines[0], lines[1], lines[2], lines[3], expand),
+            runners=RunnerTable(choice.served, lines[0], lines[1], lines[2], lines[3], expand, lines[4]),
             columns=columns,
             guards=np.array(guards, np.int64).reshape(len(guards), 3),
             terminal=np.array([int(event.terminal) for event in watched], np.int64),

@@ -139,7 +139,8 @@ class RunnerChoice:
             events = (*self._requested, *self.modes.events(mode))
             if compiled:
                 along = self.reductions.along
-                self.runners.append(ModeRunner(number, mode, model, events, along, method, self.options))
+                expand = model.engine.code(self.modes.expansion(mode))[0]
+                self.runners.append(ModeRunner(number, mode, model, events, along, method, self.options, expand))
             else:
                 about = events, self.reductions, method, self.options, self._take_first_step, self._left
                 self.runners.append(HostRunner(self.modes, number, *about))

@@ -41,7 +41,8 @@ def thread_workspace(
     size = max((runner.size for runner in runners), default=0)
     events = max((len(runner.events) for runner in runners), default=0)
     numbers = len(decisions.automaton.contact_data.outputs)
-    deciding = decisions.arguments(table.cases, np.zeros((lanes, numbers)), np.full(lanes, -1), choice.options.rtol)
+    tolerances = choice.options.rtol, choice.options.atol
+    deciding = decisions.arguments(table.cases, np.zeros((lanes, numbers)), np.full(lanes, -1), tolerances)
     space = ThreadWorkspace(
         gathered=aligned(rows.count, together),
         entries=AddressTable.zeros(len(runners)),
@@ -55,6 +56,7 @@ def thread_workspace(
         reaching=np.full((2, lanes), -1, np.int64),
         acted=aligned(int(max(np.diff(table.stops.columns), default=1)), lanes),
         chosen=np.zeros(together, np.int64),
+        sampled=np.zeros(together, np.int64),
         clock=aligned(1, lanes),
         states=aligned(max(size, 1), lanes),
         constants=np.ones((max(rows.count, 1), lanes)),
@@ -62,6 +64,7 @@ def thread_workspace(
         posed=aligned(table.cases.x.shape[1], lanes),
         data=aligned(numbers, lanes),
         deciding=deciding.deciding,
+        ending=deciding.ending,
         values=deciding.values,
         after_impact=deciding.after_impact,
         decision=pack(deciding).reshape(1, -1),
