@@ -22,7 +22,8 @@ from .contact_system import (
 )
 from .dense_solve import solve_dense
 
-__all__ = ["compliance", "load_accelerations", "load_correction", "load_impact", "shift_forces", "solve_mode"]
+__all__ = ["compliance", "gap_compliance", "load_accelerations", "load_compliances", "load_correction"]
+__all__ += ["load_impact", "press_compliance", "shift_forces", "solve_mode"]
 
 _STEP, _MOST_STEPS = 2.0**20, 50
 """Factor between scales, and most of them: sizes of ordinary units keep the scale one."""
@@ -104,20 +105,20 @@ def _scale_of(size: float) -> float:
 
 
 @compiled_subset
-def _respond(system: ContactSystem, opened: int) -> None:
-    """Find how the motion responds to friction with some contacts open, as bits."""
-    kept = opened % system.kept.size
-    system.solved.place = kept * system.solution.size
-    if system.kept[kept] == opened:
-        return
-    system.kept[kept] = opened
-    n, width, held = system.coordinates, 1 + system.slips, _hold(system, opened)
+def _accelerate(system: ContactSystem, opened: int, width: int) -> int:
+    """Solve for what the motion is without friction, for a unit of each friction force, and of each normal reaction.
+
+    These are columns of ``saddle_right``, of which the first ``width`` are solved for, with some contacts open, as
+    bits. Returns the number of constraints that hold.
+    """
+    n, held = system.coordinates, _hold(system, opened)
     for i in range(n):
         for j in range(n):
             system.saddle[i, j] = system.mass[i, j] * system.scales[i] * system.scales[j]
         system.saddle_right[i, 0] = system.load[i] * system.scales[i]
-        for j in range(system.slips):
-            system.saddle_right[i, 1 + j] = system.power[system.tangential[j], i] * system.scales[i]
+        for j in range(1, width):
+            force = system.tangential[j - 1] if j <= system.slips else system.normal[j - 1 - system.slips]
+            system.saddle_right[i, j] = system.power[force, i] * system.scales[i]
     for a in range(held):
         row = system.held[a]
         for j in range(n):
@@ -131,6 +132,33 @@ def _respond(system: ContactSystem, opened: int) -> None:
     for i in range(n + held):
         for j in range(width):
             system.saddle_right[i, j] *= system.scales[i if i < n else n + system.held[i - n]]
+    return held
+
+
+@compiled_subset
+def load_compliances(system: ContactSystem) -> None:
+    """Write what each friction force and each normal reaction does where all contacts that can open are open."""
+    opened, k, s = 0, system.contacts, system.slips
+    for i in range(k):
+        if system.constraint[i] >= 0:
+            opened += 1 << i
+    _accelerate(system, opened, 1 + s + k)
+    for r in range(s + k):
+        row = system.constraints + r if r < s else system.constraint[r - s]
+        sign = 1.0 if r < s else float(system.sense[r - s])
+        for j in range(1 + s + k):
+            system.compliances[r, j] = sign * _along(system, row, j) if row >= 0 else 0.0
+
+
+@compiled_subset
+def _respond(system: ContactSystem, opened: int) -> None:
+    """Find how the motion responds to friction with some contacts open, as bits."""
+    kept = opened % system.kept.size
+    system.solved.place = kept * system.solution.size
+    if system.kept[kept] == opened:
+        return
+    system.kept[kept] = opened
+    held = _accelerate(system, opened, 1 + system.slips)
     _reactions(system, held, opened)
     _write(system)
 
@@ -276,11 +304,32 @@ def solve_mode(system: ContactSystem, chosen: Combination) -> None:
     for a in range(system.solved.undetermined):
         for r in range(system.slips):
             system.free[a, r] = system.dense.free[a, r]
+    if system.solved.undetermined > 1:
+        _separate(system)
     for i in range(system.solution.size):
         value = found[system.solved.place + i, 0]
         for j in range(system.slips):
             value += found[system.solved.place + i, 1 + j] * forces[j, 0]
         system.solution[i] = value
+
+
+@compiled_subset
+def _separate(system: ContactSystem) -> None:
+    """Combine the directions in which forces are not determined so that each changes few contacts (Gauss-Jordan)."""
+    free, count = system.free, system.solved.undetermined
+    for a in range(count):
+        pivot = 0
+        for r in range(1, system.slips):
+            if abs(free[a, r]) > abs(free[a, pivot]):
+                pivot = r
+        largest = free[a, pivot]
+        for r in range(system.slips):
+            free[a, r] /= largest
+        for b in range(count):
+            if b != a:
+                factor = free[b, pivot]
+                for r in range(system.slips):
+                    free[b, r] -= factor * free[a, r]
 
 
 @compiled_subset
@@ -290,11 +339,22 @@ def compliance(system: ContactSystem, a: int, b: int) -> float:
 
 
 @compiled_subset
+def gap_compliance(system: ContactSystem, i: int, r: int) -> float:
+    """Return the acceleration of the gap of a contact for a unit of friction force along a slip velocity."""
+    return system.responses[system.solved.place + system.coordinates + system.contacts + i, 1 + r]
+
+
+@compiled_subset
+def press_compliance(system: ContactSystem, i: int, r: int) -> float:
+    """Return the change of the normal reaction of a contact for a unit of friction force along a slip velocity."""
+    return system.responses[system.solved.place + system.coordinates + i, 1 + r]
+
+
+@compiled_subset
 def shift_forces(system: ContactSystem, direction: int, amount: float) -> None:
     """Change friction forces along a direction in which they are not determined, and normal reactions with them."""
     for r in range(system.slips):
         system.forces[r, 0] += amount * system.free[direction, r]
     for i in range(system.contacts):
-        presses = system.solved.place + system.coordinates + i
         for r in range(system.slips):
-            system.press[i] += amount * system.responses[presses, 1 + r] * system.free[direction, r]
+            system.press[i] += amount * press_compliance(system, i, r) * system.free[direction, r]

@@ -122,8 +122,11 @@ class ContactSystem(NamedTuple):
     scales : (n_q + n_constraints + n_reactions,)
         Powers of two by which accelerations, multipliers and reactions are divided to be solved for, so that which
         systems are singular does not depend on units.
-    saddle, saddle_right : (n, n), (n, 1 + n_slips)
+    saddle, saddle_right : (n, n), (n, 1 + n_slips + n_contacts)
         System of accelerations and multipliers.
+    compliances : (n_slips + n_contacts, 1 + n_slips + n_contacts)
+        With all contacts open: accelerations of slip and of gaps, without contact forces and for a unit of each
+        friction force and of each normal reaction.
     square, square_right : (n_reactions, n_reactions), (n_reactions, 1 + n_slips)
         System of the reactions.
     laws, forces : (n_slips, n_slips), (n_slips, 1)
@@ -181,6 +184,7 @@ class ContactSystem(NamedTuple):
     scales: Vector
     saddle: Matrix
     saddle_right: Matrix
+    compliances: Matrix
     square: Matrix
     square_right: Matrix
     laws: Matrix
@@ -222,7 +226,8 @@ def contact_system(automaton: HybridAutomaton) -> ContactSystem:
         kept=np.zeros(_KEPT_RESPONSES, np.int64),
         scales=np.ones(n + m + u),
         saddle=np.zeros((size, size)),
-        saddle_right=np.zeros((size, 1 + s)),
+        saddle_right=np.zeros((size, 1 + s + k)),
+        compliances=np.zeros((s + k, 1 + s + k)),
         square=np.zeros((size, size)),
         square_right=np.zeros((size, 1 + s)),
         laws=np.zeros((s, s)),

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..hybrid.automaton import BITS
-from .arguments import IntMatrix, IntVector, Vector
+from .arguments import IntMatrix, IntVector, Record, Vector
 from .compiled_subset import compiled_subset, sqrt
 from .contact_system import OPEN, SLIP, SMOOTH, STICK, Combination, ContactSystem, combination
 
@@ -27,9 +27,11 @@ __all__ = [
     "TOUCHING",
     "TURN",
     "Candidates",
+    "Found",
     "broken",
     "candidates_space",
     "closed_kind",
+    "combinations",
     "combine",
     "copy_combination",
     "list_options",
@@ -48,6 +50,29 @@ sliding; closed with a slip velocity of zero; closed with a slip velocity; after
 if no other impact follows at the same instant."""
 
 _MOST_OPTIONS = 8
+
+_FEW_CONTACTS, _FEW, _ALL = 3, 256, 2**62
+"""Contacts up to which every combination is tried; with more, the most combinations that are all tried."""
+
+
+class Found(Record):
+    """Combinations that obey the laws of contact, as far as they have been tried.
+
+    Attributes
+    ----------
+    best : int
+        2 where one holds, 1 where one does within rounding, else 0.
+    clear, lost, ambiguous : int
+        The number of those that hold beyond rounding; 1 where a motion was not finite; 1 where two exclude each other.
+    most : int
+        Number of combinations up to which all are tried; where there are more, a search goes from one to the next.
+    """
+
+    best: int
+    clear: int
+    lost: int
+    ambiguous: int
+    most: int
 
 
 class Candidates(NamedTuple):
@@ -71,10 +96,17 @@ class Candidates(NamedTuple):
         State, side and direction of each option; their number; the number of the option in the combination.
     begins : (n_contacts,)
         1 where slip in a plane begins in the combination.
+    taken, wanted : (n_contacts,)
+        Numbers of the options in the best combination, and of those that violated laws call for, -1 for none.
+    pushed, shares : (n_contacts,)
+        Change of the normal reaction along a direction in which forces are not determined, and 1 where forces change.
+    guessed : (n_slips + n_contacts,)
+        Friction forces and normal reactions as iterations find them.
     given : Combination
         The former states and signs, and directions of the slip velocities, or the former ones where there is none.
     now, best, clear : Combination
         The one that is tried, the one that is taken, and the first that holds beyond rounding.
+    found : Found
     """
 
     kind: IntVector
@@ -88,21 +120,30 @@ class Candidates(NamedTuple):
     option_count: IntVector
     choice: IntVector
     begins: IntVector
+    taken: IntVector
+    wanted: IntVector
+    pushed: Vector
+    shares: IntVector
+    guessed: Vector
     given: Combination
     now: Combination
     best: Combination
     clear: Combination
+    found: Found
 
 
 def candidates_space(system: ContactSystem) -> Candidates:
     """Return working memory for the contacts of a scene."""
     k = system.contacts
-    kind, fired, struck, slides, count, choice, begins = np.zeros((7, k), np.int64)
-    still, least, base_sides = np.zeros((3, k))
+    kind, fired, struck, slides, count, choice, begins, taken, wanted, shares = np.zeros((10, k), np.int64)
+    still, least, base_sides, pushed = np.zeros((4, k))
     options = np.zeros((k, 3 * _MOST_OPTIONS), np.int64)
     given, now, best, clear = (combination(k, system.coordinates) for _ in range(4))
     made = kind, fired, struck, slides, still, least, base_sides, options, count, choice, begins
-    return Candidates(*made, given, now, best, clear)
+    memory = taken, wanted, pushed, shares, np.zeros(system.slips + k)
+    found = Found()
+    found.most = _ALL if k <= _FEW_CONTACTS else _FEW
+    return Candidates(*made, *memory, given, now, best, clear, found)
 
 
 @compiled_subset
@@ -180,6 +221,15 @@ def list_options(system: ContactSystem, pick: Candidates, expected: bool) -> Non
                 _add_option(pick, i, system.closed[i], side, way if line else 0)
         if system.constraint[i] >= 0 and pick.struck[i] == 0:
             _add_option(pick, i, OPEN, 1, 0)
+
+
+@compiled_subset
+def combinations(pick: Candidates) -> float:
+    """Return the number of combinations of the listed options."""
+    number = 1.0
+    for i in range(pick.option_count.size):
+        number *= float(pick.option_count[i])
+    return number
 
 
 @compiled_subset
