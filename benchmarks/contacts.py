@@ -1,24 +1,31 @@
-"""Friction and contacts: steps a second of sweeps and runs with modes, against the same scene without friction.
+"""Friction and contacts: steps a second of sweeps and runs with modes, and the cost of a decision by contacts.
 
-``python benchmarks/contacts.py`` prints the table.
+``python benchmarks/contacts.py`` prints the tables: a scene with friction against the same without, and decisions of 2
+to 12 contacts with the search for a mode against trying every combination.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import exact  # noqa: F401 - puts tests/ on the path
 import numpy as np
 from measure import Timing, interleaved
-from sympy import sin
-from sympy.physics.mechanics import dynamicsymbols
+from sympy import sin, symbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
+from dalembert.codegen.llvm.loops import loop_named
+from dalembert.integrators.contact_cases import contact_cases
+from dalembert.integrators.mode_candidates import ALL
+from dalembert.methods.status import Status
+from dalembert.runtime.hybrid.decisions import LOOP
 from hard_cases.contacts import corner_plate
 
-__all__ = ["HEAD", "contacts_rows", "contacts_text", "measure_contacts", "tasks"]
+__all__ = ["HEAD", "contacts_rows", "contacts_text", "decisions_text", "measure_contacts", "measure_decisions", "tasks"]
 
 Record = dict[str, Any]
 TIME = dynamicsymbols._t
@@ -124,5 +131,67 @@ def contacts_text(records: Sequence[Record]) -> str:
     return "\n".join("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
 
 
+def _pile(count: int) -> da.Scene:
+    """Return points on each other on a rough floor, the lowest of which is pushed."""
+    m, g, mu, push = symbols("m g mu push", positive=True)
+    N, O = ReferenceFrame("N"), Point("O")
+    places = [dynamicsymbols(f"x{i} y{i}") for i in range(count)]
+    scene = da.Scene(f"pile of {count}", frame=N, origin=O, coordinates=[q for place in places for q in place])
+    at = [O.locatenew(f"P{i}", x * N.x + y * N.y) for i, (x, y) in enumerate(places)]
+    below: tuple[Any, Any] = (0 * TIME, 0 * TIME)
+    for i, (x, y) in enumerate(places):
+        normal, force = da.unknowns(f"R{i} F{i}")
+        up = force * N.x + normal * N.y
+        scene.add_bodies(Particle(f"point{i}", at[i], m))
+        scene.add_joints(da.Joint(f"up{i}", body=f"point{i}", at=at[i], force=up))
+        if i > 0:
+            scene.add_joints(da.Joint(f"down{i}", body=f"point{i - 1}", at=at[i - 1], force=-up))
+        scene.add_contacts(da.UnilateralContact(normal, gap=y - below[1], name=f"c{i}"))
+        slip = x.diff(TIME) - below[0].diff(TIME)
+        scene.add_friction(da.CoulombFriction(normal, force, slip=slip, mu=mu, name=f"c{i}"))
+        below = x, y
+    scene.add_loads((at[0], push * N.x))
+    scene.apply_uniform_gravity(-g * N.y)
+    return scene
+
+
+def measure_decisions(counts: Sequence[int] = (2, 4, 8, 12), most: float = 1e5) -> list[Record]:
+    """Return records of decisions about piles at rest: combinations, milliseconds with the search and with all tried.
+
+    The lowest point is pushed so that it slips and all others stick. All combinations are tried up to `most` of them.
+    """
+    records = []
+    for count in counts:
+        model = da.compile_model(_pile(count))
+        values = {"m": 1.0, "g": 10.0, "mu": 0.5, "push": 40.0 * count}
+        p = np.array([[values[name] for name in model.layout.parameters]])
+        x, decisions = np.zeros((1, 4 * count)), model.modes.decisions
+        numbers, spent = decisions.values(np.zeros(1), x, p), {}
+        for name, limit in (("search", 0), ("all", ALL)):
+            if name == "all" and 4.0**count > most:
+                continue
+            for _ in range(5):
+                cases = contact_cases(np.zeros(1), x.copy(), p, np.ones(1), count)
+                arguments = decisions.arguments(cases, numbers, np.zeros(1, np.int64), 0.0)
+                arguments.candidates.found.most = limit
+                begin = time.perf_counter()
+                loop_named(LOOP)(arguments)
+                spent[name] = min(spent.get(name, math.inf), time.perf_counter() - begin)
+            if cases.status[0] != Status.SUCCESS:
+                raise RuntimeError(f"{count} contacts: {Status(int(cases.status[0])).name}")
+        records.append({"contacts": count, "combinations": 4**count, "ms": {k: 1e3 * v for k, v in spent.items()}})
+    return records
+
+
+def decisions_text(records: Sequence[Record]) -> str:
+    """Return the table of decisions as text."""
+    lines = [f"{'contacts':>8}{'combinations':>14}{'ms of the search':>18}{'ms of all of them':>19}"]
+    for r in records:
+        tried = f"{r['ms']['all']:.3f}" if "all" in r["ms"] else "-"
+        lines.append(f"{r['contacts']:>8}{r['combinations']:>14,}{r['ms']['search']:>18.3f}{tried:>19}")
+    return "\n".join(lines)
+
+
 if __name__ == "__main__":
     print(contacts_text(measure_contacts(10_000, 5)))
+    print(decisions_text(measure_decisions()))

@@ -12,6 +12,7 @@ from .compiled_subset import compiled_subset, sqrt
 from .contact_system import OPEN, SLIP, SMOOTH, STICK, Combination, ContactSystem, combination
 
 __all__ = [
+    "ALL",
     "BREAK_DOWN",
     "BREAK_PLANE",
     "BREAK_UP",
@@ -51,7 +52,7 @@ if no other impact follows at the same instant."""
 
 _MOST_OPTIONS = 8
 
-_FEW_CONTACTS, _FEW, _ALL = 3, 256, 2**62
+_FEW_CONTACTS, _FEW, ALL = 3, 256, 2**62
 """Contacts up to which every combination is tried; with more, the most combinations that are all tried."""
 
 
@@ -142,7 +143,7 @@ def candidates_space(system: ContactSystem) -> Candidates:
     made = kind, fired, struck, slides, still, least, base_sides, options, count, choice, begins
     memory = taken, wanted, pushed, shares, np.zeros(system.slips + k)
     found = Found()
-    found.most = _ALL if k <= _FEW_CONTACTS else _FEW
+    found.most = ALL if k <= _FEW_CONTACTS else _FEW
     return Candidates(*made, *memory, given, now, best, clear, found)
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 from .compiled_subset import compiled_subset, sqrt
 from .contact_forces import compliance, gap_compliance, load_compliances, solve_mode
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertial_size
-from .mode_candidates import Candidates, combine, list_options
+from .mode_candidates import TOUCHING, Candidates, combine, list_options
 from .mode_laws import (
     ROUNDING,
     all_forces,
@@ -27,12 +27,12 @@ from .mode_laws import (
     unchanged,
 )
 
-__all__ = ["search_modes"]
+__all__ = ["friction_decides", "search_modes"]
 
 _PATIENCE = 4
 """Steps of all violated contacts at once that may fail to leave fewer violated laws."""
 
-_STEPS, _STEPS_EACH, _PROBING = 10, 4, 8
+_STEPS, _STEPS_EACH, _PROBING = 20, 20, 8
 """Most steps of a search, those for each contact in addition, and most steps of a search for another solution."""
 
 _SWEEPS, _CLOSE = 400, 1e-10
@@ -141,19 +141,19 @@ def _change(pick: Candidates, together: bool) -> bool:
 @compiled_subset
 def _search(system: ContactSystem, pick: Candidates, meets: bool, steps: int) -> bool:
     """Go from the chosen combination to one that holds; return whether one was found, within rounding at least."""
-    fewest, patience, left, met = system.contacts + 1, _PATIENCE, steps, False
+    fewest, failures, left, met = system.contacts + 1, 0, steps, False
     while left > 0:
         grade = try_combination(system, pick, meets)
         if grade == 2:
             return True
         if grade == 1 and not met:
-            met, fewest, patience, left = True, system.contacts + 1, 0, min(left, system.contacts)
+            met, fewest, left = True, system.contacts + 1, min(left, system.contacts)
         count = _violated(system, pick, 0.0 if grade == 1 else -ROUNDING)
         if count < fewest:
-            fewest, patience = count, _PATIENCE
+            fewest, failures = count, 0
         else:
-            patience -= 1
-        if not _change(pick, patience >= 0):
+            failures += 1
+        if not _change(pick, failures <= _PATIENCE):
             return met
         left -= 1
     return met
@@ -244,22 +244,22 @@ def _prefer(system: ContactSystem, pick: Candidates, meets: bool) -> None:
 
 
 @compiled_subset
-def _loads_gaps(system: ContactSystem, pick: Candidates) -> bool:
+def friction_decides(system: ContactSystem, pick: Candidates) -> bool:
     """Return whether friction may decide which contacts open: it moves gaps, or constraints have two sides.
 
     Otherwise the accelerations of the gaps follow from the normal reactions alone, and have one solution.
     """
     for i in range(system.contacts):
-        if system.sided[i] != 0:
+        if system.constraint[i] < 0:
             return True
         pick.now.mode[i] = OPEN
     solve_mode(system, pick.now)
     for i in range(system.contacts):
-        if system.constraint[i] < 0 or pick.option_count[i] < 2:
+        if pick.kind[i] < TOUCHING:
             continue
         gap = inertial_size(system, system.jacobian[system.constraint[i]])
         for j in range(system.contacts):
-            rough = pick.option_count[j] > 1 and system.mu_static[j] > 0.0
+            rough = pick.kind[j] >= TOUCHING and system.mu_static[j] > 0.0
             for r in range(system.first[j], system.first[j] + (system.width[j] if rough else 0)):
                 size = gap * inertial_size(system, system.power[system.tangential[r]])
                 if abs(gap_compliance(system, i, r)) > _POWERLESS * size:
@@ -282,23 +282,23 @@ def _exclude(pick: Candidates, i: int) -> int:
 
 
 @compiled_subset
-def search_modes(system: ContactSystem, pick: Candidates, expected: bool, meets: bool) -> None:
+def search_modes(system: ContactSystem, pick: Candidates, expected: bool, meets: bool, several: bool) -> None:
     """Search for combinations of the listed options that hold.
 
-    Where one is found, others are looked for in which one of the contacts is open instead of closed, or the reverse:
-    where one holds too, the laws have several solutions. ``expected`` is that of `list_options`.
+    Where the laws may have ``several`` solutions, others are then looked for in which one of the contacts is open
+    instead of closed, or the reverse. ``expected`` is that of `list_options`.
     """
     steps = _STEPS + _STEPS_EACH * system.contacts
-    _begin(pick, False)
-    if not _search(system, pick, meets, steps):
-        _guess(system, pick)
-        if not _search(system, pick, meets, steps):
-            _begin(pick, True)
-            _search(system, pick, meets, steps)
-    if pick.found.best == 0:
-        return
-    _prefer(system, pick, meets)
-    if not _loads_gaps(system, pick):
+    for start in range(3):
+        if start == 1:
+            _guess(system, pick)
+        else:
+            _begin(pick, start == 2)
+        if _search(system, pick, meets, steps):
+            break
+    if pick.found.best > 0:
+        _prefer(system, pick, meets)
+    if pick.found.best == 0 or not several:
         return
     best = pick.found.best
     for i in range(system.contacts):
@@ -308,3 +308,7 @@ def search_modes(system: ContactSystem, pick: Candidates, expected: bool, meets:
                 for j in range(system.contacts):
                     pick.choice[j] = n if j == i else pick.taken[j]
                 _search(system, pick, meets, _PROBING)
+                if pick.found.ambiguous == 0:
+                    _begin(pick, True)
+                    pick.choice[i] = n
+                    _search(system, pick, meets, _PROBING)

@@ -1,8 +1,8 @@
 """Mode selection: the mode of the contacts that contradicts no law of contact (`mode_laws`).
 
-Every combination of what contacts may do is tried, or, where there are many, those that a search comes to
-(`mode_search`). Where no combination is left, or one with a contact open and one with it closed, the laws have no
-solution or several.
+Every combination of what contacts may do is tried. Of more than three contacts a search tries some (`mode_search`),
+where combinations are many or where friction cannot make several of them hold. Where no combination is left, or one
+with a contact open and one with it closed, the laws have no solution or several.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from __future__ import annotations
 from ..methods.status import Status
 from .compiled_subset import compiled_subset
 from .contact_system import ContactSystem
-from .mode_candidates import LIFTING, Candidates, closed_kind, combinations, list_options, next_combination
+from .mode_candidates import ALL, LIFTING, Candidates, closed_kind, combinations, list_options, next_combination
 from .mode_laws import try_combination
-from .mode_search import search_modes
+from .mode_search import friction_decides, search_modes
 
 __all__ = ["select_mode"]
 
@@ -49,10 +49,11 @@ def _find(system: ContactSystem, pick: Candidates, expected: bool, meets: bool) 
     list_options(system, pick, expected)
     found = pick.found
     found.best = found.clear = found.lost = found.ambiguous = 0
-    if combinations(pick) <= float(found.most):
+    several = found.most == ALL or friction_decides(system, pick)
+    if several and combinations(pick) <= float(found.most):
         _try_all(system, pick, meets)
     else:
-        search_modes(system, pick, expected, meets)
+        search_modes(system, pick, expected, meets, several)
     return _status(pick)
 
 
