@@ -8,9 +8,9 @@ from sympy import symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.integrators.projection import FAILED, add_correction, correction_test
+from dalembert.integrators.projection import FAILED, add_correction, correction_test, largest_change
 from dalembert.methods.status import Status
-from dalembert.methods.step_constants import BRANCH, LINEAR_CHANGE, LINEAR_CORRECTIONS, SLOW
+from dalembert.methods.step_constants import LINEAR_CHANGE, LINEAR_CORRECTIONS, SMALL_COMPONENT
 
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
@@ -18,6 +18,8 @@ pytest.importorskip("diffrax")
 from dalembert.integrators.jax.projection import CORRECTIONS, project  # noqa: E402
 
 ABOVE = 1.0 + 1e-9
+TOLERANCES = 1e-6, 1e-8
+LARGEST = largest_change(2.0, *TOLERANCES)
 POSITIONS = CORRECTIONS["project_position"]
 
 
@@ -29,10 +31,10 @@ def double():
 
 def decided(y, corrections):
     """Return what the rules of the compiled loops make of corrections, all of which are applied."""
-    states, held = np.array([[y]]), True
+    states, held, before = np.array([[y]]), True, np.array([[y]])
     for attempt, correction in enumerate(corrections):
-        found = add_correction(states, 0, np.array([[correction]]), 0)
-        held &= correction_test(attempt, len(corrections), *found) != FAILED
+        found = add_correction(states, 0, before, 0, np.array([[correction]]), 0, TOLERANCES[1])
+        held &= correction_test(attempt, len(corrections), *found, *TOLERANCES) != FAILED
     return states[0, 0], held
 
 
@@ -42,11 +44,11 @@ def decided(y, corrections):
     [
         (1.0, [0.3, 1e-3, 1e-7]),
         (1.0, [5.0, 1e-2, 1e-5]),  # positions may be far away
-        (0.0, [1e-2, 1e-3, LINEAR_CHANGE * 0.9 * (SLOW + 0.011)]),
-        (0.0, [1e-2, 1e-3, LINEAR_CHANGE * 1.1 * (SLOW + 0.011)]),
+        (0.0, [1e-2, 1e-3, LINEAR_CHANGE * 0.9 * (1.0 + SMALL_COMPONENT) * 0.011]),
+        (0.0, [1e-2, 1e-3, LINEAR_CHANGE * 1.1 * (1.0 + SMALL_COMPONENT) * 0.011]),
         (1.0, [0.3, math.nan, 0.0]),
-        (2.0, [BRANCH * (SLOW + 2.0), 1e-6]),
-        (2.0, [BRANCH * (SLOW + 2.0) * ABOVE, 1e-6]),
+        (2.0, [LARGEST / ABOVE, 1e-6]),
+        (2.0, [LARGEST * ABOVE, 1e-6]),
         (2.0, [1e-3, 3e-4]),
         (2.0, [1e-3, 1e-4]),
         (0.0, [0.0, 0.0]),
@@ -62,7 +64,7 @@ def test_corrections_are_judged_alike(y, corrections, whole):
         return (jax.numpy.array([step, step]) if whole else jax.numpy.array([step, 0.0]),)
 
     assert len(corrections) in (POSITIONS, LINEAR_CORRECTIONS)
-    (found,), held = project([(correct, len(corrections))], scalar, start, ())
+    (found,), held = project([(correct, len(corrections))], scalar, start, (), start, TOLERANCES)
     end, wanted = decided(y, corrections)
     assert bool(held if whole else held[0]) == wanted and (whole or bool(held[1]))
     np.testing.assert_array_equal(found[0], end)

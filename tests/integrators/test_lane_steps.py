@@ -41,12 +41,12 @@ LANES, BUDGET, LARGEST = 2, 10.0, 2.0
 def sweep(memory=0, t_eval=(), cases=2, position=0):
     """Return arguments for cases of one component whose steps have polynomials, and lanes that hold case 0 and 1."""
     size = N + 2 + memory
-    state = lane_state(LANES, N, 1, 3, size + N * (DEGREE + 1), 1, N)
+    state = lane_state(LANES, N, 1, 5, size + N * (DEGREE + 1), 1, N)
     times = np.array(t_eval, dtype=float)
     arguments = SweepArguments(
         kernels=SweepKernels(0, 0, position, 0, 0, 0, 0, 0),
         shape=CaseShape(N, 0, DEGREE, memory, 0, 1, 0, cases, 2),
-        limits=np.array([[LARGEST, BUDGET, 1e-9]]),
+        limits=np.array([[LARGEST, BUDGET, 1e-9, 1e-8, 1e-10]]),
         columns=Columns(AddressTable.zeros(3), np.zeros(3, np.int64)),
         turn=np.zeros(1, np.int64),
         t_eval=times,
@@ -225,7 +225,8 @@ def test_a_step_whose_end_cannot_be_projected_is_undone(monkeypatch, memory, att
     step(arguments, 0, 0.5)
     step(arguments, 1, 0.5)
 
-    def correct(position, velocity, clock, states, first, constants, delta, mark):
+    def correct(position, velocity, clock, states, first, earlier, before, constants, delta, mark, rtol, atol):
+        assert (earlier[before, 1], states[first, 1], rtol, atol) == (2.0, 7.0, 1e-8, 1e-10)
         mark[1] = FAILED
 
     monkeypatch.setattr("dalembert.integrators.lane_steps.correct", correct)

@@ -35,7 +35,7 @@ class Stepper(NamedTuple):
     degree : int
         Degree of the polynomial of a step.
     settings : list of float
-        Tolerances that the step reads.
+        What the step reads, and last the tolerances.
     evaluations : (int, int)
         Evaluations of the rates, or of the series, before the first attempt and in each.
     """
@@ -89,7 +89,7 @@ class Steppers:
                 step = self._steps.taylor(order, lanes, dense=dense)
             else:
                 step = self._steps.with_event_series(watched.watch.joint, len(watched.events), order, lanes)
-            return Stepper((step, NO_CODE), 0, order, [floor])
+            return Stepper((step, NO_CODE), 0, order, [floor, rtol, atol])
         tableau = pair_named(method, bounded=bounded)
         codes, memory = self._steps.attempt(tableau, lanes, dense=dense), memory_size(self._n, self._steps.carried)
         evaluations = 2, tableau.n_total - self._steps.carried

@@ -161,12 +161,14 @@ def _begin(codes: Addresses, tableau: PackedTableau, settings: Settings, run: Ru
 
 
 @compiled_subset
-def _test_step(codes: Addresses, tableau: PackedTableau, run: Run, error: float, t_new: float, y_new: int) -> int:
+def _test_step(
+    codes: Addresses, tableau: PackedTableau, settings: Settings, run: Run, error: float, t_new: float, y_new: int
+) -> int:
     """Test the error of a step, project its end and evaluate the stage there; return the result of the test."""
     outcome = error_test(error)
     if outcome != ACCEPTED:
         return outcome
-    if not project(codes.position, codes.velocity, t_new, run, y_new):
+    if not project(codes.position, codes.velocity, settings, t_new, run, y_new):
         return Status.PROJECTION_FAILED
     last = tableau.first + tableau.end
     if codes.position != 0 or codes.velocity != 0 or not tableau.fsal:
@@ -185,7 +187,7 @@ def _attempt(codes: Addresses, tableau: PackedTableau, settings: Settings, run: 
     evaluate_stages(codes.rhs, tableau, 1, tableau.end + 1, t, h, run, y, y_new)
     error = error_norm(tableau, h, work, y, y_new, settings.rtol, settings.atol, n)
     progress.evaluations += tableau.end if tableau.fsal else tableau.end - 1
-    outcome = _test_step(codes, tableau, run, error, t_new, y_new)
+    outcome = _test_step(codes, tableau, settings, run, error, t_new, y_new)
     if outcome != ACCEPTED:
         return retry(settings, run, abs(h) * reduction(outcome, error, tableau.exponent), outcome)
     if settings.stop_if_stiff and progress.steps >= STIFFNESS_FROM:  # before the point of the last stage is overwritten

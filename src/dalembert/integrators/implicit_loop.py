@@ -247,13 +247,13 @@ def _error(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: Ru
 
 
 @compiled_subset
-def _test_step(codes: Addresses, run: Run, error: float, t_new: float, y_new: int) -> int:
+def _test_step(codes: Addresses, settings: Settings, run: Run, error: float, t_new: float, y_new: int) -> int:
     """Test the error of a step, project its end and evaluate the slope there; return the result of the test."""
     outcome = error_test(error)
     if outcome != ACCEPTED:
         return outcome
     outcome = Status.PROJECTION_FAILED
-    if project(codes.position, codes.velocity, t_new, run, y_new):
+    if project(codes.position, codes.velocity, settings, t_new, run, y_new):
         evaluate(codes.rhs, t_new, run, y_new, SLOPE)
         outcome = ACCEPTED if all_finite(run.work, y_new, SLOPE) else Status.NON_FINITE
         run.progress.evaluations += 1
@@ -276,7 +276,7 @@ def _attempt(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: 
     for m in range(work.shape[1]):
         work[y_new, m] = work[y, m] + work[Z + 2, m]
     error = _error(codes, settings, space, run, h, y_new)
-    outcome = _test_step(codes, run, error, t_new, y_new)
+    outcome = _test_step(codes, settings, run, error, t_new, y_new)
     quotient = _shrinkage(error if error < np.inf else 1e4, iterations)
     if outcome != ACCEPTED:
         if error <= 1.0:

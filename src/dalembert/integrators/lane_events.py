@@ -226,8 +226,21 @@ def _project_alone(arguments: SweepArguments, lane: int) -> bool:
     lone, numbers = state.numbers.lone, state.numbers
     for other in range(state.clock.shape[1]):
         lone[other] = PENDING if other == lane else NONE
-    states, old = state.states, state.progress.old
-    correct(kernels.position, kernels.velocity, state.clock, states, old, state.constants, state.delta, lone)
+    states, old, tolerances = state.states, state.progress.old, state.settings.shape[0] - 2
+    correct(
+        kernels.position,
+        kernels.velocity,
+        state.clock,
+        states,
+        old,
+        states,
+        states.shape[0] // 2 - old,
+        state.constants,
+        state.delta,
+        lone,
+        state.settings[tolerances, 0],
+        state.settings[tolerances + 1, 0],
+    )
     if lone[lane] == FAILED:
         numbers.status[lane] = Status.PROJECTION_FAILED
         return False

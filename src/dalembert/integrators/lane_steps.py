@@ -189,7 +189,21 @@ def project_lanes(arguments: SweepArguments) -> None:
     if kernels.position == 0 and kernels.velocity == 0:
         return
     states, old, mark = state.states, state.progress.old, state.numbers.mark
-    correct(kernels.position, kernels.velocity, state.clock, states, old, state.constants, state.delta, mark)
+    tolerances = state.settings.shape[0] - 2
+    correct(
+        kernels.position,
+        kernels.velocity,
+        state.clock,
+        states,
+        old,
+        states,
+        states.shape[0] // 2 - old,
+        state.constants,
+        state.delta,
+        mark,
+        state.settings[tolerances, 0],
+        state.settings[tolerances + 1, 0],
+    )
     for lane in range(state.clock.shape[1]):
         if mark[lane] == FAILED:
             _undo(arguments, lane)

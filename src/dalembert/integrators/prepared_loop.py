@@ -90,7 +90,7 @@ class PreparedArguments(NamedTuple):
     parameters, constants : (1, n_p), (n_c, 1)
         Parameters; gets the constants.
     settings : (1, ...)
-        Gets the largest step; the direction of time, and what else a step reads.
+        Gets the largest step; the direction of time, what else a step reads, and last the tolerances.
     clock, delta, mark, tests : (1, 1), (n_y, 1), (1,), (n_tests, 1)
         Are overwritten.
     states : (2, ...) or (m + 2, ...)
@@ -268,7 +268,11 @@ def _attempting(recorded: bool) -> Callable[[PreparedArguments], int]:
                 else:
                     end = moved
             position, velocity = arguments.kernels.position, arguments.kernels.velocity
-            if not project_row(position, velocity, end, clock, states, new, constants, arguments.delta, arguments.mark):
+            delta, mark, last = arguments.delta, arguments.mark, settings.shape[1] - 1
+            rtol, atol = settings[0, last - 1], settings[0, last]
+            if not project_row(
+                position, velocity, end, clock, states, new, states, old, constants, delta, mark, rtol, atol
+            ):
                 smaller = blind_retry(size, t, rest, retries)
                 if smaller == 0.0:
                     return Status.PROJECTION_FAILED

@@ -7,47 +7,68 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..methods.step_constants import (
+    ADMITTED_ENERGY,
     BRANCH,
     LINEAR_CHANGE,
     LINEAR_CORRECTIONS,
     MOST_CORRECTIONS,
     QUADRATIC_CHANGE,
-    SLOW,
+    SMALL_COMPONENT,
+    SMALLEST_OF_TIME,
 )
-from .compiled_subset import call_code, compiled_subset, flat, row
+from .compiled_subset import call_code, compiled_subset, flat, row, sqrt
 
-__all__ = ["FAILED", "NONE", "PENDING", "add_correction", "correct", "correction_test", "project_row"]
+__all__ = ["FAILED", "NONE", "PENDING", "add_correction", "correct", "correction_test", "largest_change", "project_row"]
 
 NONE, PENDING, FAILED = 0, 1, 3
 _CONVERGED = 2
 
 
 @compiled_subset
-def add_correction(states: FloatArray, first: int, delta: FloatArray, lane: int) -> tuple[float, float, float, bool]:
-    """Add a correction to the state of a lane, which begins in row `first`.
+def add_correction(
+    states: FloatArray, first: int, earlier: FloatArray, before: int, delta: FloatArray, lane: int, atol: float
+) -> tuple[float, float, float, bool]:
+    """Add a correction to the state of a lane, which begins in row `first`; before the step it is in `earlier`.
 
-    Returns the relative change, the largest entry of the correction, the largest that the state had where it is
+    Returns the relative change, the largest entry of the correction, the largest that both states have where one is
     corrected, and whether the correction is finite.
     """
     change = finite = size = magnitude = 0.0
     for m in range(delta.shape[0]):
         if delta[m, lane] != 0.0:
-            size, magnitude = max(size, abs(delta[m, lane])), max(magnitude, abs(states[first + m, lane]))
+            size = max(size, abs(delta[m, lane]))
+            magnitude = max(magnitude, max(abs(states[first + m, lane]), abs(earlier[before + m, lane])))
+    least = SMALL_COMPONENT * magnitude + atol
+    for m in range(delta.shape[0]):
         states[first + m, lane] += delta[m, lane]
-        change = max(change, abs(delta[m, lane]) / (SLOW + abs(states[first + m, lane])))
+        if delta[m, lane] != 0.0:
+            change = max(change, abs(delta[m, lane]) / (least + abs(states[first + m, lane])))
         finite += 0.0 * delta[m, lane]
     return change, size, magnitude, finite == 0.0
 
 
 @compiled_subset
-def correction_test(attempt: int, tries: int, change: float, size: float, magnitude: float, finite: bool) -> int:
+def largest_change(magnitude: float, rtol: float, atol: float) -> float:
+    """Return the largest change of velocities of a magnitude that corrects the error of a step.
+
+    A projection takes the energy of its correction from the motion, because it is orthogonal in the norm of the masses.
+    """
+    error = atol + max(rtol, SMALLEST_OF_TIME) * magnitude
+    return min(BRANCH * magnitude, sqrt(ADMITTED_ENERGY * error * magnitude)) + sqrt(ADMITTED_ENERGY) * atol
+
+
+@compiled_subset
+def correction_test(
+    attempt: int, tries: int, change: float, size: float, magnitude: float, finite: bool, rtol: float, atol: float
+) -> int:
     """Return whether a state needs another correction (`PENDING`), none, or cannot be projected (`FAILED`).
 
     ``attempt`` is the number of the correction, ``tries`` the most corrections. After the last one, a small change is
     accepted. The first correction of velocities must not take them to another branch of their constraints. For the
     other parameters see `add_correction`.
     """
-    if not finite or (attempt == 0 and tries == LINEAR_CORRECTIONS and size > BRANCH * (SLOW + magnitude)):
+    first_of_velocities = attempt == 0 and tries == LINEAR_CORRECTIONS
+    if not finite or (first_of_velocities and not size <= largest_change(magnitude, rtol, atol)):
         return FAILED
     if not change > QUADRATIC_CHANGE:
         return _CONVERGED
@@ -61,13 +82,18 @@ def correct(
     clock: FloatArray,
     states: FloatArray,
     first: int,
+    earlier: FloatArray,
+    before: int,
     constants: FloatArray,
     delta: FloatArray,
     mark: NDArray[np.int64],
+    rtol: float,
+    atol: float,
 ) -> None:
     """Project the states of the lanes that are `PENDING` in ``mark`` (lanes,), which becomes `FAILED` where that fails.
 
-    ``states`` holds the states from row `first` on; ``delta`` (n, lanes) is overwritten.
+    ``states`` holds the states from row `first` on, ``earlier`` from row `before` on those before the step;
+    ``delta`` (n, lanes) is overwritten.
     """
     lanes = clock.shape[1]
     for kernel, tries in ((position, MOST_CORRECTIONS), (velocity, LINEAR_CORRECTIONS)):
@@ -82,8 +108,8 @@ def correct(
             call_code(kernel, row(clock, 0), row(states, first), row(constants, 0), 0, row(delta, 0))
             for lane in range(lanes):
                 if mark[lane] == PENDING:
-                    change, size, magnitude, finite = add_correction(states, first, delta, lane)
-                    mark[lane] = correction_test(attempt, tries, change, size, magnitude, finite)
+                    change, size, magnitude, finite = add_correction(states, first, earlier, before, delta, lane, atol)
+                    mark[lane] = correction_test(attempt, tries, change, size, magnitude, finite, rtol, atol)
                     left -= 1 if mark[lane] != PENDING else 0
         for lane in range(lanes):
             if mark[lane] == _CONVERGED:
@@ -98,16 +124,22 @@ def project_row(
     clock: FloatArray,
     states: FloatArray,
     number: int,
+    earlier: FloatArray,
+    before: int,
     constants: FloatArray,
     delta: FloatArray,
     mark: NDArray[np.int64],
+    rtol: float,
+    atol: float,
 ) -> bool:
     """Project the state that begins a row of ``states``, where there are projections; return whether that succeeded.
 
+    Before the step it begins the row `before` of ``earlier``.
     ``clock`` (1, 1), ``delta`` (n, 1) and ``mark`` (1,) are overwritten.
     """
     if position == 0 and velocity == 0:
         return True
     clock[0, 0], mark[0] = t, PENDING
-    correct(position, velocity, clock, flat(states), number * states.shape[1], constants, delta, mark)
+    first, second = number * states.shape[1], before * earlier.shape[1]
+    correct(position, velocity, clock, flat(states), first, flat(earlier), second, constants, delta, mark, rtol, atol)
     return mark[0] == PENDING

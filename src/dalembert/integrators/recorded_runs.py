@@ -126,9 +126,12 @@ def evaluate(code: int, t: float, run: Run, y: int, out: int) -> None:
 
 
 @compiled_subset
-def project(position: int, velocity: int, t: float, run: Run, y: int) -> bool:
+def project(position: int, velocity: int, settings: Settings, t: float, run: Run, y: int) -> bool:
     """Project a row of the work onto the constraints, if there are any; return whether that succeeded."""
-    return project_row(position, velocity, t, run.clock, run.work, y, run.constants, run.delta, run.mark)
+    work, before, rtol, atol = run.work, run.progress.row, settings.rtol, settings.atol
+    return project_row(
+        position, velocity, t, run.clock, work, y, work, before, run.constants, run.delta, run.mark, rtol, atol
+    )
 
 
 @compiled_subset
@@ -259,7 +262,7 @@ def record(position: int, velocity: int, settings: Settings, run: Run, piece: in
     while pending(run, t_new):
         at = run.t_eval[progress.recorded]
         _evaluate_polynomial(run, piece, settings.degree, (at - t) / (t_new - t), settings.kept)
-        projected = project(position, velocity, at, run, POINT)
+        projected = project(position, velocity, settings, at, run, POINT)
         if not projected:
             break
         _store(run, progress.recorded, at, POINT)

@@ -29,6 +29,8 @@ class SampleArguments(NamedTuple):
         Are overwritten.
     number, mark : (lanes,)
         Are overwritten.
+    rtol, atol : float
+        Tolerances of the steps.
     """
 
     position: Address
@@ -43,6 +45,8 @@ class SampleArguments(NamedTuple):
     delta: Matrix
     number: IntVector
     mark: IntVector
+    rtol: float
+    atol: float
 
 
 @compiled_subset
@@ -66,7 +70,7 @@ def LOOP(arguments: SampleArguments) -> None:
             continue
         for lane in range(filled, lanes):
             mark[lane] = NONE
-        correct(position, velocity, clock, states, 0, constants, delta, mark)
+        correct(position, velocity, clock, states, 0, states, 0, constants, delta, mark, arguments.rtol, arguments.atol)
         for lane in range(filled):
             if mark[lane] == PENDING:
                 for m in range(n):

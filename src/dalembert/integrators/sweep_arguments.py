@@ -135,7 +135,8 @@ class SweepArguments(NamedTuple):
     Attributes
     ----------
     limits : (1, ...)
-        The largest step, the number of attempts, and what else the step reads behind step and direction.
+        The largest step, the number of attempts, and what else the settings have behind step and direction: what the
+        step reads, and last the tolerances.
     turn : (1,)
         The next case, shared by threads.
     t_eval : (m,)

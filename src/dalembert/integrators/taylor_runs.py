@@ -145,7 +145,7 @@ class _Workspace:
             memory=0,
             parameters=nothing,
             constants=np.zeros((constants, 1)),
-            settings=np.zeros((1, 3)),
+            settings=np.zeros((1, 5)),
             clock=np.empty((1, 1)),
             states=self.states,
             times=self.times,
@@ -173,7 +173,7 @@ class _Workspace:
         y[...], c[...] = problem.y0, problem.constants
         self.low.fill(0.0)
         settings[0], settings[1] = 0.0, 1.0 if problem.t1 >= problem.t0 else -1.0
-        settings[2] = scale_floor(problem.rtol, problem.atol)
+        settings[2], settings[3], settings[4] = scale_floor(problem.rtol, problem.atol), problem.rtol, problem.atol
         numbers[_T0_AT], numbers[_T1_AT], numbers[_LARGEST_AT] = problem.t0, problem.t1, problem.max_step
         words[_ATTEMPTS_AT], words[_GOING_AT] = problem.max_steps, 0
         state, constants = self._nothing

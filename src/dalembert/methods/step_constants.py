@@ -67,9 +67,13 @@ FIRST_GROWTH = 100.0
 FIRST_SLOPE = 1e-15
 """Slope and curvature, over the tolerances, that count as none."""
 
-BRANCH, SLOW = 0.25, 1e-3
-"""A projection that changes the velocities by more than the share `BRANCH` of them, or of `SLOW`, corrects no error of
-a step: it takes the motion to another branch of its constraints, where they lose rank."""
+BRANCH, ADMITTED_ENERGY = 0.25, 100.0
+"""Where a projection changes the velocities by more than the share `BRANCH` of them, or takes more kinetic energy than
+`ADMITTED_ENERGY` times what the tolerances are of it, it corrects no error of a step: it takes the motion to another
+branch of its constraints, where they lose rank."""
+
+SMALL_COMPONENT = 1e-3
+"""Share of the largest component below which corrections of a component are measured by that share."""
 
 MOST_CORRECTIONS, LINEAR_CORRECTIONS = 10, 2
 """Largest numbers of corrections of positions, which are Newton steps, and of velocities, which are linear."""

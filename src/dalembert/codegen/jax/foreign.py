@@ -132,8 +132,8 @@ class ForeignRuns:
 
 def row_of_limits(limits: Limits, method: str) -> tuple[float, ...]:
     """Return the largest step, the number of attempts, and what steps of a method read of tolerances."""
-    read = (limits.floor,) if method == "taylor" else (limits.rtol, limits.atol)
-    return limits.max_step, float(limits.max_steps), *read
+    floor = (limits.floor,) if method == "taylor" else ()
+    return limits.max_step, float(limits.max_steps), *floor, limits.rtol, limits.atol
 
 
 @final

@@ -218,7 +218,8 @@ class CaseArrays:
         if along is not None:
             constants = along(np.broadcast_to(self.t_eval, self.inside.shape))
         loop = loop_named("sample_projection")
-        loop(SampleArguments(*codes, constants, self.t_eval, self.inside, self.samples, *overwritten, *numbers))
+        cases, tolerances = self.samples, (self.cases.rtol, self.cases.atol)
+        loop(SampleArguments(*codes, constants, self.t_eval, self.inside, cases, *overwritten, *numbers, *tolerances))
 
 
 def _state(made: LaneState) -> LaneState:

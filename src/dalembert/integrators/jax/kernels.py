@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from ...ir.program import Program
 from .mesh_axes import stack
-from .projection import CORRECTIONS, Rows, project
+from .projection import CORRECTIONS, Rows, Tolerances, project
 
 __all__ = ["Function", "Kernels", "OnArrays", "stacked"]
 
@@ -79,12 +79,15 @@ class Kernels:
         kernels = ((self.program.kernel(name), n) for name, n in CORRECTIONS.items() if name in self.program)
         return sum(len(kernel.body) * count for kernel, count in kernels)
 
-    def project(self, t: Any, y: Any, c: Any) -> Any:
-        """Return y (n_y,) projected onto the constraints, NaN where that does not succeed."""
+    def project(self, t: Any, y: Any, c: Any, before: Any = None, tolerances: Tolerances = (0.0, 0.0)) -> Any:
+        """Return y (n_y,) projected onto the constraints, NaN where that does not succeed.
+
+        `before` is the state at the start of a step that ends in y.
+        """
 
         def on_rows(name: str) -> Callable[..., Rows]:
             return lambda t, y, c: (self[name](t, *y, *c),)
 
         projections = [(on_rows(name), count) for name, count in CORRECTIONS.items() if name in self]
-        (projected,), held = project(projections, t, (y,), (c,))
+        (projected,), held = project(projections, t, (y,), (c,), () if before is None else (before,), tolerances)
         return jnp.where(held, projected, jnp.nan)

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 __all__ = ["projecting"]
 
 
-def projecting(solver: Any, project: Callable[[Any, Any, Any], Any]) -> Any:
-    """Return `solver` with ``project(t, y, args)`` applied to the end of every step.
+def projecting(solver: Any, project: Callable[[Any, Any, Any, Any], Any]) -> Any:
+    """Return `solver` with ``project(t, y, before, args)`` applied to the end of every step.
 
     The error is judged before. A projection that fails gives NaN, and the step is rejected. The slope at the end of a
     step is evaluated anew at the start of the next, because the state has moved in between.
@@ -24,7 +24,7 @@ def projecting(solver: Any, project: Callable[[Any, Any, Any], Any]) -> Any:
         end, error, dense, state, result = base.step(
             self, terms, t0, t1, y0, args, solver_state, jnp.ones_like(made_jump, dtype=bool)
         )
-        end = project(t1, end, args)
+        end = project(t1, end, y0, args)
         return end, error, {**dense, "y1": end}, state, result
 
     return type(f"Projected{base.__name__}", (base,), {"step": step})()

@@ -30,7 +30,7 @@ BLOCK_STEPS = 64
 
 @final
 class _Span(NamedTuple):
-    """Inputs of a run: ends of time, its direction, the largest step, the scale floor, constants."""
+    """Inputs of a run: ends of time, its direction, the largest step, the scale floor, constants, tolerances."""
 
     t0: Any
     t1: Any
@@ -38,6 +38,8 @@ class _Span(NamedTuple):
     max_step: Any
     floor: Any
     c: Any
+    rtol: Any
+    atol: Any
 
 
 @final
@@ -101,7 +103,7 @@ def _after_step(
     size, finite = values[n], values[n + 1] == 0.0
     stuck = (size < smallest_step(block.now, rest)) & (size < rest)
     now = jnp.where(size == rest, span.t1, block.now + span.direction * size)
-    new = kernels.project(now, values[:n], span.c)
+    new = kernels.project(now, values[:n], span.c, block.state, (span.rtol, span.atol))
     held = jnp.all(jnp.isfinite(new))
     status = jnp.where(now == span.t1, int(Status.SUCCESS), RUNNING)
     status = jnp.where(held, status, int(Status.PROJECTION_FAILED))
@@ -156,6 +158,8 @@ class TaylorIntegrator:
             np.float64(problem.max_step),
             np.float64(scale_floor(problem.rtol, problem.atol)),
             np.array(problem.constants, dtype=np.float64),
+            np.float64(problem.rtol),
+            np.float64(problem.atol),
         )
         t, before, y = span.t0, np.float64(0.0), np.array(problem.y0, dtype=np.float64)
         status = RUNNING if np.all(np.isfinite(y)) and np.all(np.isfinite(span.c)) else int(Status.NON_FINITE)

@@ -119,8 +119,9 @@ def solver_for(kernels: Kernels, method: str) -> Any:
     if not kernels.projected:
         return solver
 
-    def project(t: Any, y: Any, settings: Settings) -> Any:
-        return kernels.project(settings.direction * t, y, settings.constants)
+    def project(t: Any, y: Any, before: Any, settings: Settings) -> Any:
+        tolerances = settings.rtol, settings.atol
+        return kernels.project(settings.direction * t, y, settings.constants, before, tolerances)
 
     return projecting(solver, project)
 

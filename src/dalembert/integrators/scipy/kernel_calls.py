@@ -26,10 +26,12 @@ class KernelCalls:
     ----------
     kernels : Kernels
     constants : ndarray (n_c,)
+    tolerances : (float, float)
+        Of the steps: rtol, atol.
     """
 
-    def __init__(self, kernels: Kernels, constants: FloatArray) -> None:
-        self._kernels, self._constants = kernels, constants
+    def __init__(self, kernels: Kernels, constants: FloatArray, tolerances: tuple[float, float]) -> None:
+        self._kernels, self._constants, self._tolerances = kernels, constants, tolerances
         self._count, self._last_non_finite = 0, -100
 
     @property
@@ -37,9 +39,9 @@ class KernelCalls:
         """Number of calls of the right-hand side since the last one that was not finite."""
         return self._count - self._last_non_finite
 
-    def project(self, t: float, y: FloatArray) -> FloatArray | None:
-        """Project a state as the compiled integrators do; None if that did not converge."""
-        projected, kernels = y.copy(), self._kernels
+    def project(self, t: float, y: FloatArray, before: FloatArray) -> FloatArray | None:
+        """Project a state as the compiled integrators do, `before` at the start of the step; None if that fails."""
+        projected, kernels, (rtol, atol) = y.copy(), self._kernels, self._tolerances
         for kernel, tries in (
             (kernels.project_position, MOST_CORRECTIONS),
             (kernels.project_velocity, LINEAR_CORRECTIONS),
@@ -48,9 +50,8 @@ class KernelCalls:
                 continue
             for attempt in range(tries):
                 delta = self.call(kernel, t, projected)
-                outcome = correction_test(
-                    attempt, tries, *add_correction(projected.reshape(-1, 1), 0, delta.reshape(-1, 1), 0)
-                )
+                columns = projected.reshape(-1, 1), 0, before.reshape(-1, 1), 0, delta.reshape(-1, 1), 0
+                outcome = correction_test(attempt, tries, *add_correction(*columns, atol), rtol, atol)
                 if outcome == FAILED:
                     return None
                 if outcome != PENDING:

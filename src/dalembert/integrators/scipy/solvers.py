@@ -111,7 +111,7 @@ class _Run:
     last: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        self._calls = KernelCalls(self.kernels, self.problem.constants)
+        self._calls = KernelCalls(self.kernels, self.problem.constants, (self.problem.rtol, self.problem.atol))
 
     def solution(self) -> Solution:
         """Run to the end and collect what was recorded."""
@@ -209,8 +209,9 @@ class _Run:
         interpolant = solver.dense_output() if self.problem.dense or self._times_before(solver.t) else None
         self.evaluations += solver.nfev - before
         correction = np.zeros_like(solver.y)
+        earlier = self.problem.y0 if self.last is None else self.last
         if self.kernels.projected:
-            projected = self._calls.project(solver.t, solver.y)
+            projected = self._calls.project(solver.t, solver.y, earlier)
             if projected is None:
                 return Status.PROJECTION_FAILED
             correction = end_differences(projected - solver.y, np.abs(projected))
@@ -227,7 +228,7 @@ class _Run:
             for t in self._times_before(solver.t):
                 state: FloatArray | None = ramped(np.array([t]))[0]
                 if self.kernels.projected and state is not None:
-                    state = self._calls.project(t, state)
+                    state = self._calls.project(t, state, earlier)
                 if state is None:
                     return Status.PROJECTION_FAILED
                 self.t.append(t)
