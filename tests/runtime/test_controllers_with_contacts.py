@@ -387,3 +387,30 @@ def test_each_case_its_own_record_and_backwards():
     end = {name: there[name][-1] for name in ("x", "y", "x_dot", "y_dot")}
     back = model.simulate((0.9, 0), end, values, inputs=samples("linear"), **TIGHT)
     np.testing.assert_allclose([back[name][-1] for name in ("x", "y", "x_dot", "y_dot")], [0, 5, 1, 0], atol=1e-9)
+
+
+LAWS = {
+    "after": (sp.Piecewise((1, t > 1), (0, True)), 0.0),
+    "from": (sp.Piecewise((1, t >= 1), (0, True)), 1.0),
+    "until": (sp.Piecewise((1, t <= 1), (0, True)), 1.0),
+    "half": (sp.Heaviside(t - 1), 0.5),
+    "given": (sp.Heaviside(t - 1, sp.Rational(1, 4)), 0.25),
+    "sign": (sp.sign(t - 1), 0.0),
+    "parameter": (sp.Piecewise((1, t > a), (0, True)), 0.0),
+}
+
+
+@pytest.mark.parametrize("backend", [backend for backend in BACKENDS if backend != "jax"])
+@pytest.mark.parametrize("law", LAWS)
+def test_conditions_on_time_are_decided_as_of_the_instant(law, backend):
+    """Scenes with contacts decided them as of the time behind it."""
+    expression, wanted = LAWS[law]
+    held = da.Controller("held", period=T, inputs={u: expression})
+    touching = da.compile_model(ball(held, force=m * (g + u)), backend=backend)
+    given, p = DROP | {y: 1.0}, {key: value for key, value in BALL.items() if key != T} | {T: 0.5}
+    p |= {a: 1.0} if law == "parameter" else {}
+    run = touching.simulate((0, 1.4), given, p, t_eval=[0, 0.7, 1.2])
+    assert run["u"][-1] == wanted
+    assert run["y_dot"][-1] - run["y_dot"][1] == pytest.approx(0.2 * wanted + 0.3 * run["u"][1], abs=1e-9)
+    cases = touching.sweep((0, 1.4), given, p | {T: np.array([0.25, 0.5])}, t_eval=[0, 0.7, 1.2])
+    assert cases["u"][:, -1].tolist() == [wanted, wanted]

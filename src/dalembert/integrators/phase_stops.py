@@ -125,13 +125,18 @@ def goes_to(table: CaseTable, i: int, goal: float) -> float:
 
 
 @compiled_subset
-def _reach(table: CaseTable, i: int) -> int:
-    """Give a case the parameters behind the stops at its time; return which controllers act there."""
+def _reach(table: CaseTable, i: int) -> tuple[int, float]:
+    """Give a case the parameters behind the stops at its time.
+
+    Return which controllers act there, and when conditions are decided for them: NaN where that is as behind the stops.
+    """
     stops, t, forward = table.stops, table.cases.t[i], table.t1[i] >= table.cases.t[i]
     direction, close = 1.0 if forward else -1.0, SMALLEST_OF_TIME * abs(t)
-    place, acts = stops.next[i], 0
+    place, acts, when = stops.next[i], 0, math.nan
     while place < stops.last[i] and (stops.times[place] - t) * direction <= close:
         acts += stops.acts[place]
+        if stops.acts[place] != 0:
+            when = stops.middles[place]
         if not math.isnan(stops.middles[place]):
             table.cases.p[i, stops.place] = stops.middles[place]
         place += 1
@@ -142,7 +147,7 @@ def _reach(table: CaseTable, i: int) -> int:
         passes = True
     if passes:
         forget_breaks(table.cases, i)
-    return acts
+    return acts, when
 
 
 @compiled_subset
@@ -154,8 +159,10 @@ def pass_stops(table: CaseTable, space: ThreadWorkspace) -> None:
     for lane in range(reaching.shape[1]):
         reaching[1, lane] = 0
         if reaching[0, lane] >= 0:
-            reaching[1, lane] = _reach(table, reaching[0, lane])
+            reaching[1, lane], when = _reach(table, reaching[0, lane])
             load_case(table, space, reaching[0, lane], lane)
+            if not math.isnan(when):
+                space.scene[stops.place, lane] = when
     for a in range(stops.kernels.size):
         acting = False
         for lane in range(reaching.shape[1]):
@@ -169,3 +176,6 @@ def pass_stops(table: CaseTable, space: ThreadWorkspace) -> None:
                 for m in range(stops.columns[a], stops.columns[a + 1]):
                     table.cases.x[reaching[0, lane], stops.places[m]] = space.acted[m - stops.columns[a], lane]
                     space.posed[stops.places[m], lane] = space.acted[m - stops.columns[a], lane]
+    for lane in range(reaching.shape[1]):
+        if reaching[1, lane] != 0:
+            load_case(table, space, reaching[0, lane], lane)
