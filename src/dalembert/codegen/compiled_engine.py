@@ -22,6 +22,7 @@ from ..integrators.workspace import aligned
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
+from ..methods.step_constants import ANY_START
 from ..once import BoundedTable, computed_once, once_property
 from ..options import DEFAULT_TOLERANCES
 from ..transforms.taylor import clipped_tolerance, order_at, order_for
@@ -377,7 +378,8 @@ class CompiledEngine(Engine):
         layout = self._program.layout
         sizes = (self._sizes["rhs"], layout.constants or len(layout.parameters), stepper.memory)
         kernels = PreparedKernels(NO_CODE, *stepper.codes, *self._steppers.projections(1))
-        return foreign_code(kernels, sizes, stepper.settings, limits, version)
+        *read, _, atol = stepper.settings
+        return foreign_code(kernels, sizes, [*read, ANY_START, atol], limits, version)
 
     def foreign_batch(
         self, method: str, tolerances: tuple[float, float], interface: Interface, *, recorded: bool

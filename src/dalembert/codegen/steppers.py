@@ -35,7 +35,7 @@ class Stepper(NamedTuple):
     degree : int
         Degree of the polynomial of a step.
     settings : list of float
-        What the step reads, and last the tolerances.
+        What the step reads, and last the tolerances, for projections.
     evaluations : (int, int)
         Evaluations of the rates, or of the series, before the first attempt and in each.
     """
@@ -93,7 +93,8 @@ class Steppers:
         tableau = pair_named(method, bounded=bounded)
         codes, memory = self._steps.attempt(tableau, lanes, dense=dense), memory_size(self._n, self._steps.carried)
         evaluations = 2, tableau.n_total - self._steps.carried
-        return Stepper(codes, memory, tableau.degree, [rtol, max(atol, SMALLEST_SCALE)], evaluations)
+        settings = [rtol, max(atol, SMALLEST_SCALE), rtol, atol]
+        return Stepper(codes, memory, tableau.degree, settings, evaluations)
 
     def events(
         self,

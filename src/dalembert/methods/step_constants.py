@@ -72,6 +72,10 @@ BRANCH, ADMITTED_ENERGY = 0.25, 100.0
 `ADMITTED_ENERGY` times what the tolerances are of it, it corrects no error of a step: it takes the motion to another
 branch of its constraints, where they lose rank."""
 
+ANY_START = 1.0
+"""Stands for rtol in projections of runs whose start may be off the constraints, as that of traced runs: their first
+step corrects it, and `BRANCH` alone limits that."""
+
 SMALL_COMPONENT = 1e-3
 """Share of the largest component below which corrections of a component are measured by that share."""
 

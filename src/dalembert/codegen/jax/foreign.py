@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from ...integrators.jax.derivatives import Record, Steps
+from ...integrators.jax.projection import ANY_START
 from ...integrators.jax.run_data import Limits, Stepping
 from ...ir.program import Program
 from ...once import computed_once, once
@@ -131,9 +132,9 @@ class ForeignRuns:
 
 
 def row_of_limits(limits: Limits, method: str) -> tuple[float, ...]:
-    """Return the largest step, the number of attempts, and what steps of a method read of tolerances."""
-    floor = (limits.floor,) if method == "taylor" else ()
-    return limits.max_step, float(limits.max_steps), *floor, limits.rtol, limits.atol
+    """Return the largest step, the number of attempts, and what steps of a method and projections read."""
+    read = (limits.floor,) if method == "taylor" else (limits.rtol, limits.atol)
+    return limits.max_step, float(limits.max_steps), *read, ANY_START, limits.atol
 
 
 @final

@@ -18,7 +18,7 @@ from jax import lax
 
 from ...methods.status import RUNNING, Status
 from .compiling import compiled
-from .projection import Projections, Rows, project
+from .projection import ANY_START, Projections, Rows, project
 from .step_limits import smallest_step
 
 __all__ = [
@@ -210,7 +210,7 @@ def advanced(attempts: Attempts, projections: Projections, batch: Batch, goal: A
     largest = jnp.where(running, jnp.minimum(batch.max_step, rest), 0.0)
     found = attempts.attempt(batch, state.t, state.y, largest, direction, state.memory)
     after = jnp.where(found.size == rest, goal, state.t + direction * found.size)
-    new, held = project(projections, after, found.y, batch.c, state.y, (batch.rtol, batch.atol))
+    new, held = project(projections, after, found.y, batch.c, state.y, (ANY_START, batch.atol))
     moved = running & found.accepted & held
     t = jnp.where(moved, after, state.t)
     tried = state.attempts + running

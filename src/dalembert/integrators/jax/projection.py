@@ -7,10 +7,17 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from ...methods.step_constants import ADMITTED_ENERGY, BRANCH, LINEAR_CHANGE, LINEAR_CORRECTIONS, SMALL_COMPONENT
+from ...methods.step_constants import (
+    ADMITTED_ENERGY,
+    ANY_START,
+    BRANCH,
+    LINEAR_CHANGE,
+    LINEAR_CORRECTIONS,
+    SMALL_COMPONENT,
+)
 from .precision import precision_of
 
-__all__ = ["CORRECTIONS", "Projections", "Rows", "Tolerances", "project"]
+__all__ = ["ANY_START", "CORRECTIONS", "Projections", "Rows", "Tolerances", "project"]
 
 Rows = tuple[Any, ...]
 """One array (k,) for each component of k states, or one (n,) with all components of a state."""

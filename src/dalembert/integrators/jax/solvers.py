@@ -26,6 +26,7 @@ from .compiling import compiled
 from .control import Control, Controller
 from .precision import double_precision
 from .projected import projecting
+from .projection import ANY_START
 from .record import Record
 from .step_limits import limit_at_knots
 
@@ -120,7 +121,7 @@ def solver_for(kernels: Kernels, method: str) -> Any:
         return solver
 
     def project(t: Any, y: Any, before: Any, settings: Settings) -> Any:
-        tolerances = settings.rtol, settings.atol
+        tolerances = ANY_START, settings.atol
         return kernels.project(settings.direction * t, y, settings.constants, before, tolerances)
 
     return projecting(solver, project)
