@@ -6,6 +6,7 @@ from sympy import symbols
 
 import dalembert as da
 from dalembert.methods.status import Status
+from hard_cases.particles import double_pendulum_cartesian
 
 pytest.importorskip("jax")
 pytest.importorskip("diffrax")
@@ -106,6 +107,19 @@ def test_prepared_runs(method, formulation):
     short = model.prepare((0.0, 50.0), method=method, max_steps=3)
     short(y, p)
     assert short.status is Status.MAX_STEPS
+
+
+def test_implicit_steps_are_as_long_as_their_errors_allow():
+    """An iteration that fails at every other step made 343 steps and 322 rejections of this, and MAX_STEPS of 10 s."""
+    case = double_pendulum_cartesian()
+    model = da.compile_model(case.scene, backend="jax", formulation="projected")
+    options = {"method": "kvaerno5", "rtol": 1e-4, "atol": 1e-6}
+    run = model.simulate((0.0, 10.0), case.initial, case.parameters, max_steps=1000, **options)
+    assert run.success and run.stats.rejected < 0.5 * run.stats.steps < 300
+    assert np.abs(run.constraint_violation).max() < 1e-10
+    assert np.ptp(run["energy"]) < 0.2 * 9.81
+    sweep = model.sweep((0.0, 2.0), case.initial, {"g": np.array([9.0, 9.81])}, max_steps=200, **options)
+    assert sweep.success.all()
 
 
 def test_stiff_sleigh():

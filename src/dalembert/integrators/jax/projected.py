@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -27,4 +28,5 @@ def projecting(solver: Any, project: Callable[[Any, Any, Any, Any], Any]) -> Any
         end = project(t1, end, y0, args)
         return end, error, {**dense, "y1": end}, state, result
 
-    return type(f"Projected{base.__name__}", (base,), {"step": step})()
+    given = {field.name: getattr(solver, field.name) for field in dataclasses.fields(base) if field.init}
+    return type(f"Projected{base.__name__}", (base,), {"step": step})(**given)
