@@ -284,10 +284,8 @@ class CompiledEngine(Engine):
 
         n = self._sizes["rhs"]
         stepper, events = self._watched_steps(problem, method, watch)
-        prepare, own = NO_CODE, self._with_sides(problem)
-        if own.stops is not None:
-            prepare = self.steps.prepare()
-            own = replace(own, stops=own.stops.compiled(partial(self._action_code, lanes=1)))
+        own = self._with_codes(problem)
+        prepare = NO_CODE if own.stops is None else own.stops.prepare
         kernels = SweepKernels(
             *stepper.codes, *self._steppers.projections(1), prepare, NO_CODE, NO_CODE, check_inputs(1)
         )

@@ -140,8 +140,11 @@ def record_part(arguments: SweepArguments) -> None:
     if part.times.size == 0:
         return
     clock, states, lone = row(part.clock, 0), row(part.states, 0), state.numbers.lone
+    tolerances, own = state.settings.shape[0] - 2, part.states
+    rtol, atol = state.settings[tolerances, 0], state.settings[tolerances + 1, 0]
+    position, velocity = kernels.position, kernels.velocity
     while _interpolate_part(arguments):
-        correct(kernels.position, kernels.velocity, part.clock, part.states, 0, state.constants, state.delta, lone)
+        correct(position, velocity, part.clock, own, 0, own, 0, state.constants, state.delta, lone, rtol, atol)
         for lane in range(state.clock.shape[1]):
             if lone[lane] == FAILED:  # it stays as it is
                 _interpolate(arguments, lane)

@@ -238,7 +238,7 @@ class SegmentedEngine(Engine):
         self, problem: IntegrationProblem, method: str, watch: EventCode, carried: FloatArray | None
     ) -> RecordedCase:
         """See `Engine.recorded`: a run passes its stops in the loop of the inner engine."""
-        if not (self.inner.records(method) and self.inner.passes_stops(method)):
+        if not (self.inner.records(method) and self.inner.passes_stops):
             return super().recorded(problem, method, watch, carried)
         p = problem.constants[np.newaxis, : len(self._program.layout.parameters)].copy()
         spans = np.array([problem.t0]), np.array([problem.t1])

@@ -215,7 +215,7 @@ class HostRunner:
         """Return the variables (k, 2 n_q + n_z) in which cases end, of parameters by name."""
         layout = self.model.layout
         if run._layout.state != layout.state:  # of a model without constraints that others imply
-            return np.column_stack(run._at_ends(layout.variables))
+            return np.column_stack(run._states.at_ends(layout.variables))
         columns = np.array([p[name] for name in layout.parameters]).reshape(len(layout.parameters), -1)
         return self.model.engine.rows(self._expansion, run.t, run.y, columns.T)
 
@@ -223,7 +223,7 @@ class HostRunner:
         self, run: Sweep, group: CaseGroup, some: NDArray[np.intp], following: NDArray[np.int64], table: CaseTable
     ) -> None:
         """Record the samples before the ends of the runs of some cases, of which `following` are the next."""
-        recorded = np.stack(run._at_samples(self.model.layout.variables), axis=2)
+        recorded = np.stack(run._states.at_samples(self.model.layout.variables), axis=2)
         count = len(table.t_eval)
         before = count - recorded.shape[1]
         for place, t, own in zip(some.tolist(), run.t.tolist(), recorded, strict=True):
