@@ -81,10 +81,8 @@ def lawful_sums(graph: Graph, name: str, laws: Sequence[SharedLaw]) -> list[Node
     """
     found: dict[tuple[Node, ...], Node] = {}
     for part in _parts(laws):
-        active = [a for a in range(len(laws[0].slopes)) if any(not law.slopes[a].is_zero for law in part)]
-        for some in combinations(part, len(active) + 1):
-            weights = _cancelling(graph, [[law.slopes[a] for a in active] for law in some])
-            terms = [(law, weight) for law, weight in zip(some, weights, strict=True) if not weight.is_zero]
+        for some in combinations(part, len(_active(part)) + 1):
+            terms = _cancelling(graph, some)
             node = _sum(graph, terms)
             if node is not None:
                 found.setdefault(tuple(law.value for law, _ in terms), node)
@@ -128,10 +126,26 @@ def _sum(graph: Graph, terms: Sequence[tuple[SharedLaw, Node]]) -> Node | None:
     return graph.call("select", graph.call("less", size, noise), graph.one, watched)
 
 
-def _cancelling(graph: Graph, rows: Matrix) -> list[Node]:
-    """Return weights (k + 1,) whose product with rows (k + 1, k) is zero: the signed minors."""
-    signs = [1 if j % 2 == 0 else -1 for j in range(len(rows))]
-    return [sign * _determinant(graph, rows[:j] + rows[j + 1 :]) for j, sign in enumerate(signs)]
+def _active(laws: Sequence[SharedLaw]) -> list[int]:
+    """Return the directions along which any of these laws changes."""
+    return [a for a in range(len(laws[0].slopes)) if any(not law.slopes[a].is_zero for law in laws)]
+
+
+def _cancelling(graph: Graph, laws: Sequence[SharedLaw]) -> list[tuple[SharedLaw, Node]]:
+    """Return those of k + 1 laws that cancel along the k directions, with their weights: signed minors.
+
+    Where fewer laws cancel along their own directions, the minors of all have a common factor, which may vanish at the
+    values of a run; where all change along fewer than k directions, none are returned.
+    """
+    while len(active := _active(laws)) + 1 == len(laws):
+        rows = [[law.slopes[a] for a in active] for law in laws]
+        weights = [(1 if j % 2 == 0 else -1) * _determinant(graph, rows[:j] + rows[j + 1 :]) for j in range(len(rows))]
+        terms = [(law, weight) for law, weight in zip(laws, weights, strict=True) if not weight.is_zero]
+        fewer = [law for law, _ in terms]
+        if not fewer or len(fewer) == len(laws) or len(_active(fewer)) + 1 != len(fewer):
+            return terms
+        laws = fewer
+    return []
 
 
 def _determinant(graph: Graph, rows: Matrix) -> Node:

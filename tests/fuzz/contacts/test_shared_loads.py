@@ -13,6 +13,7 @@ from dalembert.hybrid.shared_loads import SharedLaw, lawful_sums
 from dalembert.ir.graph import Graph
 from dalembert.results.shared_loads import _lawful
 from fuzz.contacts.scenes import compiled, setting
+from ir.trees import evaluate
 
 WHEEL = dict.fromkeys(setting("wheel").parameters, 0.0)
 WHEEL |= {"m": 1.8, "I": 0.036, "r": 0.2, "g_x": -1.1, "g_y": 9.81, "T": -2.2, "omega": 2.2, "mu": 0.7, "x_wall": 0.7}
@@ -35,6 +36,23 @@ def test_sums_of_laws_are_positive_where_a_share_breaks_none(directions, laws):
         found.append(margin > 0.0)
         assert (min(sums, default=1.0) > 0.0) == found[-1], (values, slopes, margin, sums)
     assert 5 < sum(found) < 35
+
+
+def test_laws_of_few_directions_are_watched_beside_laws_that_change_alike():
+    """Two laws cancel along the third direction alone, in whatever other laws they stand.
+
+    Those of the first direction are parallel where n is zero, as on a level floor: their minor says nothing there.
+    """
+    graph = Graph()
+    n, zero, one = graph.input("n"), graph.zero, graph.one
+    slopes = [(n + 1, n, n), (n - 1, n, n), (zero, n + 1, n), (zero, n - 1, n), (zero, zero, one), (zero, zero, -one)]
+    values = [5.0, 5.0, 5.0, 5.0, 1.0, -2.0]
+    laws = [SharedLaw(graph.input(f"law{i}"), row) for i, row in enumerate(slopes)]
+    at = {"n": 0.0} | {f"law{i}": value for i, value in enumerate(values)}
+    sums = evaluate(graph, lawful_sums(graph, "test", laws), at)
+    assert min(sums) < 0.0
+    at["law5"] = 2.0
+    assert min(evaluate(graph, lawful_sums(graph, "test", laws), at)) > 0.0
 
 
 @pytest.mark.parametrize("mu_wall", [0.1, 0.3])
