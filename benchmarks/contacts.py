@@ -172,7 +172,7 @@ def measure_decisions(counts: Sequence[int] = (2, 4, 8, 12), most: float = 1e5) 
                 continue
             for _ in range(5):
                 cases = contact_cases(np.zeros(1), x.copy(), p, np.ones(1), count)
-                arguments = decisions.arguments(cases, numbers, np.zeros(1, np.int64), 0.0)
+                arguments = decisions.arguments(cases, numbers, np.zeros(1, np.int64), (0.0, 0.0))
                 arguments.candidates.found.most = limit
                 begin = time.perf_counter()
                 loop_named(LOOP)(arguments)

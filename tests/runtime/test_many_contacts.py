@@ -69,7 +69,7 @@ def decided(model, values, rates, most):
     count, n = rates.shape
     x, p = np.hstack([np.zeros((count, n)), rates]), np.zeros((count, len(model.layout.parameters)))
     cases = contact_cases(np.zeros(count), x, p, np.ones(count), len(model.contacts))
-    arguments = model.modes.decisions.arguments(cases, values, np.arange(count), 0.0)
+    arguments = model.modes.decisions.arguments(cases, values, np.arange(count), (0.0, 0.0))
     arguments.candidates.found.most = most
     loop_named(LOOP)(arguments)
     return cases
