@@ -20,6 +20,7 @@ from dalembert.integrators.kernel_rows import KernelRowsArguments
 from dalembert.integrators.sweep_arguments import CaseRows, CaseShape
 from dalembert.ir.interpret import interpret
 from dalembert.methods.status import Status
+from dalembert.methods.step_constants import ANY_START
 from dalembert.runtime.hybrid import phases
 
 START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
@@ -189,7 +190,7 @@ def test_records_of_many_cases(plainly, monkeypatch, formulation, room, extra):
         loop_named("recorded_lane_loop")(
             foreign_batch.sweep_arguments(kernels, sizes)._replace(
                 shape=CaseShape(n, 0, 0, sizes.memory, 0, 0, 0, cases, 2),
-                limits=np.array([[np.inf, 100.0, 1e-6, 1e-8]]),
+                limits=np.array([[np.inf, 100.0, 1e-6, 1e-8, ANY_START, 1e-8]]),
                 out=out,
                 ends=ends,
                 rows=CaseRows(times, states, np.array([constants]), record),
