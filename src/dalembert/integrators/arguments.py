@@ -53,6 +53,7 @@ __all__ = [
     "owned_address",
     "pack",
     "place_of",
+    "replace_array",
     "unpack",
 ]
 
@@ -191,6 +192,14 @@ def pack(arguments: tuple[Any, ...]) -> NDArray[np.int64]:
         _refuse_scalars(arguments)
         raise
     return words
+
+
+def replace_array(words: NDArray[np.int64], place: int, array: NDArray[Any]) -> None:
+    """Let packed words point to another array of the same type, which must live as long as they are used.
+
+    `place` is that of its field (`place_of`).
+    """
+    words[place : place + 1 + array.ndim] = address_of(array), *array.shape
 
 
 def constant_group(group: T) -> T:

@@ -18,6 +18,9 @@ from .stops import table_of
 
 __all__ = ["run_in_blocks", "settings_of", "solution"]
 
+_WITH_STOPS = 8
+"""How much longer the first block of a run with stops is: each of them ends a step, and each call packs their table."""
+
 
 def settings_of(problem: IntegrationProblem, degree: int, *, stop_if_stiff: bool = False) -> Settings:
     """Return the settings of a problem."""
@@ -61,7 +64,7 @@ def run_in_blocks(
     run = _begun(problem, settings, work)
     progress, samples = run.progress, run.rows
     blocks, pieces = [np.empty((0, 1 + n))], []
-    status, size = RUNNING, FIRST_BLOCK
+    status, size = RUNNING, FIRST_BLOCK if problem.inputs is None else _WITH_STOPS * FIRST_BLOCK
     while status == RUNNING:
         check(progress.t)
         limit = size if bounded else settings.max_steps

@@ -16,12 +16,12 @@ from ..methods.status import RUNNING, Status
 from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK
 from ..transforms.taylor import scale_floor
 from .addresses import NO_CODE, OwnedAddress
-from .arguments import address_of, pack, place_of
+from .arguments import address_of, pack, place_of, replace_array
 from .dense_output import PiecewisePolynomial
 from .prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
 from .problem import IntegrationProblem, Solution
 from .step_polynomials import end_in
-from .stops import table_of
+from .stops import no_stops, table_of
 
 __all__ = ["StepCode"]
 
@@ -44,6 +44,9 @@ _LARGEST_KEPT = 1 << 20
 _LIMITS_AT = place_of(PreparedArguments, "limits")
 _T0_AT, _T1_AT, _LARGEST_AT = (_LIMITS_AT + PreparedLimits._fields.index(name) for name in ("t0", "t1", "largest"))
 _ATTEMPTS_AT, _GOING_AT = (_LIMITS_AT + PreparedLimits._fields.index(name) for name in ("attempts", "going"))
+_PREPARE_AT, _STATES_AT, _TIMES_AT, _STOPS_AT = (
+    place_of(PreparedArguments, name) for name in ("kernels.prepare", "states", "times", "stops")
+)
 
 Watch = Callable[[float, FloatArray, float], bool]
 """Time, state and mean size of the last steps -> whether to stop there."""
@@ -94,12 +97,10 @@ class StepCode:
             Numerical failure is its status, never an exception. Each step is one evaluation of the series. None
             where the run was stopped.
         """
-        inputs, stops = problem.inputs, problem.stops
+        stops = problem.stops
         try:
-            work = None if inputs is not None else self.workspaces.pop()
+            work = self.workspaces.pop()
         except IndexError:
-            work = None
-        if work is None:
             work = _Workspace(self, problem)
         call, record = self.loop.call, _Record(problem, self.order)
         # what happens at stops reads angles, and not modulo a turn
@@ -123,7 +124,7 @@ class StepCode:
                 step = abs(record.end - start) / (record.steps - before)
                 if abs(problem.t1 - record.end) >= _STIFFNESS_REST * step and watch(record.end, work.y.copy(), step):
                     return None
-        if inputs is None and work.states.nbytes <= _LARGEST_KEPT:
+        if work.states.nbytes <= _LARGEST_KEPT:
             self.workspaces.append(work)
         return record.solution(Status(status))
 
@@ -134,12 +135,11 @@ class _Workspace:
 
     def __init__(self, code: StepCode, problem: IntegrationProblem) -> None:
         n, constants = len(problem.y0), len(problem.constants)
-        prepare = NO_CODE if problem.stops is None else problem.stops.prepare
         self._width = n + 2 + n * (code.order + 1)
         self.low, self.progress, nothing = np.zeros(n + 1), PreparedProgress(), np.zeros((0, 1))
         self.states, self.times = self._rows(FIRST_BLOCK)
         self._arguments = PreparedArguments(
-            kernels=PreparedKernels(prepare, code.step, NO_CODE, code.position, code.velocity),
+            kernels=PreparedKernels(NO_CODE, code.step, NO_CODE, code.position, code.velocity),
             limits=PreparedLimits(0.0, 0.0, 0.0, 0, 0, going=False, slack=1.0),
             n=n,
             memory=0,
@@ -154,9 +154,10 @@ class _Workspace:
             mark=np.zeros(1, np.int64),
             tests=nothing,
             progress=self.progress,
-            stops=table_of(problem.stops, problem.inputs, constants),
+            stops=no_stops(),
         )
         self._nothing = np.zeros(n), np.zeros(constants)
+        self._stops, self._prepare = self._arguments.stops, NO_CODE
         self._words = pack(self._arguments)
         self._doubles, self.address = self._words.view(np.float64), address_of(self._words)
         self.y, self._begun = self.states[0, :n], self.states[0, : n + 1]
@@ -176,6 +177,11 @@ class _Workspace:
         settings[2], settings[3], settings[4] = scale_floor(problem.rtol, problem.atol), problem.rtol, problem.atol
         numbers[_T0_AT], numbers[_T1_AT], numbers[_LARGEST_AT] = problem.t0, problem.t1, problem.max_step
         words[_ATTEMPTS_AT], words[_GOING_AT] = problem.max_steps, 0
+        table = table_of(problem.stops, problem.inputs, len(c))
+        if table is not self._stops:
+            prepare = NO_CODE if problem.stops is None else problem.stops.prepare
+            words[_STOPS_AT:], words[_PREPARE_AT] = pack(table), prepare
+            self._stops, self._prepare = table, prepare
         state, constants = self._nothing
         return bool(y.dot(state) + c.dot(constants) == 0.0)
 
@@ -193,8 +199,9 @@ class _Workspace:
         else:
             states, ends = self._rows(limit)
             states[0, : len(self._begun)] = self._begun
-            words = pack(self._arguments._replace(states=states, times=ends))
-            words[_LIMITS_AT : _GOING_AT + 1] = self._words[_LIMITS_AT : _GOING_AT + 1]
+            words = self._words.copy()
+            replace_array(words, _STATES_AT, states)
+            replace_array(words, _TIMES_AT, ends)
             status = call(address_of(words))
             last = self.progress.row + 1
             rows, times = states[1:last], ends[1:last]
