@@ -10,9 +10,7 @@ from .event_resolution import begin_signs, go_on, resolve, starts, zeros_at_end
 from .event_search import NOTHING, scan
 from .workspace import EventKernels, EventWorkspace
 
-__all__ = ["BEGIN", "END", "LOOP", "RESOLVE", "RESTART", "SEARCH", "SHAPE", "SearchArguments", "SearchProgress"]
-
-SHAPE = "branches"
+__all__ = ["BEGIN", "END", "LOOP", "RESOLVE", "RESTART", "SEARCH", "SearchArguments", "SearchProgress"]
 
 BEGIN, RESTART, SEARCH, RESOLVE, END = range(5)
 """Tasks: take signs at the start of a run, and after a jump; search steps; resolve what was found; look at the end."""

@@ -34,9 +34,6 @@ from .mode_selection import select_mode
 
 __all__ = ["LOOP", "DecisionArguments", "decide"]
 
-SHAPE = "short loops"
-"""Loops over coordinates and contacts have a few rounds: they are not unrolled."""
-
 _REST, _REST_TOLERANCES, _REST_OF_SPAN, _LEAST_REST = 1e-6, 10.0, 1e-7, 1e-8
 """Rest speed in a plane: a share of the slip speeds so far, at least so many relative tolerances of the run; or
 a share of what friction and the motion do within the span; and of the least terms of a slip velocity."""

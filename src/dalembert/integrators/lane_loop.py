@@ -23,7 +23,16 @@ from .lane_stops import begin_lane_stops, pass_lane_stops, run_on_at_stops, watc
 from .step_records import compensate_steps, record_steps, records_are_full
 from .sweep_arguments import SweepArguments
 
-__all__ = ["LOOP", "SweepArguments", "sweeping"]
+__all__ = [
+    "EVENT_LOOP",
+    "LOOP",
+    "PROJECTED_LOOP",
+    "RECORDED_LOOP",
+    "STOP_EVENT_LOOP",
+    "STOP_LOOP",
+    "SweepArguments",
+    "sweeping",
+]
 
 
 @compiled_subset
@@ -126,3 +135,8 @@ def sweeping(
 
 
 LOOP = sweeping(watched=False, projected=False)
+PROJECTED_LOOP = sweeping(watched=False, projected=True)
+RECORDED_LOOP = sweeping(watched=False, projected=True, recorded=True)
+STOP_LOOP = sweeping(watched=False, projected=True, stops=True)
+EVENT_LOOP = sweeping(watched=True, projected=True)
+STOP_EVENT_LOOP = sweeping(watched=True, projected=True, stops=True)

@@ -28,6 +28,7 @@ from .stops import StopTable, begin_stops, end_of_steps, is_due, pass_stops, tak
 
 __all__ = [
     "LOOP",
+    "RECORDED_LOOP",
     "PreparedArguments",
     "PreparedKernels",
     "PreparedLimits",
@@ -342,4 +343,4 @@ def _continue_in(arguments: PreparedArguments, new: int, here: int) -> None:
     arguments.progress.row = here
 
 
-LOOP, attempt = running(recorded=False), _attempting(recorded=False)
+LOOP, RECORDED_LOOP, attempt = running(recorded=False), running(recorded=True), _attempting(recorded=False)

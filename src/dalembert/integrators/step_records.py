@@ -47,7 +47,7 @@ def _sum(a: float, b: float) -> tuple[float, float]:
 def compensate_steps(arguments: SweepArguments) -> None:
     """Sum time and state of Taylor steps that were accepted with compensation, where a run alone has that.
 
-    See `dalembert.integrators.taylor_loop`.
+    See `dalembert.integrators.prepared_loop`.
     """
     low, state, shape = arguments.workspace.low, arguments.state, arguments.shape
     if low.shape[0] == 0:

@@ -56,7 +56,7 @@ _STIFFNESS_FROM, _STIFFNESS_REST = 900, 4000
 
 
 class TaylorLoop(Protocol):
-    """The loop of `dalembert.integrators.taylor_loop`, loaded."""
+    """The recorded loop of `dalembert.integrators.prepared_loop`, loaded."""
 
     @property
     def call(self) -> Callable[[int], int]:
@@ -67,7 +67,7 @@ class TaylorLoop(Protocol):
 @final
 @dataclass(frozen=True)
 class StepCode:
-    """Compiled code: the loop of `dalembert.integrators.taylor_loop`, and addresses of the kernels that it calls.
+    """Compiled code: the recorded loop of `dalembert.integrators.prepared_loop`, and addresses of what it calls.
 
     The step is a Taylor step of some order that also writes its series; the projections are 0 where there are none.
     ``angles`` are the components of the state that matter modulo a turn. ``workspaces`` are those that no run uses.

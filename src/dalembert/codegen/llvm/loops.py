@@ -31,13 +31,47 @@ from .assembly import Compiled, Shape, load_object
 from .objects import object_code
 from .target import target
 
-__all__ = ["DEBUG_VARIABLE", "Loop", "compiled_entry", "debugging", "library_code", "loop_named", "toolchain"]
+__all__ = [
+    "DEBUG_VARIABLE",
+    "SOURCES",
+    "Loop",
+    "compiled_entry",
+    "debugging",
+    "library_code",
+    "loop_named",
+    "toolchain",
+]
 
 DEBUG_VARIABLE = "DALEMBERT_DEBUG"
 
 _PERMANENT: list[Compiled] = []
 """Code of no scene, which is never unloaded, whatever caches forget."""
 
+
+SOURCES: dict[str, tuple[str, str, Shape]] = {
+    "block_search": ("integrators.block_search", "LOOP", "branches"),
+    "contact_decisions": ("integrators.contact_decisions", "LOOP", "short loops"),
+    "event_lane_loop": ("integrators.lane_loop", "EVENT_LOOP", "branches"),
+    "explicit_loop": ("integrators.explicit_loop", "LOOP", "loops"),
+    "foreign_batch_loop": ("integrators.foreign_batch_loop", "LOOP", "loops"),
+    "foreign_loop": ("integrators.foreign_loop", "LOOP", "loops"),
+    "foreign_task": ("integrators.foreign_task", "LOOP", "loops"),
+    "implicit_loop": ("integrators.implicit_loop", "LOOP", "loops"),
+    "kernel_rows": ("integrators.kernel_rows", "LOOP", "loops"),
+    "lane_loop": ("integrators.lane_loop", "LOOP", "loops"),
+    "phase_loop": ("integrators.phase_loop", "LOOP", "loops"),
+    "prepared_loop": ("integrators.prepared_loop", "LOOP", "loops"),
+    "projected_lane_loop": ("integrators.lane_loop", "PROJECTED_LOOP", "loops"),
+    "recorded_lane_loop": ("integrators.lane_loop", "RECORDED_LOOP", "loops"),
+    "sample_projection": ("integrators.sample_projection", "LOOP", "loops"),
+    "stop_event_lane_loop": ("integrators.lane_loop", "STOP_EVENT_LOOP", "branches"),
+    "stop_lane_loop": ("integrators.lane_loop", "STOP_LOOP", "loops"),
+    "taylor_loop": ("integrators.prepared_loop", "RECORDED_LOOP", "loops"),
+}
+"""Of each loop by its name: its module, its function there, and the shape of its code.
+
+Loops of decisions about contacts are short: those over coordinates and contacts have a few rounds and are not unrolled.
+"""
 
 _ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
 
@@ -77,14 +111,16 @@ def library_code(name: str, text: Callable[[], str], shape: Shape = "straight") 
 
 @final
 class Loop:
-    """The function ``LOOP`` of the module `name` of `dalembert.integrators`: machine code, or plain Python."""
+    """The loop of a name (`loop_named`): machine code, or plain Python."""
 
     def __init__(self, name: str, *, plain: bool = False) -> None:
         self._name, self.plain = name, plain
 
     @once_property
     def _function(self) -> Callable[[Any], int | None]:
-        return importlib.import_module(f"dalembert.integrators.{self._name}").LOOP
+        module, name, _ = SOURCES[self._name]
+        found: Callable[[Any], int | None] = getattr(importlib.import_module(f"dalembert.{module}"), name)
+        return found
 
     @once_property
     def _code(self) -> Compiled:
@@ -93,8 +129,7 @@ class Loop:
 
             return loop_assembly(self._function, fused=target().fused)
 
-        module = importlib.import_module(f"dalembert.integrators.{self._name}")
-        return library_code(self._name, text, getattr(module, "SHAPE", "loops"))
+        return library_code(self._name, text, SOURCES[self._name][2])
 
     @once_property
     def call(self) -> Any:

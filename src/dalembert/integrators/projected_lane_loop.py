@@ -1,7 +1,0 @@
-"""The loop of `dalembert.integrators.lane_loop` with projections."""
-
-from .lane_loop import sweeping
-
-__all__ = ["LOOP"]
-
-LOOP = sweeping(watched=False, projected=True)
