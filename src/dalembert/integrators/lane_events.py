@@ -11,9 +11,9 @@ from .event_resolution import begin_signs, go_on, resolve, starts, zeros_at_end
 from .event_rules import recorded_after
 from .event_search import BROKEN, NOTHING, scan
 from .event_series import at_most_one_zero, keeps_signs, load_event_series, no_sign_change
-from .lane_steps import next_record
+from .lane_steps import next_record, project_marked
 from .lane_stops import end_of_case
-from .projection import FAILED, NONE, PENDING, correct
+from .projection import FAILED, NONE, PENDING
 from .step_control import largest_step, status_after
 from .step_polynomials import end_polynomial
 from .step_records import drop_compensation, record_end
@@ -222,25 +222,11 @@ def _take_point(arguments: SweepArguments, lane: int) -> None:
 @compiled_subset
 def _project_alone(arguments: SweepArguments, lane: int) -> bool:
     """Project the state of one lane; return whether that came about, and else end its case."""
-    kernels, state = arguments.kernels, arguments.state
-    lone, numbers = state.numbers.lone, state.numbers
-    for other in range(state.clock.shape[1]):
+    numbers = arguments.state.numbers
+    lone = numbers.lone
+    for other in range(arguments.state.clock.shape[1]):
         lone[other] = PENDING if other == lane else NONE
-    states, old, tolerances = state.states, state.progress.old, state.settings.shape[0] - 2
-    correct(
-        kernels.position,
-        kernels.velocity,
-        state.clock,
-        states,
-        old,
-        states,
-        states.shape[0] // 2 - old,
-        state.constants,
-        state.delta,
-        lone,
-        state.settings[tolerances, 0],
-        state.settings[tolerances + 1, 0],
-    )
+    project_marked(arguments, lone)
     if lone[lane] == FAILED:
         numbers.status[lane] = Status.PROJECTION_FAILED
         return False

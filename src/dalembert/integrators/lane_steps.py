@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..methods.status import RUNNING, Status
 from ..transforms.runge_kutta_parts import GROWTH_AT, PROPOSAL_AT
 from .compiled_subset import call_code, call_test, compiled_subset, fma, lowest, row
@@ -15,6 +18,7 @@ __all__ = [
     "advance_together",
     "next_record",
     "project_lanes",
+    "project_marked",
     "record_part",
     "swap_states",
     "take_step",
@@ -191,8 +195,17 @@ def project_lanes(arguments: SweepArguments) -> None:
     kernels, state = arguments.kernels, arguments.state
     if kernels.position == 0 and kernels.velocity == 0:
         return
-    states, old, mark = state.states, state.progress.old, state.numbers.mark
-    tolerances = state.settings.shape[0] - 2
+    project_marked(arguments, state.numbers.mark)
+    for lane in range(state.clock.shape[1]):
+        if state.numbers.mark[lane] == FAILED:
+            _undo(arguments, lane)
+
+
+@compiled_subset
+def project_marked(arguments: SweepArguments, mark: NDArray[np.int64]) -> None:
+    """Project the lanes that are `PENDING` in ``mark`` (lanes,), which becomes `FAILED` where that fails."""
+    kernels, state = arguments.kernels, arguments.state
+    states, old, tolerances = state.states, state.progress.old, state.settings.shape[0] - 2
     correct(
         kernels.position,
         kernels.velocity,
@@ -207,9 +220,6 @@ def project_lanes(arguments: SweepArguments) -> None:
         state.settings[tolerances, 0],
         state.settings[tolerances + 1, 0],
     )
-    for lane in range(state.clock.shape[1]):
-        if mark[lane] == FAILED:
-            _undo(arguments, lane)
 
 
 @compiled_subset
