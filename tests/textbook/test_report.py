@@ -1,5 +1,6 @@
 """What a notebook and a terminal show, and the pages of the documentation."""
 
+import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -91,7 +92,7 @@ def test_textbook_is_imported_only_when_asked_for():
     subprocess.run([sys.executable, "-c", code], check=True, env={"PYTHONPATH": str(ROOT / "src")})
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         da.nonsense  # noqa: B018
-    assert da.textbook.Screw is da.Screw
+    assert importlib.import_module("dalembert.textbook").Screw is da.Screw
 
 
 def test_the_textbook_route_does_not_use_the_compiled_one():
