@@ -149,6 +149,10 @@ class EnergyWarning(UserWarning):
     """A potential energy is not that of the loads, or the energy is requested and a load has no known potential."""
 
 
+class LoadWarning(UserWarning):
+    """A force acts at a point that moves over a body without saying that it acts on that body."""
+
+
 class PrecisionWarning(UserWarning):
     """A tolerance is below what double precision gives; the message names the floor."""
 

@@ -232,10 +232,10 @@ def test_not_a_joint(stage):
     assert_fault(stage.scene, "'slot' is not a Joint")
 
 
-@pytest.mark.parametrize("load", [3, (1, 2), ("G", 0), (None, None), (1, 2, 3)])
+@pytest.mark.parametrize("load", [3, (1, 2), ("G", 0), (None, None), (1, 2, 3, 4)])
 def test_not_a_load(stage, load):
     stage.scene.add_loads(load)
-    assert_fault(stage.scene, "load 1", "neither (point, force) nor (frame, torque)")
+    assert_fault(stage.scene, "load 1", "neither (point, force), (frame, torque) nor (body, point, force)")
 
 
 def test_force_that_is_no_vector(stage):

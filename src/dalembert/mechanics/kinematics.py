@@ -15,7 +15,7 @@ from __future__ import annotations
 from typing import final
 
 from ..ir.graph import Graph, Node
-from ..scene.model import Components, Pieces, SceneModel
+from ..scene.model import BodyModel, Components, Pieces, SceneModel
 from ..transforms.derivatives import tangents
 from . import vectors as vec
 
@@ -136,6 +136,10 @@ class Kinematics:
         return max(frames, key=lambda frame: len(self.ancestry(frame)), default=0)
 
     # -- poses ----------------------------------------------------------------------------
+
+    def body_pose(self, body: BodyModel) -> Pose:
+        """Return the pose of a body at its mass centre; that of a particle is on the frame that carries its point."""
+        return self.pose(self.carrier(body.centre) if body.inertia is None else body.frame, body.centre)
 
     def pose(self, frame: int, point: int) -> Pose:
         """Return the pose of `frame` at `point`."""

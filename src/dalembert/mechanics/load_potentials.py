@@ -75,7 +75,7 @@ def load_parts(kinematics: Kinematics, graph: Graph, constraints: Sequence[Const
         Where a unit quaternion is among the coordinates, a potential has the powers of its loads on them only.
     """
     search = _Search(kinematics, graph, constraints)
-    given = [action for action in kinematics.model.actions if action.kind != "screw"]
+    given = [action for action in kinematics.model.actions if not action.of_joint]
     parts = search.parts([search.load(action) for action in given if action.actuator is None])
     for number, stored in enumerate(kinematics.model.stored):
         loads = [search.load(action) for action in given if action.actuator == number]

@@ -63,6 +63,8 @@ class LoadReader:
     def load(self, action: Action) -> Load:
         """Return a force or a torque with its power coefficients."""
         kinematics, zero = self.kinematics, vec.zero(self.graph)
+        if action.kind == "body force":
+            return self._on_body(action)
         if action.kind == "force":
             assert action.at is not None
             pose = kinematics.pose(kinematics.carrier(action.at), action.at)
@@ -85,6 +87,23 @@ class LoadReader:
         place = None if force is None else self._place(action.at)
         on_root = None if force is None else (force[0], force[1], force[2])
         return Load(action.name, self._powers(pose, screw), rates, on_root, place)
+
+    def _on_body(self, action: Action) -> Load:
+        """Return a force on a body, at a point that need not be fixed on it."""
+        kinematics = self.kinematics
+        assert action.target is not None and action.at is not None
+        body = kinematics.model.bodies[action.target]
+        pose = kinematics.body_pose(body)
+        given = self._vector(kinematics.resolve(action.force, pose.frame))
+        arm = vec.zero(self.graph)
+        if body.inertia is not None:
+            arm = self._vector(kinematics.between(body.centre, action.at, pose.frame))
+        rest = self._without_rates(given)
+        if rest is None:
+            return Load(action.name, (self.graph.zero,) * len(self.q), True)
+        still: Components = (rest[0], rest[1], rest[2])
+        rates = any(a is not b for a, b in zip(given, still, strict=True))
+        return Load(action.name, self._powers(pose, (still, vec.cross(arm, still))), rates)
 
     def named(self, name: str, powers: Sequence[Node]) -> Load:
         """Return a load of which only the power coefficients are known."""

@@ -60,8 +60,7 @@ def powers(kinematics: Kinematics) -> Powers:
     gravity = kinematics.resolve(model.gravity, 0)
     bodies = []
     for body, said in zip(model.bodies, model.potentials, strict=True):
-        frame = kinematics.carrier(body.centre) if body.inertia is None else body.frame
-        pose = kinematics.pose(frame, body.centre)
+        pose = kinematics.body_pose(body)
         bodies.append(pose)
         second = body.inertia or (vec.zero(graph), vec.zero(graph), vec.zero(graph))
         _add_inertia(inertias, pose, _Inertia(body.mass, vec.zero(graph), second))
@@ -107,7 +106,7 @@ def _add_actions(kinematics: Kinematics, bodies: list[Pose], wrenches: dict[Pose
     """Subtract the given actions and reactions from the wrenches of inertia."""
     model = kinematics.model
     for action in model.actions:
-        if action.kind == "screw":
+        if action.on_body:
             assert action.target is not None and action.at is not None
             pose, body = bodies[action.target], model.bodies[action.target]
             arm = vec.zero(kinematics.graph)

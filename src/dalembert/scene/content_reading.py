@@ -138,6 +138,8 @@ class ContentReader(GeometryReader):
 
     def _load(self, load: Any, number: int, name: str = "") -> Action | None:
         place = f"load {number + 1}"
+        if isinstance(load, Sequence) and len(load) == 3:
+            return self._load_on_body(load, place)
         pair = tuple(load) if isinstance(load, Sequence) and len(load) == 2 else (None, None)
         if isinstance(pair[0], Point):
             where = f"{name and f'{name}: '}force at {pair[0].name!r}"
@@ -145,8 +147,23 @@ class ContentReader(GeometryReader):
         if isinstance(pair[0], ReferenceFrame):
             where = f"{name and f'{name}: '}torque on {pair[0].name!r}"
             return Action(where, "torque", self._frame(pair[0], where), None, (), self._vector(pair[1], where))
-        self.faults.append(f"{place}: {load!r} is neither (point, force) nor (frame, torque)")
+        self.faults.append(f"{place}: {load!r} is neither (point, force), (frame, torque) nor (body, point, force)")
         return None
+
+    def _load_on_body(self, load: Sequence[Any], place: str) -> Action | None:
+        """Return a force on a body at a point; one that is fixed on the body is an ordinary force there."""
+        names = list(self.scene.body_names())
+        given, point, force = load
+        name = given if isinstance(given, str) else str(getattr(given, "name", given))
+        if name not in names:
+            self.faults.append(f"{place} acts on {name!r}, which is no body; known: {list_names(names)}")
+            return None
+        if not isinstance(point, Point):
+            self.faults.append(f"{place}: the second of (body, point, force) must be a Point, and is {point!r}")
+            return None
+        where = f"force on {name!r} at {point.name!r}"
+        at, vector = self._point(point, where), self._vector(force, where)
+        return Action(where, "body force", names.index(name), at, vector, ())
 
     def _holonomic(self, constraint: Any, number: int) -> ConstraintModel:
         label = f"holonomic constraint {number + 1}"

@@ -52,7 +52,7 @@ def _jumps(scene: Scene) -> Iterator[ForceJump]:
 def _expressions(scene: Scene) -> Iterator[Any]:
     """Yield the expressions of a scene that decide its accelerations and rates."""
     given = [*scene.loads, *(load for actuator in scene.actuators for load in actuator.to_loads())]
-    vectors = [load[1] for load in given]
+    vectors = [load[-1] for load in given]
     vectors += [vector for joint in scene.joints for vector in (joint.force, joint.torque)]
     for vector in vectors:
         for matrix, _ in getattr(vector, "args", ()):

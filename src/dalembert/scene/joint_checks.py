@@ -1,4 +1,4 @@
-"""Check that the point of a joint belongs to its body, and that particles have no torques."""
+"""Check that the points of joints and loads belong to bodies, and that particles have no torques."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .joints import Joint
     from .scene import Scene
 
-__all__ = ["foreign_points", "points_off_particles", "torques_on_particles"]
+__all__ = ["foreign_points", "points_off_particles", "torques_on_particles", "travelling_points"]
 
 
 def torques_on_particles(scene: Scene, joint: Joint) -> list[str]:
@@ -78,7 +78,7 @@ def foreign_points(
     faults: dict[str, None] = {}
     for action in actions:
         held = _inputs(action) & searched
-        if action.kind != "screw" or action.target is None or action.at is None or not held:
+        if not action.of_joint or action.target is None or action.at is None or not held:
             continue
         own = sorted({action.target} if action.other is None else {action.target, action.other})
         others, moving = 0, 0
@@ -87,12 +87,71 @@ def foreign_points(
         apart = [_apart(frames, points, bodies[i], action.at) & others & ~moving for i in own]
         strange = apart[0] if all(apart) else 0
         shared = action.other is None and any(
-            other.kind == "screw" and other.target != action.target and _inputs(other) & held for other in actions
+            other.of_joint and other.target != action.target and _inputs(other) & held for other in actions
         )
         names = [str(q.payload) for q in coordinates if q.deps & strange]
         if names and not shared:
             faults[_foreign(action.name, [bodies[i].name for i in own], points[action.at].name, names)] = None
     return list(faults)
+
+
+def travelling_points(
+    frames: Mapping[int, FrameModel],
+    points: Mapping[int, PointModel],
+    bodies: Sequence[BodyModel],
+    actions: Sequence[Action],
+    moving: int,
+) -> list[str]:
+    """Return a warning for every load (point, force) whose point is located from a body and moves over all of them.
+
+    `moving` are the inputs that change along motions, as a mask. The power of such a load is that of the velocity of
+    the point, so that a force at the lowest point of a wheel exerts no torque on the wheel.
+    """
+    centres = {body.centre: body for body in bodies}
+    found = []
+    for action in actions:
+        if action.kind != "force" or action.actuator is not None or action.at in centres or not action.force:
+            continue
+        assert action.at is not None
+        path = _path(points, action.at)
+        start = max((place for place, number in enumerate(path) if place and number in centres), default=0)
+        if start == 0 or centres[path[start]].inertia is None:  # from the origin, or from a particle
+            continue
+        pieces = [piece for number in path[start + 1 :] for piece in points[number].position]
+        carried = [body.frame for body in bodies if body.inertia is not None]
+        if all(
+            not any(x.deps & moving for x in piece.components)
+            and any(not _turning(frames, piece.frame, frame) & moving for frame in carried)
+            for piece in pieces
+        ):
+            continue
+        body = centres[path[start]].name
+        found.append(
+            f"the {action.name} acts at a point that is located from {body!r} and moves over it, so that its power is"
+            f" that of the velocity of the point, not of {body!r}: write it as (body, point, force), with the body"
+            f" {body!r}, where it acts on that body there, such as the force of the road on a tyre"
+        )
+    return found
+
+
+def _turning(frames: Mapping[int, FrameModel], first: int, second: int) -> int:
+    """Return the inputs that the rotation from one frame to another depends on, as a mask."""
+    paths = []
+    for number in (first, second):
+        current: int | None = number
+        path = []
+        while current is not None:
+            path.append(current)
+            current = frames[current].parent
+        paths.append(path[::-1])
+    while paths[0] and paths[1] and paths[0][0] == paths[1][0]:
+        del paths[0][0], paths[1][0]
+    mask = 0
+    for number in (*paths[0], *paths[1]):
+        for row in frames[number].rotation or ():
+            for entry in row:
+                mask |= entry.deps
+    return mask
 
 
 def _foreign(joint: str, bodies: Sequence[str], point: str, names: Sequence[str]) -> str:

@@ -89,9 +89,10 @@ class BodyModel:
 class Action:
     """An action on the scene.
 
-    `kind` is "screw" (on body number `target`, reduced at point `at`), "force" (at point `at`,
-    taken with that point's own velocity) or "torque" (on frame number `target`). A screw between two bodies is two
-    opposite actions; `other` is the body of the opposite one. Loads of one actuator have its number as `actuator`.
+    `kind` is "screw" (of a joint, on body number `target`, reduced at point `at`), "body force" (a load, taken with the
+    velocity of body number `target` at point `at`), "force" (at point `at`, taken with that point's own velocity) or
+    "torque" (on frame number `target`). A screw between two bodies is two opposite actions; `other` is the body of the
+    opposite one. Loads of one actuator have its number as `actuator`.
     """
 
     name: str
@@ -102,6 +103,16 @@ class Action:
     torque: Pieces
     other: int | None = None
     actuator: int | None = None
+
+    @property
+    def of_joint(self) -> bool:
+        """Whether a joint exerts it."""
+        return self.kind == "screw"
+
+    @property
+    def on_body(self) -> bool:
+        """Whether its power is taken with the velocity field of a body."""
+        return self.kind in ("screw", "body force")
 
     def opposite(self) -> Action:
         """Return the opposite screw on the other body, reduced at the same point."""

@@ -42,6 +42,6 @@ def without_speeds(scene: Scene) -> Scene:
     twin.speeds = twin.kinematic_equations = ()
     twin.holonomic_constraints = tuple(c.xreplace(values) for c in scene.holonomic_constraints)
     twin.nonholonomic_constraints = tuple(c.xreplace(values) for c in scene.nonholonomic_constraints)
-    twin.loads = tuple((target, vector.xreplace(values)) for target, vector in loads_of(scene))
+    twin.loads = tuple((*load[:-1], load[-1].xreplace(values)) for load in loads_of(scene))
     twin.actuators = ()
     return twin

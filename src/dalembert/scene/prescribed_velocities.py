@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame
 
+from ..errors import SceneError
 from .dyadics import matrix_of
 from .model import Components, GivenBody, GivenLoad, GivenMotion, Pieces
 from .tree import Tree
@@ -56,11 +57,24 @@ def read_given(
         rows = matrix(matrix_of(dyadic, frame), f"inertia of {place}")
         bodies.append(GivenBody(body.name, mass, velocity, spin, number(frame, place), rows))
     loads = []
-    for target, load in scene.loads:
+    for target, load in _pairs(scene):
         kind = "force at" if isinstance(target, Point) else "torque on"
         where = f"{kind} {target.name!r}"
         loads.append(GivenLoad(where, vector(load, where), vector(given[id(target)], f"velocity under the {where}")))
     return GivenMotion(tuple(bodies), tuple(loads))
+
+
+def _pairs(scene: Scene) -> list[tuple[Any, Any]]:
+    """Return the loads of a scene, all pairs of a point or frame and a vector."""
+    faults = [
+        f"load {number + 1} is (body, point, force), and the scene prescribes velocities: give the point, and its"
+        " velocity as part of the body, in place of the body"
+        for number, load in enumerate(scene.loads)
+        if len(load) != 2
+    ]
+    if faults:
+        raise SceneError(scene.name, faults)
+    return [(target, vector) for target, vector in scene.loads]
 
 
 def _frame_of(dyadic: Any, frame: ReferenceFrame) -> ReferenceFrame:

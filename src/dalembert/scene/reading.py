@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, final
 
-from ..errors import TOO_DEEP, SceneError
+from ..errors import TOO_DEEP, LoadWarning, SceneError, warn_caller
 from ..ir.graph import Node
 from ..naming import rate_name, unwritable
 from .content_reading import ContentReader
-from .joint_checks import foreign_points, points_off_particles
+from .joint_checks import foreign_points, points_off_particles, travelling_points
 from .kink_checks import kinked_constraints
 from .model import Action, BodyModel, ConstraintModel, ContactModel, GivenMotion, Pieces, SceneModel
 from .output_reading import names_as_nodes, read_outputs
@@ -154,6 +154,8 @@ class _SceneReader(ContentReader):
         faults = self.faults + self.expressions.faults
         if faults:
             raise SceneError(self.scene.name, faults)
+        for text in travelling_points(self.frame_models, self.point_models, bodies, actions, self._moving()):
+            warn_caller(f"scene {self.scene.name!r}: {text}", LoadWarning)
 
     def _given(self) -> tuple[GivenMotion | None, Node | None]:
         """Return the velocities and the Lagrangian of a scene that came from SymPy with them."""

@@ -167,7 +167,12 @@ class Scene:
         self.joints += joints
 
     def add_loads(self, *loads: Any) -> None:
-        """Add given actions: ``Force``/``Torque`` of SymPy, or pairs (point, force) and (frame, torque).
+        """Add given actions: ``Force``/``Torque`` of SymPy, pairs (point, force), (frame, torque), or forces on bodies.
+
+        A pair keeps SymPy's meaning: the power of the force is taken with the velocity of the point itself. A force
+        on a body, (body, point, force), has the power of the velocity that the body has at the point, v_G + omega x
+        (point - G). The two differ where the point moves over the body, such as the contact point of a wheel: the force
+        of the road on a tyre is (wheel, contact, force). The body is a RigidBody or Particle of the scene, or its name.
 
         Those that have a potential energy, such as constant forces, springs along a coordinate or between points, and
         torques that are a function of an angle, have it in ``"energy"``. The loads that it leaves out are named by

@@ -88,7 +88,11 @@ class Actions:
         return own
 
     def load_power(self, load: Any, coordinate: Any) -> sp.Expr:
-        """Return the power coefficient of a SymPy load, a force at a point or a torque on a frame."""
+        """Return the power coefficient of a load: a force at a point, a torque on a frame, or a force on a body."""
+        if len(load) == 3:
+            body, point, force = load
+            screw = Screw(self.geometry.vector(force), Vector(0), point, self.geometry)
+            return screw.product(self.partial_kinematic_screw(self.bodies.get(body, body), coordinate))
         place, vector = load
         rate = coordinate.diff(self.geometry.time)
         moving = self.geometry.velocity(place) if isinstance(place, Point) else self.geometry.angular_velocity(place)
