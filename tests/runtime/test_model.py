@@ -294,3 +294,19 @@ def test_polynomial_motions_take_steps_of_any_size(span):
     assert run(0.25 * span)["x"] == pytest.approx(0.25 * span - 0.5e-50 * (0.25 * span) ** 2, rel=1e-12)
     sweep = model.sweep((0, span), start, p, method="taylor", max_steps=10)
     assert sweep.success.all() and sweep.final["x"][0] == pytest.approx(wanted, rel=1e-12)
+
+
+def test_steps_beside_a_spring_of_no_stiffness_stop_growing():
+    """A coefficient of zero may be the rounding of one that matters, as that of a very soft spring is."""
+    x, (m, k) = dynamicsymbols("x"), sp.symbols("m k")
+    N, O = ReferenceFrame("N"), Point("O")
+    P = O.locatenew("P", x * N.x)
+    scene = da.Scene("spring", frame=N, origin=O, coordinates=[x])
+    scene.add_bodies(Particle("p", P, m))
+    scene.add_loads((P, -k * x * N.x))
+    model, start, options = da.compile_model(scene), {x: 0, x.diff(): 1}, {"method": "taylor", "max_steps": 50}
+    run = model.simulate((0, 1e22), start, {m: 1, k: 0}, **options)
+    assert run.success and run["x"][-1] == pytest.approx(1e22, rel=1e-12)
+    assert model.simulate((0, 1e50), start, {m: 1, k: 0}, **options).status == Status.MAX_STEPS
+    soft = model.simulate((0, 2e25), start, {m: 1, k: 1e-50}, **options)
+    assert soft.success and soft["x"][-1] == pytest.approx(1e25 * np.sin(2.0), rel=1e-7)

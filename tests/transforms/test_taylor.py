@@ -290,4 +290,4 @@ def test_rows_that_outgrow_the_stack_lie_elsewhere(monkeypatch):
 
 def test_order_grows_with_the_digits_asked_for():
     assert [order_for(tolerance) for tolerance in (1e-6, 1e-9, 1e-12)] == [10, 14, 19]
-    assert order_for(0.5) == 4
+    assert order_for(0.5) == 6

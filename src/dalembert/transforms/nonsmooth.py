@@ -16,6 +16,8 @@ __all__ = [
     "LEAST_INVERSE",
     "LEAST_POWER",
     "decisions",
+    "factors_of",
+    "largest_degree",
     "last_of",
     "leading_to",
     "nonanalytic",
@@ -37,11 +39,10 @@ _BRANCHED = {"acos", "asin", "atan2"}
 LEAST_POWER, LEAST_INVERSE = 6, 5
 """Exponents from which powers and inverse powers are steep; of the latter, sums with a square in them count twice.
 
-A factor that passes through zero has with exponent k no coefficient below k, which is not seen by the last two
-coefficients of a rate, order - 2 and order - 1, from k = order on; orders are 6 or more for tolerances below 4e-3, and
-13 by default. A force that goes with an inverse power of a distance is nothing far away: at the default order, steps
-passed over bodies at 1e5 times the shortest distance for exponents up to 4, which is let alone, at 1e3 times for 6, and
-at 100 times for 8 (measured on particles that repel each other)."""
+A factor that passes through zero has with exponent k no coefficient below k, so that a series of that order shows
+nothing of it; orders are 6 or more, and 13 by default. A force that goes with an inverse power of a distance is nothing
+far away: at the default order, steps passed over bodies at 1e5 times the shortest distance for exponents up to 4, which
+is let alone, at 1e3 times for 6, and at 100 times for 8 (measured on particles that repel each other)."""
 
 INVERSE = "inverse powers"
 
@@ -58,15 +59,13 @@ def nonanalytic_operations(kernel: Kernel) -> dict[str, str]:
     products may cancel to any order, and a component of the state that is nothing may grow by a rate of its own (which
     absolute tolerances leave unseen by every method).
     """
-    moving = {load.target for load in kernel.loads if load.array in ("t", "y")}
-    factors: dict[Operand, dict[str, float]] = {name: {name: 1.0} for name in moving}
+    factors = factors_of(kernel)
     found: dict[str, str] = {}
     squares: set[str] = set()
     for line in kernel.body:
-        if not any(arg in moving for arg in line.args):
+        if line.target not in factors:
             continue
-        moving.add(line.target)
-        factors[line.target] = own = _factors(line, factors)
+        own = factors[line.target]
         parts = (part for arg in line.args for part in factors.get(arg, {}).items())
         if line.op in ("add", "sub") and any(exponent >= 2.0 or name in squares for name, exponent in parts):
             squares.add(line.target)
@@ -118,6 +117,43 @@ def nonanalytic(graph: Graph, nodes: Sequence[Node], moving: Sequence[Node], *, 
         mask |= node.deps
     counted = {*_STEEP, *_BRANCHED, *(_KINKED if kinks else ())}
     return any(node.op in counted and node.deps & mask for node in graph.topological(nodes))
+
+
+def factors_of(kernel: Kernel) -> dict[Operand, dict[str, float]]:
+    """Return the values that vary with state or time, each with its factors and their exponents."""
+    factors: dict[Operand, dict[str, float]] = {
+        load.target: {load.target: 1.0} for load in kernel.loads if load.array in ("t", "y")
+    }
+    for line in kernel.body:
+        if any(arg in factors for arg in line.args):
+            factors[line.target] = _factors(line, factors)
+    return factors
+
+
+def largest_degree(kernel: Kernel) -> int:
+    """Return the largest degree of products in the outputs of a kernel, less than `LEAST_POWER`.
+
+    It is that in the state and the time, or in one factor if that is more: of what is no sum or product, degrees count
+    only where it is multiplied by itself, and those of divisors do not count.
+    """
+    degrees: dict[Operand, float] = {load.target: 1.0 for load in kernel.loads if load.array in ("t", "y")}
+    for line in kernel.body:
+        first, *_ = args = [degrees.get(arg, 0.0) for arg in line.args]
+        match line.op:
+            case "mul":
+                degrees[line.target] = sum(args)
+            case "add" | "sub" | "neg" | "abs":
+                degrees[line.target] = max(args)
+            case "div":
+                degrees[line.target] = first
+            case "pow" if not isinstance(line.args[1], str):
+                degrees[line.target] = first * line.args[1]
+    needed, factors, most = set(kernel.outputs), factors_of(kernel), 0.0
+    for line in reversed(kernel.body):
+        if line.target in needed:
+            needed.update(line.args[:1] if line.op == "div" else line.args)
+            most = max([most, degrees.get(line.target, 0.0), *factors.get(line.target, {}).values()])
+    return int(min(most, LEAST_POWER - 1))
 
 
 def _factors(line: Assignment, known: dict[Operand, dict[str, float]]) -> dict[str, float]:

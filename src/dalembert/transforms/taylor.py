@@ -1,6 +1,6 @@
 """Taylor step as straight-line code: [Recurrences] -> [Kernel].
 
-A step computes the series of the state, takes its size from the last two coefficients, and sums the series by
+A step computes the series of the state, takes its size from the last coefficients, and sums the series by
 Estrin's scheme. Order and step size follow Jorba and Zou (Experimental Mathematics 14, 2005): the step is the smaller
 of two estimates of the radius of convergence, divided by e**p, with their safety factor exp(-0.7 / (order - 1)), and
 the order is ceil(-log(tolerance)/p + 1). They take p = 2, which is best where the time of a step grows with the square
@@ -22,6 +22,7 @@ from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..ir.lines import Lines
 from ..methods.step_constants import SMALLEST_NORMAL
 from .expansion import FAITHFUL_ORDER, Expansion, Series, coefficient, over
+from .nonsmooth import largest_degree
 from .pipelines import STEP_PASSES
 from .recurrences import Integrated, Recurrences
 from .residual_control import PREVIOUS, grown, reached
@@ -56,6 +57,9 @@ spheres and sleighs: fewer steps of a higher order, or the reverse."""
 _FLOOR, _FLOOR_ORDER = 1.04e-16, 20
 """Tolerance up to which a step is one for the floor, and its order, which no other tolerance takes."""
 
+_LEAST_ORDER = 6
+"""Least order: forces with lower powers show in the series of a motion that begins where they are zero."""
+
 _FLOOR_SHARE = 3.0
 """Exponent that takes the place of p in the size of such a step."""
 
@@ -81,7 +85,7 @@ def order_for(tolerance: float) -> int:
     """Return the order that is cheapest for a tolerance."""
     if tolerance <= _FLOOR:
         return _FLOOR_ORDER
-    order = max(4, math.ceil(-math.log(tolerance) / _GROWTH + 1.0))
+    order = max(_LEAST_ORDER, math.ceil(-math.log(tolerance) / _GROWTH + 1.0))
     return order + 1 if order == _FLOOR_ORDER else order
 
 
@@ -234,15 +238,15 @@ def _scale(lines: Lines, recurrences: Recurrences, floor: Operand) -> Operand:
 
 
 def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: int, scale: Operand) -> Operand | None:
-    """Return the step that the last two coefficients of the state allow, read off those of its rate.
+    """Return the step that the last coefficients of the state allow, read off those of its rate.
 
-    None, which allows any step, where both are zero whatever the state is, as of a polynomial in time.
+    None, which allows any step, where all are zero whatever the state is, as of a polynomial in time.
     """
     own = len(recurrences.states) - recurrences.events_with_series
     rates, event_series = rates[:own], rates[own:]
     size = lines.op("rough_log2", scale)
     steps = []
-    for k in (order - 1, order):
+    for k in _orders_read(recurrences, order):
         norm = _norm(lines, [coefficient(rate, k - 1) for rate in rates], _LESS)
         if norm != _LESS:
             gap = lines.op("add", lines.op("sub", size, lines.op("rough_log2", norm)), math.log2(k))
@@ -256,6 +260,22 @@ def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: 
     for step in steps[1:]:
         shortest = lines.op("min", step, shortest)
     return lines.op("rough_exp2", lines.op("add", shortest, safety))
+
+
+def _orders_read(recurrences: Recurrences, order: int) -> list[int]:
+    """Return orders of coefficients of the state, of which one is not zero as long as the series goes on.
+
+    A motion that begins like t**p, p <= 2, under a force whose first power in it is d has terms with gaps of
+    p (d - 1) + 2 orders; those of the coordinates and of the speeds make two orders next to each other in each gap.
+    For d = 2, as of a pendulum released where it is horizontal, and for p = 1 and d = 3, as of a mass in the middle of
+    a cubic spring, gaps are 4, and the last two orders are none of those where `order` is a multiple of 4 or one less.
+    Larger gaps need products of so many factors; every other order is enough, or all where the gap is not yet over.
+    """
+    factors = max(largest_degree(recurrences.kernel), 2)
+    if order <= 2 * factors:
+        return list(range(2, order + 1))
+    more = factors - 1 if factors > 2 else 0 if order % 4 in (1, 2) else 1
+    return [*range(order - 1 - 2 * more, order - 1, 2), order - 1, order]
 
 
 def _share_of_itself(lines: Lines, series: Series, order: int) -> list[Operand]:
