@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import sympy as sp
-from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
 
@@ -40,6 +40,26 @@ def block(force, kind="line"):
     return scene
 
 
+def block_on_feet(force, reach):
+    """Return the scene of a block that can turn on two rough feet, one of them so many times as far away."""
+    m, g, mu, mu_s = sp.symbols("m g mu mu_s", positive=True)
+    x, z, theta = dynamicsymbols("x z theta")
+    N, O = ReferenceFrame("N"), Point("O")
+    B = N.orientnew("B", "Axis", [theta, -N.y])
+    scene = da.Scene("block", frame=N, origin=O, coordinates=[x, z, theta])
+    C = O.locatenew("C", x * N.x + z * N.z)
+    C.set_vel(N, C.pos_from(O).dt(N))
+    scene.add_bodies(RigidBody("block", C, B, m, (inertia(B, 0, m, 0), C)))
+    scene.apply_uniform_gravity(-g * N.z)
+    scene.add_loads((C, force * N.x))
+    for name, place in (("A", -1), ("B", reach)):
+        foot, (R, T) = C.locatenew(name, place * B.x), da.unknowns(f"R_{name} T_{name}")
+        scene.add_joints(da.Joint(name, body="block", at=foot, force=R * N.z + T * N.x))
+        scene.add_contacts(da.UnilateralContact(R, gap=foot.pos_from(O).dot(N.z), name=name))
+        scene.add_friction(da.CoulombFriction(R, T, mu=mu, mu_static=mu_s, name=name))
+    return scene
+
+
 def cases(share=1.0, count=30):
     """Return parameters, decimal numbers and products rounded in several ways, with F_0 a share of the limit."""
     rng, found = np.random.default_rng(0), []
@@ -73,6 +93,17 @@ def test_a_contact_sticks_at_its_limit(force, kind):
         assert slips(model, cases(), method) == 0, method
         assert slips(model, cases(1 + 1e-9), method) == 30, method
         assert slips(model, cases(1 - 1e-9), method) == 0, method
+
+
+@pytest.mark.parametrize("reach", [1, 2])
+@pytest.mark.parametrize("force", ["minimum", "piecewise", "from a preload", "jump"])
+def test_two_feet_stick_where_one_does(force, reach):
+    """They share the load indeterminately; together they hold as much as one."""
+    model = da.compile_model(block_on_feet(FORCES[force], reach))
+    for method in ("taylor", "dop853"):
+        assert slips(model, cases(count=8), method) == 0, method
+        assert slips(model, cases(1 + 1e-9, 8), method) == 8, method
+        assert slips(model, cases(1 - 1e-9, 8), method) == 0, method
 
 
 @pytest.mark.parametrize("backend", ["llvm", "numba", "numpy"])

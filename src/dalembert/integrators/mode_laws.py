@@ -45,7 +45,7 @@ holds nothing where a point turns back."""
 _TOGETHER = 1e-9
 """Share to which the slips of two contacts may differ from being multiples of each other."""
 
-_GOLDEN, _SECTIONS, _SHARE_ROUNDS = 0.6180339887498949, 60, 4
+_GOLDEN, _SECTIONS, _SHARE_ROUNDS = 0.6180339887498949, 80, 4
 """Golden section; sections of a direction in which forces are not determined; rounds over several such directions."""
 
 

@@ -32,6 +32,9 @@ _AT_LIMIT = 1024 * EPSILON
 """Share of a friction force and its limit up to which their difference counts as zero: what rounding leaves of it in
 the series of a step that touches the limit, and in one that ends just behind a knot of a table."""
 
+_PRODUCTS = {"break": 0, "share": 1}
+"""Guards that are such differences, or sums of them with weights, and the products to look through for the terms."""
+
 _ARGUMENTS = ("t", "y", "c")
 
 
@@ -105,8 +108,11 @@ def event_functions(
             )
     flow = dict(zip(y, graph.adopt(system.rhs), strict=True)) | {time: graph.one}
     rates = tangents(graph, nodes, flow)
-    limits = {guard.output for guard in system.equations.guards if guard.kind == "break"}
-    summed = [summands(graph, n) if e in limits else graph.zero for e, n in zip(expressions, nodes, strict=True)]
+    products = {guard.output: _PRODUCTS[guard.kind] for guard in system.equations.guards if guard.kind in _PRODUCTS}
+    summed = [
+        summands(graph, node, products[expression]) if expression in products else graph.zero
+        for expression, node in zip(expressions, nodes, strict=True)
+    ]
     sizes = zip(terms(system, graph, y, time, nodes), summed, strict=True)
     noise = [graph.node(_ROUNDINGS) * size + graph.node(_AT_LIMIT) * own for size, own in sizes]
     begins = [node for row in zip(nodes, rates, noise, strict=True) for node in row]

@@ -213,7 +213,7 @@ def _solve(
     residual = [a - f for a, f in zip(matvec(graph, mass, proved), forcing, strict=True)]
     if equations.minimum_norm:
         unknowns = equations.unknowns
-        return {unknowns[i]: x for i, x in enumerate(_minimum_norm(equations, reactions, residual))}
+        return {unknowns[i]: x for i, x in enumerate(_minimum_norm(equations, reactions, residual, 2))}
     solution = reaction_solver(equations, reactions)(residual)
     left = [a - r for a, r in zip(matvec(graph, reactions, solution), residual, strict=True)]
     _require_exerted(equations, left)
@@ -280,10 +280,13 @@ def _weighted_columns(equations: EquationsOfMotion, matrix: Matrix) -> Matrix:
     return [[entry * weight if angle else entry for entry, angle in zip(c, angles, strict=True)] for c in columns]
 
 
-def _minimum_norm(equations: EquationsOfMotion, matrix: Matrix, residual: Sequence[Node]) -> list[Node]:
+def _minimum_norm(
+    equations: EquationsOfMotion, matrix: Matrix, residual: Sequence[Node], improvements: int = 1
+) -> list[Node]:
     """Return the solution of minimum norm of equations whose columns may come to depend on each other.
 
-    Of the normal equations with a small part of their trace on the diagonal, improved once by what they leave.
+    Of the normal equations with a small part of their trace on the diagonal, improved so often by what they leave. The
+    equations are then off by the power of that part with one more than the improvements: 1e-14 or more after one.
     """
     graph, columns = equations.graph, _weighted_columns(equations, matrix)
     normal = matmul(graph, columns, matrix)
@@ -291,7 +294,9 @@ def _minimum_norm(equations: EquationsOfMotion, matrix: Matrix, residual: Sequen
     for i in range(len(normal)):
         normal[i][i] = normal[i][i] + small
     factors = factorize(graph, normal)
-    first = factors.solve(matvec(graph, columns, residual))
-    rest = [r - v for r, v in zip(residual, matvec(graph, matrix, first), strict=True)]
-    more = factors.solve(matvec(graph, columns, rest))
-    return [a + b for a, b in zip(first, more, strict=True)]
+    solution = factors.solve(matvec(graph, columns, residual))
+    for _ in range(improvements):
+        rest = [r - v for r, v in zip(residual, matvec(graph, matrix, solution), strict=True)]
+        more = factors.solve(matvec(graph, columns, rest))
+        solution = [a + b for a, b in zip(solution, more, strict=True)]
+    return solution

@@ -47,10 +47,19 @@ def terms(system: ReducedSystem, graph: Graph, y: Sequence[Node], time: Node, no
     return found
 
 
-def summands(graph: Graph, node: Node) -> Node:
-    """Return the sum of the sizes of the summands of a value: small multiples of it are rounding errors of the sum."""
+def summands(graph: Graph, node: Node, products: int = 0) -> Node:
+    """Return the sum of the sizes of the summands of a value: small multiples of it are rounding errors of the sum.
+
+    Those of selected values, and of the factors of so many `products` in each other, are summed in them.
+    """
     if node.op in ("add", "sub", "neg"):
-        return graph.sum(summands(graph, arg) for arg in node.args)
+        return graph.sum(summands(graph, arg, products) for arg in node.args)
+    if node.op == "mul" and products > 0:
+        first, second = (summands(graph, arg, products - 1) for arg in node.args)
+        return first * second
+    if node.op == "select":
+        condition, *values = node.args
+        return graph.call("select", condition, *(summands(graph, value, products) for value in values))
     return graph.call("abs", node)
 
 
