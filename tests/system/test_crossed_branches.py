@@ -104,6 +104,20 @@ def test_no_run_that_succeeds_is_on_a_wrong_branch(formulation):
     assert 0 < ended < 30
 
 
+def test_projected_runs_keep_their_branch_where_another_is_ten_tolerances_away():
+    """Nearer than that, an error as large as the tolerance may lead to the other branch."""
+    model, draw = lemniscate("projected"), np.random.default_rng(2)
+    for number in range(24):
+        rtol = (1e-2, 1e-3, 1e-4)[number % 3]
+        level = (-1) ** number * (5 * rtol) ** 2
+        given, method = start(draw.uniform(0.05, 0.6), level), METHODS[number % 4]
+        place = solve_ivp(tangent, (0, END), [given[x], given[y]], "DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
+        options = {"method": method, "rtol": rtol, "atol": rtol / 100, "max_steps": 20_000}
+        run = model.simulate((0, END), given, {m: 1.0, a: 1.0, b: level}, **options)
+        near = np.hypot(run["x"][-1] - place[0], run["y"][-1] - place[1]) < 0.3
+        assert run.status == Status.SINGULAR_CONFIGURATION or (run.success and near), (method, rtol, level)
+
+
 @pytest.mark.parametrize("second", [1e-6, 1e-3, 1e3, 1e6])
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_sweeps_into_the_crossing_end_in_all_units_of_time(formulation, second):
