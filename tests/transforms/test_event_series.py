@@ -1,8 +1,12 @@
 """Events with series of their own: the series, what they do to a Taylor step, and the test of their signs."""
 
+import math
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from dalembert.integrators import event_series
 from dalembert.integrators.event_series import at_most_one_zero
 from dalembert.integrators.workspace import event_workspace, no_events
 from dalembert.ir.graph import Graph
@@ -117,3 +121,16 @@ def test_a_plain_step_has_what_its_ends_say():
         assert changes == (0 if fresh else int(first * last < 0.0))
         found[fresh] += 1
     assert min(found.values()) > 100
+
+
+@pytest.mark.parametrize("error", [1e-2, 1e-4, 1e-9])
+def test_a_zero_is_that_of_the_expression_whatever_its_series_leaves_out(monkeypatch, error):
+    """The series of cos(2 theta) - 0.3 to order six, with further errors in value and slope."""
+    exact = math.acos(0.3) / 2.0
+    series = np.array([[0.7, 0.0, -2.0, 0.0, 2.0 / 3.0, 0.0, -4.0 / 45.0]])
+    series[0, :3] += error
+    monkeypatch.setattr(event_series, "value_at", lambda *given: math.cos(2.0 * given[5]) - 0.3)
+    space = SimpleNamespace(event_series=series)
+    ends = math.cos(0.2) - 0.3, math.cos(2.0) - 0.3
+    found = event_series.zero_of_series(None, space, 0, 0.0, 1.0, 0, 0.1, 1.0, *ends)
+    assert abs(found - exact) <= 4e-16

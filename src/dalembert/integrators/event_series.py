@@ -28,6 +28,9 @@ __all__ = [
 
 _POINTS = POINTS.copy()
 _NEWTON, _CLOSE, _NEAR = 60, 1e-7, 1e-5
+_CORRECTIONS, _CORRECTED = 6, 1e-16
+"""Steps with the expression itself, the first by the slope of the series, others by secants; and the product of two
+changes in a row, as shares of the piece, behind which nothing is left to correct."""
 
 
 @compiled_subset
@@ -199,7 +202,8 @@ def zero_of_series(
 ) -> float:
     """Return the zero of an event on a monotone piece of the step, from ``first`` at one end to ``last`` at the other.
 
-    Newton's method on its series, within a bracket, then one step with the expression itself: the series are truncated.
+    Newton's method on its series, within a bracket, then with the expression itself, because the series are truncated:
+    one step where tolerances are tight, and further ones where they are loose.
     """
     a, b = low, high
     theta = low + (high - low) * (first / (first - last))
@@ -219,8 +223,21 @@ def zero_of_series(
         value, slope = _series_at(space, event, theta)
         if done:
             break
-    exact = theta - value_at(events, space, c, t, h, theta, event) / slope
-    return min(max(exact, low), high) if math.isfinite(exact) else theta
+    before = earlier = 0.0
+    for attempt in range(_CORRECTIONS):
+        value = value_at(events, space, c, t, h, theta, event)
+        if attempt > 0 and value != earlier:
+            slope = (value - earlier) / before
+        exact = theta - value / slope
+        if not math.isfinite(exact):
+            break
+        exact = min(max(exact, low), high)
+        change = exact - theta
+        size = abs(change) if attempt == 0 else abs(before)
+        theta, before, earlier = exact, change, value
+        if abs(change) * size <= _CORRECTED * (high - low) * (high - low):
+            break
+    return theta
 
 
 @compiled_subset
