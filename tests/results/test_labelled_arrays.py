@@ -55,6 +55,17 @@ def test_attributes_say_how_the_values_were_computed(results, kind):
     assert json.loads(attributes["parameters"]) == wanted[kind]
 
 
+def test_tables_of_pandas_have_a_row_each(model):
+    run = model.simulate((0, 1), START, P, rtol=1e-7)
+    table = run.to_dataframe()
+    np.testing.assert_array_equal(table["x"], run["x"])
+    np.testing.assert_array_equal(table.index, run.t)
+    sweep = model.sweep((0, 1), START, {**P, "b": [0.1, 0.2]}, t_eval=[0.5, 1], rtol=1e-7)
+    table = sweep.to_dataframe()
+    assert table.index.names == ["case", "time"] and table.shape[0] == 4
+    np.testing.assert_array_equal(table["x"].loc[1], sweep["x"][1])
+
+
 def test_units_are_on_what_they_are_of(results):
     run, sweep, grid = results["trajectory"], results["sweep"], results["grid"]
     assert run["x"].units == grid["x"].units == "m" and run["X"].units == "N" and run["time"].units == "s"

@@ -118,6 +118,18 @@ def test_plots_belong_to_pyplot_and_take_axes(run):
     plt.close("all")
 
 
+def test_a_pair_is_drawn_over_each_other(run):
+    plt = pytest.importorskip("matplotlib.pyplot")
+    figure = run.plot("x", ("theta", dynamicsymbols("theta").diff()))
+    over_time, phase = figure.axes
+    np.testing.assert_array_equal(phase.lines[1].get_xydata(), np.stack([run["theta"], run["theta_dot"]], axis=1))
+    assert len(phase.lines[0].get_xdata()) > len(run.t)
+    assert phase.get_xlabel() == "theta" and over_time.get_ylim() != phase.get_ylim()
+    with pytest.raises(OptionError, match=r'pairs of them such as \("x", "x_dot"\), not \(\'x\',\)'):
+        run.plot(("x",))
+    plt.close("all")
+
+
 def test_a_status_is_written_by_its_name(run):
     assert str(run.status) == f"{run.status}" == "SUCCESS" and f"{run.status:>9}" == "  SUCCESS"
     assert run.status == 0 and int(run.status) == 0

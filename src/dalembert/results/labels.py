@@ -14,7 +14,7 @@ from ..version import __version__
 if TYPE_CHECKING:
     import xarray
 
-    from .sweep import SweepStatistics
+    from .sweep import Sweep, SweepStatistics
     from .trajectory import RunStatistics, Trajectory
 
 __all__ = [
@@ -82,6 +82,17 @@ def to_xarray(self: Trajectory, units: Mapping[Any, str] | None = None) -> xarra
     times = {"time": ("time", self.t, {"units": "s"})}
     dataset: xarray.Dataset = xarray_package().Dataset(named, coords=times, attrs=attrs)
     return with_units(dataset, units, layout.aliases, given)
+
+
+def to_dataframe(self: Trajectory | Sweep) -> Any:
+    """Return what `to_xarray` has as a ``pandas.DataFrame``: one row a time, and in sweeps a case or place of the grid.
+
+    Raises
+    ------
+    MissingExtraError
+        Without xarray, which brings pandas.
+    """
+    return self.to_xarray().to_dataframe()
 
 
 def distinct(name: str, taken: Container[Any], ending: str) -> str:

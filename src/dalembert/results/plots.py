@@ -23,13 +23,14 @@ _POINTS_PER_STEP = 20
 
 @nesting_named
 def plot(self: Trajectory, *given: Any, ax: Any = None) -> Figure:
-    """Draw the motion over time, one panel a name (coordinates by default), and return the figure.
+    """Draw names over time, the coordinates by default, and pairs over each other, a panel each; return the figure.
 
     The figure is one of pyplot, which ``plt.show()`` shows.
 
     Parameters
     ----------
-    *given : str or symbol
+    *given : str or symbol, or pair of them
+        ``plot("x", ("x", "x_dot"))`` draws x over time, and x_dot over x.
     ax : matplotlib.axes.Axes or sequence of Axes, optional
         Where to draw: all names on one, with a legend, or each on its own.
 
@@ -38,22 +39,26 @@ def plot(self: Trajectory, *given: Any, ax: Any = None) -> Figure:
     MissingExtraError
         Without matplotlib.
     OptionError
-        For as many axes as there are no names.
+        For another number of axes than of names, and groups of names that are no pairs.
     """
     try:
         import matplotlib.pyplot as plt
     except ImportError:
         raise MissingExtraError('matplotlib is needed; install it with: pip install "dalembert[plot]"') from None
-    names = [str(name) for name in given] or list(self.coordinates)
+    wanted = [_pair(name) for name in given] or [("", name) for name in self.coordinates]
+    names = [f"{over}, {name}" if over else name for over, name in wanted]
     smooth = self
     if self.can_evaluate and len(self.t) > 1:
         count = min(20_000, _POINTS_PER_STEP * len(self.t))
         smooth = self(np.linspace(self.t[0], self.t[-1], count))
-    columns = [(smooth[name], self[name]) for name in names]  # unknown names are refused before a figure is made
+    # unknown names are refused before a figure is made
+    columns = [[run[over] if over else run.t for run in (smooth, self)] for over, _ in wanted]
+    values = [[run[name] for run in (smooth, self)] for _, name in wanted]
+    timed = not any(over for over, _ in wanted)
     panels = list(np.ravel(ax)) if ax is not None else []
     if ax is None:
         figure = plt.figure(figsize=(7.0, 1.2 + 1.4 * len(names)), layout="constrained")
-        panels = list(figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0])
+        panels = list(figure.subplots(len(names), 1, sharex=timed, squeeze=False)[:, 0])
     shared = ax is not None and len(panels) == 1
     if shared:
         panels = panels * len(names)
@@ -61,19 +66,31 @@ def plot(self: Trajectory, *given: Any, ax: Any = None) -> Figure:
         raise OptionError(f"ax must be Axes of matplotlib, not {ax!r}")
     if len(panels) != len(names):
         raise OptionError(f"ax must be one Axes, or one for each of the {len(names)} names, not {len(panels)}")
-    for panel, name, (between, recorded) in zip(panels, names, columns, strict=True):
-        (line,) = panel.plot(smooth.t, between, linewidth=1.4, label=name)
-        panel.plot(self.t, recorded, ".", markersize=3, color=line.get_color() if shared else None)
+    for panel, label, (over, name), x, y in zip(panels, names, wanted, columns, values, strict=True):
+        (line,) = panel.plot(x[0], y[0], linewidth=1.4, label=label)
+        panel.plot(x[1], y[1], ".", markersize=3, color=line.get_color() if shared else None)
         if not shared:
             panel.set_ylabel(name)
+        if over:
+            panel.set_xlabel(over)
         panel.grid(alpha=0.3)
     if shared and len(names) > 1:
         panels[0].legend()
     elif shared:
-        panels[0].set_ylabel(names[0])
-    panels[-1].set_xlabel("t [s]")
+        panels[0].set_ylabel(wanted[0][1])
+    if not wanted[-1][0]:
+        panels[-1].set_xlabel("t [s]")
     drawn: Figure = panels[0].figure
     return drawn
+
+
+def _pair(given: Any) -> tuple[str, str]:
+    """Return the names on the two axes of a panel, nothing for the time."""
+    if not isinstance(given, tuple | list):
+        return "", str(given)
+    if len(given) != 2:
+        raise OptionError(f'plot draws names, and pairs of them such as ("x", "x_dot"), not {given!r}')
+    return str(given[0]), str(given[1])
 
 
 @nesting_named

@@ -21,6 +21,7 @@ from .labels import (
     flags,
     given_name,
     reaction_hint,
+    to_dataframe,
     value_name,
     with_units,
     xarray_package,
@@ -282,6 +283,8 @@ class Sweep(Estimated):
 
     def _ipython_key_completions_(self) -> list[str]:
         return list(dict.fromkeys(self._names()))
+
+    to_dataframe = to_dataframe
 
     def to_xarray(self, units: Mapping[Any, str] | None = None) -> xarray.Dataset:
         """Return the sweep as an ``xarray.Dataset`` over ``case`` or the axes of its grid, and ``time`` if sampled.

@@ -374,6 +374,7 @@ class Trajectory(Estimated):
     plot = plots.plot
     animate = plots.animate
     to_xarray = labels.to_xarray
+    to_dataframe = labels.to_dataframe
 
     def __repr__(self) -> str:
         span = f"t = {self.t[0]:g} .. {self.t[-1]:g}, " if len(self.t) else ""

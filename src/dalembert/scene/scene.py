@@ -64,7 +64,7 @@ class Scene:
     """
 
     @nesting_named
-    def __init__(self, name: str, *, frame: ReferenceFrame, origin: Point, coordinates: Sequence[Expr]) -> None:
+    def __init__(self, name: str, frame: ReferenceFrame, origin: Point, coordinates: Sequence[Expr]) -> None:
         faults = []
         if not isinstance(frame, ReferenceFrame):
             faults.append(f"frame must be a ReferenceFrame, not {frame!r}")
