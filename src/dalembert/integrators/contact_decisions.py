@@ -120,6 +120,8 @@ def _learn(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
         if begins:
             cases.flight[case, i] += abs(cases.passed[case]) if cases.modes[case, i] == OPEN else 0.0
             pick.kind[i] = kind_at_end(system, cases, case, i)
+            if pick.kind[i] == GRIPPED and system.width[i] == 1:
+                pick.given.along[i, 0] = cases.added[case, ADDED * i]
         elif pick.kind[i] == FREE or pick.kind[i] == HOVERING:
             closes = arrives(system, cases, case, i)
             pick.kind[i] = touching(system, cases, case, i) if closes else FREE

@@ -22,8 +22,9 @@ from .contact_system import (
 )
 from .dense_solve import solve_dense
 
-__all__ = ["compliance", "gap_compliance", "load_accelerations", "load_compliances", "load_correction"]
-__all__ += ["load_impact", "press_compliance", "shift_forces", "solve_mode"]
+__all__ = ["compliance", "gap_compliance", "hold_constraints", "load_accelerations", "load_compliances"]
+__all__ += ["load_correction", "load_impact", "motionless", "open_contacts", "press_compliance", "shift_forces"]
+__all__ += ["solve_mode"]
 
 _STEP, _MOST_STEPS = 2.0**20, 50
 """Factor between scales, and most of them: sizes of ordinary units keep the scale one."""
@@ -111,7 +112,7 @@ def _accelerate(system: ContactSystem, opened: int, width: int) -> int:
     These are columns of ``saddle_right``, of which the first ``width`` are solved for, with some contacts open, as
     bits. Returns the number of constraints that hold.
     """
-    n, held = system.coordinates, _hold(system, opened)
+    n, held = system.coordinates, hold_constraints(system, opened)
     for i in range(n):
         for j in range(n):
             system.saddle[i, j] = system.mass[i, j] * system.scales[i] * system.scales[j]
@@ -170,7 +171,7 @@ def _opens(opened: int, contact: int) -> bool:
 
 
 @compiled_subset
-def _hold(system: ContactSystem, opened: int) -> int:
+def hold_constraints(system: ContactSystem, opened: int) -> int:
     """List the constraints that hold with some contacts open; return their number."""
     held = 0
     for row in range(system.constraints):
@@ -240,7 +241,7 @@ def _along(system: ContactSystem, row: int, j: int) -> float:
 
 
 @compiled_subset
-def _motionless(system: ContactSystem, row: int) -> bool:
+def motionless(system: ContactSystem, row: int) -> bool:
     """Return whether a slip velocity does not depend on the rates here, compared with how the gap does."""
     constraint = system.constraint[system.row_owner[row]]
     if constraint < 0:
@@ -265,7 +266,7 @@ def _write(system: ContactSystem) -> None:
     place += 2 * k
     for r in range(system.slips):
         row = system.constraints + r
-        still = _motionless(system, row)
+        still = motionless(system, row)
         for j in range(out.shape[1]):
             value = _along(system, row, j)
             if j > 0:  # what the slip acceleration for a unit of the force is if nothing else holds the system
@@ -276,13 +277,19 @@ def _write(system: ContactSystem) -> None:
 
 
 @compiled_subset
-def solve_mode(system: ContactSystem, chosen: Combination) -> None:
-    """Solve for motion and forces in a mode, with its directions of slip and signs of normal reactions."""
+def open_contacts(chosen: Combination) -> int:
+    """Return the open contacts of a mode, as bits."""
     opened = 0
-    for i in range(system.contacts):
+    for i in range(chosen.mode.size):
         if chosen.mode[i] == OPEN:
             opened += 1 << i
-    _respond(system, opened)
+    return opened
+
+
+@compiled_subset
+def solve_mode(system: ContactSystem, chosen: Combination) -> None:
+    """Solve for motion and forces in a mode, with its directions of slip and signs of normal reactions."""
+    _respond(system, open_contacts(chosen))
     found, laws, forces = system.responses, system.laws, system.forces
     presses = system.solved.place + system.coordinates
     for i in range(system.contacts):

@@ -10,7 +10,7 @@ from ..arrays import FloatArray
 from ..hybrid.contact_data import NUMBERS
 from ..hybrid.modes import STATES
 from ..ir.conditions import CONDITION_TIME
-from .arguments import IntVector, Matrix, Record, Vector
+from .arguments import IntMatrix, IntVector, Matrix, Record, Vector
 from .compiled_subset import compiled_subset, sqrt
 from .dense_solve import DenseWorkspace, dense_workspace
 
@@ -96,6 +96,8 @@ class ContactSystem(NamedTuple):
         1 where a condition on time stands in the slip velocity, which may jump.
     tangential : (n_slips,)
         Number of the friction force along each slip velocity among the reactions.
+    slides_by : (n_slips, n_q)
+        1 where a slip velocity depends on a rate, at one position at least.
     row_owner, owner : (n_rows,), (n_reactions,)
         Contact of each row, and of each normal reaction; -1 for others, -2 for friction forces.
     angle : (n_q,)
@@ -161,6 +163,7 @@ class ContactSystem(NamedTuple):
     sided: IntVector
     jumping: IntVector
     tangential: IntVector
+    slides_by: IntMatrix
     row_owner: IntVector
     owner: IntVector
     angle: IntVector
@@ -211,6 +214,7 @@ def contact_system(automaton: HybridAutomaton) -> ContactSystem:
     motion = {"mass": (n, n), "forcing": (n,), "jacobian": (r, n), "bias": (r,), "velocity": (r,), "power": (u, n)}
     values, numbers = _views(**motion, **one_each)
     solution, solved = _views(motion=(n,), press=(k,), opening=(k,), slip=(s,))
+    entries = [not entry.is_zero for contact in automaton.contacts for row in contact.slips for entry in row.jacobian]
     named: dict[str, Any] = {**_topology(automaton), **numbers, **solved}
     return ContactSystem(
         coordinates=n,
@@ -218,6 +222,7 @@ def contact_system(automaton: HybridAutomaton) -> ContactSystem:
         contacts=k,
         slips=s,
         **named,
+        slides_by=np.array(entries, np.int64).reshape(s, n),
         values=values,
         rates=np.zeros(n),
         load=np.zeros(n),

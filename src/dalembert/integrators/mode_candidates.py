@@ -199,7 +199,7 @@ def _add_option(pick: Candidates, i: int, state: int, side: int, way: int) -> No
 def list_options(system: ContactSystem, pick: Candidates, expected: bool) -> None:
     """List what each contact may do, in the order of preference; ``expected`` leaves out other sides.
 
-    Nothing sticks without friction.
+    Nothing sticks without friction. Slip that has just stopped reverses rather than begins anew.
     """
     for i in range(system.contacts):
         pick.option_count[i] = pick.choice[i] = 0
@@ -216,8 +216,9 @@ def list_options(system: ContactSystem, pick: Candidates, expected: bool) -> Non
         for n in range(sides):
             side = -1 if n > 0 or turned(pick, i) else 1
             if line and way == 0:
-                _add_option(pick, i, SLIP, side, 1)
-                _add_option(pick, i, SLIP, side, -1)
+                forwards = -1 if pick.fired[i] & STOP != 0 and pick.given.along[i, 0] > 0.0 else 1
+                _add_option(pick, i, SLIP, side, forwards)
+                _add_option(pick, i, SLIP, side, -forwards)
             else:
                 _add_option(pick, i, system.closed[i], side, way if line else 0)
         if system.constraint[i] >= 0 and pick.struck[i] == 0:

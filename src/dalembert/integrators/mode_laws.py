@@ -12,6 +12,7 @@ from ..methods.step_constants import EPSILON
 from .compiled_subset import compiled_subset, sqrt, square
 from .contact_forces import compliance, press_compliance, shift_forces, solve_mode
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertial_size
+from .dead_centres import turns_back
 from .mode_candidates import FREE, LIFTING, SHARE, Candidates, broken, combine, copy_combination, rests, turned
 from .slip_direction import steady_directions, uneven
 
@@ -188,7 +189,7 @@ def contact_margin(system: ContactSystem, pick: Candidates, i: int, force: float
         used = 0.0
         for r in range(system.first[i], system.first[i] + system.width[i]):
             size = _speed(system, system.constraints + r) + force * _pushed(system, i)
-            if abs(system.slip[r]) > _POWERLESS * size:
+            if abs(system.slip[r]) > _POWERLESS * size or (system.width[i] == 1 and turns_back(system, pick.now, r)):
                 return -1.0
             used += system.forces[r, 0] * system.forces[r, 0]
         press = pick.now.sides[i] * system.press[i]
