@@ -225,3 +225,34 @@ def test_a_block_at_rest_up_to_rounding_sticks():
             start = {"x": 0.3 * metre, "z": 0.0, "x_dot": speed * metre, "z_dot": -1e-3 * abs(speed) * metre}
             run = model.simulate((0, 1.5), start, p | {"g": 9.81 * metre}, atol=1e-10 * min(metre, 1.0))
             assert run.success and [phase.modes["floor"] for phase in run.phases] == phases, (metre, speed)
+
+
+@pytest.fixture(scope="module")
+def sprung_row():
+    """Three masses on a line before a wall, each at a spring that is relaxed at the wall; they do not rebound."""
+    places, stiffnesses, masses = dynamicsymbols("x1:4"), sp.symbols("k1:4"), sp.symbols("m1:4")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("row", frame=N, origin=O, coordinates=list(places))
+    points = [O.locatenew(f"P{i}", x * N.x) for i, x in enumerate(places)]
+    for i, (x, P) in enumerate(zip(places, points, strict=True)):
+        R = da.unknowns(f"R{i}")
+        scene.add_bodies(Particle(f"body{i}", P, masses[i]))
+        scene.add_loads((P, -stiffnesses[i] * x * N.x))
+        scene.add_joints(da.Joint(f"c{i} right", body=f"body{i}", at=P, force=R * N.x))
+        if i:
+            scene.add_joints(da.Joint(f"c{i} left", body=f"body{i - 1}", at=points[i - 1], force=-R * N.x))
+        scene.add_contacts(da.UnilateralContact(R, gap=x - (places[i - 1] if i else 0), name=f"c{i}"))
+    return da.compile_model(scene)
+
+
+@pytest.mark.parametrize("mass", [0.01, 3.0])
+@pytest.mark.parametrize("rtol", [1e-6, 1e-9])
+def test_what_strikes_bodies_at_rest_without_a_force_stays_at_them(sprung_row, mass, rtol):
+    """The reactions are zero from then on, up to what rounding of the place makes of the spring force."""
+    start = {"x1": 0, "x2": 0, "x3": 0.2, "x1_dot": 0, "x2_dot": 0, "x3_dot": 0}
+    values = {"k1": 24, "k2": 13, "k3": np.linspace(20, 60, 64), "m1": mass, "m2": 1.5, "m3": 2.2}
+    cases = sprung_row.sweep((0, 2), start, values, rtol=rtol, atol=1e-2 * rtol)
+    assert cases.success.all()
+    for contact in ("c0", "c1", "c2"):
+        assert (cases.mode(contact) == "closed").all()
+    assert np.max(np.abs([cases[x] for x in ("x1", "x2", "x3")])) < 1e-15

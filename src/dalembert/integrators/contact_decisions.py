@@ -139,11 +139,26 @@ def _learn(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
 
 
 @compiled_subset
+def _transmit(system: ContactSystem, pick: Candidates, i: int) -> bool:
+    """Let a closed contact hold what rounding makes of the reactions of others; return whether that is much more."""
+    if system.constraint[i] < 0 or pick.kind[i] == FREE:
+        return False
+    slopes, found = system.jacobian[system.constraint[i]], pick.least[i]
+    ease = inertial_terms(system, slopes, system.power[system.normal[i]])
+    for j in range(system.contacts):
+        if pick.least[j] > 0.0 and ease > 0.0:
+            found = max(found, inertial_terms(system, slopes, system.power[system.normal[j]]) / ease * pick.least[j])
+    more = found > 2.0 * pick.least[i]
+    pick.least[i] = found if more else pick.least[i]
+    return more
+
+
+@compiled_subset
 def _weigh(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> None:
     """Find the gap accelerations and normal reactions of closed contacts up to which rounding may make them.
 
     Both follow from the terms of the gap's acceleration so far. The terms of a body at rest are those of its loads,
-    which reactions balance.
+    which reactions balance. A contact bears what rounding makes of the reactions of others that move the same.
     """
     for i in range(system.contacts):
         pick.still[i] = pick.least[i] = 0.0
@@ -153,6 +168,11 @@ def _weigh(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
             pick.still[i] = _LOADS * max(loads, inertial_terms(system, slopes, system.load))
             if ease > 0.0 and power > 0.0:
                 pick.least[i] = _LOADS * loads * dot(slopes, slopes, 0.0) / (ease * power)
+    spreads = True
+    while spreads:
+        spreads = False
+        for i in range(system.contacts):
+            spreads = _transmit(system, pick, i) or spreads
 
 
 @compiled_subset
