@@ -15,6 +15,7 @@ from dalembert.integrators.contact_system import OPEN, SLIP, STICK
 from dalembert.methods.status import Status
 from dalembert.runtime.hybrid.decisions import LOOP
 from hard_cases.contacts import loose_plate
+from hard_cases.many_contacts import boxes, boxes_at_rest, feet, feet_at_rest
 
 TIME = dynamicsymbols._t
 OK, IMPOSSIBLE, AMBIGUOUS = Status.SUCCESS, Status.CONTACT_IMPOSSIBLE, Status.CONTACT_AMBIGUOUS
@@ -133,7 +134,7 @@ def test_the_modes_of_many_contacts_obey_the_laws(count):
 
 
 def _search_always(monkeypatch):
-    monkeypatch.setattr(rules, "_FEW_CONTACTS", 0)
+    monkeypatch.setattr(rules, "FEW_CONTACTS", 0)
     monkeypatch.setattr(rules, "_FEW", 0)
 
 
@@ -163,3 +164,31 @@ def test_a_motion_is_the_same_whether_its_modes_are_searched_for_or_all_tried(mo
     for motion, other in zip(*found, strict=True):
         assert motion.success and len(motion.phases) > 1
         _compare(motion, other)
+
+
+def test_feet_that_are_alike_break_away_together():
+    """All four are at the limit of friction at one instant, and rounding decides which are found to be beyond it."""
+    model = da.compile_model(feet(4))
+    start, p = feet_at_rest(4, uneven=0.0)
+    run = model.simulate((0.0, 1.0), start, p)
+    assert run.success
+    assert [set(phase.modes.values()) for phase in run.phases] == [{"stick"}, {"slip"}] * 2 + [{"stick"}]
+
+
+def test_corners_of_a_box_do_not_slip_against_each_other():
+    """At the limit of friction, where rounding decides, the guard of the lowest box has fired; the upper one stays."""
+    model = da.compile_model(boxes(2))
+    start, p = boxes_at_rest(2)
+    decisions, layout = model.modes.decisions, model.layout
+    x, parameters = (
+        np.array([[values[n] for n in names]]) for values, names in ((start, layout.variables), (p, layout.parameters))
+    )
+    for t in np.arcsin(0.625) / 3.0 + np.arange(-4, 5) * 3e-17:
+        cases = contact_cases(np.array([t]), x, parameters, np.ones(1), 4)
+        cases.modes[:], cases.passed[:], cases.fired[0, 0] = STICK, t, rules.SHARE
+        arguments = decisions.arguments(
+            cases, decisions.values(cases.t, cases.x, cases.p), np.zeros(1, np.int64), (0.0, 0.0)
+        )
+        loop_named(LOOP)(arguments)
+        assert cases.status[0] == OK
+        assert cases.modes[0].tolist() == [SLIP, SLIP, STICK, STICK]

@@ -19,6 +19,7 @@ from .contact_impacts import close_gaps, hold, moves_in_mode, strike
 from .contact_kinds import (
     approaches,
     arrives,
+    began_to_slip,
     gap_allowance,
     kind_at_end,
     meets_at_end,
@@ -29,7 +30,7 @@ from .contact_kinds import (
 )
 from .contact_sizes import slip_speed, slip_terms, slow_terms
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, dot, inertial_terms, opening_power, terms
-from .mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, TURN, Candidates
+from .mode_candidates import BREAK_DOWN, BREAK_UP, FREE, GRIPPED, HOVERING, TOUCHING, TURN, Candidates
 from .mode_selection import select_mode
 
 __all__ = ["LOOP", "DecisionArguments", "decide"]
@@ -122,6 +123,8 @@ def _learn(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
             pick.kind[i] = kind_at_end(system, cases, case, i)
             if pick.kind[i] == GRIPPED and system.width[i] == 1:
                 pick.given.along[i, 0] = cases.added[case, ADDED * i]
+            if pick.kind[i] == GRIPPED and began_to_slip(system, cases, case, i):
+                pick.fired[i] = BREAK_UP if cases.added[case, ADDED * i] > 0.0 else BREAK_DOWN
         elif pick.kind[i] == FREE or pick.kind[i] == HOVERING:
             closes = arrives(system, cases, case, i)
             pick.kind[i] = touching(system, cases, case, i) if closes else FREE

@@ -7,7 +7,7 @@ from ..methods.step_constants import EPSILON
 from .compiled_subset import compiled_subset
 from .contact_cases import ADDED, REST, SIDE, UNDECIDED, ContactCases
 from .contact_sizes import NOISE, gap_noise, gap_rate, position_terms, rate_noise, slip_speed, slip_terms
-from .contact_system import OPEN, STICK, ContactSystem, drift, inertial_size, opening_power, terms
+from .contact_system import OPEN, SLIP, STICK, ContactSystem, drift, inertial_size, opening_power, terms
 from .mode_candidates import BREAK_UP, FREE, LIFT, LIFTING, MEET, STOP, closed_kind
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "STILL",
     "approaches",
     "arrives",
+    "began_to_slip",
     "forget_breaks",
     "gap_allowance",
     "kind_at_end",
@@ -227,6 +228,16 @@ def kind_at_end(system: ContactSystem, cases: ContactCases, case: int, i: int) -
     if free or (gap_rate(system, i) > noise and (before == UNDECIDED or not _unresolved(system, cases, case, i))):
         return FREE
     return _closed_at_end(system, cases, case, i)
+
+
+@compiled_subset
+def began_to_slip(system: ContactSystem, cases: ContactCases, case: int, i: int) -> bool:
+    """Return whether a contact along a line began to slip at this instant, and no guard but the end of slip has fired.
+
+    It does not stick again because another contact breaks away, too: bodies that are alike would take turns.
+    """
+    began = cases.passed[case] == 0.0 and cases.modes[case, i] == SLIP and system.width[i] == 1
+    return began and (cases.fired[case, i] == 0 or cases.fired[case, i] == STOP)
 
 
 @compiled_subset

@@ -52,7 +52,7 @@ if no other impact follows at the same instant."""
 
 _MOST_OPTIONS = 8
 
-_FEW_CONTACTS, _FEW, ALL = 3, 256, 2**62
+FEW_CONTACTS, _FEW, ALL = 3, 256, 2**62
 """Contacts up to which every combination is tried; with more, the most combinations that are all tried."""
 
 
@@ -143,7 +143,7 @@ def candidates_space(system: ContactSystem) -> Candidates:
     made = kind, fired, struck, slides, still, least, base_sides, options, count, choice, begins
     memory = taken, wanted, pushed, shares, np.zeros(system.slips + k)
     found = Found()
-    found.most = ALL if k <= _FEW_CONTACTS else _FEW
+    found.most = ALL if k <= FEW_CONTACTS else _FEW
     return Candidates(*made, *memory, given, now, best, clear, found)
 
 

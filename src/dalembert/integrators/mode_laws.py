@@ -131,19 +131,24 @@ def _has_own_slip(system: ContactSystem, i: int) -> bool:
 
 @compiled_subset
 def splits(system: ContactSystem, pick: Candidates, i: int, j: int) -> bool:
-    """Return whether contact j sticks although it can only slip together with i, which begins to slip.
+    """Return whether contact j sticks, or slips the other way, although it can only slip together with i, which slips.
 
-    One that slips although the other sticks has a slip of its own, as on a belt that runs while a wall stands still.
+    Both are at rest so far. One that slips although the other sticks has a slip of its own, as on a belt that runs
+    while a wall stands still.
     """
-    apart = pick.now.mode[i] == SLIP and pick.now.mode[j] == STICK
-    if apart and _held_by_friction(system, pick, i) and _held_by_friction(system, pick, j):
+    if i == j or pick.now.mode[i] != SLIP:
+        return False
+    if _held_by_friction(system, pick, i) and _held_by_friction(system, pick, j):
+        if pick.now.mode[j] == SLIP:
+            way = pick.now.along[i, 0] * pick.now.along[j, 0]
+            return way * compliance(system, system.first[i], system.first[j]) < 0.0 and coupled(system, i, j)
         return not _has_own_slip(system, i) and coupled(system, i, j)
     return False
 
 
 @compiled_subset
 def _splits_coupled_contacts(system: ContactSystem, pick: Candidates) -> bool:
-    """Return whether a contact sticks that can only slip together with one that begins to slip."""
+    """Return whether contacts part that can only slip together."""
     for i in range(system.contacts):
         for j in range(system.contacts):
             if splits(system, pick, i, j):
