@@ -1,7 +1,8 @@
 """Friction and contacts: steps a second of sweeps and runs with modes, and the cost of a decision by contacts.
 
-``python benchmarks/contacts.py`` prints the tables: a scene with friction against the same without, and decisions of 2
-to 12 contacts with the search for a mode against trying every combination.
+``python benchmarks/contacts.py`` prints the tables: a scene with friction against the same without; decisions of 2 to
+12 contacts with the search for a mode against trying every combination; and first and later runs of scenes of 4 to 12
+contacts, whose modes one program serves, against one program for each mode.
 """
 
 from __future__ import annotations
@@ -22,10 +23,13 @@ from dalembert.codegen.llvm.loops import loop_named
 from dalembert.integrators.contact_cases import contact_cases
 from dalembert.integrators.mode_candidates import ALL
 from dalembert.methods.status import Status
+from dalembert.runtime.hybrid import mode_models
 from dalembert.runtime.hybrid.decisions import LOOP
 from hard_cases.contacts import corner_plate
+from hard_cases.many_contacts import boxes, boxes_at_rest, feet, feet_at_rest, standing, standing_at_rest
 
 __all__ = ["HEAD", "contacts_rows", "contacts_text", "decisions_text", "measure_contacts", "measure_decisions", "tasks"]
+__all__ += ["measure_programs", "programs_text"]
 
 Record = dict[str, Any]
 TIME = dynamicsymbols._t
@@ -192,6 +196,51 @@ def decisions_text(records: Sequence[Record]) -> str:
     return "\n".join(lines)
 
 
+def measure_programs() -> list[Record]:
+    """Return records of first runs, which compile what they need, and of second runs, of scenes of many contacts.
+
+    In seconds of the processor, with one program for all modes and with one for each; a stack of six boxes only with
+    one, because the run with one for each takes hours. Loops that belong to no scene are compiled before.
+    """
+    scenes: dict[str, tuple[Callable[[], da.Scene], tuple[Any, Any], float]] = {
+        "four sprung legs in a plane": (lambda: feet(4), feet_at_rest(4), 1.0),
+        "four sprung legs in space": (standing, standing_at_rest(), 0.6),
+        "stack of two boxes": (lambda: boxes(2), boxes_at_rest(2), 1.5),
+        "stack of six boxes": (lambda: boxes(6), boxes_at_rest(6), 1.2),
+    }
+    start, p = feet_at_rest(2)
+    da.compile_model(feet(2), cache=False).simulate((0.0, 0.1), start, p)
+    records, usual = [], mode_models.why_separate
+    for name, (make, (start, p), end) in scenes.items():
+        for separate in (False, True) if name != "stack of six boxes" else (False,):
+            mode_models.why_separate = (lambda *about: "asked for") if separate else usual
+            scene, begin = make(), time.process_time()
+            model = da.compile_model(scene, cache=False)
+            run, first = model.simulate((0.0, end), start, p), time.process_time() - begin
+            if not run.success:
+                raise RuntimeError(f"{name}: {run.message}")
+            again = []
+            for _ in range(5):
+                begin = time.process_time()
+                model.simulate((0.0, end), start, p)
+                again.append(time.process_time() - begin)
+            about = {"scene": name, "contacts": len(model.contacts), "separate": separate, "phases": len(run.phases)}
+            programs = len({*model.modes.compiled} - {model.modes.open_mode})
+            records.append({**about, "programs": programs, "first": first, "second": min(again)})
+    mode_models.why_separate = usual
+    return records
+
+
+def programs_text(records: Sequence[Record]) -> str:
+    """Return the table of first and later runs as text."""
+    lines = [f"{'':<30}{'contacts':>9}{'phases':>8}{'programs':>10}{'s, first run':>14}{'ms, second':>12}"]
+    for r in records:
+        counts = f"{r['contacts']:>9}{r['phases']:>8}{r['programs']:>10}"
+        lines.append(f"{r['scene']:<30}{counts}{r['first']:>14.1f}{1e3 * r['second']:>12.1f}")
+    return "\n".join(lines)
+
+
 if __name__ == "__main__":
     print(contacts_text(measure_contacts(10_000, 5)))
     print(decisions_text(measure_decisions()))
+    print(programs_text(measure_programs()))

@@ -213,14 +213,19 @@ def compile_equations(
     names, watch = output_names(options.outputs), Stopwatch()
     watch.seconds.update(seconds or {})
     backend = backend_named(options.backend)
-    equations = watch("copy", lambda: copied(derivation.equations))
+    equations, switched = watch("copy", lambda: copied(derivation.equations)), False
     if mode is not None:
         from .hybrid.modes import mode_equations
+        from .hybrid.switched_modes import any_mode, switched_equations, switched_system
 
         single, whole = mode, equations
-        equations = watch("mode", lambda: mode_equations(whole, single))
-        names += [point.output for point in equations.guards]
-    reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, without))
+        switched = mode == any_mode(len(mode))
+        equations = watch("mode", lambda: switched_equations(whole) if switched else mode_equations(whole, single))
+        names += [] if switched else [point.output for point in equations.guards]
+    if switched:
+        reduced = watch("reduce", lambda: switched_system(equations, whole, names))
+    else:
+        reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, without))
     _refuse_names_of_the_state(derivation.model, reduced)
     if kept:
         from .reduction.invariant_projection import project_invariants

@@ -17,6 +17,7 @@ from ..errors import ConstraintError, list_names
 from ..ir.graph import Graph, Node
 from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Guard
 from ..transforms.linear import dependence
+from .contact_laws import CLOSED, OPEN, SLIP, SMOOTH, STATES, STICK, ContactLaws, Mode, mode_parameters
 from .shared_loads import Direction, SharedLaw, lawful_sums, undetermined_directions
 from .sliding_friction import SlidingContact, SlidingFriction, sliding_friction
 
@@ -32,38 +33,6 @@ __all__ = [
     "mode_parameters",
     "only_mode",
 ]
-
-OPEN, CLOSED, SLIP, STICK, SMOOTH = "open", "closed", "slip", "stick", "smooth"
-
-STATES = (OPEN, CLOSED, SLIP, STICK, SMOOTH)
-"""Their places are their numbers in compiled code (`dalembert.integrators.contact_system`)."""
-
-Mode = tuple[str, ...]
-"""One word a contact."""
-
-_ONSET = 0.05
-"""Share of the rest speed in a plane within which slip that begins keeps the direction in which it begins."""
-
-
-_MARGIN, _BEGUN = 0.05, 5.0
-"""Multiples of the rest speed: by how much slip that begins may seem to go backwards, and from which it has begun."""
-
-
-def mode_parameters(contact: ContactRow, state: str = SLIP) -> tuple[str, str, str, str]:
-    """Return the names of the parameters that a contact in a state adds to those of the scene, "" where it adds none.
-
-    They hold the direction of slip (a sign along a line, a unit vector in a plane); the sign of a normal reaction that
-    can push and pull, or, where the contact opens, the allowance: what is added to its normal reaction or gap in a
-    guard, so that rounding cannot make it fire; and the slip speed in a plane below which it counts as at rest, which
-    is negative in phases that do not begin at rest. A contact that slips has all that it can have.
-    """
-    name, width = contact.name, len(contact.tangential) if state == SLIP else 0
-    directions = (f"slip direction {n} of {name}" if width > 1 else "" for n in (1, 2))
-    first, second = (f"slip direction of {name}", "") if width == 1 else directions
-    side = f"side of {name}" if contact.tangential and state in (SLIP, STICK) else ""
-    if contact.constraint is not None:
-        side = f"allowance of {name}"
-    return first, second, side, f"rest speed of {name}" if width > 1 else ""
 
 
 def only_mode(contacts: Sequence[ContactRow]) -> Mode | None:
@@ -89,10 +58,10 @@ class _ModeEquations:
 
     def __init__(self, equations: EquationsOfMotion, mode: Mode) -> None:
         self.whole, self.mode = equations, mode
-        self.graph: Graph = equations.graph
+        self.graph, self.laws = equations.graph, ContactLaws(equations)
         self.contacts = list(zip(equations.contacts, mode, strict=True))
         sliding = [(c, state) for c, state in self.contacts if state in (SLIP, SMOOTH) and c.tangential]
-        self.sliding = [SlidingContact(c, partial(self._factors, c, state)) for c, state in sliding]
+        self.sliding = [SlidingContact(c, partial(self.laws.factors, c, state)) for c, state in sliding]
         opened = {c.constraint for c, state in self.contacts if state == OPEN}
         self.rows = [row for i, row in enumerate(equations.constraints) if i not in opened]
         self.groups = self._stick([c for c, state in self.contacts if state == STICK])
@@ -185,7 +154,7 @@ class _ModeEquations:
             rows.extend([entry if i == number else zero for i in self.kept] for number, entry in entries)
 
         for contact, state in self.contacts:
-            press, sticks = self._side(contact), state == STICK and contact not in self.idle
+            press, sticks = self.laws.side(contact), state == STICK and contact not in self.idle
             fixed = one if state in (SLIP, SMOOTH) and contact.tangential else zero
             if state != OPEN and (contact.constraint is not None or state in (SLIP, STICK)):
                 add((contact.normal, press), (-1, zero), (-1, zero), (contact.normal, fixed))
@@ -201,55 +170,6 @@ class _ModeEquations:
         reactions = [[row[i] for i in kept] for row in self.whole.reactions]
         return replace(self.whole, constraints=tuple(rows), reactions=reactions)
 
-    # -- sliding friction ------------------------------------------------------------------
-
-    def _factors(self, contact: ContactRow, state: str, free: Node) -> list[Node]:
-        """Return kappa: friction is -kappa N. `free` is N without friction, whose sign the smooth law takes."""
-        graph = self.graph
-        assert contact.mu is not None
-        slips = [self._speed(row) for row in contact.slips]
-        if state == SMOOTH:
-            assert contact.regularization is not None
-            size = graph.call("sqrt", graph.sum(w * w for w in (*slips, contact.regularization)))
-            side = graph.one
-            if contact.constraint is None:
-                side = graph.call("select", graph.call("less", graph.zero, free), graph.one, graph.const(-1))
-            return [contact.mu * side * w / size for w in slips]
-        mu = contact.mu * self._side(contact)
-        held = self._directions(contact)
-        if len(held) == 1:
-            return [mu * held[0]]
-        # At w = 0 friction keeps the direction d in which slip begins, for |w| well above s it is along w: the law of
-        # w + s exp(-|w|^2 / s^2) d is smooth at the beginning of slip, and within rounding that of w from |w| = 6 s on.
-        rest = graph.input(mode_parameters(contact)[3])
-        begins, onset = graph.call("less", graph.zero, rest), graph.node(_ONSET) * graph.call("abs", rest)
-        # A step that continues beyond the end of slip, where w reverses, has the same friction as before it; where slip
-        # begins at rest, what goes backwards within the margin of the guard has friction as if it went forwards.
-        forward, speed = graph.sum(w * d for w, d in zip(slips, held, strict=True)), graph.sum(w * w for w in slips)
-        back = graph.call("less", 4 * forward * graph.call("abs", forward) + speed, graph.zero)
-        sign = graph.call("select", begins, graph.one, graph.call("select", back, graph.const(-1), graph.one))
-        backwards = graph.call("select", begins, forward, graph.zero)
-        backwards = graph.call("select", graph.call("less", backwards, graph.zero), backwards, graph.zero)
-        ahead = onset * graph.call("exp", -speed / (onset * onset)) - 2 * backwards
-        along = [sign * w + ahead * d for w, d in zip(slips, held, strict=True)]
-        size = graph.call("sqrt", graph.sum(a * a for a in along))
-        return [mu * a / size for a in along]
-
-    def _directions(self, contact: ContactRow) -> list[Node]:
-        return [self.graph.input(name) for name in mode_parameters(contact)[:2] if name]
-
-    def _side(self, contact: ContactRow) -> Node:
-        sided = contact.constraint is None and contact.tangential
-        return self.graph.input(mode_parameters(contact)[2]) if sided else self.graph.one
-
-    def _allowance(self, contact: ContactRow) -> Node:
-        opens = contact.constraint is not None
-        return self.graph.input(mode_parameters(contact)[2]) if opens else self.graph.zero
-
-    def _speed(self, row: ConstraintRow) -> Node:
-        terms = (a * b for a, b in zip(row.jacobian, self.whole.qdot, strict=True))
-        return self.graph.sum(terms) + row.drift
-
     # -- guards of the mode ----------------------------------------------------------------
 
     def _guards(self, friction: SlidingFriction) -> list[tuple[Guard, Node]]:
@@ -262,21 +182,20 @@ class _ModeEquations:
             name = contact.name
             if state == OPEN:
                 assert contact.gap is not None
-                guards.append((Guard(f"gap of {name}", i, "meet"), contact.gap + self._allowance(contact)))
+                guards.append((Guard(f"gap of {name}", i, "meet"), contact.gap + self.laws.allowance(contact)))
                 continue
-            press = graph.input(names[contact.normal]) * self._side(contact)
+            press = graph.input(names[contact.normal]) * self.laws.side(contact)
             if any(j in direction for direction in directions for j in (contact.normal, *contact.tangential)):
                 laws += self._shared_laws(contact, state, press, directions)
             else:
                 if contact.constraint is not None or state in (SLIP, STICK):
                     kind = "turn" if contact.constraint is None else "lift"
-                    guards.append((Guard(f"press of {name}", i, kind), press + self._allowance(contact)))
+                    guards.append((Guard(f"press of {name}", i, kind), press + self.laws.allowance(contact)))
                 if state == STICK and contact not in self.idle:
-                    guards += self._holding(i, press)
+                    forces = [graph.input(names[j]) for j in contact.tangential]
+                    guards += self.laws.holding(i, self.laws.most_friction(contact, press), forces)
             if state == SLIP:
-                held = zip(contact.slips, self._directions(contact), strict=True)
-                forward = graph.sum(self._speed(row) * d for row, d in held)
-                guards += self._stopping(i, forward)
+                guards += self.laws.stopping(i)
         if laws:
             owner = next(i for i, (contact, _) in enumerate(self.contacts) if contact.name in self.groups)
             sums = lawful_sums(graph, self.whole.name, laws)
@@ -294,12 +213,12 @@ class _ModeEquations:
         self, contact: ContactRow, state: str, press: Node, directions: Sequence[Direction]
     ) -> list[SharedLaw]:
         """Return what must not be negative of a contact whose reactions are not determined."""
-        graph, side = self.graph, self._side(contact)
+        graph, side = self.graph, self.laws.side(contact)
         slopes = [side * direction.get(contact.normal, graph.zero) for direction in directions]
         if state != STICK or contact in self.idle or len(contact.tangential) > 1:
-            return [SharedLaw(press + self._allowance(contact), tuple(slopes))]
+            return [SharedLaw(press + self.laws.allowance(contact), tuple(slopes))]
         assert contact.mu_static is not None
-        (number,), most = contact.tangential, contact.mu_static * press + self._allowance(contact)
+        (number,), most = contact.tangential, contact.mu_static * press + self.laws.allowance(contact)
         force = graph.input(self.whole.symbols.unknowns[number])
         changes = [direction.get(number, graph.zero) for direction in directions]
         return [
@@ -309,32 +228,3 @@ class _ModeEquations:
             )
             for sign in (1, -1)
         ]
-
-    def _stopping(self, i: int, forward: Node) -> list[tuple[Guard, Node]]:
-        """Return the slip velocity along its former direction.
-
-        Where slip in a plane begins, rounding and integration leave of it more than there is: the guard then has a
-        margin, and the phase ends as soon as there is slip well above it.
-        """
-        graph, contact = self.graph, self.whole.contacts[i]
-        if len(contact.slips) == 1:
-            return [(Guard(f"slip speed of {contact.name}", i, "stop"), forward)]
-        speed = graph.input(mode_parameters(contact)[3])
-        begins = graph.call("less", graph.zero, speed)
-        margin = graph.call("select", begins, graph.node(_MARGIN) * speed, graph.zero)
-        left = graph.call("select", begins, graph.node(_BEGUN) * speed - forward, graph.one)
-        return [
-            (Guard(f"slip speed of {contact.name}", i, "stop"), forward + margin),
-            (Guard(f"slip speed left to begin of {contact.name}", i, "stop"), left),
-        ]
-
-    def _holding(self, i: int, press: Node) -> list[tuple[Guard, Node]]:
-        """Return by how much friction could be larger where a contact sticks by itself."""
-        graph, contact = self.graph, self.whole.contacts[i]
-        assert contact.mu_static is not None
-        most = contact.mu_static * press + self._allowance(contact)
-        forces = [graph.input(self.whole.symbols.unknowns[j]) for j in contact.tangential]
-        if len(forces) > 1:
-            rest = most * most - graph.sum(f * f for f in forces)
-            return [(Guard(f"hold of {contact.name}", i, "break"), rest)]
-        return [(Guard(f"hold of {contact.name} against {s:+d}", i, "break", s), most + s * forces[0]) for s in (1, -1)]

@@ -207,6 +207,8 @@ class EquationsOfMotion:
     cones : tuple of list of Node
         Rows of as many columns as `reactions`, four a law of a closed contact where reactions are not determined: the
         first is not less than the length of the next two, and the last, on which given friction depends, is kept.
+    reaction_values : mapping of str to Node
+        All reactions in terms of coordinates, rates and time, where these are given forces too; none otherwise.
     nonanalytic : bool
         Whether the equations have exponential functions of state or time or, in scenes with contacts, kinks or jumps:
         forces on what rests in a mode occur in no rates, so that no step ends there.
@@ -240,6 +242,7 @@ class EquationsOfMotion:
     guards: tuple[Guard, ...] = ()
     minimum_norm: bool = False
     cones: tuple[list[Node], ...] = ()
+    reaction_values: Mapping[str, Node] = field(default_factory=dict)
     nonanalytic: bool = False
     load_energy: LoadEnergy = field(default_factory=LoadEnergy)
 

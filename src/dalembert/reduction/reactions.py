@@ -40,6 +40,8 @@ class Requested:
 
 def undetermined_unknowns(equations: EquationsOfMotion) -> tuple[str, ...]:
     """Return the names of the reaction components that no equation determines."""
+    if equations.reaction_values:
+        return ()
     _, free = independent_columns(equations.reactions)
     return tuple(equations.symbols.unknowns[i] for i in sorted(free))
 
@@ -198,7 +200,9 @@ def _solve(
     plain: Sequence[Node] | None,
 ) -> dict[Node, Node]:
     """Return the determined reactions in terms of the state."""
-    graph = equations.graph
+    graph, given = equations.graph, equations.reaction_values
+    if given:
+        return dict(zip(map(graph.input, given), graph.substitute(list(given.values()), values), strict=True))
     size = len(equations.q)
     independent, _ = independent_columns(equations.reactions)
     if equations.minimum_norm:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, final
@@ -78,10 +78,13 @@ class Part:
         The phase that it lies in; None where contacts do not change.
     opened : tuple of str or None
         With a phase, for each constraint of the scene the name of the contact that is open instead, or None.
+    closed : tuple of str or None
+        The same of the contact that is closed, where the program has no constraint for it.
     """
 
     phase: Phase | None = None
     opened: tuple[str | None, ...] = ()
+    closed: tuple[str | None, ...] = ()
 
     def __init__(
         self,
@@ -100,17 +103,19 @@ class Part:
 
     # -- the same motion elsewhere ---------------------------------------------------------
 
-    def in_phase(self, phase: Phase | None, opened: tuple[str | None, ...]) -> Part:
+    def in_phase(
+        self, phase: Phase | None, opened: tuple[str | None, ...], closed: tuple[str | None, ...] = ()
+    ) -> Part:
         """Return this part in a phase."""
         found = object.__new__(Part)
-        found.__dict__.update(self.__dict__, phase=phase, opened=opened)
+        found.__dict__.update(self.__dict__, phase=phase, opened=opened, closed=closed)
         return found
 
     def at(self, t: FloatArray, y: FloatArray, dense: DenseOutput | None = None) -> Part:
         """Return states y (k, n_y) of this scene at times t (k,) of the model that ran."""
         end = self.end if self.dense is None else float(self.dense.knots[-1])
         found = Part(self.program, self.c, t, y, dense, end, self.scene, self.monitors)
-        return found.in_phase(self.phase, self.opened) if self.phase is not None else found
+        return found.in_phase(self.phase, self.opened, self.closed) if self.phase is not None else found
 
     def rows(self, some: NDArray[np.intp]) -> Part:
         """Return some of the rows, by number (k,)."""
@@ -206,12 +211,8 @@ class Part:
         """Residuals of the constraints of the scene (n_t, n_constraints); of an open contact, its penetration."""
         if self.phase is None:
             return self.residuals
-        found, outputs = iter(self.residuals.T), self.program.layout.outputs
-        columns = [
-            next(found) if name is None else np.minimum(self.outputs[:, outputs.index(f"gap of {name}")], 0.0)
-            for name in self.opened
-        ]
-        return np.array(columns).T.reshape(len(self.t), len(columns))
+        found, of_open = iter(self.residuals.T), lambda name: np.minimum(self._output(f"gap of {name}"), 0.0)
+        return self._of_constraints(found, of_open, lambda name: self._output(f"gap of {name}"))
 
     @property
     def velocity_violation(self) -> FloatArray:
@@ -219,7 +220,20 @@ class Part:
         if self.phase is None:
             return self.velocity_residuals
         found, nothing = iter(self.velocity_residuals.T), np.zeros(len(self.t))
-        columns = [next(found) if name is None else nothing for name in self.opened]
+        return self._of_constraints(found, lambda name: nothing, lambda name: self._output(f"gap rate of {name}"))
+
+    def _output(self, name: str) -> FloatArray:
+        """Return a requested output (n_t,)."""
+        return self.outputs[:, self.program.layout.outputs.index(name)]
+
+    def _of_constraints(
+        self, own: Iterator[FloatArray], of_open: Callable[[str], FloatArray], of_closed: Callable[[str], FloatArray]
+    ) -> FloatArray:
+        """Return values (n_t, n_constraints), of contacts where a constraint of the scene is none of the program."""
+        columns = [
+            of_open(opened) if opened is not None else next(own) if closed is None else of_closed(closed)
+            for opened, closed in zip(self.opened, self.closed or (None,) * len(self.opened), strict=True)
+        ]
         return np.array(columns).T.reshape(len(self.t), len(columns))
 
     @property

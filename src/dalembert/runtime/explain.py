@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from ..codegen import backend_named
 from ..errors import ConstraintError, FormulationError, list_names
 from ..hybrid.modes import mode_equations
+from ..hybrid.switched_modes import any_mode
 from ..ir.conditions import NARROW
 from ..ir.kernel import describe_counts
 from ..ir.program import Program
@@ -34,11 +35,16 @@ _RTOL = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
     """Return the explanation of a compiled model as text; see `CompiledModel.explain`."""
     if model.modes is not None:
-        contacts = list_names(model.contacts)
-        lines = [f"{model.name}: contacts {contacts}; a model for each mode, compiled when it is met"]
-        for mode, each in model.modes.compiled.items():
-            states = ", ".join(f"{name}: {state}" for name, state in model.modes.named(mode).items())
-            lines += ["", f"mode {states}", explain(each, passes=passes, formulations=formulations)]
+        contacts, modes = list_names(model.contacts), model.modes
+        which = f"a model for each mode, compiled when it is met, because {modes.why_separate}"
+        if not modes.why_separate:
+            which = "one program serves all modes, but for those whose contacts share loads in other ways than in pairs"
+        lines = [f"{model.name}: contacts {contacts}; {which}"]
+        for mode, each in modes.compiled.items():
+            states = ", ".join(f"{name}: {state}" for name, state in modes.named(mode).items())
+            every = mode == any_mode(len(mode))
+            title = "all modes" if every else f"mode {states}"
+            lines += ["", title, explain(each, passes=passes, formulations=formulations and not every)]
         return "\n".join(lines)
     stages, methods = model.stages, model.method_descriptions
     program, layout = stages.program, stages.program.layout
@@ -187,7 +193,9 @@ def _left_out(stages: Stages) -> list[str]:
         out.append(f"the reactions {list_names(reactions)}, which no output needs")
     if layout.undetermined:
         out.append(f"{list_names(layout.undetermined)}, which the equations do not determine")
-    if not layout.constraints:
+    if stages.equations.reaction_values:
+        out.append("constraints: reactions are given forces")
+    elif not layout.constraints:
         out.append("constraint machinery: the scene has no constraints")
     elif "project_velocity" not in program and program.formulation == "minimal":
         what = "multipliers" if "project_position" in program else "multipliers and projections"

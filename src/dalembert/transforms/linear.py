@@ -12,6 +12,7 @@ from ..ir.zero_tests import vanishes
 __all__ = [
     "DEPENDENT",
     "SET_ASIDE",
+    "Elimination",
     "Factorization",
     "Matrix",
     "SingularMatrix",
@@ -190,6 +191,49 @@ def dependence(graph: Graph, base: Sequence[Sequence[Node]], row: Sequence[Node]
     except SingularMatrix:
         return factorize(graph, matmul(graph, base, transpose(base))).solve(matvec(graph, base, row)) if base else []
     return None
+
+
+@final
+class Elimination:
+    """Factors of a matrix by elimination along the diagonal, without operations on structural zeros.
+
+    Raises
+    ------
+    SingularMatrix
+        When a pivot is identically zero, up to the rounding of decimals (`dalembert.ir.zero_tests`).
+
+    Attributes
+    ----------
+    pivots : list of Node
+        Their product is the determinant.
+    """
+
+    def __init__(self, graph: Graph, a: Sequence[Sequence[Node]]) -> None:
+        self.graph, self.pivots = graph, list[Node]()
+        self._upper = [list(row) for row in a]
+        self._lower: list[list[tuple[int, Node]]] = [[] for _ in a]
+        for k, row in enumerate(self._upper):
+            pivot = row[k]
+            if vanishes(pivot):
+                raise SingularMatrix(k)
+            self.pivots.append(pivot)
+            for i in range(k + 1, len(a)):
+                below = self._upper[i]
+                if not below[k].is_zero:
+                    factor = below[k] / pivot
+                    self._lower[i].append((k, factor))
+                    below[k:] = [x - factor * y for x, y in zip(below[k:], row[k:], strict=True)]
+
+    def solve(self, b: Sequence[Node]) -> list[Node]:
+        """Return A^-1 b."""
+        x, size = list(b), range(len(b))
+        for i in size:
+            for k, factor in self._lower[i]:
+                x[i] = x[i] - factor * x[k]
+        for i in reversed(size):
+            rest = x[i] - self.graph.sum(self._upper[i][j] * x[j] for j in size[i + 1 :])
+            x[i] = rest / self.pivots[i]
+        return x
 
 
 def determinant_and_solution(graph: Graph, a: Sequence[Sequence[Node]], b: Sequence[Node]) -> tuple[Node, list[Node]]:

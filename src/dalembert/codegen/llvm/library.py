@@ -11,7 +11,7 @@ from ...transforms.recurrences import Recurrences
 from ...transforms.taylor import step_kernel
 from ..library import Code, KernelLibrary
 from ..rendering import banner_lines, render
-from .assembly import assembly, load_object
+from .assembly import Shape, assembly, load_object
 from .attempts import attempt_assembly
 from .lane_types import native_lanes
 from .objects import object_code
@@ -27,6 +27,8 @@ to twice as fast, and is compiled in a third of the time or less (measured on sp
 _LARGEST_PASS = 500
 """Values up to which one pass of the loop over the orders is straight-line code: it takes a second to compile there,
 and ever more beyond, and is twice as fast as loops throughout (measured on chains of pendulums)."""
+_ONCE = "watch_begins"
+"""Kernel that runs at starts of phases alone (`dalembert.reduction.event_functions`)."""
 
 
 @final
@@ -77,4 +79,5 @@ class LLVMLibrary(KernelLibrary):
 
     def _load(self, name: str, lanes: int, text: Callable[[], str], functions: tuple[str, ...]) -> Code:
         """See `KernelLibrary._load`."""
-        return load_object(object_code(self.folder, f"{name}_{lanes}", text))
+        shape: Shape = "once" if name.startswith(_ONCE) else "straight"
+        return load_object(object_code(self.folder, f"{name}_{lanes}", text, shape))

@@ -84,12 +84,12 @@ class HostRunner:
         left: dict[int, tuple[float, dict[str, float]]],
     ) -> None:
         self.number, self.mode = number, (mode := modes.automaton.mode(number))
-        self.model, self.events, self.method = modes.model(mode).for_segments, events, method
+        self.model, self.events, self.method = modes.serving(mode).for_segments, events, method
         self.runs: list[Trajectory] = []
         self.taken = ""
         self._jumps, self._expansion = velocity_jumps(modes, mode, left), modes.expansion(mode)
         self._reductions, self._options, self._first_step = reductions, options, first_step
-        self._requested = len(reductions.events)
+        self._requested, self._switched = len(reductions.events), modes.switched(mode)
         self._numbered = np.array([int(event.terminal) > 1 for event in events[: self._requested]], np.bool_)
         self._counted: dict[bytes, tuple[Event, ...]] = {}
 
@@ -136,7 +136,8 @@ class HostRunner:
     def _group(self, rows: GatheredRows, space: ThreadWorkspace, count: int, stops: bool) -> CaseGroup:
         """Return the cases that are gathered."""
         values, names = space.gathered[:, :count].copy(), self.model.layout.parameters
-        p = {name: values[rows.parameters[name]] for name in names if name in rows.parameters}
+        places = rows.with_switches(self._switched)
+        p = {name: values[places[name]] for name in names if name in places}
         x = {name: values[row] for name, row in rows.states.items()}
         carried = None
         if stops:

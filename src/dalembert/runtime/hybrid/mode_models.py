@@ -12,8 +12,9 @@ import numpy as np
 from ...arrays import FloatArray
 from ...codegen.base import Engine
 from ...codegen.llvm.admission import AdmissionCode
-from ...hybrid import OPEN, HybridAutomaton, Mode
+from ...hybrid import OPEN, SLIP, HybridAutomaton, Mode
 from ...hybrid.modes import mode_parameters
+from ...hybrid.switched_modes import any_mode, switched_guards, switches
 from ...integrators.breakpoints import CaseBreaks
 from ...integrators.event_code import Event, armed
 from ...ir.conditions import CONDITION_TIME, Conditions
@@ -30,6 +31,7 @@ from ...reduction.time_conditions import decided
 from ..impulses import Impulses, impulses_of
 from ..sampling import Sampling
 from ..symbol_assumptions import ROUNDING
+from .common_program import CommonProgram, why_separate
 from .decisions import Decisions
 
 if TYPE_CHECKING:
@@ -76,6 +78,33 @@ class ModeModels:
     def model(self, mode: Mode) -> CompiledModel:
         """Return the model of a mode, compiled when it is first needed."""
         return derived_once(self.compiled, mode, lambda: self.make(compile_mode(self.several, mode)))
+
+    @cached_property
+    def why_separate(self) -> str:
+        """Why each mode has a program of its own; empty where one program serves modes."""
+        return why_separate(self.equations, self.several.options.formulation)
+
+    @derived_property
+    def common(self) -> CommonProgram | None:
+        """The program of all modes, None where each has its own."""
+        return None if self.why_separate else CommonProgram(self.equations, self.decisions.values)
+
+    def sharing(self, mode: Mode) -> dict[int, int] | None:
+        """Return which contacts share friction forces of others in the common program; None for its own program."""
+        return None if self.common is None else self.common.sharing.get(mode)
+
+    def program(self, mode: Mode) -> Mode:
+        """Return the mode whose model serves the runs of a mode: itself, or that of the common program."""
+        return mode if self.sharing(mode) is None else any_mode(len(mode))
+
+    def serving(self, mode: Mode) -> CompiledModel:
+        """Return the model that serves the runs of a mode."""
+        return self.model(self.program(mode))
+
+    def settle(self, mode: Mode, t: FloatArray, x: FloatArray, p: FloatArray) -> None:
+        """Decide which program serves the runs of a mode, at the first state (1, n_x) that enters it."""
+        if self.common is not None:
+            self.common.settle(mode, t, x, p)
 
     def engine(self) -> Engine:
         """Return the engine that evaluates kernels which belong to no mode."""
@@ -143,9 +172,12 @@ class ModeModels:
         return Sampling(self.layout, kernels, None)
 
     def guards(self, mode: Mode) -> list[Guard]:
-        """Return what can end a mode; what is constant along its motions cannot."""
+        """Return what can end a mode; what is constant along its motions cannot, and is left out of its own program."""
 
         def make() -> list[Guard]:
+            sharing = self.sharing(mode)
+            if sharing is not None:
+                return switched_guards(self.equations.contacts, mode, sharing)
             reduced = self.model(mode).stages.reduced
             graph, moving = reduced.equations.graph, [*reduced.inputs, *reduced.equations.timing]
             found = reduced.equations.guards
@@ -157,11 +189,11 @@ class ModeModels:
         """Return the outputs of the guards of a mode that contain tables: steps end beside their knots, not on them."""
 
         def make() -> set[str]:
-            outputs = self.model(mode).stages.reduced.outputs
+            outputs = self.serving(mode).stages.reduced.outputs
             nodes = {guard.output: Graph.topological([outputs[guard.output]]) for guard in self.guards(mode)}
             return {name for name, found in nodes.items() if any(node.op == "table" for node in found)}
 
-        return derived_once(self._kinked, mode, make)
+        return derived_once(self._kinked, self.program(mode), make)
 
     def events(self, mode: Mode) -> list[Event]:
         """Return the guards of a mode as events, which occur where they fall through zero, or at once below it."""
@@ -170,7 +202,7 @@ class ModeModels:
 
     def states(self, mode: Mode, t: FloatArray, x: FloatArray, c: FloatArray) -> FloatArray:
         """Return the states (k, n_y) of a mode at variables (k, 2 n_q + n_z), for its constants (k, n_c)."""
-        model = self.model(mode)
+        model = self.serving(mode)
         start = model.derived.start(model.layout.variables)
         names = model.layout.variables
         given = x[:, [names.index(name) for name in start.given]]
@@ -178,13 +210,20 @@ class ModeModels:
 
     def expansion(self, mode: Mode) -> Kernel:
         """Return the kernel of coordinates and rates in a mode."""
-        return derived_once(self._expansions, mode, lambda: coordinates_kernel(self.model(mode).stages.reduced))
+        program = self.program(mode)
+        return derived_once(self._expansions, program, lambda: coordinates_kernel(self.model(program).stages.reduced))
 
     def added(self, mode: Mode, values: FloatArray) -> dict[str, Any]:
         """Return the parameters that contacts add in a mode by name, of `ContactCases.added` (..., 4 n_contacts)."""
-        contacts = zip(self.equations.contacts, mode, strict=True)
+        switched = {name: np.full(values.shape[:-1], value)[()] for name, value in self.switched(mode).items()}
+        contacts = zip(self.equations.contacts, (SLIP,) * len(mode) if switched else mode, strict=True)
         names = [name for contact, state in contacts for name in mode_parameters(contact, state)]
-        return {name: values[..., i] for i, name in enumerate(names) if name}
+        return {name: values[..., i] for i, name in enumerate(names) if name} | switched
+
+    def switched(self, mode: Mode) -> dict[str, float]:
+        """Return the switches of the common program in a mode by name, none where the mode has its own."""
+        sharing = self.sharing(mode)
+        return {} if sharing is None else switches(self.equations.contacts, mode, sharing)
 
     @cached_property
     def open_mode(self) -> Mode:
@@ -203,8 +242,17 @@ class ModeModels:
 
     def impulses(self, mode: Mode) -> Impulses | None:
         """Return the jumps of rates of a mode; None where no prescribed velocity can jump."""
+        if self.sharing(mode) is not None:
+            return None
         stages = self.model(mode).stages
         return impulses_of(stages.equations, stages.program)
+
+    def closed(self, mode: Mode) -> tuple[str | None, ...]:
+        """Return, for each constraint of the scene, the contact that is closed in the common program, or None."""
+        if self.sharing(mode) is None:
+            return ()
+        closed = {c.constraint: c.name for c, s in zip(self.equations.contacts, mode, strict=True) if s != OPEN}
+        return tuple(closed.get(i) for i in range(len(self.equations.constraints)))
 
     def opened(self, mode: Mode) -> tuple[str | None, ...]:
         """Return, for each constraint of the scene, the name of the contact that is open in a mode instead, or None."""

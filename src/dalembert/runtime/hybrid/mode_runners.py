@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import FloatArray
 from ...codegen.runs import LoopCall
 from ...hybrid import Mode
 from ...hybrid.modes import mode_parameters
@@ -35,11 +36,23 @@ _FEWEST_ROWS, _MOST_ROWS, _ROOM = 16, 256, 2048
 @final
 @dataclass(frozen=True)
 class GatheredRows:
-    """In which row of ``ThreadWorkspace.gathered`` each value of a case is; the last has the direction of time."""
+    """In which row of ``ThreadWorkspace.gathered`` each value of a case is; the last has the direction of time.
+
+    Before it, there is a row of 0 and one of 1.
+    """
 
     parameters: Mapping[str, int]
     states: Mapping[str, int]
     count: int
+
+    def with_switches(self, switched: Mapping[str, float]) -> Mapping[str, int]:
+        """Return the rows of parameters with those of switches, which are 0 or 1."""
+        zero = self.count - 3
+        return {**self.parameters, **{name: zero + int(value) for name, value in switched.items()}}
+
+    def set_constants(self, gathered: FloatArray) -> None:
+        """Write the rows of 0 and 1, which are two before the last."""
+        gathered[self.count - 3], gathered[self.count - 2] = 0.0, 1.0
 
     @classmethod
     def of(cls, layout: Layout, contacts: Sequence[ContactRow]) -> GatheredRows:
@@ -48,7 +61,7 @@ class GatheredRows:
         first = 2 + len(names)
         parameters = {name: row for row, name in enumerate(names, 2) if name}
         states = {name: row for row, name in enumerate(layout.variables, first)}
-        return cls(parameters, states, first + len(states) + 1)
+        return cls(parameters, states, first + len(states) + 3)
 
 
 @final
@@ -56,8 +69,9 @@ class GatheredRows:
 class ModeRunner:
     """A mode, what is watched in it, and a method: the loop over lanes, compiled.
 
-    `number` is that of the mode. The events are those of users, then the guards of the mode. The states that it writes
-    are those of the formulation, of which the code `expand` makes variables; the method is the one that it has.
+    `number` is that of the mode, and `switched` has its switches in the common program. The events are those of users,
+    then the guards of the mode. The states that it writes are those of the formulation, of which the code `expand`
+    makes variables; the method is the one that it has.
     """
 
     number: int
@@ -68,6 +82,7 @@ class ModeRunner:
     method: str
     options: StepOptions
     expand: OwnedAddress
+    switched: Mapping[str, float]
     samples_inside: ClassVar[bool] = True
     taken: ClassVar[str] = ""
 
@@ -89,12 +104,12 @@ class ModeRunner:
         """
         stops = len(table.stops.first) > 0
         model, gathered, k = self.model, space.gathered, space.gathered.shape[1]
-        given = {**rows.states, DIRECTION: rows.count - 1}
+        given, places = {**rows.states, DIRECTION: rows.count - 1}, rows.with_switches(self.switched)
         start = model.derived.start(given)
         columns = CaseColumns(
             count=k,
             spans=(gathered[0], gathered[1]),
-            parameters=tuple(gathered[rows.parameters[name]] for name in model.layout.parameters),
+            parameters=tuple(gathered[places[name]] for name in model.layout.parameters),
             given=tuple(gathered[given[name]] for name in start.given),
             start=start,
             t_eval=np.empty(0),

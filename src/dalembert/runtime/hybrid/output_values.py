@@ -86,14 +86,14 @@ class OutputValues:
     def state(self, number: int, states: States) -> tuple[CompiledModel, FloatArray, FloatArray]:
         """Return the model of a mode by number, and states (k, n_y) and constants (k, n_c) of it at states in it."""
         mode = self.modes.automaton.mode(number)
-        model = self.modes.model(mode)
+        model = self.modes.serving(mode)
         program = model.stages.program
         c = inputs.prepare_rows(program, self._rows(mode, states))
         return model, interpret_rows(program.kernel("initial"), states.t, states.x, c), c
 
     def _rows(self, mode: Mode, states: States) -> FloatArray:
         """Return the parameters (k, n_p) of a mode's model at some states."""
-        layout = self.modes.model(mode).layout
+        layout = self.modes.serving(mode).layout
         own = {name: self.p[states.case, i] for i, name in enumerate(self.modes.layout.parameters)}
         breaks, given = (None, None) if self.stops is None else (self.stops.breaks, self.stops.inputs)
         if breaks is not None and breaks.place is not None:

@@ -60,7 +60,7 @@ def trajectories(
     found = [_joined_runs(phase.runs, labels, right=acts) if phase.runs else None for phase in phases]
     for mode in dict.fromkeys(phase.mode for phase in phases if not phase.runs):
         some = [i for i, phase in enumerate(phases) if phase.mode == mode and not phase.runs]
-        model = modes.model(mode)
+        model = modes.serving(mode)
         p = parameters_of_phases(modes, [phases[i] for i in some], request.parameters)
         c: Iterable[Constants] = inputs.prepare_rows(model.stages.program, p) if stops is None else ()
         if stops is not None:
@@ -73,7 +73,7 @@ def trajectories(
 
 def parameters_of_phases(modes: ModeModels, phases: Sequence[RecordedPhase], given: Mapping[str, float]) -> FloatArray:
     """Return the parameters (k, n_p) of the model of the mode that phases share."""
-    layout, mode = modes.model(phases[0].mode).layout, phases[0].mode
+    layout, mode = modes.serving(phases[0].mode).layout, phases[0].mode
     values = {**layout.defaults, **given, **modes.added(mode, np.array([phase.added for phase in phases]))}
     p = np.empty((len(phases), len(layout.parameters)))
     for place, name in enumerate(layout.parameters):

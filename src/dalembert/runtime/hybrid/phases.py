@@ -184,7 +184,8 @@ class PhaseExecutor:
         expand = AddressTable.zeros(len(runners))
         for i, (row, runner) in enumerate(zip(columns, runners, strict=True)):
             names = runner.model.layout.parameters if runner.expand else ()
-            row[: len(names)] = [choice.rows.parameters[name] for name in names]
+            places = choice.rows.with_switches(modes.switched(runner.mode))
+            row[: len(names)] = [places[name] for name in names]
             expand[i] = runner.expand
             lines[:, i] = runner.size, len(names), len(runner.events), len(guards), runner.samples_inside
             own, kinked = modes.guards(runner.mode), modes.kinked(runner.mode)

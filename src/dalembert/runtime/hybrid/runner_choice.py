@@ -115,7 +115,9 @@ class RunnerChoice:
         serving, modes = dict(self._serving), table.cases.number[some]
         for number in np.unique(modes).tolist():
             here, begin = some[modes == number], time.perf_counter()
-            self.modes.model(self.modes.automaton.mode(number))
+            mode, first = self.modes.automaton.mode(number), here[:1]
+            self.modes.settle(mode, table.cases.t[first], table.cases.x[first], table.cases.p[first])
+            self.modes.serving(mode)
             self.compile_seconds += time.perf_counter() - begin
             if number not in serving:
                 serving[number] = self._runner(number, table, here)
@@ -127,9 +129,10 @@ class RunnerChoice:
     def _runner(self, number: int, table: CaseTable, some: NDArray[np.intp]) -> int:
         """Return the place of the runner of a mode, some cases of which are to be run."""
         mode = self.modes.automaton.mode(number)
-        model = self.modes.model(mode)
+        model, switched = self.modes.serving(mode), self.modes.switched(mode)
         compiled = self.parallel and self._first_step is None and self.modes.impulses(mode) is None
-        compiled = compiled and runs_unchecked(model) and {*model.layout.parameters} <= {*self.rows.parameters}
+        known = {*self.rows.parameters, *switched}
+        compiled = compiled and runs_unchecked(model) and {*model.layout.parameters} <= known
         cases = self._first_cases(mode, table, some)
         method = self._method(number, cases, compiled=compiled and cases is not None)
         compiled = compiled and method not in ("auto", "radau")
@@ -140,15 +143,16 @@ class RunnerChoice:
             if compiled:
                 along = self.reductions.along
                 expand = model.engine.code(self.modes.expansion(mode))[0]
-                self.runners.append(ModeRunner(number, mode, model, events, along, method, self.options, expand))
+                about = events, along, method, self.options, expand, switched
+                self.runners.append(ModeRunner(number, mode, model, *about))
             else:
-                about = events, self.reductions, method, self.options, self._take_first_step, self._left
-                self.runners.append(HostRunner(self.modes, number, *about))
+                others = events, self.reductions, method, self.options, self._take_first_step, self._left
+                self.runners.append(HostRunner(self.modes, number, *others))
         return self._places[key]
 
     def _method(self, number: int, cases: Cases | None, *, compiled: bool) -> str:
         """Return the method of a mode: "auto" where each run by Python is to find one that fits."""
-        own, model = self.options, self.modes.model(self.modes.automaton.mode(number))
+        own, model = self.options, self.modes.serving(self.modes.automaton.mode(number))
         if self.recorded and not compiled:
             return own.method
         method = model.choose_method(own.method, own.rtol, own.atol, many=True)
@@ -162,7 +166,7 @@ class RunnerChoice:
     def _first_cases(self, mode: Mode, table: CaseTable, some: NDArray[np.intp]) -> Cases | None:
         """Return the first, the middle and the last of some cases; None where a symbol excludes a value of theirs."""
         some = some[sorted({0, len(some) // 2, len(some) - 1})]
-        model, own = self.modes.model(mode), table.cases
+        model, own = self.modes.serving(mode), table.cases
         columns = dict(zip(self.modes.layout.parameters, own.p[some].T, strict=True))
         columns |= self.modes.added(mode, own.added[some])
         given = {name: columns[name] for name in model.layout.parameters if name in columns}

@@ -45,7 +45,7 @@ def simulate(request: MotionRequest[SimulateOptions]) -> Trajectory:
             _refuse(request, phases, now)
         kept = _kept(phases, status)
         runs = trajectories(kept, request, status, stops)
-        about = {mode: (modes.named(mode), modes.opened(mode)) for mode in {phase.mode: None for phase in kept}}
+        about = {m: (modes.named(m), modes.opened(m), modes.closed(m)) for m in {phase.mode: None for phase in kept}}
         parts = [_part(run, phase.t0, phase.t1, *about[phase.mode]) for phase, run in zip(kept, runs, strict=True)]
         if not kept:
             runs, parts = _start(request, now)
@@ -75,9 +75,9 @@ def simulate(request: MotionRequest[SimulateOptions]) -> Trajectory:
     return run.with_events(EventRecords(history, modes.equations.symbols.aliases))
 
 
-def _part(run: Trajectory, t0: float, t1: float, named: Mapping[str, str], opened: tuple[str | None, ...]) -> Part:
-    """Return the motion of a phase, with what each contact does in it."""
-    return run.parts[0].in_phase(Phase(t0, t1, named), opened)
+def _part(run: Trajectory, t0: float, t1: float, named: Mapping[str, str], *contacts: tuple[str | None, ...]) -> Part:
+    """Return the motion of a phase, with what each contact does in it, and the contacts of the constraints."""
+    return run.parts[0].in_phase(Phase(t0, t1, named), *contacts)
 
 
 def _after_jump(part: Part, request: MotionRequest[SimulateOptions], x: FloatArray) -> Part:
@@ -103,8 +103,9 @@ def _event_history(
     for label in request.labels:
         records = [run.events[label] for run in runs]
         sides = [(record.before.parts[0], record.after.parts[0]) for record in records]
-        before = [side.in_phase(part.phase, part.opened) for part, (side, _) in zip(parts, sides, strict=True)]
-        after = [side.in_phase(part.phase, part.opened) for part, (_, side) in zip(parts, sides, strict=True)]
+        about = [(part.phase, part.opened, part.closed) for part in parts]
+        before = [side.in_phase(*own) for own, (side, _) in zip(about, sides, strict=True)]
+        after = [side.in_phase(*own) for own, (_, side) in zip(about, sides, strict=True)]
         for i, (phase, record) in enumerate(zip(phases, records, strict=True)):
             if phase.after is not None and label in request.jumps and len(record):  # a phase ends where its state jumps
                 after[i] = _after_jump(parts[i], request, phase.after)
@@ -160,7 +161,7 @@ def _refuse(request: MotionRequest[SimulateOptions], phases: Sequence[RecordedPh
     """
     modes = request.modes
     for phase in phases[-1:]:
-        model = modes.model(phase.mode)
+        model = modes.serving(phase.mode)
         p = parameters_of_phases(modes, [phase], request.parameters)[0]
         own = dict(zip(model.layout.parameters, p.tolist(), strict=True))
         x = dict(zip(model.layout.variables, phase.x.tolist(), strict=True))

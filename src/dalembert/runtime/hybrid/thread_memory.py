@@ -70,6 +70,7 @@ def thread_workspace(
         decision=pack(deciding).reshape(1, -1),
         progress=PhaseProgress(),
     )
+    rows.set_constants(space.gathered)
     calls = []
     for i, runner in enumerate(runners):
         call = runner.call(rows, space, table, space.turns[i : i + 1], choice.recorded)

@@ -1,0 +1,169 @@
+"""Modes of many contacts that one program serves: motions are those of modes that have programs of their own."""
+
+import numpy as np
+import pytest
+from sympy.physics.mechanics import dynamicsymbols
+
+import dalembert as da
+from dalembert.hybrid.coupled_slips import coupled_slips
+from dalembert.hybrid.switched_modes import why_unswitched
+from dalembert.runtime.hybrid import mode_models
+from hard_cases.many_contacts import boxes, boxes_at_rest, feet, feet_at_rest, standing, standing_at_rest
+
+FINE = {"rtol": 1e-10, "atol": 1e-12}
+
+
+def separately(monkeypatch):
+    monkeypatch.setattr(mode_models, "why_separate", lambda *about: "they are compared with those of one program")
+
+
+def both(monkeypatch, scene, **options):
+    """Return the model of a scene with a common program, and that with one program a mode."""
+    common = da.compile_model(scene, **options)
+    assert not common.modes.why_separate
+    separately(monkeypatch)
+    apart = da.compile_model(scene, **options)
+    assert apart.modes.common is None
+    return common, apart
+
+
+def agree(run, other, outputs=(), atol=1e-9, of_outputs=1e-7):
+    assert run.success and other.success
+    assert [phase.modes for phase in run.phases] == [phase.modes for phase in other.phases]
+    ends = [[phase.t0 for phase in each.phases] for each in (run, other)]
+    np.testing.assert_allclose(*ends, rtol=0.0, atol=1e-9)
+    t = np.linspace(0.0, run.t[-1], 203)[:-1]
+    one, two = run(t), other(t)
+    np.testing.assert_allclose(one.q, two.q, rtol=0.0, atol=atol)
+    np.testing.assert_allclose(one.qdot, two.qdot, rtol=0.0, atol=100.0 * atol)
+    edges = np.min(np.abs(t[:, np.newaxis] - np.array(ends[0])), axis=1)
+    for name in outputs:
+        np.testing.assert_allclose(one[name][edges > 1e-6], two[name][edges > 1e-6], rtol=1e-7, atol=of_outputs)
+
+
+def programs(model):
+    """Return how many programs of modes a model has compiled, besides the one of kernels that belong to no mode."""
+    return len({*model.modes.compiled} - {model.modes.open_mode})
+
+
+def test_feet_slip_and_stick_by_one_program_as_by_one_a_mode(monkeypatch):
+    outputs = ["N_c0", "F0_c0", "F0_c3"]
+    common, apart = both(monkeypatch, feet(4), outputs=outputs)
+    start, p = feet_at_rest(4)
+    run, other = (model.simulate((0.0, 1.0), start, p, **FINE) for model in (common, apart))
+    agree(run, other, outputs)
+    assert len(run.phases) > 10 and programs(common) == 1 and programs(apart) > 6
+    assert run.constraint_violation.max() < 1e-12 and run.velocity_violation.max() < 1e-12
+    assert run.constraint_violation.shape[1] == other.constraint_violation.shape[1] == 4
+
+
+def test_feet_that_land_and_lift_by_one_program_as_by_one_a_mode(monkeypatch):
+    """The body is dropped: feet open and close with impacts."""
+    common, apart = both(monkeypatch, feet(4), outputs=["N_c1"])
+    start, p = feet_at_rest(4)
+    start |= {"z": 0.9, "z_dot": -1.5, "x_dot": 0.6} | {f"z{i}": 0.1 + 0.02 * i for i in range(4)}
+    run, other = (model.simulate((0.0, 0.6), start, p | {"push": 0.0}, **FINE) for model in (common, apart))
+    agree(run, other, ["N_c1"], of_outputs=1e-6)
+    states = {phase.modes["c1"] for phase in run.phases}
+    assert "open" in states and len(states) > 1
+
+
+def test_friction_in_a_plane_by_one_program_as_by_one_a_mode(monkeypatch):
+    outputs = ["N_c0", "F0_c0", "F1_c2"]
+    common, apart = both(monkeypatch, standing(), outputs=outputs)
+    start, p = standing_at_rest()
+    run, other = (model.simulate((0.0, 0.6), start, p, **FINE) for model in (common, apart))
+    agree(run, other, outputs, of_outputs=1e-5)
+    assert len(run.phases) > 3 and programs(common) == 1
+
+
+def test_boxes_share_loads_by_one_program_as_by_one_a_mode(monkeypatch):
+    """The corners of a box slip together; beyond the least norm, the one with the smaller load takes all it can."""
+    outputs = ["N_c0l", "F0_c0l", "F0_c0r", "F0_c1l"]
+    common, apart = both(monkeypatch, boxes(2), outputs=outputs)
+    start, p = boxes_at_rest(2)
+    run, other = (model.simulate((0.0, 1.5), start, p, **FINE) for model in (common, apart))
+    agree(run, other, outputs)
+    assert len(run.phases) > 3 and programs(common) == 1
+    force, press = run(np.array([0.22]))["F0_c0l"], run(np.array([0.22]))["N_c0l"]
+    np.testing.assert_allclose(np.abs(force), 0.5 * press, rtol=1e-9)
+
+
+def test_a_stack_of_twelve_contacts_tilts():
+    """The lowest of six boxes is pushed until it slips and begins to tilt."""
+    model = da.compile_model(boxes(6))
+    start, p = boxes_at_rest(6)
+    run = model.simulate((0.0, 1.0), start, p)
+    assert run.success and programs(model) == 1
+    assert [phase.modes["c0l"] for phase in run.phases] == ["stick", "slip", "open"]
+    assert run.phases[1].t0 == pytest.approx(np.arcsin(0.5 * 60.0 / 48.0) / 3.0, abs=1e-9)  # mu m g of all boxes
+    assert run.constraint_violation.max() < 1e-12
+
+
+def test_sweeps_samples_and_prepared_runs_by_one_program(monkeypatch):
+    common, apart = both(monkeypatch, feet(4), outputs=["N_c0"])
+    start, p = feet_at_rest(4)
+    times, mu = np.linspace(0.0, 0.5, 11), np.linspace(0.4, 0.6, 5)
+    kept = {"load": da.maximum("N_c0"), "share": da.mean("N_c0")}
+    found = [
+        model.sweep((0.0, 0.5), start, {**p, "mu": mu}, t_eval=times, reduce=kept, **FINE) for model in (common, apart)
+    ]
+    one, two = found
+    assert one.success.all() and programs(common) == 1
+    np.testing.assert_array_equal(one.phases, two.phases)
+    for name in ("x", "x0", "N_c0"):
+        np.testing.assert_allclose(one[name], two[name], rtol=1e-8, atol=1e-8)
+    for name in kept:
+        np.testing.assert_allclose(one.reduced[name], two.reduced[name], rtol=1e-8)
+    run = common.prepare((0.0, 0.5), **FINE)
+    end = run(common.state(start, p), common.parameter_vector({**p, "mu": mu[0]}))
+    final = [one.final[name][0] for name in common.layout.variables]
+    np.testing.assert_allclose(end, final, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "jax"])
+def test_python_runs_modes_of_the_common_program(backend):
+    start, p = feet_at_rest(4)
+    runs = [
+        da.compile_model(feet(4), backend=name).simulate((0.0, 0.06), start, p, **FINE) for name in ("llvm", backend)
+    ]
+    agree(*runs)
+    assert len(runs[0].phases) > 2
+
+
+def test_events_end_and_map_motions_by_one_program(monkeypatch):
+    models = both(monkeypatch, feet(4))
+    start, p = feet_at_rest(4)
+    x = dynamicsymbols("x")
+    hop = da.Event(x - 0.01, apply={x.diff(): 0.5 * x.diff()}, name="hop")
+    runs = [model.simulate((0.0, 0.4), start, p, events=[hop], **FINE) for model in models]
+    agree(*runs)
+    assert len(runs[0].events["hop"]) == len(runs[1].events["hop"]) > 0
+    np.testing.assert_allclose(runs[0].events["hop"].t, runs[1].events["hop"].t, atol=1e-9)
+
+
+def test_a_mode_whose_contacts_share_loads_otherwise_has_a_program_of_its_own():
+    """Two corners of a box on the floor slip alike."""
+    model = da.compile_model(boxes(2))
+    start, p = boxes_at_rest(2)
+    common, layout = model.modes.common, model.layout
+    x = np.array([[start[name] for name in layout.variables]])
+    values = np.zeros(1), x, np.array([[p[name] for name in layout.parameters]])
+    sticking = ("stick",) * 4
+    common.settle(sticking, *values)
+    assert common.sharing[sticking] == {1: 0, 3: 2}
+    common.settle(("open", *sticking[1:]), *values)
+    assert common.sharing["open", *sticking[1:]] == {3: 2}
+    common.sharing.clear()
+    common._coupled.clear()  # as if no contacts slipped alike whatever the state
+    common.settle(sticking, *values)
+    assert common.sharing[sticking] is None and model.modes.serving(sticking) is model.modes.model(sticking)
+
+
+def test_which_scenes_have_a_common_program():
+    assert coupled_slips(da.compile_model(boxes(2)).modes.equations) == {(0, 1): 1, (2, 3): 1}
+    few = da.compile_model(feet(3))
+    assert "no more than 3 contacts" in few.modes.why_separate and not why_unswitched(few.modes.equations)
+    assert "'baumgarte'" in da.compile_model(feet(4), formulation="baumgarte").modes.why_separate
+    text = da.compile_model(feet(4)).explain()
+    assert "one program serves" in text
