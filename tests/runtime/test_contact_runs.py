@@ -474,3 +474,16 @@ def test_the_variables_of_all_phases_in_one_mode_are_computed_together(monkeypat
     np.testing.assert_array_equal(run.y, np.concatenate([part.variables for part in run.parts]))
     np.testing.assert_array_equal(run.q, np.concatenate([part.expanded[0] for part in run.parts]))
     np.testing.assert_array_equal(run.qdot, np.concatenate([part.expanded[1] for part in run.parts]))
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_whatever_occurs_in_one_step_is_recorded(method):
+    """More than a thousand times within a step, of which there is room for a few hundred at first."""
+    scene = da.scenes.bouncing_ball()
+    model, height = da.compile_model(scene), scene.coordinates[1]
+    start, p = {"x": 0.0, "y": 5.0, "x_dot": 0.0, "y_dot": 0.0}, {"m": 1.0, "g": 10.0, "e": 0.5}
+    waves = da.Event(sp.sin(1000 * height), name="waves")
+    run = model.simulate((0.0, 1.0 - 1e-3), start, p, events=[waves], method=method)
+    last = 5.0 * (1.0 - (1.0 - 1e-3) ** 2)
+    heights = np.pi * np.arange(int(5000.0 / np.pi), int(1000.0 * last / np.pi), -1) / 1000.0
+    np.testing.assert_allclose(run.events["waves"].t, np.sqrt((5.0 - heights) / 5.0), rtol=1e-9)

@@ -110,7 +110,7 @@ class HostRunner:
         self.runs.clear()
 
     def call(
-        self, rows: GatheredRows, space: ThreadWorkspace, table: CaseTable, turn: NDArray[np.int64], recorded: bool
+        self, rows: GatheredRows, space: ThreadWorkspace, table: CaseTable, turn: NDArray[np.int64], recorded: int
     ) -> LoopCall:
         """Return the call that runs the cases that are gathered in the memory of a thread; see `ModeRunner.call`."""
 

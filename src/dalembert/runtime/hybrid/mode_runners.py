@@ -26,10 +26,10 @@ from ..reductions import Reduction
 if TYPE_CHECKING:
     from ..model import CompiledModel
 
-__all__ = ["GatheredRows", "ModeRunner"]
+__all__ = ["FEWEST_ROWS", "GatheredRows", "ModeRunner"]
 
 
-_FEWEST_ROWS, _MOST_ROWS, _ROOM = 16, 256, 2048
+FEWEST_ROWS, _MOST_ROWS, _ROOM = 16, 256, 2048
 """Rows for records of steps: at least, at most, and times the components of the state."""
 
 
@@ -95,11 +95,12 @@ class ModeRunner:
         return len(self.model.layout.state)
 
     def call(
-        self, rows: GatheredRows, space: ThreadWorkspace, table: CaseTable, turn: NDArray[np.int64], recorded: bool
+        self, rows: GatheredRows, space: ThreadWorkspace, table: CaseTable, turn: NDArray[np.int64], recorded: int
     ) -> LoopCall:
         """Return the call that runs the cases that are gathered in the memory of a thread.
 
-        Its next case is `turn` (1,). If `recorded`, it records the motion of a case that is alone. Where the table has
+        Its next case is `turn` (1,). It records the motion of a case that is alone, with at least `recorded` rows
+        for steps and for what occurs, if that is not 0. Where the table has
         stops, cases continue where their last run has stopped.
         """
         stops = len(table.stops.first) > 0
@@ -119,7 +120,7 @@ class ModeRunner:
             max_step=self.options.max_step,
             max_steps=self.options.max_steps,
             carried=space.carried[: k * len(self.events)].reshape(k, -1) if stops else None,
-            recorded=max(_FEWEST_ROWS, min(_MOST_ROWS, _ROOM // max(self.size, 1))) if recorded else 0,
+            recorded=max(recorded, min(_MOST_ROWS, _ROOM // max(self.size, 1))) if recorded else 0,
             part=self._part(space, table) if len(table.t_eval) else None,
         )
         happened = space.happened[: 3 * k * len(self.events)].reshape(k, -1)

@@ -121,11 +121,18 @@ class MotionRecorder:
         self._occurrences: list[FloatArray] = []
 
     def run(self, request: MotionRequest[SimulateOptions], stops: Stops | None) -> list[RecordedPhase]:
-        """Run the requested motion; return its phases."""
-        self._phases, self._rows, self._runs, self._occurrences = [], [], [], []
-        span = float(request.t0[0]), float(request.t1[0])
-        self.case.begin(*span, request.x, request.p, stops, request.options.first_step)
-        self.case.run(request.jumps, paused=self._take, jumped=self._jumped)
+        """Run the requested motion; return its phases.
+
+        Where more has occurred in one step than there were rows for, it is run again with more of them.
+        """
+        span, rows = (float(request.t0[0]), float(request.t1[0])), 0
+        while rows != self.case.choice.rows:
+            rows = self.case.choice.rows
+            self._phases, self._rows, self._runs, self._occurrences = [], [], [], []
+            self.case.begin(*span, request.x, request.p, stops, request.options.first_step)
+            self.case.run(request.jumps, paused=self._take, jumped=self._jumped)
+            if rows != self.case.choice.rows:
+                self.case.executor.forget_memory()
         if self.case.status is Status.EVENT_STATE:  # the map did not take place
             self._jumped()
         self._sort()
@@ -154,6 +161,8 @@ class MotionRecorder:
             if occurred:
                 self._occurrences.append(call.occurrences[1 : 1 + occurred].copy())
                 call.occurrences[0, 0] = 0.0
+                if occurred >= len(call.occurrences):
+                    self.case.choice.rows = max(self.case.choice.rows, 2 * occurred)
 
     def _jumped(self) -> None:
         self._phases[-1].after = self.case.cases.x[0].copy()

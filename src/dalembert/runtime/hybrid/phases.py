@@ -84,6 +84,10 @@ class PhaseExecutor:
         self.table, self._packed = self.table._replace(stops=stops), []
         self._carry_signs()
 
+    def forget_memory(self) -> None:
+        """Have the memory of threads made anew."""
+        self._made, self._packed = None, []
+
     @property
     def calls(self) -> Sequence[LoopCall]:
         """The calls of the runners of the only case, as its last run made them."""
@@ -184,7 +188,7 @@ class PhaseExecutor:
         expand = AddressTable.zeros(len(runners))
         for i, (row, runner) in enumerate(zip(columns, runners, strict=True)):
             names = runner.model.layout.parameters if runner.expand else ()
-            places = choice.rows.with_switches(modes.switched(runner.mode))
+            places = choice.gathered.with_switches(modes.switched(runner.mode))
             row[: len(names)] = [places[name] for name in names]
             expand[i] = runner.expand
             lines[:, i] = runner.size, len(names), len(runner.events), len(guards), runner.samples_inside

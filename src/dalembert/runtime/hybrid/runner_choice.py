@@ -20,7 +20,7 @@ from ..cases import Cases
 from ..sweep import runs_unchecked
 from .host_runners import HostRunner
 from .mode_models import ModeModels
-from .mode_runners import GatheredRows, ModeRunner
+from .mode_runners import FEWEST_ROWS, GatheredRows, ModeRunner
 from .reductions import PhaseReductions
 
 __all__ = ["RunnerChoice"]
@@ -49,7 +49,9 @@ class RunnerChoice:
     runners : list of ModeRunner or HostRunner
     served : ndarray (n_runners,) of int
         Number of the mode that each serves; `NO_RUNNER` where another does.
-    rows : GatheredRows
+    rows : int
+        Least number of records of steps, and of what occurs, that a recorded run has room for; 0 records nothing.
+    gathered : GatheredRows
     compile_seconds : float
     """
 
@@ -64,7 +66,8 @@ class RunnerChoice:
         recorded: bool = False,
     ) -> None:
         self.modes, self.options, self.reductions, self.recorded = modes, options, reductions, recorded
-        self.rows = GatheredRows.of(modes.layout, modes.equations.contacts)
+        self.rows = FEWEST_ROWS if recorded else 0
+        self.gathered = GatheredRows.of(modes.layout, modes.equations.contacts)
         self.runners: list[ModeRunner | HostRunner] = []
         self.served = np.zeros(0, np.int64)
         self.parallel, self.compile_seconds = modes.engine().parallel, 0.0
@@ -131,7 +134,7 @@ class RunnerChoice:
         mode = self.modes.automaton.mode(number)
         model, switched = self.modes.serving(mode), self.modes.switched(mode)
         compiled = self.parallel and self._first_step is None and self.modes.impulses(mode) is None
-        known = {*self.rows.parameters, *switched}
+        known = {*self.gathered.parameters, *switched}
         compiled = compiled and runs_unchecked(model) and {*model.layout.parameters} <= known
         cases = self._first_cases(mode, table, some)
         method = self._method(number, cases, compiled=compiled and cases is not None)
@@ -170,7 +173,7 @@ class RunnerChoice:
         columns = dict(zip(self.modes.layout.parameters, own.p[some].T, strict=True))
         columns |= self.modes.added(mode, own.added[some])
         given = {name: columns[name] for name in model.layout.parameters if name in columns}
-        initial = dict(zip(self.rows.states, own.x[some].T, strict=True))
+        initial = dict(zip(self.gathered.states, own.x[some].T, strict=True))
         try:
             return Cases(model.stages.program, model.derived.start, (own.t[some], table.t1[some]), initial, given)
         except ValueInputError:  # the run of the phase says so

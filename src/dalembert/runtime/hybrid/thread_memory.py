@@ -37,7 +37,7 @@ def thread_workspace(
     patience : int
         Rounds of a loop over lanes after which it returns to Python; 0: it does not.
     """
-    runners, rows, decisions = choice.runners, choice.rows, choice.modes.decisions
+    runners, rows, decisions = choice.runners, choice.gathered, choice.modes.decisions
     size = max((runner.size for runner in runners), default=0)
     events = max((len(runner.events) for runner in runners), default=0)
     numbers = len(decisions.automaton.contact_data.outputs)
@@ -73,7 +73,7 @@ def thread_workspace(
     rows.set_constants(space.gathered)
     calls = []
     for i, runner in enumerate(runners):
-        call = runner.call(rows, space, table, space.turns[i : i + 1], choice.recorded)
+        call = runner.call(rows, space, table, space.turns[i : i + 1], choice.rows)
         if patience:
             call.progress.returns, call.progress.patience = 1, patience
         space.entries[i], space.packed_args[i] = call.entry, call.packed_args
