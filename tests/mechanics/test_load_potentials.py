@@ -299,3 +299,25 @@ def test_no_antiderivative(e):
     graph = Graph()
     node = graph.input("x")
     assert Antiderivatives(graph, [node]).by_input(ExpressionReader(graph, {x: node}).read(e, ""), node) is None
+
+
+def test_springs_between_points_that_resist_in_all_directions_have_a_potential():
+    """A leg with its rest length along the vertical, between a body that turns in space and a foot."""
+    N, O = ReferenceFrame("N"), Point("O")
+    c = sp.Symbol("c", positive=True)
+    turns, foot = dynamicsymbols("r p q"), dynamicsymbols("u v s")
+    scene = da.Scene("leg", frame=N, origin=O, coordinates=[x, y, z, *turns, *foot])
+    B = N.orientnew("B", "Body", turns, "XYZ")
+    C = O.locatenew("C", x * N.x + y * N.y + z * N.z)
+    hip, P = C.locatenew("H", a * B.x - b * B.z), O.locatenew("P", foot[0] * N.x + foot[1] * N.y + foot[2] * N.z)
+    scene.add_bodies(RigidBody("trunk", C, B, 2.0, (inertia(B, 0.3, 0.4, 0.5), C)), Particle("foot", P, 0.7))
+    leg = hip.pos_from(P)
+    force = -k * (leg - l * N.z) - c * leg.dt(N)
+    scene.add_loads((hip, force), (P, -force))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", EnergyWarning)
+        model = da.compile_model(scene, outputs=["energy"])
+    start = dict.fromkeys(model.layout.variables, 0.1) | {"p": 0.4, "z": 1.2, "r_dot": 0.6}
+    run = model.simulate((0.0, 3.0), start, {**P_VALUES, "c": 0.0}, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(run["energy"], run["energy"][0], rtol=1e-11)
+    assert np.ptp(run["kinetic_energy"]) > 0.1

@@ -2,9 +2,9 @@
 
 The power coefficients Q_i of a load at zero rates are compared with candidates: Q = -dV/dq. Candidates are what an
 actuator is known to store, constant forces (V = -F . r), components of a force that are a function of their own
-coordinate of the point, central forces between two points, functions of one inner value u with Q parallel to grad u
-(a spring along a coordinate, a distance, the length of a pathway, a relative angle), and antiderivatives coordinate by
-coordinate. A candidate counts only where its gradient is Q.
+coordinate of the point, or of the vector between the points of two forces, central forces between two points, functions
+of one inner value u with Q parallel to grad u (a spring along a coordinate, a distance, the length of a pathway, a
+relative angle), and antiderivatives coordinate by coordinate. A candidate counts only where its gradient is Q.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import final
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph, Node
 from ..ir.sampling import directions, lost_at_zero, match, probe
+from ..scene.model import Components
 from ..transforms.antiderivatives import Antiderivatives
 from . import vectors as vec
 from .equations import ConstraintRow
@@ -171,7 +172,7 @@ class _Search(LoadReader):
 
     def _candidates(self, loads: Sequence[Load], powers: Sequence[Node]) -> Iterator[Node]:
         """Yield potentials that loads may have."""
-        ways = [self._by_components, self._by_distance]
+        ways = [self._by_components, self._by_distance, self._by_components_between]
         if self._integrable(powers):
             ways += [self._by_inner_value, self._by_coordinates]
         for way in ways:
@@ -184,12 +185,15 @@ class _Search(LoadReader):
 
     def _by_components(self, loads: Sequence[Load], powers: Sequence[Node]) -> Node | None:
         """Return V of forces whose components on the root frame are functions of that component of the position."""
+        placed = [(load.force, load.position) for load in loads if load.force is not None and load.position is not None]
+        return self._of_components(placed) if len(placed) == len(loads) else None
+
+    def _of_components(self, placed: Sequence[tuple[Components, Components]]) -> Node | None:
+        """Return V of forces (3,) whose components are functions of those of positions (3,)."""
         tool = Antiderivatives(self.graph, self.moving)
         total = self.graph.zero
-        for load in loads:
-            if load.force is None or load.position is None:
-                return None
-            for force, place in zip(load.force, load.position, strict=True):
+        for forces, places in placed:
+            for force, place in zip(forces, places, strict=True):
                 if force.is_zero or not any(place.deps & x.deps for x in self.q):
                     continue
                 found = tool.along(force, place)
@@ -200,16 +204,29 @@ class _Search(LoadReader):
 
     def _by_distance(self, loads: Sequence[Load], powers: Sequence[Node]) -> Node | None:
         """Return V of two opposite forces along the line between their points, by the distance."""
+        opposite = self._opposite(loads)
+        if opposite is None:
+            return None
+        force, d = opposite
+        distance = self.graph.call("sqrt", vec.dot(d, d))
+        found = Antiderivatives(self.graph, self.moving).along(vec.dot(force, d) / distance, distance)
+        return None if found is None else -found
+
+    def _by_components_between(self, loads: Sequence[Load], powers: Sequence[Node]) -> Node | None:
+        """Return V of two opposite forces whose components are functions of those of the vector between their points.
+
+        Such are the forces of springs that resist displacements in all directions.
+        """
+        opposite = self._opposite(loads)
+        return None if opposite is None else self._of_components([opposite])
+
+    def _opposite(self, loads: Sequence[Load]) -> tuple[Components, Components] | None:
+        """Return the first of two opposite forces, and its point's position relative to the other's."""
         if len(loads) != 2 or any(load.force is None or load.position is None for load in loads):
             return None
         (first, place), (second, other) = ((load.force, load.position) for load in loads)
         assert first is not None and second is not None and place is not None and other is not None
-        if not vec.is_zero(vec.add(first, second)):
-            return None
-        d = vec.subtract(place, other)
-        distance = self.graph.call("sqrt", vec.dot(d, d))
-        found = Antiderivatives(self.graph, self.moving).along(vec.dot(first, d) / distance, distance)
-        return None if found is None else -found
+        return (first, vec.subtract(place, other)) if vec.is_zero(vec.add(first, second)) else None
 
     def _by_inner_value(self, loads: Sequence[Load], powers: Sequence[Node]) -> Node | None:
         """Return V of power coefficients that are parallel to the gradient of a value: the simplest one found."""
