@@ -22,12 +22,12 @@ METHODS = ["taylor", "dop853", "tsit5", "radau"]
 
 @pytest.fixture
 def in_place(monkeypatch):
-    """No run is a chain of others."""
+    """No run is integrated piece by piece."""
 
     def refuse(*arguments, **options):
         raise AssertionError("a run was cut")
 
-    monkeypatch.setattr(segments, "chained", refuse)
+    monkeypatch.setattr(segments, "in_pieces", refuse)
 
 
 def cart(force, *controllers, backend="llvm"):

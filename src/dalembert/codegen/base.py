@@ -245,23 +245,27 @@ class Engine(ABC):
         return problem
 
     def integrate_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
-        """Write the results of many cases; here one after the other, as `integrate` does each."""
+        """Write the results of many cases; here one after the other."""
         for i in range(len(block.y)):
-            times = block.times(i)
-            problem = block.problem(i, t_eval=np.append(block.t_eval[times], block.spans[i, 1]))
-            if block.watch is not None:
-                from .step_blocks import watched_case
+            self.integrate_case(block, i, method, result)
 
-                watched_case(self, block, i, problem, method, result)
-                continue
-            solution = self.integrate(problem, method)
-            end, last = (solution.t[-1], solution.y[-1]) if len(solution.t) else (problem.t0, problem.y0)
-            if not solution.success and solution.end is not None and solution.last is not None:
-                end, last = solution.end, solution.last
-            result.y[i], result.ends[i] = last, (end, solution.status, solution.steps)
-            recorded = result.samples[i, times]
-            count = min(len(solution.y), len(recorded))
-            recorded[:count] = solution.y[:count]
+    def integrate_case(self, block: CaseBlock, i: int, method: str, result: BlockResult) -> None:
+        """Write the results of case i of a block, as `integrate` does it."""
+        times = block.times(i)
+        problem = block.problem(i, t_eval=np.append(block.t_eval[times], block.spans[i, 1]))
+        if block.watch is not None:
+            from .step_blocks import watched_case
+
+            watched_case(self, block, i, problem, method, result)
+            return
+        solution = self.integrate(problem, method)
+        end, last = (solution.t[-1], solution.y[-1]) if len(solution.t) else (problem.t0, problem.y0)
+        if not solution.success and solution.end is not None and solution.last is not None:
+            end, last = solution.end, solution.last
+        result.y[i], result.ends[i] = last, (end, solution.status, solution.steps)
+        recorded = result.samples[i, times]
+        count = min(len(solution.y), len(recorded))
+        recorded[:count] = solution.y[:count]
 
 
 class FunctionEngine(Protocol):

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from ..integrators.addresses import NO_CODE
 from ..integrators.cases import BlockResult, CaseBlock
-from ..integrators.chaining import blocks_between_knots
 from ..integrators.events import run_with_events
-from ..integrators.problem import IntegrationProblem, Solution, prescribed
+from ..integrators.host_stops import CasesAtStops, in_blocks
+from ..integrators.problem import IntegrationProblem, Solution, prescribed_blocks
 from ..integrators.projected_states import projected
 from ..integrators.recorded_motion import recorded_states
 from ..methods.status import Status
@@ -58,10 +58,8 @@ def recorded_in_blocks(
     from .llvm.loops import loop_named
 
     def step_blocks(part: IntegrationProblem) -> Iterator[Solution]:
-        if not (len(part.y0) or engine.cuts):
-            return iter([prescribed(part)])
-        blocks = partial(engine.step_blocks, method=method)
-        return blocks_between_knots(blocks, part) if watch.reads_inputs else blocks(part)
+        blocks = partial(engine.step_blocks, method=method) if len(part.y0) or engine.cuts else prescribed_blocks
+        return in_blocks(CasesAtStops.alone(part), part, blocks) if watch.reads_inputs else blocks(part)
 
     problem = engine.after_start(problem)
     events = computed_once(engine.block_events, watch, lambda: _event_kernels(watch))

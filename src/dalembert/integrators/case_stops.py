@@ -18,7 +18,7 @@ from .stops import StopTable
 if TYPE_CHECKING:
     from .segments import Segments
 
-__all__ = ["CaseStops", "StopAction", "StopLists"]
+__all__ = ["CaseStops", "Landing", "StopAction", "StopLists"]
 
 Landing = Callable[[float, FloatArray, FloatArray, FloatArray], FloatArray]
 """From a time, a state (n_y,) and the constants (n_c,) before and after it to the state after it."""

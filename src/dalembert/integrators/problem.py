@@ -1,7 +1,7 @@
 """The initial value problem that every integrator takes and the solution it returns."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TypeAlias, final
 
@@ -187,6 +187,11 @@ def prescribed(problem: IntegrationProblem) -> Solution:
     return Solution(
         status=Status.SUCCESS, t=times, y=y, steps=0, rejected=0, evaluations=0, dense=dense, end=problem.t1
     )
+
+
+def prescribed_blocks(problem: IntegrationProblem) -> Iterator[Solution]:
+    """Yield the solution of a problem without a state as one block; see `dalembert.codegen.base.Engine.step_blocks`."""
+    yield prescribed(problem)
 
 
 def validate(problem: IntegrationProblem) -> None:

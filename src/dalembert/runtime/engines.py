@@ -13,7 +13,7 @@ from ..reduction.starting import Start
 from .impulses import landing_of
 
 if TYPE_CHECKING:
-    from ..integrators.chaining import Landing
+    from ..integrators.case_stops import Landing
     from .sampling import Sampling
 
 __all__ = ["engine_of", "segmented"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -25,9 +25,6 @@ __all__ = ["NoInstants", "Sampling"]
 
 _MOST = 10_000_000
 """Number of instants of one run from which on it is refused."""
-
-Rows = Callable[[Kernel, FloatArray, FloatArray, FloatArray], FloatArray]
-"""Outputs (k, n_out) of a kernel at times (k,), states (k, n_y) and constants (k, n_c)."""
 
 
 @final
@@ -120,27 +117,6 @@ class Sampling:
                 place = np.clip(np.searchsorted(requested, found) + side, 0, len(requested) - 1)
                 found = np.where(np.abs(requested[place] - found) <= near, requested[place], found)
         return found, done
-
-    def act(self, number: int, t: float, y: FloatArray, c: FloatArray) -> FloatArray:
-        """Return a state (n_y,) after an instant at which some controllers act, for constants (n_c,)."""
-        if not number:
-            return y
-        return self.act_rows(np.array([number]), np.array([t]), y[np.newaxis], c[np.newaxis], interpret_rows)[0]
-
-    def act_rows(
-        self, numbers: NDArray[np.int64], t: FloatArray, y: FloatArray, c: FloatArray, rows: Rows
-    ) -> FloatArray:
-        """Return states (k, n_y) after instants (k,) of many cases, of constants (k, n_c)."""
-        y = y.copy()
-        for i, action in enumerate(self.kernels.actions):
-            some = np.flatnonzero(numbers & (1 << i))
-            if not len(some):
-                continue
-            if action.kernel is not None:
-                y[some[:, np.newaxis], np.array(action.places)] = rows(action.kernel, t[some], y[some], c[some])
-            for k in some if action.function is not None else ():
-                y[k] = self.called(action, float(t[k]), y[k], c[k])
-        return y
 
     @property
     def stop_actions(self) -> list[StopAction]:

@@ -11,7 +11,7 @@ from ..ir.interpret import interpret
 from ..ir.program import Program
 from .inputs import constants, prepare_rows
 
-__all__ = ["at_time", "prepared_rows", "segments_of", "starting_constants"]
+__all__ = ["at_time", "constants_of_rows", "prepared_rows", "segments_of", "starting_constants"]
 
 _FEW = 32
 """Most segments whose constants are interpreted one by one."""
@@ -40,6 +40,11 @@ def prepared_rows(program: Program, p: FloatArray, middles: FloatArray) -> Float
     assert program.conditions is not None
     rows = np.tile(p, (len(middles), 1))
     program.conditions.decide_at(rows, middles)
+    return constants_of_rows(program, rows)
+
+
+def constants_of_rows(program: Program, rows: FloatArray) -> FloatArray:
+    """Return the constants (m, n_c) of parameters, the first columns of rows (m, n)."""
     if len(rows) > _FEW:
         return prepare_rows(program, rows)
     kernel = program.kernel("prepare")

@@ -54,9 +54,9 @@ class Stopping:
         p: FloatArray,
         spans: tuple[FloatArray, FloatArray],
         t_eval: FloatArray | None,
+        *,
         sampling: Sampling | None,
         landing: Landing | None,
-        *,
         many: bool = True,
         clock: SamplingClock | None = None,
         breaks: CaseBreaks | None = None,
@@ -90,24 +90,26 @@ class Stopping:
         cases = replace(cases, parameters=tuple(parameters), spans=spans)
         if not len(self.lists.times):
             return cases
-        return replace(cases, inputs=self._inputs(cases.inputs), stops=self._stops)
+        return replace(cases, inputs=self.inputs(cases.inputs), stops=self.stops)
 
     def problem(
         self, problem: IntegrationProblem, along: Segments | None = None, *, behind: bool = False
     ) -> IntegrationProblem:
         """Return the problem of a case that is alone, with its stops; for `along` and `behind` see `CaseStops`."""
-        stops = replace(self._stops, along=along, behind=behind)
-        return replace(problem, inputs=self._inputs(problem.inputs), stops=stops)
+        stops = replace(self.stops, along=along, behind=behind)
+        return replace(problem, inputs=self.inputs(problem.inputs), stops=stops)
 
     @property
     def _place(self) -> int | None:
         return None if self.program.conditions is None else self.program.conditions.place
 
     @property
-    def _stops(self) -> CaseStops:
+    def stops(self) -> CaseStops:
+        """The lists with their actions."""
         return CaseStops(self.lists, self._place, self.actions)
 
-    def _inputs(self, given: InputRecords | None) -> InputRecords:
+    def inputs(self, given: InputRecords | None) -> InputRecords:
+        """Return the given inputs; without any, records of none, which say where states go at stops."""
         return given or InputRecords((), (), np.zeros(1), sides=self.program.knot_sides)
 
 
