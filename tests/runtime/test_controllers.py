@@ -17,6 +17,7 @@ from dalembert.errors import (
     UnknownNameError,
     ValueInputError,
 )
+from dalembert.methods.status import Status
 from dalembert.reduction import FORMULATIONS
 
 t = dynamicsymbols._t
@@ -310,3 +311,19 @@ def test_a_function_far_from_zero_is_given_the_time_itself():
     model = da.compile_model(cart(da.Controller("own", period=0.5, inputs=[u], function=law)))
     model.simulate((1.7e9, 1.7e9 + 1), {x: 0, x.diff(): 0}, {m: 1, c: 1})
     assert calls == [(1.7e9, ["c", "m"]), (1.7e9 + 0.5, ["c", "m"])]
+
+
+@pytest.mark.parametrize("backend", ["llvm", "numpy"])
+def test_a_case_without_instants_fails_alone_where_constraints_are_searched(backend):
+    N, O = ReferenceFrame("N"), Point("O")
+    P, period = O.locatenew("P", x * N.x + y * N.y), sp.Symbol("period")
+    scene = da.Scene("pendulum", frame=N, origin=O, coordinates=[x, y])
+    scene.add_bodies(Particle("P", P, m))
+    scene.add_holonomic_constraints(x**2 + y**2 - 1)
+    scene.add_inputs(u)
+    scene.add_loads((P, u * N.x))
+    scene.add_controllers(da.Controller("p", period=period, inputs={u: -x}))
+    model = da.compile_model(scene, formulation="augmented", backend=backend)
+    sweep = model.sweep((0, 1), {x: 0.6, y: -0.8, x.diff(): 0}, {m: 1, period: [0.1, -1.0, 0.2]})
+    assert sweep.status.tolist() == [Status.SUCCESS, Status.NON_FINITE, Status.SUCCESS]
+    assert sweep.t.tolist() == [1.0, 0.0, 1.0]

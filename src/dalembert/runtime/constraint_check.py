@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, final
 
@@ -16,6 +17,7 @@ from ..reduction.base import ReducedSystem
 from .constraint_rank import indeterminate
 from .left_out_constraints import ended_where_left_out_matter
 from .run_check import EndedRun, RunCheck
+from .sampling import NoInstants
 from .singular import checked_run, searched
 
 if TYPE_CHECKING:
@@ -91,8 +93,9 @@ class ConstraintCheck(RunCheck):
                 (False, True) if marked[i] else (False,)
             ):  # as a single run, then with the steps of the sweep
                 problem = replace(block.problem(int(i), dense=True), bounded=bounded)
-                if _ended_alone(self.model, method, block, done, int(i), problem):
-                    break
+                with suppress(NoInstants):  # such a case has not run
+                    if _ended_alone(self.model, method, block, done, int(i), problem):
+                        break
 
 
 def _ended_alone(
