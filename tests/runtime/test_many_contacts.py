@@ -133,6 +133,30 @@ def test_the_modes_of_many_contacts_obey_the_laws(count):
     assert lawful > 35
 
 
+@pytest.mark.parametrize("rank", [10, 16])
+def test_modes_are_found_of_contacts_that_are_redundant(rank):
+    """The 24 rows of 12 contacts at rest depend on each other, so that forces are not determined by the motion."""
+    model, rng = points(12), np.random.default_rng(7)
+    system = model.modes.decisions.system()
+    n, m, k, s = system.coordinates, system.constraints, system.contacts, system.slips
+    values = []
+    for _ in range(45):
+        root = rng.normal(size=(n, n))
+        mass = root @ root.T / n + 0.3 * np.eye(n)
+        jacobian = rng.normal(size=(m + s, rank)) @ rng.normal(size=(rank, n)) / np.sqrt(rank)
+        power = np.zeros((2 * k, n))
+        power[system.normal] = jacobian[system.constraint] * system.sense[:, None]
+        power[system.tangential] = jacobian[system.row]
+        mu = rng.uniform(0.0, 0.5, k)
+        static = mu * (1.0 + (rng.random(k) < 0.4) * rng.random(k) / 2)
+        rest = np.zeros(m + s)
+        parts = mass.ravel(), 3 * rng.normal(size=n), jacobian.ravel(), rest, rest, power.ravel()
+        values.append(np.concatenate([*parts, np.zeros(k), mu, static, np.zeros(k), np.zeros(k)]))
+    cases = decided(model, np.array(values), np.zeros((45, n)), 256)
+    assert not np.any(cases.status == IMPOSSIBLE)
+    assert np.mean(cases.status == OK) > 0.9
+
+
 def _search_always(monkeypatch):
     monkeypatch.setattr(rules, "FEW_CONTACTS", 0)
     monkeypatch.setattr(rules, "_FEW", 0)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..hybrid.automaton import BITS
-from .arguments import IntMatrix, IntVector, Record, Vector
+from .arguments import IntMatrix, IntVector, Matrix, Record, Vector
 from .compiled_subset import compiled_subset, sqrt
 from .contact_system import OPEN, SLIP, SMOOTH, STICK, Combination, ContactSystem, combination
 
@@ -35,6 +35,7 @@ __all__ = [
     "combinations",
     "combine",
     "copy_combination",
+    "find_option",
     "list_options",
     "next_combination",
     "rests",
@@ -102,7 +103,9 @@ class Candidates(NamedTuple):
     pushed, shares : (n_contacts,)
         Change of the normal reaction along a direction in which forces are not determined, and 1 where forces change.
     guessed : (n_slips + n_contacts,)
-        Friction forces and normal reactions as iterations find them.
+        Friction forces and normal reactions as iterations, or pivots, find them.
+    table, basis : (m, 2 m + 2), (m,)
+        Memory of `complementary_forces`, m = n_contacts + 3 n_slips; none for few contacts.
     given : Combination
         The former states and signs, and directions of the slip velocities, or the former ones where there is none.
     now, best, clear : Combination
@@ -126,6 +129,8 @@ class Candidates(NamedTuple):
     pushed: Vector
     shares: IntVector
     guessed: Vector
+    table: Matrix
+    basis: IntVector
     given: Combination
     now: Combination
     best: Combination
@@ -141,7 +146,8 @@ def candidates_space(system: ContactSystem) -> Candidates:
     options = np.zeros((k, 3 * _MOST_OPTIONS), np.int64)
     given, now, best, clear = (combination(k, system.coordinates) for _ in range(4))
     made = kind, fired, struck, slides, still, least, base_sides, options, count, choice, begins
-    memory = taken, wanted, pushed, shares, np.zeros(system.slips + k)
+    m = k + 3 * system.slips if k > FEW_CONTACTS else 0
+    memory = taken, wanted, pushed, shares, np.zeros(system.slips + k), np.zeros((m, 2 * m + 2)), np.zeros(m, np.int64)
     found = Found()
     found.most = ALL if k <= FEW_CONTACTS else _FEW
     return Candidates(*made, *memory, given, now, best, clear, found)
@@ -223,6 +229,20 @@ def list_options(system: ContactSystem, pick: Candidates, expected: bool) -> Non
                 _add_option(pick, i, system.closed[i], side, way if line else 0)
         if system.constraint[i] >= 0 and pick.struck[i] == 0:
             _add_option(pick, i, OPEN, 1, 0)
+
+
+@compiled_subset
+def find_option(pick: Candidates, i: int, state: int, side: int, way: int) -> int:
+    """Return the number of the option of a contact with a state; -1 where it has none.
+
+    A side of 0 is any, and so is a direction of 0.
+    """
+    for n in range(pick.option_count[i]):
+        place = 3 * n
+        if pick.options[i, place] == state and (side == 0 or pick.options[i, place + 1] == side):
+            if way == 0 or pick.options[i, place + 2] == 0 or pick.options[i, place + 2] == way:
+                return n
+    return -1
 
 
 @compiled_subset

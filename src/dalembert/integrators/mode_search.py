@@ -6,15 +6,17 @@ change at once as long as fewer and fewer laws are violated; where that does not
 no cycle arises where the laws have one solution (J. J. Judice and F. M. Pires, Computers and Operations Research 21
 (1994) 587-596; K. G. Murty, Linear Algebra and its Applications 9 (1974) 65-108). Where that ends nowhere, iterations
 on the forces of one contact after the other suggest a combination to begin from (M. Jean, Computer Methods in Applied
-Mechanics and Engineering 177 (1999) 235-257). A combination counts only where it obeys the laws of `mode_laws`.
+Mechanics and Engineering 177 (1999) 235-257), and then complementary pivots do (`complementary_forces`). A combination
+counts only where it obeys the laws of `mode_laws`.
 """
 
 from __future__ import annotations
 
 from .compiled_subset import compiled_subset, sqrt
+from .complementary_forces import choose_complementary
 from .contact_forces import compliance, gap_compliance, load_compliances, solve_mode
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertial_size
-from .mode_candidates import TOUCHING, Candidates, combine, list_options
+from .mode_candidates import TOUCHING, Candidates, combine, find_option, list_options
 from .mode_laws import (
     ROUNDING,
     all_forces,
@@ -46,20 +48,6 @@ _POWERLESS = 1e-12
 
 
 @compiled_subset
-def _option(pick: Candidates, i: int, state: int, side: int, way: int) -> int:
-    """Return the number of the option of a contact with a state; -1 where it has none.
-
-    A side of 0 is any, and so is a direction of 0.
-    """
-    for n in range(pick.option_count[i]):
-        place = 3 * n
-        if pick.options[i, place] == state and (side == 0 or pick.options[i, place + 1] == side):
-            if way == 0 or pick.options[i, place + 2] == 0 or pick.options[i, place + 2] == way:
-                return n
-    return -1
-
-
-@compiled_subset
 def _closed_option(pick: Candidates, i: int) -> int:
     """Return the number of the first option of a contact in which it is closed; -1 where it has none."""
     for n in range(pick.option_count[i]):
@@ -76,12 +64,12 @@ def _remedy(system: ContactSystem, pick: Candidates, i: int, force: float, least
     if state == OPEN:
         return _closed_option(pick, i)
     if push_margin(system, pick, i, force) < least:
-        opened = _option(pick, i, OPEN, 0, 0)
-        return opened if opened >= 0 or system.sided[i] == 0 else _option(pick, i, state, -side, way)
+        opened = find_option(pick, i, OPEN, 0, 0)
+        return opened if opened >= 0 or system.sided[i] == 0 else find_option(pick, i, state, -side, way)
     if state == STICK:
-        return _option(pick, i, SLIP, side, _way_of_slip(system, pick, i, force))
-    sticking = _option(pick, i, STICK, side, 0)
-    return sticking if sticking >= 0 or way == 0 else _option(pick, i, SLIP, side, -way)
+        return find_option(pick, i, SLIP, side, _way_of_slip(system, pick, i, force))
+    sticking = find_option(pick, i, STICK, side, 0)
+    return sticking if sticking >= 0 or way == 0 else find_option(pick, i, SLIP, side, -way)
 
 
 @compiled_subset
@@ -123,9 +111,9 @@ def _join(system: ContactSystem, pick: Candidates, i: int, j: int) -> None:
     """Let a contact j slip that sticks although it can only slip together with i; or let both stick."""
     a, b = system.first[i], system.first[j]
     same = compliance(system, b, a) * compliance(system, a, a) * pick.now.along[i, 0] > 0.0
-    pick.wanted[j] = _option(pick, j, SLIP, pick.options[j, 3 * pick.choice[j] + 1], 1 if same else -1)
+    pick.wanted[j] = find_option(pick, j, SLIP, pick.options[j, 3 * pick.choice[j] + 1], 1 if same else -1)
     if pick.wanted[j] < 0:
-        pick.wanted[i] = _option(pick, i, STICK, pick.options[i, 3 * pick.choice[i] + 1], 0)
+        pick.wanted[i] = find_option(pick, i, STICK, pick.options[i, 3 * pick.choice[i] + 1], 0)
 
 
 @compiled_subset
@@ -182,7 +170,7 @@ def _guess_contact(system: ContactSystem, pick: Candidates, i: int) -> float:
     ease, press = system.compliances[row, 1 + row], guessed[row]
     if ease > 0.0:
         guessed[row] = max(press - _excess(system, pick, row) / ease, 0.0)
-    change, sticks = abs(guessed[row] - press), _option(pick, i, STICK, 0, 0) >= 0
+    change, sticks = abs(guessed[row] - press), find_option(pick, i, STICK, 0, 0) >= 0
     for a in range(system.width[i]):
         r = first + a
         before, ease = guessed[r], system.compliances[r, 1 + r]
@@ -219,14 +207,14 @@ def _guess(system: ContactSystem, pick: Candidates) -> None:
         if change <= _CLOSE * largest:
             break
     for i in range(system.contacts):
-        press, opened, used = pick.guessed[system.slips + i], _option(pick, i, OPEN, 0, 0), 0.0
+        press, opened, used = pick.guessed[system.slips + i], find_option(pick, i, OPEN, 0, 0), 0.0
         for r in range(system.first[i], system.first[i] + system.width[i]):
             used += pick.guessed[r] * pick.guessed[r]
         if press == 0.0 and opened >= 0:
             pick.choice[i] = opened
-        elif _option(pick, i, STICK, 0, 0) >= 0 and sqrt(used) >= _FULL * friction_limit(system, pick, i) * press:
+        elif find_option(pick, i, STICK, 0, 0) >= 0 and sqrt(used) >= _FULL * friction_limit(system, pick, i) * press:
             way = 0 if system.width[i] != 1 else -1 if pick.guessed[system.first[i]] > 0.0 else 1
-            pick.choice[i] = max(_option(pick, i, SLIP, 0, way), 0)
+            pick.choice[i] = max(find_option(pick, i, SLIP, 0, way), 0)
 
 
 @compiled_subset
@@ -296,6 +284,11 @@ def search_modes(system: ContactSystem, pick: Candidates, expected: bool, meets:
             _begin(pick, start == 2)
         if _search(system, pick, meets, steps):
             break
+    if pick.found.best == 0 and pick.table.shape[0] > 0:
+        _begin(pick, False)
+        combine(system, pick)
+        if choose_complementary(system, pick):
+            _search(system, pick, meets, steps)
     if pick.found.best > 0:
         _prefer(system, pick, meets)
     if pick.found.best == 0 or not several:
