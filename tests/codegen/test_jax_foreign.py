@@ -56,7 +56,7 @@ def test_what_xla_knows_already_is_not_told_again():
     model, y, p = sleigh()
     times, solve = np.array([0.0, 1.0]), model.solve_fn(method="tsit5")
     first = solve(times, y, p).y
-    foreign._of_one.cache_clear()
+    foreign._handler.cache_clear()
     pure._solved.clear_cache()
     np.testing.assert_array_equal(solve(times, y, p).y, first)
 
@@ -68,7 +68,7 @@ def test_calls_and_batches_outlive_the_caches_of_code():
     alone, batch = jax.jit(lambda p: solve(times, y, p).y), jax.jit(jax.vmap(lambda p: solve(times, y, p).y))
     many = np.tile(p, (6, 1))
     found = alone(p), batch(many)
-    for kept in (loop_named, advance_lanes._code, check_inputs._code, foreign._of_one, foreign._of_many):
+    for kept in (loop_named, advance_lanes._code, check_inputs._code, foreign._handler):
         kept.cache_clear()
     gc.collect()
     assert loop_named("lane_loop").call is not None  # in the place of what was unloaded

@@ -176,7 +176,7 @@ def test_batches_that_are_exported_or_traced_agree(monkeypatch):
     assert "dalembert_batch" not in exported.mlir_module()
     np.testing.assert_allclose(exported.call(rows), many(rows), rtol=1e-9)
     called = jax.vmap(lambda y: reached(solve(np.array([0.0, 0.7, 2.0]), y, p)))(rows)
-    monkeypatch.setattr(ForeignRuns, "serves_batches", False)
+    monkeypatch.setattr(ForeignRuns, "serves", False)
     pure._solved.clear_cache()
     traced = jax.vmap(lambda y: reached(solve(np.array([0.0, 0.7, 2.0]), y, p)))(rows)
     pure._solved.clear_cache()

@@ -10,7 +10,6 @@ from unittest import mock
 import jinja2
 import jinja2.meta
 import jinja2.nodes
-import numpy as np
 import pytest
 
 from codegen.llvm_texts import FURTHER_TEXTS, TEXTS
@@ -19,7 +18,6 @@ from dalembert.codegen import rendering
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
 from dalembert.codegen.llvm import lane_types
 from dalembert.codegen.llvm.assembly import assembly
-from dalembert.codegen.llvm.foreign import foreign_arguments, handler_assembly
 from dalembert.codegen.llvm.foreign_batch import BatchSizes, Interface, batch_arguments, batch_assembly
 from dalembert.codegen.llvm.tables import with_tables
 from dalembert.codegen.numba import texts
@@ -28,7 +26,6 @@ from dalembert.codegen.printers import JAX, NUMPY
 from dalembert.codegen.rendering import program_variables, render, template_directory
 from dalembert.integrators.addresses import OwnedAddress
 from dalembert.integrators.foreign_batch_loop import BatchCode
-from dalembert.integrators.prepared_loop import PreparedKernels
 from dalembert.integrators.sweep_arguments import SweepKernels
 from dalembert.ir.kernel import Assignment, Kernel, Load
 from dalembert.methods.tableaus import TABLEAUS
@@ -54,8 +51,6 @@ def render_everything():
         render_jax(program)
     render_numba(PROGRAMS["oscillator"]().kernel("rhs"))
     render_tables()
-    kernels = PreparedKernels(*code_at(1, 2, 3, 4, 5))
-    handler_assembly(foreign_arguments(kernels, (2, 3, 4), np.array([1e-8, 1e-10]), (1.0, 10)), (0, 3), 6)
     render_batch_handlers()
     for write in (*TEXTS.values(), *FURTHER_TEXTS):
         write()
@@ -65,11 +60,12 @@ def render_everything():
 
 
 def render_batch_handlers():
-    """Render handlers of batches, with records and without."""
+    """Render handlers of batches and of single runs, with records and without."""
     kernels, interface = SweepKernels(*code_at(1, 2, 3, 4, 0, 0, 5, 6)), Interface((0, 3), {})
-    batch = batch_arguments(kernels, BatchSizes(4, 2, 3, 4, 4), interface, BatchCode(*code_at(1, 2, 3), 4))
-    for recorded in (True, False):
-        batch_assembly(batch, recorded, interface, 7)
+    for lanes in (1, 4):
+        batch = batch_arguments(kernels, BatchSizes(lanes, 2, 3, 4, 4), interface, BatchCode(*code_at(1, 2, 3), 4))
+        for recorded in (True, False):
+            batch_assembly(batch, recorded, interface, 7)
 
 
 def render_numba(rhs):

@@ -178,7 +178,7 @@ def test_records_of_many_cases(plainly, monkeypatch, formulation, room, extra):
 
     def run():
         model = sleigh(formulation)
-        model.engine.foreign_batch("tsit5", (1e-6, 1e-8), None, recorded=True)
+        model.engine.foreign_batch("tsit5", 0, None, recorded=True, alone=False)
         kernels, sizes = given["of"]
         n, cases = sizes.n, 11
         states = model.state(START, PARAMETERS) * (1.0 + 0.1 * np.arange(cases)[:, None])
@@ -294,12 +294,12 @@ def test_compiled_code_that_calls_a_plain_loop_is_an_error(monkeypatch, called):
 
 
 def test_plain_loops_have_no_code_for_other_libraries(plainly, monkeypatch):
-    assert compiled_entry("foreign_loop") != 0
+    assert compiled_entry("foreign_batch_loop") != 0
     monkeypatch.setenv(DEBUG_VARIABLE, "1")
     debugging.cache_clear()
     loop_named.cache_clear()
-    with pytest.raises(OptionError, match="the loop foreign_loop runs as plain Python"):
-        compiled_entry("foreign_loop")
+    with pytest.raises(OptionError, match="the loop foreign_batch_loop runs as plain Python"):
+        compiled_entry("foreign_batch_loop")
 
 
 def test_an_index_outside_an_array_names_it():

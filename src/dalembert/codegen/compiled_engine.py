@@ -22,7 +22,6 @@ from ..integrators.workspace import aligned
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
-from ..methods.step_constants import ANY_START
 from ..once import BoundedTable, computed_once, once_property
 from ..options import DEFAULT_TOLERANCES
 from ..transforms.taylor import clipped_tolerance, order_at, order_for
@@ -45,8 +44,7 @@ if TYPE_CHECKING:
     from ..integrators.workspace import EventKernels
     from ..reduction.starting import Start
     from .llvm.admission import Admission
-    from .llvm.foreign import ForeignCode
-    from .llvm.foreign_batch import Interface
+    from .llvm.foreign_batch import ForeignCode, Interface
     from .llvm.recorded import RecordedLane
 
 __all__ = ["METHODS", "CompiledEngine", "default_source"]
@@ -365,33 +363,19 @@ class CompiledEngine(Engine):
         kernels = PreparedKernels(self.steps.prepare(), *stepper.codes, *self._steppers.projections(1), tests)
         return prepared_run(kernels, sizes, stepper.memory, stepper.settings, self._with_codes(problem), admission)
 
-    def foreign(
-        self, method: str, tolerances: tuple[float, float], limits: tuple[float, int], version: tuple[int, int]
-    ) -> ForeignCode:
-        """Return the handler of runs that XLA calls, by an explicit method; see `dalembert.codegen.llvm.foreign`."""
-        from ..integrators.prepared_loop import PreparedKernels
-        from .llvm.foreign import foreign_code
-
-        stepper = self._steppers.stepper(method, tolerances, 1, dense=False)
-        layout = self._program.layout
-        sizes = (self._sizes["rhs"], layout.constants or len(layout.parameters), stepper.memory)
-        kernels = PreparedKernels(NO_CODE, *stepper.codes, *self._steppers.projections(1))
-        *read, _, atol = stepper.settings
-        return foreign_code(kernels, sizes, [*read, ANY_START, atol], limits, version)
-
     def foreign_batch(
-        self, method: str, tolerances: tuple[float, float], interface: Interface, *, recorded: bool
+        self, method: str, order: int, interface: Interface, *, recorded: bool, alone: bool
     ) -> ForeignCode:
-        """Return the handler of batches that XLA calls; see `dalembert.codegen.llvm.foreign_batch`.
+        """Return the handler of runs that XLA calls; see `dalembert.codegen.llvm.foreign_batch`.
 
-        Of the tolerances, Taylor steps have their order.
+        Taylor steps have this order. A run `alone` has one lane.
         """
         from .llvm.advance_lanes import advance_lanes
         from .llvm.check_inputs import check_inputs
         from .llvm.foreign_batch import BatchSizes, foreign_batch
 
-        lanes, layout = self.steps.lanes, self._program.layout
-        stepper = self._steppers.stepper(method, tolerances, lanes, dense=False)
+        lanes, layout = 1 if alone else self.steps.lanes, self._program.layout
+        stepper = self._steppers.stepper(method, DEFAULT_TOLERANCES, lanes, dense=False, order=order)
         projections = self._steppers.projections(lanes)
         advance = NO_CODE if recorded or any(projections) else advance_lanes(lanes)
         kernels = SweepKernels(*stepper.codes, *projections, NO_CODE, NO_CODE, advance, check_inputs(lanes))

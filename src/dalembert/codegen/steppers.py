@@ -76,15 +76,16 @@ class Steppers:
         dense: bool,
         bounded: bool = False,
         watched: EventCode | None = None,
+        order: int = 0,
     ) -> Stepper:
-        """Return the step of a method at tolerances `rtol` and `atol`.
+        """Return the step of a method at tolerances `rtol` and `atol`; Taylor steps have an order of these, or `order`.
 
         With `watched` a Taylor step writes the series of these events too. If `bounded`, the error of polynomials of
         Runge-Kutta steps counts, too.
         """
         rtol, atol = tolerances
         if method == "taylor":
-            order, floor = order_at(rtol, atol), scale_floor(rtol, atol)
+            order, floor = order or order_at(rtol, atol), scale_floor(rtol, atol)
             if watched is None:
                 step = self._steps.taylor(order, lanes, dense=dense)
             else:

@@ -1,4 +1,4 @@
-"""Records of the steps of many cases, as `dalembert.integrators.foreign_loop` has them of one."""
+"""Records of the steps of cases: where each began, its size and the state there, or those that pass over times."""
 
 from __future__ import annotations
 

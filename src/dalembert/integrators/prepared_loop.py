@@ -34,7 +34,6 @@ __all__ = [
     "PreparedLimits",
     "PreparedProgress",
     "admission_status",
-    "attempt",
     "running",
 ]
 
@@ -343,4 +342,4 @@ def _continue_in(arguments: PreparedArguments, new: int, here: int) -> None:
     arguments.progress.row = here
 
 
-LOOP, RECORDED_LOOP, attempt = running(recorded=False), running(recorded=True), _attempting(recorded=False)
+LOOP, RECORDED_LOOP = running(recorded=False), running(recorded=True)

@@ -77,8 +77,8 @@ class CaseRows(NamedTuple):
     times, states, constants : (k, n_t), (k, n_y), (k, n_c), or one row each for all cases
         Times from start to end, in order; first states and constants.
     record : (k * room, 2 + n_y) or (k * n_t, 1 + n_y)
-        Gets for each case what `dalembert.integrators.foreign_loop` records; behind the last step of a case that began,
-        steps of size 0 at its end.
+        Gets for each case the steps, where each began, its size and the state there, or the time and the state where
+        those began that pass over the times; behind the last step of a case that began, steps of size 0 at its end.
     """
 
     times: Matrix

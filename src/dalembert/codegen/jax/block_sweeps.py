@@ -6,28 +6,26 @@ from collections.abc import Callable
 from typing import Any, final
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ...arrays import FloatArray
 from ...integrators.cases import BlockResult, CaseBlock
-from ...integrators.jax.compiling import LARGEST_FUSED
+from ...integrators.jax.compiling import LARGEST_FUSED, compiled
 from ...integrators.jax.kernels import Kernels
-from ...integrators.jax.lanes import Attempts, Batch, TaylorAttempts, run_batch
 from ...integrators.jax.many import diffrax_batch
-from ...integrators.jax.pairs import PairAttempts
 from ...integrators.jax.precision import double_precision
-from ...integrators.jax.projection import CORRECTIONS
+from ...integrators.jax.run_constants import RunConstants
 from ...integrators.jax.run_data import Limits
+from ...integrators.jax.runs import Runs
 from ...integrators.jax.solvers import METHODS
 from ...integrators.jax.solvers import Settings as SolverSettings
 from ...ir.program import Program
 from ...methods.step_constants import SMALLEST_SCALE
 from ...once import computed_once
 from ...transforms.recurrences import Recurrences
-from ...transforms.taylor import clipped_tolerance, order_for, scale_floor, step_kernel
-from .foreign import ForeignRuns, row_of_limits
-from .kernels import compile_kernel
-from .pieces import PAIRS, pieces_of
+from ...transforms.taylor import order_at, scale_floor, step_kernel
+from .pieces import pieces_of
 
 __all__ = ["BlockSweeps", "padded"]
 
@@ -38,11 +36,6 @@ def padded(rows: FloatArray) -> FloatArray:
     """Return `rows` with the last one repeated until their number is a power of two."""
     size = max(_SMALLEST_BATCH, 1 << (len(rows) - 1).bit_length())
     return np.concatenate([rows, np.repeat(rows[-1:], size - len(rows), axis=0)])
-
-
-def _columns(rows: FloatArray) -> tuple[FloatArray, ...]:
-    """Return the columns of padded `rows`, one array each."""
-    return tuple(np.ascontiguousarray(column) for column in padded(rows).T)
 
 
 @final
@@ -60,98 +53,53 @@ class BlockSweeps:
 
     def __init__(self, program: Program, kernels: Kernels, series: Callable[[], Recurrences]) -> None:
         self._program, self._kernels, self._recurrences = program, kernels, series
-        self._runners: dict[tuple[str, int], Callable[..., Any]] = {}
+        self._runners: dict[tuple[str, int, bool], Callable[..., Any]] = {}
 
     def integrate(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         """Integrate the cases of a block without events; see `Engine.integrate_block`."""
         with double_precision():
             if method in METHODS and METHODS[method].implicit:
                 self._diffrax_block(block, method, result)
-            elif self._calls_machine_code(method):
-                self._called_block(block, method, result)
             else:
                 self._own_block(block, method, result)
 
-    def _calls_machine_code(self, method: str) -> bool:
-        """Return whether machine code that XLA calls runs the cases: on CPUs."""
-        device = jax.config.jax_default_device  # type: ignore[attr-defined]
-        platform = getattr(device, "platform", device) or jax.default_backend()
-        served = self._program.conditions is None and bool(self._program.layout.state)
-        return platform == "cpu" and served and ForeignRuns(self._program, method).serves_batches
-
-    def _called_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
-        """Run cases in one call; those that pad their number to a power of two end where they begin."""
-        tolerance = clipped_tolerance(block.rtol, block.atol)
-        floor, least = scale_floor(block.rtol, block.atol), max(block.atol, SMALLEST_SCALE)
-        limits = Limits(block.rtol, least, floor, block.max_step, block.max_steps)
-        order, count = order_for(tolerance) if method == "taylor" else 0, len(block.y)
-
-        def make() -> Callable[..., Any]:
-            steps = pieces_of(self._program, self._kernels, method, order).steps
-            return ForeignRuns(self._program, method).sweep(limits, steps)
-
-        runner = computed_once(self._runners, (f"call {method}", order), make)
+    def _own_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
+        """Run cases; those that pad their number to a power of two end where they begin."""
+        order, count = order_at(block.rtol, block.atol) if method == "taylor" else 0, len(block.y)
+        key = method, order, bool(len(block.t_eval))
+        runner = computed_once(self._runners, key, lambda: self._runner(*key))
         t, states = padded(block.spans), padded(block.y)
         t[count:, 1] = t[count:, 0]
         if len(block.t_eval):  # whose span is that of all cases
-            t = np.concatenate([t[:1, :1], block.t_eval[np.newaxis], t[:1, 1:]], axis=1)
+            t = np.concatenate([t[0, :1], block.t_eval, t[0, 1:]])
             states[count:] = np.nan
-        row = np.array([row_of_limits(limits, method)])
-        out, samples = jax.device_get(runner(t, states, padded(block.c), row))
-        if len(block.t_eval):
-            result.samples[:] = samples[:count, 1:-1]
-        result.y[:] = out.end[:count]
-        result.ends[:] = np.stack([out.reached, out.status, out.steps], axis=1)[:count]
+        least, floor = max(block.atol, SMALLEST_SCALE), scale_floor(block.rtol, block.atol)
+        limits = np.array([block.rtol, least, floor, block.max_step, block.max_steps], dtype=np.float64)
+        reached, record = jax.device_get(runner(t, states, padded(block.c), limits))
+        result.samples[:] = reached.y[:count, 1:-1]
+        result.y[:] = record.end[:count]
+        result.ends[:] = np.stack([record.reached, record.status, record.steps], axis=1)[:count]
 
-    def _own_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
-        tolerance = clipped_tolerance(block.rtol, block.atol)
-        key = method, order_for(tolerance) if method == "taylor" else 0
-        runner = computed_once(self._runners, key, lambda: self._batch_runner(*key))
-        batch = Batch(
-            y=_columns(block.y),
-            c=_columns(block.c),
-            t0=padded(block.spans[:, 0]),
-            t1=padded(block.spans[:, 1]),
-            t_eval=np.asarray(block.t_eval, dtype=np.float64),
-            floor=np.float64(scale_floor(block.rtol, block.atol)),
-            rtol=np.float64(block.rtol),
-            atol=np.float64(max(block.atol, SMALLEST_SCALE)),
-            max_step=np.float64(block.max_step),
-            max_steps=np.float64(block.max_steps),
-        )
-        out = jax.device_get(runner(batch))
-        count = len(block.y)
-        result.y[:] = np.stack(out.y, axis=1)[:count]
-        result.ends[:] = np.stack([out.t, out.status, out.steps], axis=1)[:count]
-        if len(block.t_eval):
-            result.samples[:] = out.samples.transpose(2, 0, 1)[:count]
+    def _runner(self, method: str, order: int, timed: bool) -> Callable[..., Any]:
+        """Return the function (times, states, constants, limits) -> how the cases went, compiled once for all limits.
 
-    def _batch_runner(self, method: str, order: int) -> Callable[..., Any]:
-        """Return the loop of a method over a batch of cases."""
-        projections = [
-            (compile_kernel(self._program.kernel(name)), count)
-            for name, count in CORRECTIONS.items()
-            if name in self._program
-        ]
-        attempts: Attempts
+        Times are rows, or where they are `timed` those of all cases.
+        """
+        constants = None if self._program.conditions is None else RunConstants()  # which do not change in a segment
+        pieces = pieces_of(self._program, self._kernels, method, order, constants)
+
+        def cases(t: Any, y: Any, c: Any, limits: Any) -> Any:
+            runs = Runs(pieces, Limits(*limits))
+            each: Any = jax.vmap(lambda t, y, c: runs.run(0, t, y, c, jnp.zeros(0))[:2], (None if timed else 0, 0, 0))
+            return each(t, y, c)
+
+        operations = LARGEST_FUSED + 1  # Runge-Kutta attempts are faster unfused, whatever their length
         if method == "taylor":
-            step = step_kernel(self._recurrences(), order, dense=False)
-            step_growth_limited = self._recurrences().step_growth_limited
-            attempts, operations = (
-                TaylorAttempts(compile_kernel(step), step_growth_limited=step_growth_limited),
-                len(step.body),
-            )
-        else:
-            rhs = self._program.kernel("rhs")
-            knots = compile_kernel(self._program.kernel("knots")) if "knots" in self._program else None
-            attempts = PairAttempts(
-                compile_kernel(rhs), PAIRS[method], moved=bool(projections), knots=knots, operations=len(rhs.body)
-            )
-            operations = LARGEST_FUSED + 1
-        return run_batch(attempts, projections, operations + self._kernels.correction_operations)
+            operations = len(step_kernel(self._recurrences(), order, dense=False).body)
+        return compiled(cases, operations + self._kernels.correction_operations)
 
     def _diffrax_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
-        key = method, 0
+        key = method, 0, False
         runner = computed_once(self._runners, key, lambda: diffrax_batch(self._kernels, method))
         spans = padded(block.spans)
         direction = np.where(spans[:, 1] >= spans[:, 0], 1.0, -1.0)

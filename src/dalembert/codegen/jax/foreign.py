@@ -1,42 +1,76 @@
-"""Runs in traced programs as calls of machine code: on CPUs, in double precision.
+"""Runs in traced programs as calls of machine code, on rows of cases: on CPUs, in double precision.
 
-XLA takes a microsecond to start each fused loop, of which a step of one case has dozens. A run without inputs and
-conditions on time is therefore one operation of the traced program, which XLA calls as a foreign function: the compiled
-loop of prepared runs (`dalembert.integrators.foreign_loop`). A batch of such runs is one operation, too: the compiled
-loop over lanes (`dalembert.codegen.jax.foreign_batches`). On other devices these operations are traced loops.
+XLA takes a microsecond to start each fused loop, of which a step of one case has dozens. Runs without inputs and
+conditions on time are therefore one operation of the traced program, which XLA calls as a foreign function: the
+compiled loop over lanes. A single run is a batch of one case, in one lane, and a batch of batches is one batch.
+
+Arguments are rows of times, first states and constants, one for each case or one for all, and of limits. Where the
+compiler lays a batch over devices, each calls the machine code for its own cases. On other devices than CPUs the same
+is done in a traced loop.
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import jax
 import jax.numpy as jnp
+from jax.experimental.custom_partitioning import custom_partitioning
+from jax.sharding import NamedSharding
+from jax.sharding import PartitionSpec as _PartitionSpec
 
-from ...integrators.jax.derivatives import Record, Steps
+from ...integrators.jax.derivatives import Record
+from ...integrators.jax.mesh_axes import varying_alike, varying_like
 from ...integrators.jax.projection import ANY_START
-from ...integrators.jax.run_data import Limits, Stepping
+from ...integrators.jax.run_data import Limits
 from ...ir.program import Program
 from ...once import computed_once, once
-from ...transforms.taylor import order_at
+from ...processors import available_threads
 from ..cache import digest_of
+from ..llvm.foreign_batch import Interface
 from ..llvm.loops import debugging
-from .foreign_batches import handled, on_processors, run_batch, run_sweep
-from .foreign_interface import foreign_interface
 
 if TYPE_CHECKING:
-    from ..llvm.foreign import ForeignCode
-    from ..llvm.foreign_batch import Interface
+    from ..llvm.foreign_batch import ForeignCode
 
-__all__ = ["ForeignRuns", "row_of_limits"]
+__all__ = ["ForeignRuns", "foreign_interface"]
 
+_Spec: Any = _PartitionSpec  # which has no types
+_Struct: Any = jax.ShapeDtypeStruct
 _COMPILED = {"dopri8": "dop853", "tsit5": "tsit5", "taylor": "taylor"}
 """Methods of traced runs, and what compiled loops call them."""
-
 _NUMBERS = 5
+_PER_THREAD = 64
+"""Cases below which a thread is not worth its start."""
+_KNOWN_VERSION = 0, 5
+"""The major version of XLA's interface that the handlers are written for, and its last minor one: a later one may add
+fields to what the handlers read."""
+_BEFORE = 6
+"""Words before the first function of the interface."""
+
+
+@once
+def foreign_interface() -> Interface | None:
+    """Return XLA's interface for foreign functions, as the headers that come with JAX have it; None if unknown."""
+    header = Path(jax.ffi.include_dir()) / "xla" / "ffi" / "api" / "c_api.h"
+    try:
+        text = header.read_text(encoding="utf-8")
+    except OSError:
+        return None
+    found = [re.search(rf"#define XLA_FFI_API_{part} (\d+)", text) for part in ("MAJOR", "MINOR")]
+    if found[0] is None or found[1] is None:
+        return None
+    version = int(found[0][1]), int(found[1][1])
+    if version[0] != _KNOWN_VERSION[0] or version[1] > _KNOWN_VERSION[1]:
+        return None
+    functions = re.findall(r"^ *_XLA_FFI_API_STRUCT_FIELD\(XLA_FFI_(\w+)\);", text, re.MULTILINE)
+    return Interface(version, {name: _BEFORE + place for place, name in enumerate(functions)})
 
 
 @final
@@ -50,162 +84,164 @@ class ForeignRuns:
         Without conditions on time.
     method : str
         A method of traced runs that is compiled.
+    order : int
+        Order of Taylor steps, 0 for others.
     """
 
     program: Program
     method: str
+    order: int
 
     @property
     def serves(self) -> bool:
         """Whether the present trace may call machine code.
 
-        It computes in 64 bits, is not told apart by mesh axes, and gives way where loops are to run as plain Python.
+        It computes in 64 bits, its mesh has no explicit axes, and loops are not to run as plain Python.
         """
-        return self._serves_on(jax.sharding.AxisType.Auto)
-
-    @property
-    def serves_batches(self) -> bool:
-        """Whether the present trace may call machine code for batches; on axes of ``jax.shard_map``, too."""
-        return self._serves_on(jax.sharding.AxisType.Auto, jax.sharding.AxisType.Manual)
-
-    def _serves_on(self, *kinds: Any) -> bool:
+        kinds = jax.sharding.AxisType.Auto, jax.sharding.AxisType.Manual
         types = jax.sharding.get_abstract_mesh().axis_types
         wide: bool = jax.config.jax_enable_x64  # type: ignore[attr-defined]
         return wide and all(kind in kinds for kind in types) and foreign_interface() is not None and not debugging()
 
-    def __call__(self, limits: Limits, room: int, traced: Callable[..., Record], t: Any, y: Any, c: Any) -> Record:
-        """Return the result, for `Motion`, of a run at times t (n_t,) from y (n_y,) with constants c (n_c,).
-
-        `traced` is the function of (t, y, c) that does the same in a traced loop.
-        """
-        rows = (room, 2 + len(y)) if room or len(t) <= 2 else (len(t), 1 + len(y))
-        run = _Run(self.program, self.method, limits)
-
-        def called(*given: Any) -> tuple[Any, ...]:
-            name, code = run.code
-            return handled(name, (y.shape, (_NUMBERS,), rows), (code.memory,), given)
-
-        def in_loop(*given: Any) -> tuple[Any, ...]:
-            record = traced(*given)
-            numbers = record.count, record.reached, record.status, record.steps, record.attempts
-            return record.end, jnp.stack([jnp.asarray(number, float) for number in numbers]), record.taken
-
-        end, numbers, taken = on_processors(called, in_loop, t, y, c)
-        count, reached, status, steps, attempts = numbers
-        return Record(count.astype(int), taken, end, reached, status, steps, attempts)
-
-    def batch(
-        self,
-        limits: Limits,
-        room: int,
-        traced: Callable[..., Record],
-        size: int,
-        given: Sequence[Any],
-        batched: Sequence[bool],
+    def __call__(
+        self, limits: Limits, room: int, traced: Callable[..., Record], cases: int, t: Any, y: Any, c: Any
     ) -> Record:
-        """Return the results of `size` runs; see `dalembert.codegen.jax.foreign_batches.run_batch`."""
-        return run_batch(_Run(self.program, self.method, limits), room, traced, size, given, batched)
+        """Return the results of runs, for `Motion`, with rows of times, first states and constants.
 
-    def sweep(self, limits: Limits, steps: Stepping) -> Callable[..., tuple[Record, Any]]:
-        """Return the function that runs a sweep, compiled once for all limits.
-
-        It is one of rows (t, y, c, limits) as `run_sweep` has them, and returns how the runs went, and states (k, n_t,
-        n_y) at times between ends, by shorter `steps`, NaN where a run did not reach them. Taylor steps have the order
-        of the `limits` given here.
+        There is one row for each case, or one for all. `traced` does the same in a traced loop, for rows of all cases.
         """
-        run = _Run(self.program, self.method, limits)
-
-        def swept(t: Any, y: Any, c: Any, limits: Any) -> tuple[Record, Any]:
-            record = run_sweep(run, t, y, c, limits)
-            if t.shape[1] == 2:
-                return record, jnp.zeros((len(y), 0, y.shape[1]))
-            begins, known = record.taken[:, :, 0], jnp.abs(t - t[:, :1]) <= jnp.abs(record.reached[:, None] - t[:, :1])
-            sizes = jnp.where(known, t - begins, 0.0)
-
-            def ends(begins: Any, sizes: Any, states: Any, c: Any) -> Any:
-                return jnp.stack(steps(Steps(begins, sizes, tuple(states.T), tuple(c), record.count > 0)), axis=1)
-
-            states = jax.vmap(ends)(begins, sizes, record.taken[:, :, 1:], c)
-            return record, jnp.where(known[:, :, None], states, jnp.nan)
-
-        return jax.jit(swept)
-
-
-def row_of_limits(limits: Limits, method: str) -> tuple[float, ...]:
-    """Return the largest step, the number of attempts, and what steps of a method and projections read."""
-    read = (limits.floor,) if method == "taylor" else (limits.rtol, limits.atol)
-    return limits.max_step, float(limits.max_steps), *read, ANY_START, limits.atol
+        timed = not room and t.shape[1] > 2
+        shape = _Shape(cases, t.shape[1] if timed else room, y.shape[1] + (1 if timed else 2))
+        read = (limits.floor,) if self.method == "taylor" else (limits.rtol, limits.atol)
+        row = jnp.array([[limits.max_step, limits.max_steps, *read, ANY_START, limits.atol]], dtype=float)
+        rows = varying_alike((t, y, c, varying_like(row, y)))
+        end, numbers, *records = _Runs(self, shape, traced)(*rows)
+        reached, status, steps, attempts, count = numbers.T
+        taken = jnp.zeros((cases, 0, shape.width))
+        if records:
+            taken = records[0].reshape(cases, shape.room, shape.width)
+        return Record(jnp.max(count, initial=0.0).astype(int), taken, end, reached, status, steps, attempts)
 
 
 @final
 @dataclass(frozen=True)
-class _Run:
-    """Program, method and limits of a handler."""
+class _Shape:
+    """Number of cases, rows of a record that each has, and numbers in a row."""
 
-    program: Program
-    method: str
-    limits: Limits
+    cases: int
+    room: int
+    width: int
 
-    @property
-    def code(self) -> tuple[str, ForeignCode]:
-        """The name of the handler of single runs, and what it is."""
-        return _of_one(self)
 
-    def batch_code(self, *, recorded: bool) -> tuple[str, ForeignCode]:
-        """See `BatchRun`."""
-        return _of_many(self, recorded)
+@final
+@dataclass(frozen=True)
+class _Runs:
+    """Cases as a function of rows of times, states, constants and limits to last states, numbers and records."""
 
-    @property
-    def row_of_limits(self) -> tuple[float, ...]:
-        """See `BatchRun`."""
-        return row_of_limits(self.limits, self.method)
+    foreign: ForeignRuns
+    shape: _Shape
+    traced: Callable[..., Any]
+
+    def __call__(self, *rows: Any) -> tuple[Any, ...]:
+        """Return the results; a batch of batches is one batch."""
+        cases = jax.custom_batching.custom_vmap(self._on_device)
+        cases.def_vmap(self._of_batches)
+        found: tuple[Any, ...] = cases(*rows)
+        return found
+
+    def _on_device(self, *rows: Any) -> Any:
+        """Return the results of calls on CPUs, and of traced loops elsewhere."""
+        if jax.default_backend() == "cpu":
+            return self._laid(*rows)
+        return jax.lax.platform_dependent(*rows, cpu=self._laid, default=self._in_loops)
+
+    def _of_batches(self, size: int, batched: Any, *rows: Any) -> tuple[Any, Any]:
+        cases = self.shape.cases
+        whole = replace(self, shape=replace(self.shape, cases=size * cases))
+        given = [_flat(row, yes, size, cases) for row, yes in zip(rows[:3], batched[:3], strict=True)]
+        found = whole(*given, rows[3])
+        split = tuple(value.reshape(size, -1, value.shape[1]) for value in found)
+        return split, tuple(True for _ in split)
+
+    def _in_loops(self, t: Any, y: Any, c: Any, limits: Any) -> tuple[Any, ...]:
+        """Return the results of traced loops."""
+        shape = self.shape
+        rows = [jnp.broadcast_to(value, (shape.cases, value.shape[1])) for value in (t, y, c)]
+        record = self.traced(*rows)
+        count = jnp.broadcast_to(record.count, record.reached.shape)
+        numbers = [record.reached, record.status, record.steps, record.attempts, count]
+        found = record.end, jnp.stack([jnp.asarray(number, float) for number in numbers], axis=1)
+        return (*found, record.taken.reshape(shape.cases * shape.room, shape.width)) if shape.room else found
+
+    def _called(self, *rows: Any) -> tuple[Any, ...]:
+        """Return the results of a call of the handler, which may compute in memory for each thread."""
+        shape = self.shape
+        name, code = _handler(self.foreign, shape.room > 0, shape.cases == 1)
+        threads = min(available_threads(), max(1, shape.cases // _PER_THREAD))
+        shapes = [(shape.cases, rows[1].shape[1]), (shape.cases, _NUMBERS)]
+        shapes += [(shape.cases * shape.room, shape.width)] if shape.room else []
+        memory = [(threads, code.memory)] if code.memory else []
+        results = [_Struct(shape, rows[1].dtype) for shape in (*shapes, *memory)]
+        return varying_like(tuple(jax.ffi.ffi_call(name, results)(*rows)[: len(shapes)]), rows)
+
+    def _laid(self, *rows: Any) -> Any:
+        """Return the results of calls; where the compiler lays the cases over devices, each runs its own."""
+        shape = self.shape
+        if jax.device_count() == 1 or shape.cases == 1:
+            return self._called(*rows)
+
+        def partition(mesh: Any, arguments: Any, results: Any) -> Any:
+            own = results[0].sharding.spec
+            axes = own[0] if len(own) else None
+            names = () if axes is None else axes if isinstance(axes, tuple) else (axes,)
+            parts = math.prod(mesh.shape[name] for name in names)
+            if shape.cases % parts:
+                axes, parts = None, 1
+            along, common = NamedSharding(mesh, _Spec(axes)), NamedSharding(mesh, _Spec())
+            given = tuple(along if _is_own(value, shape) else common for value in arguments)
+            local = replace(self, shape=replace(shape, cases=shape.cases // parts))
+            return mesh, local._called, tuple(along for _ in results), given
+
+        marks = (f"k a{i}" if _is_own(row, shape) else f"b{i} a{i}" for i, row in enumerate(rows))
+        rule = f"{', '.join(marks)} -> k e, k m" + (", (k r) w" if shape.room else "")
+        partitioned: Any = custom_partitioning(self._called)  # type: ignore[no-untyped-call]
+        partitioned.def_partition(partition=partition, sharding_rule=rule, **({"r": shape.room} if shape.room else {}))
+        return partitioned(*rows)
+
+
+def _flat(value: Any, batched: bool, size: int, cases: int) -> Any:
+    """Return an argument of a batch of batches as rows of all cases, or one row where it is common to all."""
+    if not batched:
+        return value if len(value) == 1 else jnp.tile(value, (size, 1))
+    return jnp.broadcast_to(value, (size, cases, value.shape[2])).reshape(size * cases, value.shape[2])
+
+
+def _is_own(value: Any, shape: _Shape) -> bool:
+    """Return whether an argument has a row for each case."""
+    return bool(value.shape[0] == shape.cases and shape.cases > 1)
 
 
 @once
-def _of_one(run: _Run) -> tuple[str, ForeignCode]:
-    """Return the handler of single runs, and its name."""
-    limits = run.limits
-    given = _COMPILED[run.method], (limits.rtol, limits.atol), (limits.max_step, limits.max_steps)
+def _handler(runs: ForeignRuns, recorded: bool, alone: bool) -> tuple[str, ForeignCode]:
+    """Return the handler of cases, with records or without, and its name, by which XLA knows it from now on.
 
-    def made(engine: Any, interface: Interface) -> ForeignCode:
-        code: ForeignCode = engine.foreign(*given, interface.version)
-        return code
-
-    return _registered("run", run.program, (run.method, limits), made)
-
-
-@once
-def _of_many(run: _Run, recorded: bool) -> tuple[str, ForeignCode]:
-    """Return the handler of batches, with records or without, and its name: one for all tolerances."""
-    tolerances = run.limits.rtol, run.limits.atol
-    order = order_at(*tolerances) if run.method == "taylor" else 0
-
-    def made(engine: Any, interface: Interface) -> ForeignCode:
-        code: ForeignCode = engine.foreign_batch(_COMPILED[run.method], tolerances, interface, recorded=recorded)
-        return code
-
-    return _registered("recorded_batch" if recorded else "batch", run.program, (run.method, order), made)
-
-
-def _registered(
-    kind: str, program: Program, settings: Any, made: Callable[[Any, Interface], ForeignCode]
-) -> tuple[str, ForeignCode]:
-    """Return a handler, which XLA knows from now on by a name that is the same in every process.
-
-    `made` makes it of the compiled engine and the interface.
+    The name is the same in every process; the handler is one for all limits.
     """
     from ..llvm.backend import LLVMBackend
     from ..llvm.target import target
 
-    backend, interface = LLVMBackend(), foreign_interface()
+    backend, interface, layout = LLVMBackend(), foreign_interface(), runs.program.layout
     assert interface is not None
-    rendered = backend.render(program)
-    layout = program.layout
+    rendered = backend.render(runs.program)
     sizes = len(layout.state), layout.constants or len(layout.parameters)
-    name = f"dalembert_{kind}_{digest_of(rendered.digest, repr((settings, interface, target().key, sizes)))}"
+    kind = ("recorded_" if recorded else "") + ("run" if alone else "batch")
+    about = runs.method, runs.order, interface, target().key, sizes
+    name = f"dalembert_{kind}_{digest_of(rendered.digest, repr(about))}"
 
     def make() -> ForeignCode:
-        code = made(backend.load(rendered, cache=True), interface)
+        engine: Any = backend.load(rendered, cache=True)
+        method = _COMPILED[runs.method]
+        code: ForeignCode = engine.foreign_batch(method, runs.order, interface, recorded=recorded, alone=alone)
         ffi: Any = jax.ffi  # which has no types throughout
         ffi.register_ffi_target(name, ffi.pycapsule(ctypes.c_void_p(code.address)), platform="cpu")
         return code

@@ -75,7 +75,7 @@ def pieces_with(
     """
     foreign = None
     if constants is None and feedback is None and program.conditions is None and program.layout.state:
-        foreign = ForeignRuns(program, method)
+        foreign = ForeignRuns(program, method, order)
     if constants is None:
         constants = RunConstants(place_of(program))
     in_blocks = _corrections(program, lambda name: blocked(program.kernel(name)))

@@ -11,10 +11,9 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...integrators.jax.compiling import compiled
-from ...integrators.jax.lanes import Batch
 from ...integrators.jax.precision import double_precision
-from ...integrators.jax.run_data import Pieces
-from ...integrators.jax.runs import ended
+from ...integrators.jax.run_data import Limits, Pieces
+from ...integrators.jax.runs import Runs
 from ...integrators.problem import IntegrationProblem
 from ...methods.status import Status
 from ...methods.step_constants import SMALLEST_SCALE
@@ -40,9 +39,8 @@ def final_function(pieces: Pieces, kernels: Kernels, operations: int) -> Final:
 
     def run(given: Any, numbers: Any) -> Any:
         y, c = given[:n], kernels.constants(given[n:])
-        t0, t1, *limits = numbers
-        end, _, status = ended(pieces, Batch(y, c, t0, t1, (), *limits))
-        return jnp.append(end, status)
+        record = Runs(pieces, Limits(*numbers[2:])).one(0, numbers[:2], y, c, jnp.zeros(0))
+        return jnp.append(record.end, record.status)
 
     function: Final = compiled(run, operations)
     return function
@@ -52,7 +50,7 @@ def prepared_run(function: Final, problem: IntegrationProblem, admission: Admiss
     """Return a prepared run of a function that `final_function` made; `admission` tests what it is given."""
     floor = scale_floor(problem.rtol, problem.atol)
     scale = max(problem.atol, SMALLEST_SCALE)
-    settings = (problem.t0, problem.t1, floor, problem.rtol, scale, problem.max_step, float(problem.max_steps))
+    settings = (problem.t0, problem.t1, problem.rtol, scale, floor, problem.max_step, float(problem.max_steps))
     with double_precision():
         numbers = jax.device_put(np.array(settings, dtype=np.float64))
 

@@ -1,10 +1,13 @@
-"""Batches that XLA calls: a handler in machine code, which runs cases in lanes, in threads of XLA's own pool."""
+"""Runs that XLA calls: a handler in machine code, which runs cases in lanes, in threads of XLA's own pool.
+
+A single run is a batch of one case, in one lane.
+"""
 
 from __future__ import annotations
 
 import ctypes
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -28,14 +31,41 @@ from ...integrators.workspace import LaneNumbers, LaneState, lane_state, no_even
 from ...once import once
 from ..rendering import render
 from .assembly import compile_object, load_object
-from .foreign import ForeignCode, buffer
 from .loops import compiled_entry
 
-__all__ = ["BatchSizes", "Interface", "batch_arguments", "batch_assembly", "foreign_batch", "sweep_arguments"]
+__all__ = [
+    "BatchSizes",
+    "ForeignCode",
+    "Interface",
+    "batch_arguments",
+    "batch_assembly",
+    "foreign_batch",
+    "sweep_arguments",
+]
 
 _WORD, _LINE = 8, 8
 _SLOTS = 64
 """Calls that may have threads at once; others run their cases alone."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ForeignCode:
+    """A handler of XLA's interface for foreign functions.
+
+    Attributes
+    ----------
+    address : OwnedAddress
+        The handler.
+    memory : int
+        Length of the last result for each thread; 0 where there is none.
+    held : tuple
+        The arguments that it has copied, and the code that it calls.
+    """
+
+    address: OwnedAddress
+    memory: int
+    held: tuple[Any, ...]
 
 
 @final
@@ -78,9 +108,9 @@ def foreign_batch(kernels: SweepKernels, sizes: BatchSizes, recorded: bool, inte
     """Return the handler of batches by the same steps.
 
     Its arguments are rows of times, first states and constants, one for each case or one for all, and one of limits;
-    its results those of `dalembert.integrators.sweep_arguments`: last states, ends and, if any, records, and memory
-    for each thread. Limits are the largest step, the number of attempts, and what a step reads behind the largest step
-    and the direction of time.
+    its results those of `dalembert.integrators.sweep_arguments`: last states, ends and, if any, records; and, of more
+    than one lane, memory for each thread. Limits are the largest step, the number of attempts, and what a step reads
+    behind the largest step and the direction of time.
 
     Parameters
     ----------
@@ -150,10 +180,16 @@ def sweep_arguments(kernels: SweepKernels, sizes: BatchSizes) -> SweepArguments:
 
 
 def batch_assembly(arguments: BatchArguments, recorded: bool, interface: Interface, entry: int) -> tuple[str, int]:
-    """Return a handler in assembly that calls the code at an address, and how many words of memory a thread needs."""
-    words, sweep = pack(arguments), place_of(BatchArguments, "sweep")
+    """Return a handler in assembly that calls the code at an address, and the words of memory that a thread is given.
+
+    A single lane has its memory on the stack: XLA takes functions with arrays of more than 512 bytes for long ones, and
+    leaves them to other threads, which takes some ten microseconds.
+    """
+    words, sweep, size = pack(arguments), place_of(BatchArguments, "sweep"), arguments.memory.shape[1]
     words[place_of(BatchArguments, "words") + 1] = len(words) - sweep
-    memory = place_of(BatchArguments, "memory")
+    memory, alone = place_of(BatchArguments, "memory"), arguments.sweep.state.clock.shape[1] == 1
+    words[memory + 1 : memory + 3] = 1, size
+    in_result = _buffer("memory", "results", 3 if recorded else 2, [memory], [memory + 1, memory + 2])
     variables = {
         "words": words.tolist(),
         "count": len(words),
@@ -167,15 +203,17 @@ def batch_assembly(arguments: BatchArguments, recorded: bool, interface: Interfa
             _rows("numbers", "results", 1, "ends"),
             _rows("limits", "given", 3, "limits"),
             *([_rows("rows", "results", 2, "rows.record")] if recorded else []),
-            buffer("memory", "results", 3 if recorded else 2, [memory], [memory + 1, memory + 2]),
+            *([] if alone else [in_result]),
         ],
+        "stack": size if alone else 0,
+        "memory": memory,
         "table": place_of(BatchArguments, "table"),
         "context": place_of(BatchArguments, "context"),
         "own": place_of(BatchArguments, "words"),
         "sweep": sweep,
         "entry": entry,
     }
-    return render("llvm/foreign_batch_handler.ll.j2", variables), arguments.memory.shape[1]
+    return render("llvm/foreign_batch_handler.ll.j2", variables), 0 if alone else size
 
 
 def _own_arrays(state: LaneState, words: int) -> tuple[NDArray[np.int64], int]:
@@ -197,4 +235,15 @@ def _to_line(words: int) -> int:
 def _rows(name: str, side: str, number: int, field: str) -> dict[str, Any]:
     """Return the template's variables of a buffer that is a matrix among the arguments."""
     place = place_of(BatchArguments, f"sweep.{field}")
-    return buffer(name, side, number, [place], [place + 1, place + 2])
+    return _buffer(name, side, number, [place], [place + 1, place + 2])
+
+
+def _buffer(name: str, side: str, number: int, words: Sequence[int], lengths: Sequence[int]) -> dict[str, Any]:
+    """Return the template's variables of a buffer: the places of its address and of its lengths."""
+    return {
+        "name": name,
+        "side": side,
+        "number": number,
+        "parts": [{"word": word, "offset": 0} for word in words],
+        "lengths": lengths,
+    }

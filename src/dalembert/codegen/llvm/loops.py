@@ -54,7 +54,6 @@ SOURCES: dict[str, tuple[str, str, Shape]] = {
     "event_lane_loop": ("integrators.lane_loop", "EVENT_LOOP", "branches"),
     "explicit_loop": ("integrators.explicit_loop", "LOOP", "loops"),
     "foreign_batch_loop": ("integrators.foreign_batch_loop", "LOOP", "loops"),
-    "foreign_loop": ("integrators.foreign_loop", "LOOP", "loops"),
     "foreign_task": ("integrators.foreign_task", "LOOP", "loops"),
     "implicit_loop": ("integrators.implicit_loop", "LOOP", "loops"),
     "kernel_rows": ("integrators.kernel_rows", "LOOP", "loops"),

@@ -152,7 +152,7 @@ class Continuous(FirstOrder):
 
         attempts = PairAttempts(lambda t, z, c: (rates(t, z[0], c),), self.field.tableau, moved=False, knots=limits)
         rtol, atol, max_step, max_steps = self.settings
-        batch = Batch((z,), c, t0, t1, (), 0.0, rtol, atol, max_step, max_steps)
+        batch = Batch((z,), c, t0, t1, 0.0, rtol, atol, max_step, max_steps)
         end = lax.while_loop(
             lambda state: state.status == RUNNING,
             lambda state: advanced(attempts, (), batch, t1, state)[0],

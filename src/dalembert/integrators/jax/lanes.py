@@ -3,13 +3,12 @@
 Steps are straight-line code on arrays that hold one number a case, so that XLA makes one pass over the cases of them.
 The state is carried as one array a component: were it one array in all, XLA would compute a whole step once for each
 of its rows, with branches, and not vectorise it (measured on CPU: ten times slower). A case that has ended takes
-steps of size zero; where samples are requested, steps end at their times.
+steps of size zero.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple, Protocol, final
 
 import jax
@@ -17,7 +16,6 @@ import jax.numpy as jnp
 from jax import lax
 
 from ...methods.status import RUNNING, Status
-from .compiling import compiled
 from .projection import ANY_START, Projections, Rows, project
 from .step_limits import smallest_step
 
@@ -26,14 +24,12 @@ __all__ = [
     "Attempted",
     "Attempts",
     "Batch",
-    "Outcome",
     "Sides",
     "State",
     "TaylorAttempts",
     "advanced",
     "begun",
     "direction_of",
-    "run_batch",
 ]
 
 Function = Callable[..., Rows]
@@ -52,7 +48,6 @@ class Batch(NamedTuple):
     c: Rows
     t0: Any
     t1: Any
-    t_eval: Any
     floor: Any
     rtol: Any
     atol: Any
@@ -60,17 +55,6 @@ class Batch(NamedTuple):
     max_steps: Any
     breaks: Any = ()
     between: Any = ()
-
-
-@final
-class Outcome(NamedTuple):
-    """Results: y (n_y rows (k,)), final times, statuses and steps (k,), and samples (n_t, n_y, k)."""
-
-    y: Rows
-    t: Any
-    status: Any
-    steps: Any
-    samples: Any
 
 
 @final
@@ -146,19 +130,6 @@ class State(NamedTuple):
     attempts: Any
     memory: Any
     passed: Any = ()
-
-
-@final
-class _Carry(NamedTuple):
-    state: State
-    sampled: Any
-    samples: Any
-
-
-def run_batch(attempts: Attempts, projections: Projections, operations: int) -> Callable[[Batch], Outcome]:
-    """Return the compiled loop of a method; `operations` is the length of all code that runs between two loops."""
-    run: Callable[[Batch], Outcome] = compiled(partial(_run, attempts, tuple(projections)), operations)
-    return run
 
 
 def direction_of(batch: Batch) -> Any:
@@ -241,36 +212,3 @@ def advanced(attempts: Attempts, projections: Projections, batch: Batch, goal: A
         passed=passed,
     )
     return following, jnp.where(moved, direction * found.size, 0.0)
-
-
-def _run(attempts: Attempts, projections: Projections, batch: Batch) -> Outcome:
-    n, n_times = len(batch.y), len(batch.t_eval)
-    times = jnp.append(batch.t_eval, jnp.inf)
-    places = jnp.arange(len(batch.t0))
-
-    def due_now(carry: _Carry) -> Any:
-        return (times[carry.sampled] == carry.state.t) & (carry.state.status != int(Status.NON_FINITE))
-
-    def sample(carry: _Carry) -> _Carry:
-        """Record the cases that are at the time of their next sample, repeated times included."""
-        due = due_now(carry)
-        row = jnp.where(due, carry.sampled, n_times)
-        samples = carry.samples.at[row, :, places].set(jnp.stack(carry.state.y, axis=1), mode="drop")
-        return carry._replace(samples=samples, sampled=carry.sampled + due)
-
-    def sample_all(carry: _Carry) -> _Carry:
-        if not n_times:
-            return carry
-        return lax.while_loop(lambda now: jnp.any(due_now(now)), sample, carry)
-
-    def body(carry: _Carry) -> _Carry:
-        goal = batch.t1
-        if n_times:
-            ahead = times[carry.sampled]
-            goal = jnp.where(jnp.isfinite(ahead), ahead, batch.t1)
-        return sample_all(carry._replace(state=advanced(attempts, projections, batch, goal, carry.state)[0]))
-
-    samples = jnp.full((n_times, n, len(batch.t0)), jnp.nan)
-    start = _Carry(begun(attempts, batch), jnp.zeros(len(batch.t0), dtype=int), samples)
-    end = lax.while_loop(lambda carry: jnp.any(carry.state.status == RUNNING), body, sample_all(start))
-    return Outcome(end.state.y, end.state.t, end.state.status, end.state.steps, end.samples)

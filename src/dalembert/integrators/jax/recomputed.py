@@ -91,7 +91,7 @@ class Blocks:
 
     def batch(self, t0: Any, t1: Any, y: Any, c: Any, breaks: Any) -> Batch:
         """Return the case."""
-        batch = Batch((y,), self.constants.split(c), t0, t1, (), *self.settings)
+        batch = Batch((y,), self.constants.split(c), t0, t1, *self.settings)
         if not len(breaks):
             return batch
         return batch._replace(breaks=breaks, between=self.constants.reading(c, breaks, t0, t1))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, Protocol, final
@@ -31,34 +31,19 @@ class Stepping(Differentiable, Protocol):
 
 
 class Foreign(Protocol):
-    """Runs of one case, and batches of them, as calls of machine code."""
+    """Runs as calls of machine code."""
 
     @property
     def serves(self) -> bool:
         """Whether the present trace may have such calls."""
         ...
 
-    def __call__(self, limits: Limits, room: int, traced: Callable[..., Record], t: Any, y: Any, c: Any) -> Record:
-        """Return the result of a run; `traced` is the same as a function of (t, y, c) in a traced loop."""
-        ...
-
-    @property
-    def serves_batches(self) -> bool:
-        """Whether the present trace may have such calls for batches."""
-        ...
-
-    def batch(
-        self,
-        limits: Limits,
-        room: int,
-        traced: Callable[..., Record],
-        size: int,
-        given: Sequence[Any],
-        batched: Sequence[bool],
+    def __call__(
+        self, limits: Limits, room: int, traced: Callable[..., Record], cases: int, t: Any, y: Any, c: Any
     ) -> Record:
-        """Return the results of `size` runs, with times, first states and constants of their own (`batched`) or common.
+        """Return the results of runs, with rows of times, first states and constants: one for each case, or for all.
 
-        `traced` is a function of rows (t, y, c) that does so in a traced loop.
+        `traced` is a function of rows (t, y, c) of all cases that does so in a traced loop.
         """
         ...
 
@@ -83,7 +68,7 @@ class Pieces:
     field
         What makes the rates and their cotangents for continuous adjoints.
     foreign
-        Runs of one case as calls of machine code; None where there are none.
+        Runs as calls of machine code; None where there are none.
     """
 
     one: Attempts
@@ -100,13 +85,16 @@ class Pieces:
 @final
 @dataclass(frozen=True)
 class Limits:
-    """Tolerances, the least scale of Taylor steps, the largest step, and how many steps may be attempted."""
+    """Tolerances, the least scale of Taylor steps, the largest step, and how many steps may be attempted.
 
-    rtol: float
-    atol: float
-    floor: float
-    max_step: float
-    max_steps: int
+    They may be traced, in runs that are not differentiated.
+    """
+
+    rtol: Any
+    atol: Any
+    floor: Any
+    max_step: Any
+    max_steps: Any
 
 
 @final

@@ -16,19 +16,7 @@ from .ruled import ruled
 from .run_data import Limits, Pieces, Reached, in_order, middles
 from .unrecorded import Marked, moved_behind, with_marks
 
-__all__ = ["Runs", "ended"]
-
-
-def _single(pieces: Pieces, room: int, batch: Batch, t: Any) -> Record:
-    """Return the result of one case, whose state and constants are arrays."""
-    batch = batch._replace(y=(batch.y,), c=pieces.steps.constants.split(batch.c))
-    count, taken, end = course_of(pieces.one, pieces.one_projections, room, batch, t)
-    return Record(count, taken, end.y[0], end.t, end.status.astype(float), end.steps, end.attempts)
-
-
-def ended(pieces: Pieces, batch: Batch) -> tuple[Any, Any, Any]:
-    """Return the last state (n_y,) of one case, whose state and constants are arrays, its time, and the status."""
-    return _single(pieces, 0, batch, ())[2:5]
+__all__ = ["Runs"]
 
 
 @final
@@ -48,54 +36,58 @@ class Runs:
 
     def _batch(self, t0: Any, t1: Any, y: Any, c: Any, breaks: Any) -> Batch:
         limits, constants = self._limits, self._pieces.steps.constants
-        batch = Batch(y, c, t0, t1, (), limits.floor, limits.rtol, limits.atol, limits.max_step, limits.max_steps)
+        batch = Batch(y, c, t0, t1, limits.floor, limits.rtol, limits.atol, limits.max_step, limits.max_steps)
         if not len(breaks):
             return batch
         return batch._replace(breaks=breaks, between=constants.reading(c, breaks, t0, t1))
 
     def one(self, room: int, *given: Any) -> Record:
         """Run one case at times t, from y, with c and breaks, as one of a batch where it is vectorised."""
-        pieces = self._pieces
+        foreign = self._pieces.foreign
 
-        def alone(t: Any, y: Any, c: Any, breaks: Any = ()) -> Record:
-            return _single(pieces, room, self._batch(t[0], t[-1], y, c, breaks), t if len(t) > 2 else t[:0])
+        def cases(t: Any, y: Any, c: Any) -> Record:
+            if len(t) == 1:
+                found = self._alone(room, t[0], y[0], c[0])
+                return Record(found.count, *(value[jnp.newaxis] for value in found[1:]))
+            return self._many(room, t, y, c, jnp.zeros((len(t), 0)))
 
         @jax.custom_batching.custom_vmap
         def one(t: Any, y: Any, c: Any, breaks: Any) -> Record:
-            if pieces.foreign is not None and pieces.foreign.serves:
-                return pieces.foreign(self._limits, room, alone, t, y, c)
-            return alone(t, y, c, breaks)
+            if foreign is None or not foreign.serves:
+                return self._alone(room, t, y, c, breaks)
+            found = foreign(self._limits, room, cases, 1, t[jnp.newaxis], y[jnp.newaxis], c[jnp.newaxis])
+            return Record(found.count, *(value[0] for value in found[1:]))
 
         @one.def_vmap
         def _(size: int, batched: Any, *arguments: Any) -> tuple[Record, Record]:
-            def many(t: Any, y: Any, c: Any, breaks: Any) -> Record:
-                between = t if t.shape[1] > 2 else t[:, :0]
-                return self._many(room, t[:, 0], t[:, -1], y, c, breaks, between)
-
             each = Record(False, *[True] * 6)
-            if pieces.foreign is not None and pieces.foreign.serves_batches:
-
-                def traced(t: Any, y: Any, c: Any) -> Record:
-                    return many(t, y, c, jnp.zeros((len(t), 0)))
-
-                given = arguments[:3], batched[:3]
-                return pieces.foreign.batch(self._limits, room, traced, size, *given), each
+            if foreign is not None and foreign.serves:
+                own = (a if b else a[jnp.newaxis] for a, b in zip(arguments[:3], batched, strict=False))
+                return foreign(self._limits, room, cases, size, *own), each
             rows = [a if b else jnp.broadcast_to(a, (size, *a.shape)) for a, b in zip(arguments, batched, strict=True)]
-            return many(*rows), each
+            return self._many(room, *rows), each
 
         found: Record = one(*ruled(*given))
         return found
+
+    def _alone(self, room: int, t: Any, y: Any, c: Any, breaks: Any = ()) -> Record:
+        """Run one case in a loop of its own."""
+        pieces, between = self._pieces, t if len(t) > 2 else t[:0]
+        batch = self._batch(t[0], t[-1], (y,), c, breaks)._replace(c=pieces.steps.constants.split(c))
+        count, taken, end = course_of(pieces.one, pieces.one_projections, room, batch, between)
+        return Record(count, taken, end.y[0], end.t, end.status.astype(float), end.steps, end.attempts)
 
     def _many(self, room: int, *given: Any) -> Record:
         """Run cases in one loop; a batch of batches is one batch."""
         pieces = self._pieces
 
         @jax.custom_batching.custom_vmap
-        def many(t0: Any, t1: Any, y: Any, c: Any, breaks: Any, t: Any) -> Record:
-            batch = self._batch(t0, t1, tuple(y.T), c, breaks.T)
+        def many(t: Any, y: Any, c: Any, breaks: Any) -> Record:
+            between = t if t.shape[1] > 2 else t[:, :0]
+            batch = self._batch(t[:, 0], t[:, -1], tuple(y.T), c, breaks.T)
             batch = batch._replace(c=pieces.steps.constants.split(c))
-            count, taken, end = course_of(pieces.many, pieces.many_projections, room, batch, t.T)
-            states = jnp.stack(end.y, axis=-1) if end.y else jnp.zeros((len(t0), 0))
+            count, taken, end = course_of(pieces.many, pieces.many_projections, room, batch, between.T)
+            states = jnp.stack(end.y, axis=-1) if end.y else jnp.zeros((len(t), 0))
             status = end.status.astype(float)
             return Record(count, jnp.moveaxis(taken, 2, 0), states, end.t, status, end.steps, end.attempts)
 
