@@ -35,7 +35,7 @@ def _own(problem: Problem, model: Any, method: str, rtol: float) -> Prepared:
     """Return a run as a JAX program has it: a jitted `solve_fn` from the state to the state."""
     import jax
 
-    solve = model.solve_fn(method=method, mode="forward", rtol=rtol, atol=absolute(rtol))
+    solve = model.solve_fn(method=method, rtol=rtol, atol=absolute(rtol))
     times = np.array([0.0, END])
     with jax.enable_x64(True):
         y, p = (

@@ -26,7 +26,7 @@ FITS = 1000
 def main() -> None:
     """Fit one path, then many."""
     model = da.compile_model(da.scenes.chaplygin_sleigh(), backend="jax")
-    solve = model.solve_fn(START, method="tsit5", mode="forward", rtol=1e-6, atol=1e-8, max_steps=1024)
+    solve = model.solve_fn(START, method="tsit5", rtol=1e-6, atol=1e-8, max_steps=1024)
 
     def path(theta):
         # Only m / I_C enters the motion: the mass is known, and sets the scale.

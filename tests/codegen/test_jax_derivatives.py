@@ -68,7 +68,7 @@ def linear(scene, formulation, mode):
     It gives the results, and their derivatives in that direction, or the derivatives of their weighted sum.
     """
     options = {"method": "tsit5", "rtol": 1e-12, "atol": 1e-13, "max_step": 0.02}  # steps of a motion at rest are long
-    solve = compiled(scene, formulation).solve_fn(MOTIONS[scene][1], mode=mode, **options)
+    solve = compiled(scene, formulation).solve_fn(MOTIONS[scene][1], **options)
 
     def everything(p, initial):
         motion = solve(T, initial, p)
@@ -161,7 +161,7 @@ def test_only_operations_of_branches_are_guarded(branched):
 
 def ends(model, mode, **options):
     """Return the derivatives of the end of a straight motion."""
-    solve = model.solve_fn(STRAIGHT, method="tsit5", mode=mode, max_step=0.05, **options)
+    solve = model.solve_fn(STRAIGHT, method="tsit5", max_step=0.05, **options)
     matrices = JACOBIANS[mode](lambda p, i: solve(T[::2], i, p).q[-1], argnums=(0, 1))
     return np.array(jax.tree.leaves(jax.jit(matrices, compiler_options=QUICK)(SPRING, STRAIGHT)))
 

@@ -134,23 +134,16 @@ laid = jax.device_put(heights, NamedSharding(explicit, P("cases")))
 np.testing.assert_allclose(by_level(laid, 0.2), by_level(heights, 0.2), rtol=1e-14)
 """
 
-REFUSED = """
+IMPLICIT = """
 solve = model.solve_fn(method="kvaerno5", rtol=1e-5)
-end = jax.vmap(lambda y: solve(jnp.array([0.0, 0.2]), y, p).y[-1])
-for kind in ("checked", "explicit"):
-    try:
-        list(on_two(end, rows, [kind]))
-    except da.errors.OptionError as error:
-        assert "kvaerno5" in str(error) and "check_vma=False" in str(error) and "tsit5" in str(error), error
-    else:
-        raise AssertionError(kind)
+check(jax.vmap(lambda y: solve(jnp.array([0.0, 0.2]), y, p).y[-1]), rows, ("checked", "explicit"), 1e-13)
 """
 
 
 @pytest.mark.parametrize(
     "program",
-    [EVERYWHERE, KINDS, SHARED, INPUTS, EVENTS, REFUSED],
-    ids=["meshes", "kinds of runs", "what cases share", "inputs", "events", "refused"],
+    [EVERYWHERE, KINDS, SHARED, INPUTS, EVENTS, IMPLICIT],
+    ids=["meshes", "kinds of runs", "what cases share", "inputs", "events", "implicit steps"],
 )
 def test_runs_and_gradients_over_two_devices(program):
     flags = "--xla_force_host_platform_device_count=2 --xla_backend_optimization_level=0"

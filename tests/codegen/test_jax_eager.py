@@ -102,7 +102,7 @@ def test_states_between_the_ends_are_those_of_runs_that_keep_all_steps(model):
     """Runs with derivatives keep all steps, others blocks of them; here there are ten blocks, some without a time."""
     times = np.linspace(0.0, 6.0, 9)[[0, 1, 1, 3, 7, 8]] * np.array([[1.0], [-1.0]])
     values, p = np.array(list(INITIAL.values())), model.parameter_vector(PARAMETERS)
-    solve = model.solve_fn(INITIAL, method="tsit5", mode="forward", max_step=0.02)
+    solve = model.solve_fn(INITIAL, method="tsit5", max_step=0.02)
     kept = jax.jit(lambda t: jax.jvp(lambda p: solve(t, values, p).y, (p,), (0.0 * p,))[0])(times[1])
     alone = jax.jit(lambda t: solve(t, values, p).y)(times[1])
     batch = jax.jit(jax.vmap(lambda t: solve(t, values, p).y))(times)

@@ -216,8 +216,6 @@ def test_what_is_wrong_with_inputs_is_named():
             run(inputs)
     with pytest.raises(UnknownNameError, match=r"as inputs=\{\.\.\.\}: u"):
         run({"u": 1.0}, {**PARAMETERS, "u": 1.0})
-    with pytest.raises(OptionError, match="'kvaerno5' does not end steps at the knots of samples"):
-        run({"u": da.samples(KNOTS, VALUES)}, function=solve_fn("kvaerno5"))
     with pytest.raises(ValueInputError, match="'u' are traced by JAX"):
         jax.jit(lambda v: compiled().simulate((0, 1), START, PARAMETERS, inputs={"u": da.samples(KNOTS, v)}))(VALUES)
 

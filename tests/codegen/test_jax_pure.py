@@ -195,7 +195,7 @@ def test_gradients_one_stage_after_the_other(times, limit, monkeypatch):
     weights = np.cos(np.arange(len(times) * len(at[0]))).reshape(len(times), -1)
 
     def value(mode):
-        solve = model.solve_fn(method="tsit5", mode=mode, rtol=1e-6, atol=1e-8)
+        solve = model.solve_fn(method="tsit5", rtol=1e-6, atol=1e-8)
         return lambda y, p: (weights * solve(np.array(times), y, p).y).sum()
 
     found = jax.jit(jax.grad(value("reverse"), argnums=(0, 1)), compiler_options=QUICK)(*at)
@@ -239,7 +239,7 @@ def test_both_modes_alone_and_in_batches_there_and_back(method, formulation):
     model = compiled("chaplygin_sleigh", formulation)
     y, p = model.state(initial, parameters), model.parameter_vector(parameters)
     options = {"method": method, "rtol": 1e-6, "atol": 1e-8}
-    forward, reverse = (model.solve_fn(mode=mode, **options) for mode in ("forward", "reverse"))
+    forward = reverse = model.solve_fn(**options)
     spans = np.array([[0.0, 0.5], [0.0, -0.5], [0.0, 0.0], [0.0, 2.0]])
 
     def ends(solve):
@@ -324,8 +324,6 @@ def test_vector_fields_refuse_other_lengths(sizes):
 def test_faults():
     initial = SLEIGH[1]
     model = compiled("chaplygin_sleigh")
-    with pytest.raises(OptionError, match=r"sideways.*reverse, forward"):
-        model.solve_fn(initial, mode="sideways")
     with pytest.raises(OptionError, match="max_step must be a positive"):
         model.solve_fn(initial, max_step=0.0)
     with pytest.raises(OptionError, match="'euler'"):

@@ -159,11 +159,6 @@ def test_failures_raise_in_traces_where_that_is_asked_for(model):
         jax.block_until_ready(jax.jit(lambda t: hosted(t, INITIAL, p).end)(bad))
 
 
-def test_dense_output_that_is_not_there_is_refused(model):
-    with pytest.raises(OptionError, match=r"'kvaerno5' has no dense output.*times that are wanted"):
-        model.solve_fn(dense=True, method="kvaerno5")
-
-
 def test_dense_output_across_conditions_on_time():
     """A pulse begins and ends within the span; derivatives, which would miss a term, are refused."""
     x, t, T = dynamicsymbols("x"), dynamicsymbols._t, sp.symbols("T", positive=True)

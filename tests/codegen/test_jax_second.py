@@ -7,7 +7,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from codegen.jax_options import QUICK
-from dalembert.errors import CapabilityError, OptionError
+from dalembert.errors import CapabilityError
 from runtime.test_sensitivity import MOTIONS
 
 jax = pytest.importorskip("jax")
@@ -99,21 +99,6 @@ def test_products_with_hessians_in_batches(switched):
     found = np.array(jax.jit(jax.vmap(product), compiler_options=QUICK)(np.stack([at, long, at]), directions))
     assert np.isnan(found[1]).all()
     np.testing.assert_allclose(found[::2], directions[::2] @ expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
-
-
-def test_second_derivatives_by_times_of_kvaerno5_are_refused():
-    parameters, initial, _ = MOTIONS["chaplygin_sleigh"]
-    model = da.compile_model(da.scenes.chaplygin_sleigh(), backend="jax")
-    solve = model.solve_fn(initial, method="kvaerno5", mode="forward")
-
-    def end(b, t):
-        return solve(jax.numpy.stack([0.0, t]), initial, {**parameters, "b": b}).q[-1, 0]
-
-    jax.eval_shape(jax.jacfwd(jax.jacfwd(end)), 0.3, 0.5)
-    jax.eval_shape(jax.jacfwd(jax.jacfwd(end, argnums=1)), 0.3, 0.5)
-    for inner in (0, 1):
-        with pytest.raises(OptionError, match="no second derivatives by times"):
-            jax.eval_shape(jax.jacfwd(jax.jacfwd(end, argnums=inner), argnums=1), 0.3, 0.5)
 
 
 @pytest.mark.parametrize("batched", [False, True])

@@ -79,7 +79,7 @@ def expected():
     [("tsit5", "minimal", "forward"), ("tsit5", "projected", "reverse")],
 )
 def test_derivatives_by_times_are_differences(method, formulation, mode):
-    solve = compiled(formulation).solve_fn(START, method=method, mode=mode, **OPTIONS)
+    solve = compiled(formulation).solve_fn(START, method=method, **OPTIONS)
     matrix = JACOBIANS[mode](lambda t: everything(solve(t, START, PARAMETERS)))
     found = jax.jit(matrix, compiler_options=QUICK)(T)
     np.testing.assert_allclose(found, expected(), rtol=2e-7, atol=2e-8)
@@ -120,7 +120,7 @@ def place(t, y, p):
     ],
 )
 def test_derivatives_of_a_known_motion_alone_and_in_batches(method, mode):
-    solve = pushed().solve_fn(method=method, mode=mode, rtol=1e-11, atol=1e-13)
+    solve = pushed().solve_fn(method=method, rtol=1e-11, atol=1e-13)
     spans = np.array([[0.2, 1.1, 1.9], [1.9, 1.1, 0.2]])
     wrt = (0, 1, 2)
     found = jax.jit(
@@ -192,7 +192,7 @@ def test_a_failed_case_spoils_what_it_is_part_of_unless_it_is_left_out():
 
 @pytest.mark.parametrize(("method", "mode"), [("tsit5", "forward"), ("tsit5", "reverse"), ("kvaerno5", "forward")])
 def test_what_was_reached_keeps_its_derivatives(method, mode):
-    solve, t = pushed().solve_fn(method=method, mode=mode, rtol=1e-7, max_steps=steps_of(method)), [0.0, 0.2, 300.0]
+    solve, t = pushed().solve_fn(method=method, rtol=1e-7, max_steps=steps_of(method)), [0.0, 0.2, 300.0]
     found = jax.jit(JACOBIANS[mode](lambda p: solve(t, AT, p).y[:, 0]), compiler_options=QUICK)(FORCE)
     right = jax.jacfwd(lambda p: place(np.array(t), AT, p))(FORCE)
     for name in FORCE:

@@ -353,7 +353,7 @@ def test_jax_solves_and_differentiates():
     case, reference = case_of("servo")
     model = model_of("servo", backend="jax")
     with jax.enable_x64(True):
-        solve = model.solve_fn([*model.layout.variables], method="tsit5", mode="forward", rtol=1e-9, atol=1e-11)
+        solve = model.solve_fn([*model.layout.variables], method="tsit5", rtol=1e-9, atol=1e-11)
         start = {name: float(value) for name, value in zip(case.names, reference[0], strict=True)}
 
         def final(force):

@@ -1,4 +1,4 @@
-"""Tableau of an explicit Runge-Kutta pair with dense output, checked on construction."""
+"""Tableau of a Runge-Kutta pair with dense output, checked on construction."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ _TOLERANCE = 3e-14
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Tableau:
-    """An explicit Runge-Kutta pair.
+    """A Runge-Kutta pair, explicit or diagonally implicit with an explicit first stage.
 
     The stages are, in this order: those that the step is made of, one at the end of the step (``A[end] ==
     b``, ``c[end] == 1``, the first stage of the next step), and those that only the dense output needs.
@@ -30,7 +30,7 @@ class Tableau:
         Order of the step, of the error estimate (the estimate is O(h**(error_order + 1))) and of the dense
         output.
     c, A
-        Nodes (n_total,) and strictly lower triangular matrix (n_total, n_total).
+        Nodes (n_total,) and matrix (n_total, n_total), strictly lower triangular unless the pair is `implicit`.
     end
         Number of the stage at the end of the step.
     error
@@ -45,6 +45,8 @@ class Tableau:
     bounded
         Whether a step is rejected, too, where its dense output is off by more than
         `dalembert.methods.step_constants.POLYNOMIAL_ERROR` tolerances (see `between`).
+    implicit
+        Whether stages but the first are implicit.
 
     Raises
     ------
@@ -64,6 +66,7 @@ class Tableau:
     P: FloatArray
     source: str
     bounded: bool = False
+    implicit: bool = False
 
     def __post_init__(self) -> None:
         faults = list(_faults(self))
@@ -125,8 +128,9 @@ def _faults(tableau: Tableau) -> Iterator[str]:
         yield "the dense output must have at least degree 3"
     if tableau.bounded and n == tableau.end + 1:
         yield "no stage estimates the error of the dense output"
-    if np.any(np.triu(tableau.A)):
-        yield "A must be strictly lower triangular"
+    if np.any(np.triu(tableau.A, int(tableau.implicit))) or tableau.A[0, 0]:
+        shape = "lower triangular, and its first row 0" if tableau.implicit else "strictly lower triangular"
+        yield f"A must be {shape}"
     if _differ(tableau.A.sum(axis=1), tableau.c, tableau.A):
         yield "row sums of A must be c"
     if tableau.c[tableau.end] != 1.0:

@@ -1,4 +1,4 @@
-"""Explicit Runge-Kutta pairs; a new one takes one tableau and one line in ``TABLEAUS``."""
+"""Runge-Kutta pairs; a new explicit one takes one tableau and one line in ``TABLEAUS``."""
 
 from dataclasses import replace
 
@@ -111,7 +111,53 @@ DOP853 = Tableau(
     source="E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., 1993",
 )
 
+
+def _kvaerno5() -> Tableau:
+    """Return Kvaerno's pair; its dense output is the cubic by the states and slopes at both ends."""
+    A = matrix_from_rows(
+        7,
+        {
+            1: {0: 0.26},
+            2: {0: 0.13, 1: 0.84033320996790809},
+            3: {0: 0.22371961478320505, 1: 0.47675532319799699, 2: -0.06470895363112615},
+            4: {0: 0.16648564323248321, 1: 0.10450018841591720, 2: 0.03631482272098715, 3: -0.13090704451073998},
+            5: {0: 0.13855640231268224, 2: -0.04245337201752043, 3: 0.02446657898003141, 4: 0.61943039072480676},
+            6: {
+                0: 0.13659751177640291,
+                2: -0.05496908796538376,
+                3: -0.04118626728321046,
+                4: 0.62993304899016403,
+                5: 0.06962479448202728,
+            },
+        },
+    )
+    A[1:, 1:] += 0.26 * np.eye(6)
+    c, b, (first, last) = A.sum(axis=1), A[6], np.eye(7)[[0, 6]]
+    c[5:] = 1.0
+    return Tableau(
+        name="kvaerno5",
+        order=5,
+        error_order=4,
+        dense_order=3,
+        c=c,
+        A=A,
+        end=6,
+        error=_KVAERNO_ERROR * np.array([b - A[5]]),
+        error_orders=(4,),
+        P=np.array([first, 3.0 * b - 2.0 * first - last, first + last - 2.0 * b]).T,
+        source="A. Kvaerno, BIT Numerical Mathematics 44 (2004) 489-502",
+        implicit=True,
+    )
+
+
+_KVAERNO_ERROR = 10.0
+"""Factor of the error estimate of Kvaerno's pair, which is too small: with the estimate itself the error of a forced
+oscillator is 30 times the tolerances (that of explicit methods once or twice), though its stages are solved exactly."""
+
+KVAERNO5 = _kvaerno5()
+
 TABLEAUS = (TSIT5, DOP853)
+"""The explicit pairs."""
 
 
 @once

@@ -231,10 +231,6 @@ class PrepareOptions(StepOptions):
     project_invariants: Any = False
 
 
-MODES = ("reverse", "forward")
-"""Directions of differentiation among which traced runs of implicit methods choose."""
-
-
 ADJOINTS = ("recorded", "recomputed", "continuous")
 """Kinds of derivatives of traced runs."""
 
@@ -246,8 +242,8 @@ class SolveOptions:
 
     Attributes
     ----------
-    method, mode : str
-        Of the run and, for implicit methods, of its derivatives.
+    method : str
+        Of the run.
     adjoint : str
         A name in `ADJOINTS`.
     rtol, atol : float or None
@@ -270,7 +266,6 @@ class SolveOptions:
     """
 
     method: str
-    mode: str = "reverse"
     adjoint: str = "recorded"
     rtol: float | None = None
     atol: float | None = None
@@ -281,8 +276,6 @@ class SolveOptions:
     portable: bool = False
 
     def __post_init__(self) -> None:
-        if self.mode not in MODES:
-            raise OptionError(unknown_name("mode", str(self.mode), MODES))
         if self.adjoint not in ADJOINTS:
             raise OptionError(unknown_name("adjoint", str(self.adjoint), ADJOINTS))
         if not self.max_step > 0.0:

@@ -13,19 +13,15 @@ from ...arrays import FloatArray
 from ...integrators.cases import BlockResult, CaseBlock
 from ...integrators.jax.compiling import LARGEST_FUSED, compiled
 from ...integrators.jax.kernels import Kernels
-from ...integrators.jax.many import diffrax_batch
 from ...integrators.jax.precision import double_precision
-from ...integrators.jax.run_constants import RunConstants
 from ...integrators.jax.run_data import Limits
 from ...integrators.jax.runs import Runs
-from ...integrators.jax.solvers import METHODS
-from ...integrators.jax.solvers import Settings as SolverSettings
 from ...ir.program import Program
 from ...methods.step_constants import SMALLEST_SCALE
 from ...once import computed_once
 from ...transforms.recurrences import Recurrences
 from ...transforms.taylor import order_at, scale_floor, step_kernel
-from .pieces import pieces_of
+from .pieces import constants_of_segments, pieces_of
 
 __all__ = ["BlockSweeps", "padded"]
 
@@ -56,18 +52,12 @@ class BlockSweeps:
         self._runners: dict[tuple[str, int, bool], Callable[..., Any]] = {}
 
     def integrate(self, block: CaseBlock, method: str, result: BlockResult) -> None:
-        """Integrate the cases of a block without events; see `Engine.integrate_block`."""
-        with double_precision():
-            if method in METHODS and METHODS[method].implicit:
-                self._diffrax_block(block, method, result)
-            else:
-                self._own_block(block, method, result)
+        """Integrate the cases of a block without events; see `Engine.integrate_block`.
 
-    def _own_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
-        """Run cases; those that pad their number to a power of two end where they begin."""
+        Cases that pad their number to a power of two end where they begin.
+        """
         order, count = order_at(block.rtol, block.atol) if method == "taylor" else 0, len(block.y)
         key = method, order, bool(len(block.t_eval))
-        runner = computed_once(self._runners, key, lambda: self._runner(*key))
         t, states = padded(block.spans), padded(block.y)
         t[count:, 1] = t[count:, 0]
         if len(block.t_eval):  # whose span is that of all cases
@@ -75,7 +65,9 @@ class BlockSweeps:
             states[count:] = np.nan
         least, floor = max(block.atol, SMALLEST_SCALE), scale_floor(block.rtol, block.atol)
         limits = np.array([block.rtol, least, floor, block.max_step, block.max_steps], dtype=np.float64)
-        reached, record = jax.device_get(runner(t, states, padded(block.c), limits))
+        with double_precision():
+            runner = computed_once(self._runners, key, lambda: self._runner(*key))
+            reached, record = jax.device_get(runner(t, states, padded(block.c), limits))
         result.samples[:] = reached.y[:count, 1:-1]
         result.y[:] = record.end[:count]
         result.ends[:] = np.stack([record.reached, record.status, record.steps], axis=1)[:count]
@@ -85,8 +77,7 @@ class BlockSweeps:
 
         Times are rows, or where they are `timed` those of all cases.
         """
-        constants = None if self._program.conditions is None else RunConstants()  # which do not change in a segment
-        pieces = pieces_of(self._program, self._kernels, method, order, constants)
+        pieces = pieces_of(self._program, self._kernels, method, order, constants_of_segments(self._program))
 
         def cases(t: Any, y: Any, c: Any, limits: Any) -> Any:
             runs = Runs(pieces, Limits(*limits))
@@ -97,25 +88,3 @@ class BlockSweeps:
         if method == "taylor":
             operations = len(step_kernel(self._recurrences(), order, dense=False).body)
         return compiled(cases, operations + self._kernels.correction_operations)
-
-    def _diffrax_block(self, block: CaseBlock, method: str, result: BlockResult) -> None:
-        key = method, 0, False
-        runner = computed_once(self._runners, key, lambda: diffrax_batch(self._kernels, method))
-        spans = padded(block.spans)
-        direction = np.where(spans[:, 1] >= spans[:, 0], 1.0, -1.0)
-        settings = SolverSettings(
-            direction,
-            direction * spans[:, 0],
-            direction * spans[:, 1],
-            padded(block.c),
-            np.float64(block.rtol),
-            np.float64(block.atol),
-            np.float64(0.0),
-            np.float64(block.max_step),
-        )
-        t_eval, budget = np.asarray(block.t_eval, dtype=np.float64), np.int64(block.max_steps)
-        out = jax.device_get(runner(settings, padded(block.y), t_eval, budget))
-        count = len(block.y)
-        result.y[:], result.ends[:] = out[0][:count], out[2][:count]
-        if len(t_eval):
-            result.samples[:] = out[1][:count]

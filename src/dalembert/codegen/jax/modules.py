@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import diffrax
 import jax
 
 from ...integrators.jax.kernels import Kernels
@@ -23,7 +22,7 @@ __all__ = ["kernels_of", "loaded", "rendered_module"]
 def rendered_module(program: Program) -> RenderedModule:
     """Return the module of a program."""
     source = render("jax/module.py.j2", program_variables(program, JAX))
-    versions = f"{__version__} {jax.__version__} {diffrax.__version__}"
+    versions = f"{__version__} {jax.__version__}"
     return RenderedModule("jax", program, lambda: source, digest_of("jax", versions, source))
 
 

@@ -9,21 +9,23 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ...integrators.jax.adjoint import InTurn
 from ...integrators.jax.compiling import LARGEST_FUSED
 from ...integrators.jax.continuous import Field
+from ...integrators.jax.implicit import implicit_slopes
 from ...integrators.jax.kernels import Function, Kernels, OnArrays
 from ...integrators.jax.lanes import Sides, TaylorAttempts
-from ...integrators.jax.pairs import PairAttempts
+from ...integrators.jax.pairs import PairAttempts, slopes_of, weighted
 from ...integrators.jax.projection import CORRECTIONS, Projections, Rows
 from ...integrators.jax.run_constants import RunConstants
-from ...integrators.jax.run_data import Pieces
-from ...integrators.jax.solvers import METHODS
+from ...integrators.jax.run_data import Pieces, Stepping
+from ...integrators.jax.trajectory import Polynomials
 from ...ir.kernel import Kernel
 from ...ir.program import Program
 from ...methods.tableau import Tableau
-from ...methods.tableaus import TABLEAUS
+from ...methods.tableaus import KVAERNO5, TABLEAUS
 from ...once import once
 from ...transforms.nonsmooth import decisions, only_in_branches
 from ...transforms.recurrences import recurrences
@@ -33,15 +35,25 @@ from .blocks import Conditional, blocked, cotangents_of, looped
 from .feedback_kernels import FeedbackKernels
 from .foreign import ForeignRuns
 from .kernels import compile_kernel
-from .step_derivatives import PairSteps, SeriesSteps
+from .step_derivatives import PairSteps, WholeSteps, implicit_ends, series_ends
 
-__all__ = ["PAIRS", "SERVED", "pieces_of", "pieces_with", "place_of"]
+__all__ = [
+    "EXPLICIT",
+    "PAIRS",
+    "SERVED",
+    "constants_of_segments",
+    "pieces_of",
+    "pieces_with",
+    "place_of",
+    "polynomials_of",
+]
 
 _BY_NAME = {tableau.name: tableau for tableau in TABLEAUS}
-PAIRS = {"dopri8": _BY_NAME["dop853"], "tsit5": _BY_NAME["tsit5"]}
-"""The pairs by which our own loops run."""
+EXPLICIT = {"dopri8": _BY_NAME["dop853"], "tsit5": _BY_NAME["tsit5"]}
+PAIRS = {**EXPLICIT, "kvaerno5": KVAERNO5}
+"""The pairs by their names here."""
 
-SERVED = (*METHODS, "taylor")
+SERVED = (*PAIRS, "taylor")
 """Methods of traced runs."""
 
 _LARGEST_AT_ONCE = 200
@@ -74,7 +86,8 @@ def pieces_with(
     functions, with `feedback`, but in Taylor steps.
     """
     foreign = None
-    if constants is None and feedback is None and program.conditions is None and program.layout.state:
+    served = method != "kvaerno5" and feedback is None and program.conditions is None
+    if served and constants is None and program.layout.state:
         foreign = ForeignRuns(program, method, order)
     if constants is None:
         constants = RunConstants(place_of(program))
@@ -119,7 +132,7 @@ def _taylor_pieces(
         one_projections=_corrections(program, lambda name: _on_one_row(looped(program.kernel(name), JAX))),
         many=TaylorAttempts(compile_kernel(step), step_growth_limited=limited, sides=sides[1]),
         many_projections=_on_rows(program),
-        steps=SeriesSteps(blocked(program.kernel("rhs")), series, order, projections, constants),
+        steps=WholeSteps(blocked(program.kernel("rhs")), partial(series_ends, series, order), projections, constants),
         decided=_decided(program),
     )
 
@@ -148,20 +161,59 @@ def _pair_pieces(
         limits = one_row(_knots_of_one(program, kernels)), rows(compile_kernel(program.kernel("knots")))
     rates, length = one_row(_on_one_row(_of_one(program, kernels, "rhs"))), len(rhs.body)
     in_turn: InTurn | None = None
-    if not moved and not constants.extended and not only_in_branches(rhs):
+    if not (moved or tableau.implicit or constants.extended or only_in_branches(rhs)):
         sizes = len(program.layout.state), program.layout.constants or len(program.layout.parameters)
         pulling = cache(partial(cotangents_of, rhs, *sizes))
         in_turn = InTurn(tableau, looped(rhs), pulling, whole=len(rhs.body) > _SHORT)
-    in_steps, decided = blocked(rhs), _decided(program)
+    in_blocks, decided = blocked(rhs), _decided(program)
+
+    def in_steps(go: Any) -> Function:
+        return rows(in_blocks(go))
+
+    steps: Stepping
+    if tableau.implicit:
+        steps = WholeSteps(in_steps, partial(implicit_ends, in_steps, tableau), projections, constants)
+    else:
+        steps = PairSteps(in_steps, tableau, projections, in_turn, constants)
     pair = partial(PairAttempts, tableau=tableau, moved=moved, operations=length)
     return Pieces(
         one=pair(rates, knots=limits[0], sides=sides[0]),
         one_projections=whole,
         many=pair(rows(compile_kernel(rhs, JAX)), knots=limits[1], sides=sides[1]),
         many_projections=_on_rows(program),
-        steps=PairSteps(lambda go: rows(in_steps(go)), tableau, projections, in_turn, constants),
+        steps=steps,
         decided=None if decided is None else rows(decided),
     )
+
+
+def polynomials_of(program: Program, method: str, order: int) -> Polynomials:
+    """Return the polynomials of the steps of a method."""
+    rhs = program.kernel("rhs")
+    if method == "taylor":
+        series = compile_kernel(series_kernel(recurrences(rhs, step_growth_limited=program.nonanalytic), order))
+
+        def of_series(t: Any, h: Any, y: Any, c: Any) -> Any:
+            values = [jnp.broadcast_to(value, h.shape) for value in series(t, tuple(y.T), tuple(c))]
+            terms = jnp.stack(values).reshape(y.shape[1], order + 1, len(h))[:, 1:]
+            return jnp.moveaxis(terms, 2, 0).swapaxes(1, 2) * (h[:, None] ** jnp.arange(1, order + 1))[:, :, None]
+
+        return Polynomials(of_series, np.eye(order))
+    tableau, rates = PAIRS[method], compile_kernel(rhs)
+
+    def of_pair(t: Any, h: Any, y: Any, c: Any) -> Any:
+        start, rows = (t, tuple(y.T)), tuple(c)
+        if tableau.implicit:
+            slopes = implicit_slopes(partial(slopes_of, rates), tableau, start, h, rows)
+        else:
+            slopes = weighted(rates, tableau, tableau.n_total, start, h, rows, ())
+        return jnp.moveaxis(h * jnp.stack(slopes), 2, 0).swapaxes(1, 2)
+
+    return Polynomials(of_pair, tableau.P)
+
+
+def constants_of_segments(program: Program) -> RunConstants | None:
+    """Return what constants are in runs that are cut where conditions on time change: given, as kernels take them."""
+    return None if program.conditions is None else RunConstants()
 
 
 def place_of(program: Program) -> int | None:

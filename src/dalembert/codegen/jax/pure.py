@@ -12,21 +12,18 @@ import jax.numpy as jnp
 
 from ...errors import OptionError, list_names
 from ...integrators.jax.derivatives import Steps
-from ...integrators.jax.implicit import implicit_motion
 from ...integrators.jax.kernels import Kernels, stacked
-from ...integrators.jax.mesh_axes import has_explicit_axes, laid_on_mesh, mesh_of, varies, varying_alike
+from ...integrators.jax.mesh_axes import laid_on_mesh, mesh_of, varying_alike
 from ...integrators.jax.motion import Motion
 from ...integrators.jax.precision import process_precision
 from ...integrators.jax.run_constants import RunConstants
 from ...integrators.jax.run_data import Limits, Path, Pieces, Reached, middles
-from ...integrators.jax.solvers import METHODS
 from ...integrators.jax.starts import started
 from ...ir.decay_rates import decay_rate_among, directed_rates
 from ...ir.program import DIRECTION, Program, representative
 from ...methods.status import Status
 from ...once import once
 from ...options import SolveOptions
-from ...transforms.nonsmooth import decisions
 from ...transforms.taylor import order_at, scale_floor
 from ..printers import JAX
 from .adjoints import refuse_adjoint
@@ -101,19 +98,8 @@ class Solve:
     ) -> None:
         if options.method not in SERVED:
             raise OptionError(f"solve_fn integrates by {list_names(SERVED)}, not by {options.method!r}")
-        self._implicit = METHODS.get(options.method, METHODS["tsit5"]).implicit
-        if program.conditions is not None and self._implicit:
-            raise OptionError(
-                f"solve_fn by {options.method!r} does not end steps where conditions on time change, and this scene has"
-                ' some: take method="dopri8", "tsit5" or "taylor", or smooth the conditions (tanh)'
-            )
-        if options.dense and self._implicit:
-            raise OptionError(
-                f"solve_fn by {options.method!r} has no dense output: give solve the times that are wanted, or take"
-                ' method="dopri8", "tsit5" or "taylor"'
-            )
         if options.adjoint != "recorded":
-            refuse_adjoint(program, options, implicit=self._implicit)
+            refuse_adjoint(program, options, implicit=options.method == "kvaerno5")
         program = representative(program)  # so that comparing equal functions compares no code
         self._program, self._start, self._options, self._inputs = program, start, options, inputs
         self._key = program, start, options, inputs, dependence
@@ -252,12 +238,6 @@ class Solve:
             fixed = c.at[place].set(start + middle)
             y0 = started(lambda elapsed, y, c: self._elapsed["rhs"](elapsed, y, c), y0, t[0] - start, fixed)
         t = t - start
-        if self._implicit:
-            if has_explicit_axes() or varies((t, y0, c)):
-                raise OptionError(_LAID)
-            if decisions(self._program) is not None:
-                y0, c = refusing(_JUMPS_UNSEEN, y0), refusing(_JUMPS_UNSEEN, c)
-            return implicit_motion(self._elapsed, t, y0, c, options), None
         motion = self._traced_motion(course.constants, course.feedback)
         if not options.dense:
             return motion(t, y0, c, course.breaks, course.moved), None
@@ -285,7 +265,7 @@ class Solve:
         return with_tolerances(self._options, process_precision())
 
     def _traced_motion(self, constants: RunConstants | None, feedback: FeedbackKernels | None = None) -> Motion:
-        """Return runs by the method and its limits; explicit methods have them."""
+        """Return runs by the method and its limits."""
         options = self._effective
         rtol, atol = options.tolerances
         least = max(atol, process_precision().smallest_scale)
@@ -308,16 +288,6 @@ def _solved(solve: Solve, t: Any, initial: Any, p: Any, given: Given) -> Solved:
         return solve.motion(*laid_on_mesh(varying_alike((t, initial, p, given))))
 
 
-_JUMPS_UNSEEN = (
-    "the rates of this scene may jump with its state, across which derivatives are not those of the steps, and"
-    ' kvaerno5 does not tell where: take method="dopri8", "tsit5" or "taylor", whose derivatives are NaN behind a'
-    " jump, or smooth the jump (tanh)"
-)
-_LAID = (
-    "kvaerno5 is integrated by diffrax, which runs neither on meshes of explicit axes nor in jax.shard_map with its"
-    ' check: take method="dopri8", "tsit5" or "taylor", or a mesh of axes of AxisType.Auto and'
-    " jax.shard_map(..., check_vma=False)"
-)
 _JUMPS_IN_DENSE = (
     "the rates of this scene may jump with its state, or with parameters in time, and derivatives of its dense output"
     " would miss that: leave out dense=True and give solve the times, where derivatives are NaN behind a jump, or"

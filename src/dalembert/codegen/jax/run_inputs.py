@@ -15,7 +15,6 @@ from ...integrators.input_checks import refuse_kind, refuse_samples, unknown_inp
 from ...integrators.jax.kernels import stacked
 from ...integrators.jax.precision import precision_of
 from ...integrators.jax.run_constants import InputTable, RunConstants
-from ...integrators.jax.solvers import METHODS
 from ...integrators.jax.traced import is_traced
 from ...integrators.samples import Samples, checked_samples
 from ...ir.input_parameters import coefficient_places
@@ -28,7 +27,7 @@ from .elapsed import expansion_in_elapsed_time
 from .feedback_functions import checked_feedback, function_of_weights, weights_of
 from .feedback_kernels import FeedbackKernels
 from .kernels import compile_kernel
-from .pieces import PAIRS
+from .pieces import EXPLICIT
 from .records import COLUMNS, knots_of, out_of_reach, polynomials, with_knots
 
 __all__ = [
@@ -100,15 +99,10 @@ def refuse_given(given: Given, options: SolveOptions) -> None:
     if not given:
         return
     method, functions = options.method, [name for name in given if isinstance(given[name], Feedback)]
-    if functions and method not in PAIRS:
+    if functions and method not in EXPLICIT:
         raise OptionError(
             f"solve_fn by {method!r} needs more of input {functions[0]!r} than the values of a function: take one of"
-            f" {list_names(map(repr, PAIRS))}, or give samples"
-        )
-    if METHODS.get(method, METHODS["tsit5"]).implicit:
-        raise OptionError(
-            f'solve_fn by {method!r} does not end steps at the knots of samples: take method="dopri8", "tsit5" or'
-            ' "taylor", or inputs that are constant in time'
+            f" {list_names(map(repr, EXPLICIT))}, or give samples"
         )
     if functions and options.dense:
         raise OptionError(

@@ -1,8 +1,9 @@
-"""Steps of given sizes and their derivatives, of Runge-Kutta pairs and of Taylor series."""
+"""Steps of given sizes and their derivatives, of explicit pairs, of Taylor series and of implicit pairs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, final
 
 import jax
@@ -11,6 +12,7 @@ import numpy as np
 
 from ...integrators.jax.adjoint import InTurn
 from ...integrators.jax.derivatives import Steps, jacobians
+from ...integrators.jax.implicit import implicit_slopes
 from ...integrators.jax.pairs import slopes_of, weighted
 from ...integrators.jax.products import contracted, product
 from ...integrators.jax.projection import Projections, Rows, project
@@ -18,7 +20,7 @@ from ...integrators.jax.run_constants import RunConstants
 from ...methods.tableau import Tableau
 from .blocks import Conditional
 
-__all__ = ["PairSteps", "SeriesSteps"]
+__all__ = ["PairSteps", "WholeSteps", "implicit_ends", "series_ends"]
 
 
 def _settled(projections: Callable[[Any], Projections], steps: Steps, ends: Rows) -> Rows:
@@ -48,9 +50,28 @@ def _correction(projections: Callable[[Any], Projections], steps: Steps, at: Row
     return at
 
 
+def series_ends(series: Conditional, order: int, steps: Steps, y: Rows, c: Rows) -> Rows:
+    """Return the ends of steps of a Taylor series, from (t, y, c) -> coefficients of each component in turn."""
+    values, each = series(steps.go)(steps.t, y, c), order + 1
+    new = []
+    for i, row in enumerate(y):
+        total = jnp.zeros(jnp.shape(row))
+        for value in reversed(values[i * each + 1 : (i + 1) * each]):
+            total = steps.h * (value + total)
+        new.append(row + total)
+    return tuple(new)
+
+
+def implicit_ends(rhs: Conditional, tableau: Tableau, steps: Steps, y: Rows, c: Rows) -> Rows:
+    """Return the ends of steps of an implicit pair."""
+    slopes = implicit_slopes(partial(slopes_of, rhs(steps.go)), tableau, (steps.t, y), steps.h, c)
+    weights = tableau.b[: tableau.end + 1]
+    return tuple(a + steps.h * contracted(weights, k) for a, k in zip(y, slopes, strict=True))
+
+
 @final
 class PairSteps:
-    """Steps of a pair and their derivatives, by the derivatives of the right-hand side at the stages.
+    """Steps of an explicit pair and their derivatives, by the derivatives of the right-hand side at the stages.
 
     Parameters
     ----------
@@ -156,17 +177,15 @@ class PairSteps:
 
 
 @final
-class SeriesSteps:
-    """Steps of a Taylor series and their derivatives.
+class WholeSteps:
+    """Steps and their derivatives, each step as a whole: those of a Taylor series, and of implicit pairs.
 
     Parameters
     ----------
     rhs
         From a condition to (t, y, c) -> rates, on rows.
-    series
-        From a condition to (t, y, c) -> coefficients of each component in turn, on rows.
-    order
-        Order of the series.
+    ends
+        (`Steps`, y, c) -> the ends of the steps from other states and constants, before they are projected.
     projections
         From a condition to what moves the end of a step.
     constants
@@ -176,13 +195,12 @@ class SeriesSteps:
     def __init__(
         self,
         rhs: Conditional,
-        series: Conditional,
-        order: int,
+        ends: Callable[[Steps, Rows, Rows], Rows],
         projections: Callable[[Any], Projections],
         constants: RunConstants,
     ) -> None:
         self.in_turn, self.constants = None, constants
-        self._rhs, self._series, self._order, self._projections = rhs, series, order, projections
+        self._rhs, self._ends, self._projections = rhs, ends, projections
 
     def __call__(self, steps: Steps) -> Rows:
         """Return the states at the ends of steps, on the constraints."""
@@ -195,18 +213,6 @@ class SeriesSteps:
     def rates(self, steps: Steps) -> Rows:
         """Return the rates of the states at the starts of steps."""
         return slopes_of(self._rhs(steps.go), steps.t, steps.y, steps.c)
-
-    def _ends(self, steps: Steps, y: Rows, c: Rows) -> Rows:
-        """Return the ends of steps before they are projected."""
-        t, h = steps.t, steps.h
-        values, each = self._series(steps.go)(t, y, c), self._order + 1
-        new = []
-        for i, row in enumerate(y):
-            total = jnp.zeros(jnp.shape(row))
-            for value in reversed(values[i * each + 1 : (i + 1) * each]):
-                total = h * (value + total)
-            new.append(row + total)
-        return tuple(new)
 
     def along(self, steps: Steps) -> tuple[Any, Any]:
         """See `Linear`: derivatives (n_y, n_y) of the step, and (n_y, n_y) of the projection."""

@@ -17,7 +17,7 @@ from ...ir.program import Layout, Program
 from ..printers import JAX
 from .arguments import by_name
 from .kernels import compile_kernel
-from .pieces import PAIRS
+from .pieces import EXPLICIT
 
 __all__ = ["STEP_METHODS", "Stepper", "control_by_name"]
 
@@ -32,7 +32,7 @@ _CLASSICAL: Tableau = (
 
 
 def _of_pair(name: str) -> Tableau:
-    pair = PAIRS[name]
+    pair = EXPLICIT[name]
     stages = range(pair.end)
     rows = tuple(tuple(float(a) for a in pair.A[i, :i]) for i in stages)
     return rows, tuple(float(pair.b[i]) for i in stages), tuple(float(pair.c[i]) for i in stages)
@@ -41,7 +41,7 @@ def _of_pair(name: str) -> Tableau:
 STEP_METHODS: Mapping[str, Tableau] = {
     "rk4": _CLASSICAL,
     "euler": (((),), (1.0,), (0.0,)),
-    **{name: _of_pair(name) for name in PAIRS},
+    **{name: _of_pair(name) for name in EXPLICIT},
 }
 """Explicit methods of fixed steps: order 4 (Kutta 1901), order 1, and those of the pairs."""
 

@@ -1,1 +1,1 @@
-"""Integration by diffrax, for kernels that JAX traces."""
+"""Integration in loops that JAX traces."""

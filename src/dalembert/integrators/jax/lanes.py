@@ -74,9 +74,13 @@ Sides = Callable[..., tuple[Rows, Rows]]
 
 
 class Attempts(Protocol):
-    """A one-step method on rows; `sides` move states at breaks, None leaves them."""
+    """A one-step method on rows; `sides` move states at breaks, None leaves them.
+
+    Where steps are `sized` by what was before, the memory begins with the size of the next one.
+    """
 
     sides: Sides | None
+    sized: bool
 
     def start(self, batch: Batch, direction: Any) -> Any:
         """Return the memory before the first step."""
@@ -96,7 +100,7 @@ class TaylorAttempts:
     """
 
     def __init__(self, step: Function, *, step_growth_limited: bool, sides: Sides | None = None) -> None:
-        self._step, self._paced, self.sides = step, step_growth_limited, sides
+        self._step, self._paced, self.sides, self.sized = step, step_growth_limited, sides, False
 
     def start(self, batch: Batch, direction: Any) -> Any:
         """Return the size of no step, where steps are told."""

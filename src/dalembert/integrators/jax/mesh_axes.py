@@ -27,7 +27,6 @@ __all__ = [
     "mesh_of",
     "on_devices",
     "stack",
-    "varies",
     "varying_alike",
     "varying_like",
     "vectorised",
@@ -44,11 +43,6 @@ Axes = tuple[str, ...]
 def varying_alike(tree: Any) -> Any:
     """Return arrays, each of which varies over all axes over which any of them does."""
     return varying_like(tree, tree)
-
-
-def varies(tree: Any) -> bool:
-    """Return whether any array of a tree varies over axes of a mesh."""
-    return any(_varying(leaf) for leaf in jax.tree.leaves(tree))
 
 
 def varying_like(tree: Any, like: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Attempts of explicit Runge-Kutta pairs, for many cases at once or for one (see `dalembert.integrators.jax.lanes`).
+"""Attempts of Runge-Kutta pairs, for many cases at once or for one (see `dalembert.integrators.jax.lanes`).
 
 The stages are a loop, so that the right-hand side is compiled once whatever the tableau. Of many cases every component
 has arrays of its own, slopes (stages, k) and a state (k,), which XLA vectorises over the cases; with one array for all
@@ -10,6 +10,7 @@ single row that holds all components (n_y,), which takes fewer and longer operat
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, final
 
 import jax
@@ -19,6 +20,7 @@ from jax import lax
 
 from ...methods import step_constants as gains
 from ...methods.tableau import Tableau
+from .implicit import implicit_slopes
 from .lanes import Attempted, Batch, Sides
 from .mesh_axes import varying_like
 from .precision import precision_of
@@ -108,7 +110,7 @@ class PairAttempts:
         operations: int = _LARGEST_UNROLLED,
         sides: Sides | None = None,
     ) -> None:
-        self._rhs, self._tableau, self._knots, self.sides = rhs, tableau, knots, sides
+        self._rhs, self._tableau, self._knots, self.sides, self.sized = rhs, tableau, knots, sides, True
         self._stages = tableau.end + (1 if tableau.fsal else 0)
         looped = jax.default_backend() == "cpu" or operations * self._stages > _LARGEST_UNROLLED
         self._slopes: Callable[..., Any] = weighted if looped else _one_by_one
@@ -151,7 +153,11 @@ class PairAttempts:
             largest = jnp.minimum(largest, limit)
         size = jnp.where(largest <= proposed * precision_of(t).stretch, largest, proposed)
         h = direction * size
-        slopes = self._slopes(self._rhs, self._tableau, self._stages, (t, y), h, batch.c, first)
+        if self._tableau.implicit:
+            rates, scales = partial(slopes_of, self._rhs), tuple(batch.atol + batch.rtol * jnp.abs(a) for a in y)
+            slopes = implicit_slopes(rates, self._tableau, (t, y), h, batch.c, first, scales)
+        else:
+            slopes = self._slopes(self._rhs, self._tableau, self._stages, (t, y), h, batch.c, first)
         weights = self._tableau.b[: self._stages]
         new = tuple(a + h * contracted(weights, k) for a, k in zip(y, slopes, strict=True))
         error = self._error(batch, y, new, slopes, size)

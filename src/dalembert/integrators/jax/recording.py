@@ -13,7 +13,7 @@ from .lanes import RUNNING, Attempts, Batch, State, advanced, begun, direction_o
 from .mesh_axes import varying_like
 from .projection import Projections, Rows
 
-__all__ = ["course_of"]
+__all__ = ["block_of", "course_of"]
 
 _BLOCK = 32
 """Attempts that a run without derivatives takes down before it looks which of them pass over requested times."""
@@ -25,13 +25,15 @@ def _rows(part: Any, shape: tuple[int, ...]) -> Any:
     return jnp.reshape(part, (math.prod(leading), *shape))
 
 
-def _record(attempts: Attempts, projections: Projections, room: int, batch: Batch) -> tuple[Any, Any, State]:
-    """Return the number of attempts, what they were (room, 2 + n_y, ...), and how the run ended.
+def block_of(
+    attempts: Attempts, projections: Projections, room: int, batch: Batch, state: State, *, whole: bool = False
+) -> tuple[Any, Any, State]:
+    """Return the number of attempts, what they were (room, 2 + n_y, ...), and how cases stand behind them.
 
     An attempt is one row, its start, its size and the state, as every array that is written to costs an attempt time.
+    The block ends with the runs, or where its room is filled; not so where the `whole` runs are wanted.
     """
     shape = jnp.shape(batch.t0)
-    start = begun(attempts, batch)
 
     def row(t: Any, size: Any, y: Rows) -> Any:
         return jnp.concatenate([_rows(part, shape) for part in (t, size, *y)])
@@ -44,10 +46,13 @@ def _record(attempts: Attempts, projections: Projections, room: int, batch: Batc
             taken = lax.dynamic_update_index_in_dim(taken, new, i, 0)
         return i + 1, after, taken
 
+    def goes_on(carry: Any) -> Any:
+        running = jnp.any(carry[1].status == RUNNING)
+        return running if whole else running & (carry[0] < room)
+
     width = len(jax.eval_shape(row, batch.t0, batch.t0, batch.y))
-    first = (0, start, jnp.zeros((room, width, *shape)))
-    first = varying_like(first, batch)
-    count, end, taken = lax.while_loop(lambda carry: jnp.any(carry[1].status == RUNNING), body, first)
+    first = varying_like((0, state, jnp.zeros((room, width, *shape))), batch)
+    count, end, taken = lax.while_loop(goes_on, body, first)
     return jnp.asarray(count), taken, end
 
 
@@ -94,7 +99,7 @@ def _passing(attempts: Attempts, projections: Projections, room: int, batch: Bat
 
 
 def course_of(attempts: Attempts, projections: Projections, room: int, batch: Batch, t: Any) -> tuple[Any, Any, State]:
-    """Return the result of `_record` where there is room, else of `_passing` for times t (n_t, ...) between ends."""
+    """Return the result of `block_of` where there is room, else of `_passing` for times t (n_t, ...) between ends."""
     if room or not len(t):
-        return _record(attempts, projections, room, batch)
+        return block_of(attempts, projections, room, batch, begun(attempts, batch), whole=True)
     return _passing(attempts, projections, _BLOCK, batch, t)

@@ -29,7 +29,6 @@ def solve_fn(
     given: Iterable[str] | None = None,
     *,
     method: str = "auto",
-    mode: str = "reverse",
     adjoint: str = "recorded",
     rtol: float | None = None,
     atol: float | None = None,
@@ -44,7 +43,7 @@ def solve_fn(
     """Return a pure function ``solve(t, initial, p)`` that JAX can trace, vectorise and differentiate.
 
     With contacts that change, its runs are left to the compiled backend on the host, one call for a whole batch, and
-    have no derivatives, so that `mode` and `adjoint` do nothing; the state is that of coordinates and rates.
+    have no derivatives, so that `adjoint` does nothing; the state is that of coordinates and rates.
 
     Parameters
     ----------
@@ -55,9 +54,6 @@ def solve_fn(
         As for `simulate`.
     rtol, atol : float, optional
         As for `simulate`; by default 1e-8 and 1e-10, in a process of single precision 1e-5 and 1e-7.
-    mode : str
-        For "kvaerno5", "reverse" for gradients (``jax.grad``, ``jax.vjp``), "forward" for ``jax.jvp`` and
-        ``jax.jacfwd``; the other methods serve both, nested too.
     adjoint : str
         How derivatives are taken: along a record of all steps ("recorded"), along steps that are taken once more, of
         which a square root is in memory at a time ("recomputed"), or by the variational and adjoint equations
@@ -113,7 +109,6 @@ def solve_fn(
         given = tuple(run_input.given_values(self.layout, dict.fromkeys(names, 0.0)))
     options = SolveOptions(
         method=method,
-        mode=mode,
         adjoint=adjoint,
         rtol=rtol,
         atol=atol,
