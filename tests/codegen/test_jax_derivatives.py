@@ -209,3 +209,18 @@ def test_guarded_functions(function, points):
         assert derivative(singular) == 0.0
         difference = float(function(regular + 1e-6) - function(regular - 1e-6)) / 2e-6
         assert float(derivative(regular)) == pytest.approx(difference, rel=1e-7)
+
+
+def test_runs_one_after_the_other_that_are_made_again_have_the_gradient_of_one_run():
+    parameters, initial, _ = MOTIONS["chaplygin_sleigh"]
+    model = da.compile_model(da.scenes.chaplygin_sleigh(), backend="jax")
+    y, p = (jax.numpy.asarray(f) for f in (model.state(initial, parameters), model.parameter_vector(parameters)))
+    solve = model.solve_fn(method="tsit5", rtol=1e-10, atol=1e-12, max_steps=256)
+
+    def in_segments(p):
+        segment = jax.checkpoint(lambda y, t: (solve(jax.numpy.stack([t, t + 0.25]), y, p).y[-1], None))
+        return (jax.lax.scan(segment, y, 0.25 * np.arange(4.0))[0] ** 2).sum()
+
+    found = jax.jit(jax.grad(in_segments), compiler_options=QUICK)(p)
+    whole = jax.jit(jax.grad(lambda p: (solve([0.0, 1.0], y, p).y[-1] ** 2).sum()), compiler_options=QUICK)(p)
+    np.testing.assert_allclose(found, whole, rtol=1e-7)

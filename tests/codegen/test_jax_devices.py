@@ -60,8 +60,6 @@ for function in (jax.vmap(end), jax.vmap(jax.grad(lambda y: end(y).sum()))):
 
 KINDS = """
 times = jnp.linspace(0.0, 1.0, 4)
-blocks = model.solve_fn(method="tsit5", rtol=1e-6, max_steps=64, adjoint="recomputed")
-check(jax.vmap(jax.grad(lambda y: jnp.sum(blocks(times, y, p).y ** 2))), rows, tolerance=1e-13)
 dense = model.solve_fn(method="tsit5", rtol=1e-6, max_steps=64, dense=True)
 check(jax.vmap(lambda y: dense(times, y, p).dense(jnp.array([0.7, 0.2])).q), rows)
 check(jax.vmap(lambda y: model.functions.step(y, (), 0.1, p, substeps=2)), rows, tolerance=1e-14)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, TypeVar, final
 
-from ..errors import OptionError, unknown_name
+from ..errors import OptionError
 from ..values import flag, option, times_of, tolerances, whole
 
 __all__ = [
@@ -231,10 +231,6 @@ class PrepareOptions(StepOptions):
     project_invariants: Any = False
 
 
-ADJOINTS = ("recorded", "recomputed", "continuous")
-"""Kinds of derivatives of traced runs."""
-
-
 @final
 @dataclass(frozen=True, kw_only=True)
 class SolveOptions:
@@ -244,8 +240,6 @@ class SolveOptions:
     ----------
     method : str
         Of the run.
-    adjoint : str
-        A name in `ADJOINTS`.
     rtol, atol : float or None
         Tolerances; None for those that suit the precision of the process.
     max_step : float
@@ -266,7 +260,6 @@ class SolveOptions:
     """
 
     method: str
-    adjoint: str = "recorded"
     rtol: float | None = None
     atol: float | None = None
     max_step: float = math.inf
@@ -276,8 +269,6 @@ class SolveOptions:
     portable: bool = False
 
     def __post_init__(self) -> None:
-        if self.adjoint not in ADJOINTS:
-            raise OptionError(unknown_name("adjoint", str(self.adjoint), ADJOINTS))
         if not self.max_step > 0.0:
             raise OptionError(f"max_step must be a positive number of seconds, not {self.max_step!r}")
         rtol, atol = self.tolerances

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any, final
 import jax
 import jax.numpy as jnp
 
-from ...integrators.jax.first_order import FirstOrder
 from ...integrators.jax.kernels import stacked
-from ...integrators.jax.linear_maps import apply
+from ...integrators.jax.linear_maps import FirstOrder, apply
 from ...integrators.jax.unknown import Sloped, without_derivative
 from ...methods.status import Status
 from ..host_runs import HostRun

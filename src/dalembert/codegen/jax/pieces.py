@@ -13,7 +13,6 @@ import numpy as np
 
 from ...integrators.jax.adjoint import InTurn
 from ...integrators.jax.compiling import LARGEST_FUSED
-from ...integrators.jax.continuous import Field
 from ...integrators.jax.implicit import implicit_slopes
 from ...integrators.jax.kernels import Function, Kernels, OnArrays
 from ...integrators.jax.lanes import Sides, TaylorAttempts
@@ -101,9 +100,7 @@ def pieces_with(
         made = _taylor_pieces(program, order, projections, constants, sides)
     else:
         made = _pair_pieces(program, kernels, PAIRS[method], projections, constants, feedback, sides)
-    on_one_row = None if feedback is None else feedback.on_one_row
-    field = cache(partial(_field, program, kernels, method, constants, on_one_row))
-    return replace(made, moved_by=_moved_by(program), field=field, foreign=foreign)
+    return replace(made, moved_by=_moved_by(program), foreign=foreign)
 
 
 def _corrections(program: Program, made: Callable[[str], Any]) -> tuple[tuple[Any, int], ...]:
@@ -245,38 +242,6 @@ def _of_one(program: Program, kernels: Kernels, name: str) -> OnArrays:
 def _on_one_row(kernel: OnArrays) -> Function:
     """Return a kernel on arrays as a function of rows, of which there is one."""
     return lambda t, y, c: (kernel(t, y[0], c[0]),)
-
-
-def _field(
-    program: Program,
-    kernels: Kernels,
-    method: str,
-    constants: RunConstants,
-    one_row: Callable[[Function], Function] | None,
-) -> Field:
-    """Return the rates of one case and their cotangents, for continuous adjoints.
-
-    `one_row` makes kernels on one row take weights of functions that are inputs, where there are any.
-    """
-    kernel, rhs = program.kernel("rhs"), _of_one(program, kernels, "rhs")
-    sizes = len(program.layout.state), program.layout.constants or len(program.layout.parameters)
-    generated = None if one_row or only_in_branches(kernel) else cotangents_of(kernel, *sizes)
-    knots = _knots_of_one(program, kernels) if "knots" in program else None
-    on_row = _on_one_row(rhs)
-    if one_row is not None:
-        on_row, knots = one_row(on_row), None if knots is None else one_row(knots)
-
-    def rates(t: Any, y: Any, c: Rows) -> Any:
-        return on_row(t, (y,), c)[0]
-
-    def pull(t: Any, y: Any, c: Rows, ahead: Any) -> tuple[Any, Rows]:
-        if generated is None:
-            back, share = jax.vjp(lambda y, c: rates(t, y, c), y, c)[1](ahead)
-            return back, share
-        memory, back = generated(generated.begin(c[0]), t, y, ahead)
-        return back, (generated.sums(memory),)
-
-    return Field(PAIRS.get(method, PAIRS["dopri8"]), rates, pull, knots, constants)
 
 
 def _sides(program: Program, kernels: Kernels, feedback: FeedbackKernels | None) -> tuple[Sides | None, Sides | None]:

@@ -26,7 +26,6 @@ from ...once import once
 from ...options import SolveOptions
 from ...transforms.taylor import order_at, scale_floor
 from ..printers import JAX
-from .adjoints import refuse_adjoint
 from .arguments import parameters_of, times, vector
 from .courses import Course, Courses
 from .elapsed import in_elapsed_time
@@ -98,8 +97,6 @@ class Solve:
     ) -> None:
         if options.method not in SERVED:
             raise OptionError(f"solve_fn integrates by {list_names(SERVED)}, not by {options.method!r}")
-        if options.adjoint != "recorded":
-            refuse_adjoint(program, options, implicit=options.method == "kvaerno5")
         program = representative(program)  # so that comparing equal functions compares no code
         self._program, self._start, self._options, self._inputs = program, start, options, inputs
         self._key = program, start, options, inputs, dependence
@@ -270,7 +267,7 @@ class Solve:
         rtol, atol = options.tolerances
         least = max(atol, process_precision().smallest_scale)
         limits = Limits(rtol, least, scale_floor(rtol, atol), options.max_step, options.max_steps)
-        return Motion(self._pieces(constants, feedback), limits, options.adjoint)
+        return Motion(self._pieces(constants, feedback), limits)
 
     def _pieces(self, constants: RunConstants | None, feedback: FeedbackKernels | None) -> Pieces:
         """Return the pieces of the method, for runs whose constants are those of the program or others."""

@@ -17,7 +17,7 @@ from jax.custom_derivatives import SymbolicZero
 from ...once import once_property
 from .along import Along, Course
 from .derivatives import CHUNK, Steps, instantiate
-from .jumping import sure_until
+from .jumping import moved_until, sure_until
 from .linear_maps import apply
 from .mesh_axes import stack, vectorised
 from .projection import Rows
@@ -25,7 +25,6 @@ from .run_data import Limits, Path, Pieces, Reached, places
 from .runs import Runs
 from .timed import At, Timed
 from .unknown import Known, OrNan
-from .unrecorded import Unrecorded, moved_behind
 
 __all__ = ["Motion"]
 
@@ -60,12 +59,10 @@ class Motion:
         The method.
     limits : Limits
         How the steps are chosen.
-    adjoint : str
-        A name in `dalembert.options.runs.ADJOINTS`.
     """
 
-    def __init__(self, pieces: Pieces, limits: Limits, adjoint: str = "recorded") -> None:
-        self._pieces, self._limits, self._adjoint = pieces, limits, adjoint
+    def __init__(self, pieces: Pieces, limits: Limits) -> None:
+        self._pieces = pieces
         self._runs = Runs(pieces, limits)
         self._room = -(-limits.max_steps // CHUNK) * CHUNK
 
@@ -76,8 +73,7 @@ class Motion:
         `breaks` (n,), in the order of the run, infinite behind the last, which are `moved` (n,) by constants or not.
         """
         given = t, y0, c, jnp.asarray(breaks, dtype=float), jnp.asarray(moved, dtype=float)
-        passing = self._passing if self._adjoint == "recorded" else self._unrecorded
-        y, *numbers = passing(*given)
+        y, *numbers = self._passing(*given)
         return Reached(y, *(number.astype(int) for number in numbers))
 
     def recorded(self, t: Any, y0: Any, c: Any, breaks: Any = (), moved: Any = ()) -> tuple[Reached, Path]:
@@ -139,26 +135,6 @@ class Motion:
         return passing
 
     @once_property
-    def _unrecorded(self) -> Callable[..., Reached]:
-        """As `_passing`, with derivatives for which no record of the whole run is kept; first ones alone."""
-        along = Unrecorded(self._pieces, self._limits, self._runs.marked, self._adjoint == "continuous")
-
-        def push(values: Any, tangents: Any) -> Any:
-            (t, y0, c, breaks, moved), (dt, dy, dc) = values, tangents[:3]
-            dy, dc, times = instantiate(dy), instantiate(dc), instantiate(dt)
-            run, changes = along(t, y0, c, breaks, moved, (dy, dc))
-            reached = run.reached
-            if not isinstance(dt, SymbolicZero):
-                changes = changes + times[:, None] * self._runs.rates(t, reached.y, c, breaks)
-            held = Known(run.known.astype(float), run.moved, c)
-            dy = apply(OrNan(self._pieces.moved_by), held, (changes, (times, dy, dc)))
-            return reached, Reached(dy, *(jnp.zeros_like(number) for number in reached[1:]))
-
-        unrecorded = jax.custom_jvp(self._plain)
-        unrecorded.defjvp(push, symbolic_zeros=True)
-        return unrecorded
-
-    @once_property
     def _full(self) -> Callable[..., _Full]:
         """The function (t, y0, c, breaks, moved) -> a run with its record, differentiated as such."""
 
@@ -199,17 +175,17 @@ class Motion:
         behind = jnp.zeros(len(t))
 
         direction, constants = jnp.where(t[-1] >= t[0], 1.0, -1.0), self._pieces.steps.constants
+
+        def rates(t: Any, y: Rows, c: Rows) -> Rows:
+            return self._pieces.steps.rates(Steps(t, jnp.zeros_like(t), y, c, record.count > 0))
+
         if decided is not None and len(y0):
-
-            def rates(t: Any, y: Rows, c: Rows) -> Rows:
-                return self._pieces.steps.rates(Steps(t, jnp.zeros_like(t), y, c, record.count > 0))
-
             until = sure_until(decided, rates, constants, record, c, direction)
             known &= direction * (t - until) <= 0.0
         if moved_by and len(y0):
             starts = jnp.where(jnp.arange(len(record.taken)) < record.count, direction * record.t, jnp.inf)
             at = jnp.minimum(jnp.searchsorted(starts, direction * breaks), len(starts) - 1)
-            course = record.reached, breaks, moved
-            behind = moved_behind(self._pieces, t, c, course, record.y[at], record.count > 0)
-        count, known = record.count.astype(float), known.astype(float)
+            course = t[-1], record.reached, breaks, moved > 0.0
+            behind = direction * (t - moved_until(rates, constants, record.y[at], c, direction, course)) > 0.0
+        count, known, behind = record.count.astype(float), known.astype(float), behind.astype(float)
         return _Full(*reached, count, record.taken, record.end, record.reached, passing, known, behind)

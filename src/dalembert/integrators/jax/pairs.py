@@ -95,7 +95,7 @@ class PairAttempts:
     knots : callable, optional
         (t, y, c) -> the largest sizes of a step, forward and backward in time, that knots of tables allow.
     operations : int
-        Length of the right-hand side; by default, its stages are a loop everywhere.
+        Length of the right-hand side.
     sides : callable, optional
         Moves of states at breaks.
     """
@@ -107,7 +107,7 @@ class PairAttempts:
         *,
         moved: bool,
         knots: Callable[..., Rows] | None = None,
-        operations: int = _LARGEST_UNROLLED,
+        operations: int,
         sides: Sides | None = None,
     ) -> None:
         self._rhs, self._tableau, self._knots, self.sides, self.sized = rhs, tableau, knots, sides, True

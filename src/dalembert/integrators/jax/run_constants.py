@@ -114,30 +114,6 @@ class RunConstants:
             rows = rows.at[:, table.place : table.place + table.width].set(c[table.at(c, t)])
         return rows
 
-    def of_one(self, c: Any, t: Any) -> Rows:
-        """Return the constants of kernels of one run, on one row, in steps between two breaks around t ().
-
-        That is an array of constants, and the weights where there are any.
-        """
-        given = c[: self.count] if self.extended else c
-        if self.place is not None:
-            given = given.at[self.place].set(given[-1] + t)
-        for table in self.tables:
-            given = given.at[table.place : table.place + table.width].set(c[table.at(c, t)])
-        return (given, c[len(c) - self.weights :]) if self.weighted else (given,)
-
-    def added(self, total: Any, share: Rows, c: Any, t: Any) -> Any:
-        """Return cotangents (n_c,) of constants c, with those of `of_one` added."""
-        if not self.extended:
-            return total + share[0]
-        given = share[0]
-        for table in self.tables:
-            columns = slice(table.place, table.place + table.width)
-            total = total.at[table.at(c, t)].add(given[columns])
-            given = given.at[columns].set(0.0)
-        total = total.at[: self.count].add(given)
-        return total.at[len(total) - self.weights :].add(share[1]) if self.weighted else total
-
     def changes(self, dc: Any, c: Any, t: Any, like: Rows) -> Rows:
         """Return changes (n_c,) of constants c as those of `rows`, shaped `like` these."""
         rows = self._filled(list(dc[: self.count]), dc, c, t) if self.extended else dc

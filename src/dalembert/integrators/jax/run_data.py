@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 
 from .along import Differentiable
-from .continuous import Field
 from .derivatives import Record, Steps
 from .lanes import Attempts, Function
 from .mesh_axes import vectorised
@@ -65,8 +64,6 @@ class Pieces:
         (t, y, c) -> the values in the rates that jump with the state, on rows; None where nothing does.
     moved_by
         Numbers of the constants on which the times of breaks depend.
-    field
-        What makes the rates and their cotangents for continuous adjoints.
     foreign
         Runs as calls of machine code; None where there are none.
     """
@@ -78,7 +75,6 @@ class Pieces:
     steps: Stepping
     decided: Function | None = None
     moved_by: tuple[int, ...] = ()
-    field: Callable[[], Field] | None = None
     foreign: Foreign | None = None
 
 

@@ -14,7 +14,6 @@ from .mesh_axes import stack
 from .recording import course_of
 from .ruled import ruled
 from .run_data import Limits, Pieces, Reached, in_order, middles
-from .unrecorded import Marked, moved_behind, with_marks
 
 __all__ = ["Runs"]
 
@@ -160,20 +159,3 @@ class Runs:
         ends = self._ends(Over(at, begins, size), states, c, record.count > 0)
         y = jnp.where(known[:, None], ends, jnp.nan)
         return Reached(y, *numbers), record, known, (at.astype(float), begins, size)
-
-    def marked(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> Marked:
-        """Return a run with its states at breaks."""
-        count = len(breaks)
-        if not count:
-            reached, record, known, _ = self.run(0, t, y0, c, breaks)
-            return Marked(reached, known, jnp.zeros(len(t)), jnp.zeros((0, len(y0))), record.reached)
-        times, ordered = in_order(t)
-        every = with_marks(times, jnp.where(jnp.isfinite(breaks), breaks, times[0]))
-        record = self.one(0, every, y0, c, breaks)
-        at_breaks, own = record.taken[1 : 1 + count, 1:], record._replace(taken=record.taken[1 + count :])
-        reached, _, known, _ = self._at_times(0, times, ordered, y0, c, own)
-        behind = jnp.zeros(len(t))
-        if self._pieces.moved_by and len(y0):
-            course = record.reached, breaks, moved
-            behind = moved_behind(self._pieces, times, c, course, at_breaks, record.count > 0)
-        return Marked(reached, known, behind, at_breaks, record.reached)

@@ -29,7 +29,6 @@ def solve_fn(
     given: Iterable[str] | None = None,
     *,
     method: str = "auto",
-    adjoint: str = "recorded",
     rtol: float | None = None,
     atol: float | None = None,
     max_step: float = np.inf,
@@ -43,7 +42,7 @@ def solve_fn(
     """Return a pure function ``solve(t, initial, p)`` that JAX can trace, vectorise and differentiate.
 
     With contacts that change, its runs are left to the compiled backend on the host, one call for a whole batch, and
-    have no derivatives, so that `adjoint` does nothing; the state is that of coordinates and rates.
+    have no derivatives; the state is that of coordinates and rates.
 
     Parameters
     ----------
@@ -54,10 +53,6 @@ def solve_fn(
         As for `simulate`.
     rtol, atol : float, optional
         As for `simulate`; by default 1e-8 and 1e-10, in a process of single precision 1e-5 and 1e-7.
-    adjoint : str
-        How derivatives are taken: along a record of all steps ("recorded"), along steps that are taken once more, of
-        which a square root is in memory at a time ("recomputed"), or by the variational and adjoint equations
-        ("continuous"). The last two have first derivatives, and not every scene has them.
     max_step : float
         Largest step size [s]. Steps are chosen for the motion, and derivatives are those of these steps: where the
         motion is simpler than its neighbours (a sleigh that slides straight on), bound the step to resolve them.
@@ -109,7 +104,6 @@ def solve_fn(
         given = tuple(run_input.given_values(self.layout, dict.fromkeys(names, 0.0)))
     options = SolveOptions(
         method=method,
-        adjoint=adjoint,
         rtol=rtol,
         atol=atol,
         max_step=max_step,
