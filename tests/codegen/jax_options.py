@@ -1,5 +1,6 @@
 """Options of XLA with which tests compile programs that run only a few times."""
 
+import sys
 from contextlib import contextmanager
 
 import pytest
@@ -30,8 +31,10 @@ QUICK = {name: value for name, value in WISHES.items() if _accepted(name, value)
 
 
 def _forget():
-    """Let go of every compiled program."""
+    """Let go of every compiled program, and of weights that were fitted to what one of them computed."""
     jax.clear_caches()
+    if solvers := sys.modules.get("dalembert.integrators.jax.solvers"):
+        solvers._weights.cache_clear()
 
 
 @contextmanager

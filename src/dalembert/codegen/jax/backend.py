@@ -1,4 +1,4 @@
-"""The JAX backend: generated Python on ``jax.numpy``, compiled by XLA."""
+"""The JAX backend: generated Python on ``jax.numpy``, compiled by XLA; trajectories of `simulate` by diffrax."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ...once import computed_once, once_property
 from ...options import SolveOptions
 from ...transforms.recurrences import Recurrences, recurrences
 from ...transforms.roots_at_rest import roots_vanish_at_rest
-from ...transforms.taylor import clipped_tolerance, order_at, order_for
+from ...transforms.taylor import clipped_tolerance, order_at, order_for, step_kernel
 from ..base import Backend, Capability, Engine, RenderedModule
 from ..host_runs import HostedRuns
 from ..runs import Prepared
@@ -29,18 +29,23 @@ if TYPE_CHECKING:
     from ..llvm.admission import Admission
 
 try:
+    import diffrax  # noqa: F401  # of the extra, too
     import jax
 except ImportError as missing:
-    raise MissingExtraError(f'the jax backend needs JAX ({missing}): pip install "dalembert[jax]"') from missing
+    raise MissingExtraError(
+        f'the jax backend needs JAX and diffrax ({missing}): pip install "dalembert[jax]"'
+    ) from missing
 
 from ...integrators.jax.compiling import LARGEST_FUSED, compiled
 from ...integrators.jax.kernels import Kernels
 from ...integrators.jax.precision import double_precision
-from ...integrators.jax.trajectory import Trajectories
+from ...integrators.jax.series import TaylorIntegrator
+from ...integrators.jax.solvers import Integrator
 from .block_sweeps import BlockSweeps, padded
 from .hosted import HostedSolve
+from .kernels import compile_kernel
 from .modules import loaded, rendered_module
-from .pieces import PAIRS, constants_of_segments, pieces_of, polynomials_of
+from .pieces import pieces_of
 from .pointwise import StateFunctions, VectorField
 from .prepared import Final, final_function, prepared_run
 from .pure import Solve, register_static
@@ -75,7 +80,7 @@ class JaxEngine(Engine):
             name: compiled(jax.vmap(self.kernels[name], (0, 0, None)), len(program.kernel(name).body))
             for name in self.kernels.names
         }
-        self._integrators: dict[tuple[str, int], Trajectories] = {}
+        self._integrators: dict[tuple[str, int], Integrator | TaylorIntegrator] = {}
         self._finals: dict[tuple[str, int], Final] = {}
 
     def accept_as_static(self, kind: type) -> None:
@@ -107,12 +112,18 @@ class JaxEngine(Engine):
         order = order_at(problem.rtol, problem.atol) if method == "taylor" else 0
         key = method, order
 
-        def make() -> Trajectories:
-            pieces = pieces_of(self._program, self.kernels, *key, constants_of_segments(self._program))
-            operations = len(self._program.kernel("rhs").body) + self.kernels.correction_operations
-            evaluations = 1 if method == "taylor" else PAIRS[method].end
-            about = pieces.one, pieces.one_projections, polynomials_of(self._program, *key)
-            return Trajectories(self._program, *about, (0 if method == "taylor" else operations, evaluations))
+        def make() -> Integrator | TaylorIntegrator:
+            if method != "taylor":
+                return Integrator(self.kernels, method)
+            step = step_kernel(self._recurrences, order, dense=True)
+            operations = len(step.body) + self.kernels.correction_operations
+            return TaylorIntegrator(
+                compile_kernel(step),
+                self.kernels,
+                order,
+                operations,
+                step_growth_limited=self._recurrences.step_growth_limited,
+            )
 
         return computed_once(self._integrators, key, make)(problem)
 
@@ -195,10 +206,10 @@ class JaxBackend(Backend):
     series = ("taylor",)
     capabilities = frozenset({Capability.VECTOR_FIELD, Capability.STATE_FUNCTIONS, Capability.SOLVE_FUNCTION})
     methods: ClassVar[Mapping[str, str]] = {
-        "dopri8": "explicit Runge-Kutta of order 8 (Hairer, Norsett and Wanner's pair of Dormand and Prince: DOP853)",
-        "tsit5": "explicit Runge-Kutta of order 5 (Tsitouras)",
+        "dopri8": "explicit Runge-Kutta of order 8 (Prince and Dormand; diffrax, in sweeps DOP853)",
+        "tsit5": "explicit Runge-Kutta of order 5 (Tsitouras; diffrax, in sweeps a loop of our own)",
         "taylor": "Taylor series, generated recurrences, order and step from the tolerance; what sweeps take",
-        "kvaerno5": "implicit Runge-Kutta of order 5, for stiff scenes (Kvaerno)",
+        "kvaerno5": "implicit Runge-Kutta of order 5, for stiff scenes (Kvaerno; diffrax, in sweeps a loop of our own)",
     }
 
     def render(self, program: Program) -> RenderedModule:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import diffrax
 import jax
 
 from ...integrators.jax.kernels import Kernels
@@ -22,7 +23,7 @@ __all__ = ["kernels_of", "loaded", "rendered_module"]
 def rendered_module(program: Program) -> RenderedModule:
     """Return the module of a program."""
     source = render("jax/module.py.j2", program_variables(program, JAX))
-    versions = f"{__version__} {jax.__version__}"
+    versions = f"{__version__} {jax.__version__} {diffrax.__version__}"
     return RenderedModule("jax", program, lambda: source, digest_of("jax", versions, source))
 
 

@@ -9,18 +9,15 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from ...integrators.jax.adjoint import InTurn
 from ...integrators.jax.compiling import LARGEST_FUSED
-from ...integrators.jax.implicit import implicit_slopes
 from ...integrators.jax.kernels import Function, Kernels, OnArrays
 from ...integrators.jax.lanes import Sides, TaylorAttempts
-from ...integrators.jax.pairs import PairAttempts, slopes_of, weighted
+from ...integrators.jax.pairs import PairAttempts
 from ...integrators.jax.projection import CORRECTIONS, Projections, Rows
 from ...integrators.jax.run_constants import RunConstants
 from ...integrators.jax.run_data import Pieces, Stepping
-from ...integrators.jax.trajectory import Polynomials
 from ...ir.kernel import Kernel
 from ...ir.program import Program
 from ...methods.tableau import Tableau
@@ -44,7 +41,6 @@ __all__ = [
     "pieces_of",
     "pieces_with",
     "place_of",
-    "polynomials_of",
 ]
 
 _BY_NAME = {tableau.name: tableau for tableau in TABLEAUS}
@@ -181,31 +177,6 @@ def _pair_pieces(
         steps=steps,
         decided=None if decided is None else rows(decided),
     )
-
-
-def polynomials_of(program: Program, method: str, order: int) -> Polynomials:
-    """Return the polynomials of the steps of a method."""
-    rhs = program.kernel("rhs")
-    if method == "taylor":
-        series = compile_kernel(series_kernel(recurrences(rhs, step_growth_limited=program.nonanalytic), order))
-
-        def of_series(t: Any, h: Any, y: Any, c: Any) -> Any:
-            values = [jnp.broadcast_to(value, h.shape) for value in series(t, tuple(y.T), tuple(c))]
-            terms = jnp.stack(values).reshape(y.shape[1], order + 1, len(h))[:, 1:]
-            return jnp.moveaxis(terms, 2, 0).swapaxes(1, 2) * (h[:, None] ** jnp.arange(1, order + 1))[:, :, None]
-
-        return Polynomials(of_series, np.eye(order))
-    tableau, rates = PAIRS[method], compile_kernel(rhs)
-
-    def of_pair(t: Any, h: Any, y: Any, c: Any) -> Any:
-        start, rows = (t, tuple(y.T)), tuple(c)
-        if tableau.implicit:
-            slopes = implicit_slopes(partial(slopes_of, rates), tableau, start, h, rows)
-        else:
-            slopes = weighted(rates, tableau, tableau.n_total, start, h, rows, ())
-        return jnp.moveaxis(h * jnp.stack(slopes), 2, 0).swapaxes(1, 2)
-
-    return Polynomials(of_pair, tableau.P)
 
 
 def constants_of_segments(program: Program) -> RunConstants | None:

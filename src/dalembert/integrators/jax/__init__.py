@@ -1,1 +1,1 @@
-"""Integration in loops that JAX traces."""
+"""Integration in loops that JAX traces, and by diffrax."""

@@ -13,7 +13,7 @@ __all__ = ["difference", "machine", "names_of"]
 
 _INSTRUCTIONS = "instruction set"
 _PACKAGES = ("numpy", "sympy", "llvmlite")
-_OF_BACKENDS = {"numba": ("numba",), "jax": ("jax", "jaxlib"), "numpy": ("scipy",)}
+_OF_BACKENDS = {"numba": ("numba",), "jax": ("jax", "jaxlib", "diffrax"), "numpy": ("scipy",)}
 
 
 def names_of(backend: str) -> tuple[str, ...]:
