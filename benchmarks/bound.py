@@ -25,13 +25,13 @@ from sweeps import CASES
 
 import dalembert as da
 from dalembert.codegen.llvm.assembly import compile_object, instructions, load_object
-from dalembert.codegen.llvm.lane_types import native_lanes
+from dalembert.codegen.llvm.target import native_lanes
 from dalembert.codegen.subset import loop_assembly
-from dalembert.integrators.arguments import Address, Matrix, address_of, pack
-from dalembert.integrators.compiled_subset import call_code, compiled_subset, row
-from dalembert.integrators.workspace import aligned
 from dalembert.ir.kernel import Kernel
-from dalembert.runtime.inputs import constants
+from dalembert.lanes.workspace import aligned
+from dalembert.starts.inputs import constants
+from dalembert.subset.arguments import Address, Matrix, address_of, pack
+from dalembert.subset.compiled_subset import call_code, compiled_subset, row
 from dalembert.transforms.recurrences import recurrences
 from dalembert.transforms.taylor import order_at, step_kernel
 

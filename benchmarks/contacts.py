@@ -20,11 +20,11 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.codegen.llvm.loops import loop_named
-from dalembert.integrators.contact_cases import contact_cases
-from dalembert.integrators.mode_candidates import ALL
+from dalembert.contacts.contact_cases import contact_cases
+from dalembert.contacts.mode_candidates import ALL
 from dalembert.methods.status import Status
-from dalembert.runtime.hybrid import mode_models
-from dalembert.runtime.hybrid.decisions import LOOP
+from dalembert.phases import mode_models
+from dalembert.phases.decisions import LOOP
 from hard_cases.contacts import corner_plate
 from hard_cases.many_contacts import boxes, boxes_at_rest, feet, feet_at_rest, standing, standing_at_rest
 

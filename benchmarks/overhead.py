@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 from cases import END, PROBLEMS, Problem
 
 import dalembert as da
-from dalembert.integrators.problem import IntegrationProblem
-from dalembert.runtime import inputs
+from dalembert.starts import inputs
+from dalembert.steps.problem import IntegrationProblem
 
 SCENES = ("sleigh", "sphere")
 CALLS = 20

@@ -10,7 +10,7 @@ from functools import cache
 from typing import Any
 
 from dalembert.codegen.llvm.assembly import Compiled, compile_object, load_object
-from dalembert.codegen.llvm.lane_types import fma_name, native_lanes
+from dalembert.codegen.llvm.target import fma_name, native_lanes
 from dalembert.transforms.recurrences import recurrences
 from dalembert.transforms.taylor import order_at, step_kernel
 

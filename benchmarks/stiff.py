@@ -14,7 +14,7 @@ import numpy as np
 
 import dalembert as da
 from dalembert.ir.interpret import interpret
-from dalembert.runtime.inputs import constants
+from dalembert.starts.inputs import constants
 from hard_cases import hard_case
 
 __all__ = ["stiff_methods"]

@@ -15,8 +15,8 @@ from typing import Any
 from chains import spatial_chain
 
 import dalembert as da
-from dalembert.runtime.stored.programs import packed
-from dalembert.runtime.stored.swept_models import SweptModel
+from dalembert.store.chunks import SweptModel
+from dalembert.store.cluster import packed
 
 __all__ = ["start_rows"]
 
@@ -25,7 +25,7 @@ import json, sys, time
 begin = time.process_time()
 import dask, distributed, xarray, zarr
 import dalembert as da
-from dalembert.runtime.stored.programs import unpacked
+from dalembert.store.cluster import unpacked
 imported = time.process_time()
 data = open(sys.argv[1], "rb").read()
 if sys.argv[2] == "program":

@@ -18,7 +18,7 @@ import sympy as sp
 from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
-from dalembert.scene.tree import Tree
+from dalembert.scene.frames import Tree
 from dalembert.textbook import lagrange_operator
 from dalembert.textbook.printing import latex
 

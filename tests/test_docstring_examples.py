@@ -10,7 +10,7 @@ import sympy
 from sympy.physics import mechanics
 
 import dalembert as da
-from dalembert.runtime.model import CompiledModel
+from dalembert.model.model import CompiledModel
 
 OBJECTS = {name: getattr(da, name) for name in da.__all__ if name not in ("__version__", "errors", "scenes")}
 METHODS = {name: getattr(CompiledModel, name) for name in ("simulate", "sweep", "prepare", "sensitivity", "linearize")}

@@ -14,7 +14,7 @@ import dalembert
 
 ROOT = Path(__file__).resolve().parent.parent
 HEAVY = ("jax", "matplotlib", "numba", "scipy", "xarray")
-LATER = ("dalembert.compiler", "dalembert.mechanics", "dalembert.reduction", "dalembert.runtime", "dalembert.results")
+LATER = ("dalembert.compiler", "dalembert.mechanics", "dalembert.reduction", "dalembert.runs", "dalembert.results")
 
 SIMULATE_INSTALLED_WHEEL = """
 import sys

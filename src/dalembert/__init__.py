@@ -4,19 +4,27 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from . import errors, scenes
-from .scene import Controller, CoulombFriction, Joint, Scene, UnilateralContact, free_orientation, table, unknowns
+from .scene import (
+    Controller,
+    CoulombFriction,
+    Joint,
+    Scene,
+    UnilateralContact,
+    free_orientation,
+    table,
+    unknowns,
+)
 from .scene.shapes import Box, Cylinder, Disk, Ground, Path, Rod, Sphere, Spring
 from .version import __version__
 
 if TYPE_CHECKING:
     from .compiler import compile_model
-    from .integrators.event_code import Event
-    from .integrators.feedback import feedback
-    from .integrators.samples import samples
-    from .results.grid import grid
-    from .results.sampler import normal, random_cases, sobol_cases, uniform
-    from .runtime.reductions import final_value as final
-    from .runtime.reductions import first_crossing, maximum, mean, minimum
+    from .events.event_code import Event
+    from .results.cases import grid, normal, random_cases, sobol_cases, uniform
+    from .runs.reductions import final_value as final
+    from .runs.reductions import first_crossing, maximum, mean, minimum
+    from .stops.feedback import feedback
+    from .stops.samples import samples
     from .textbook import LagrangeView, Screw, lagrange
 
 __all__ = [
@@ -63,19 +71,19 @@ _ELSEWHERE = {
     "Screw": ("textbook", "Screw"),
     "lagrange": ("textbook", "lagrange"),
     "compile_model": ("compiler", "compile_model"),
-    "grid": ("results.grid", "grid"),
-    "normal": ("results.sampler", "normal"),
-    "random_cases": ("results.sampler", "random_cases"),
-    "sobol_cases": ("results.sampler", "sobol_cases"),
-    "uniform": ("results.sampler", "uniform"),
-    "Event": ("integrators.event_code", "Event"),
-    "final": ("runtime.reductions", "final_value"),
-    "first_crossing": ("runtime.reductions", "first_crossing"),
-    "maximum": ("runtime.reductions", "maximum"),
-    "mean": ("runtime.reductions", "mean"),
-    "minimum": ("runtime.reductions", "minimum"),
-    "feedback": ("integrators.feedback", "feedback"),
-    "samples": ("integrators.samples", "samples"),
+    "grid": ("results.cases", "grid"),
+    "normal": ("results.cases", "normal"),
+    "random_cases": ("results.cases", "random_cases"),
+    "sobol_cases": ("results.cases", "sobol_cases"),
+    "uniform": ("results.cases", "uniform"),
+    "Event": ("events.event_code", "Event"),
+    "final": ("runs.reductions", "final_value"),
+    "first_crossing": ("runs.reductions", "first_crossing"),
+    "maximum": ("runs.reductions", "maximum"),
+    "mean": ("runs.reductions", "mean"),
+    "minimum": ("runs.reductions", "minimum"),
+    "feedback": ("stops.feedback", "feedback"),
+    "samples": ("stops.samples", "samples"),
 }
 """Name -> module and name of objects that are imported on first use, because scenes are written without them."""
 

@@ -13,16 +13,14 @@ from .options import CompileOptions
 from .pipeline import compile_scene, output_names
 from .progress import compilation_meter
 from .scene import Scene
+from .scene.joints import requested
 from .scene.orientation import with_quaternions
-from .scene.outputs import requested
 from .values import flag
 
 if TYPE_CHECKING:
     from sympy.physics.mechanics import KanesMethod, LagrangesMethod, System
 
-    from .runtime.model import CompiledModel
-
-__all__ = ["compile_model"]
+    from .model.model import CompiledModel
 
 
 @deriving
@@ -105,6 +103,6 @@ def _compiled(source: Any, options: CompileOptions) -> CompiledModel:
     outputs = (*angles, *map(rate_name, angles), *options.outputs, *(name for name in given if name not in known))
     options = replace(options, outputs=tuple(dict.fromkeys(outputs)))
     compiled = compile_scene(scene, options)
-    from .runtime.model import CompiledModel
+    from .model.model import CompiledModel
 
     return CompiledModel.of(compiled)

@@ -12,35 +12,6 @@ from difflib import get_close_matches
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
-__all__ = [
-    "RELEASE",
-    "AssumptionWarning",
-    "BreakTimesError",
-    "CacheWarning",
-    "CapabilityError",
-    "ConstraintError",
-    "DalembertError",
-    "EnergyWarning",
-    "ExpressionError",
-    "FormulationError",
-    "InitialStateError",
-    "MissingExtraError",
-    "OptionError",
-    "PrecisionWarning",
-    "ProgramTextError",
-    "RunFailedError",
-    "SceneError",
-    "SingularMassMatrixError",
-    "StoredSweepError",
-    "StoredSweepWarning",
-    "UnknownNameError",
-    "ValueInputError",
-    "list_names",
-    "nesting_named",
-    "unknown_name",
-    "warn_caller",
-]
-
 P = ParamSpec("P")
 T = TypeVar("T")
 

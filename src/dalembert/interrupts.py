@@ -11,8 +11,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["STOPPED", "called_between_blocks", "check", "is_observed", "stopped_by"]
-
 STOPPED = 1 << 62
 """Value of the shared count of cases begun which makes loops over lanes stop, whatever they are at."""
 

@@ -7,8 +7,6 @@ import re
 from collections.abc import Iterable
 from typing import final
 
-__all__ = ["GENERATED", "RATE_SUFFIX", "Namer", "acceleration_input", "acceleration_name", "rate_name", "unwritable"]
-
 RATE_SUFFIX = "_dot"
 _ACCELERATION_SUFFIX = "_ddot"
 _LONGEST = 500

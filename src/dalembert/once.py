@@ -20,20 +20,6 @@ from contextlib import suppress
 from functools import wraps
 from typing import Any, Generic, ParamSpec, Protocol, TypeVar, cast, final, overload
 
-__all__ = [
-    "DERIVING",
-    "BoundedTable",
-    "Once",
-    "OnceProperty",
-    "computed_once",
-    "derived_once",
-    "derived_property",
-    "deriving",
-    "exclusively",
-    "once",
-    "once_property",
-]
-
 P = ParamSpec("P")
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)

@@ -20,9 +20,8 @@ from .codegen.base import Engine, RenderedModule
 from .errors import EnergyWarning, OptionError, SceneError, list_names, warn_caller
 from .ir.program import Program
 from .lowering.programs import lower
-from .mechanics.copying import copied
 from .mechanics.derive import derive
-from .mechanics.equations import EquationsOfMotion
+from .mechanics.equations import EquationsOfMotion, copied
 from .once import deriving
 from .options import CompileOptions
 from .progress import enter_stage
@@ -34,21 +33,8 @@ from .scene.reading import read
 from .transforms.pipelines import PassRecord
 
 if TYPE_CHECKING:
-    from .hybrid.automaton import HybridAutomaton
-    from .hybrid.modes import Mode
-
-__all__ = [
-    "Compiled",
-    "Derivation",
-    "SeveralModes",
-    "Stages",
-    "Stopwatch",
-    "compile_equations",
-    "compile_mode",
-    "compile_scene",
-    "derive_scene",
-    "output_names",
-]
+    from .contacts.automaton import HybridAutomaton
+    from .contacts.contact_laws import Mode
 
 T = TypeVar("T")
 
@@ -151,8 +137,8 @@ def compile_scene(
     derivation = derive_scene(scene, options)
     contacts = derivation.equations.contacts
     if contacts and mode is None:
-        from .hybrid.automaton import HybridAutomaton
-        from .hybrid.modes import only_mode
+        from .contacts.automaton import HybridAutomaton
+        from .contacts.modes import only_mode
 
         mode = only_mode(contacts)
         if mode is None:
@@ -215,8 +201,8 @@ def compile_equations(
     backend = backend_named(options.backend)
     equations, switched = watch("copy", lambda: copied(derivation.equations)), False
     if mode is not None:
-        from .hybrid.modes import mode_equations
-        from .hybrid.switched_modes import any_mode, switched_equations, switched_system
+        from .contacts.modes import mode_equations
+        from .contacts.switched_modes import any_mode, switched_equations, switched_system
 
         single, whole = mode, equations
         switched = mode == any_mode(len(mode))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 
-__all__ = ["available_threads"]
-
 
 def available_threads() -> int:
     """Return the number of processors that this process may use."""

@@ -10,8 +10,6 @@ from typing import Any
 from .errors import MissingExtraError
 from .interrupts import called_between_blocks
 
-__all__ = ["compilation_meter", "enter_stage", "meter", "run_meter"]
-
 _STAGES = 8
 """Stages of the compilation of a scene without contacts: backend, read, derive, copy, reduce, lower, render, load."""
 

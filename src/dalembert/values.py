@@ -14,19 +14,6 @@ import numpy as np
 from .arrays import FloatArray
 from .errors import OptionError, ValueInputError
 
-__all__ = [
-    "array_of",
-    "common_rows",
-    "flag",
-    "listed",
-    "number",
-    "option",
-    "times_of",
-    "tolerances",
-    "traced_note",
-    "whole",
-]
-
 _REAL = "biuf"
 _EXACT = 1 << 53
 """Size below which whole numbers are doubles."""

@@ -33,7 +33,7 @@ QUICK = {name: value for name, value in WISHES.items() if _accepted(name, value)
 def _forget():
     """Let go of every compiled program, and of weights that were fitted to what one of them computed."""
     jax.clear_caches()
-    if solvers := sys.modules.get("dalembert.integrators.jax.solvers"):
+    if solvers := sys.modules.get("dalembert.jax.runs.solvers"):
         solvers._weights.cache_clear()
 
 

@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from dalembert.codegen.llvm.advance_lanes import advance_lanes_assembly
 from dalembert.codegen.llvm.assembly import compile_object, load_object
-from dalembert.codegen.llvm.lane_types import native_lanes
-from dalembert.integrators import step_control as control
+from dalembert.codegen.llvm.lane_kernels import advance_lanes_assembly
+from dalembert.codegen.llvm.target import native_lanes
 from dalembert.methods.status import RUNNING, Status
+from dalembert.steps import step_control as control
 
 LARGEST, BUDGET = 2.0, 10.0
 # time, end, next time to record, size of the step, its check, attempts, direction, and whether there is nothing else

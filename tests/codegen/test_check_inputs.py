@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dalembert.codegen.llvm.assembly import compile_object, load_object
-from dalembert.codegen.llvm.check_inputs import check_inputs_assembly
-from dalembert.codegen.llvm.lane_types import native_lanes
+from dalembert.codegen.llvm.lane_kernels import check_inputs_assembly
+from dalembert.codegen.llvm.target import native_lanes
 
 # two plain numbers, then two checks: a magnitude, and what it may be at most
 CASES = {

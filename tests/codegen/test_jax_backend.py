@@ -9,20 +9,20 @@ import pytest
 import dalembert as da
 from dalembert.codegen import backend_named
 from dalembert.codegen.printers import JAX
-from dalembert.integrators.problem import IntegrationProblem
 from dalembert.ir.interpret import interpret
 from dalembert.ir.kernel import Assignment, Kernel, Load
 from dalembert.ir.ops import OPERATIONS
 from dalembert.ir.program import Layout, Program
 from dalembert.methods.status import Status
+from dalembert.steps.problem import IntegrationProblem
 from oracles.cases import SLEIGH_CASES, SPHERE_CASES
 
 jax = pytest.importorskip("jax")
 diffrax = pytest.importorskip("diffrax")
 
-from dalembert.codegen.jax import functions  # noqa: E402
-from dalembert.codegen.jax.backend import JaxEngine  # noqa: E402
-from dalembert.integrators.jax import solvers  # noqa: E402
+from dalembert.jax import functions  # noqa: E402
+from dalembert.jax.backend import JaxEngine  # noqa: E402
+from dalembert.jax.runs import solvers  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 

@@ -14,7 +14,7 @@ from runtime.test_sensitivity import MOTIONS, assert_close
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
 
-from dalembert.codegen.jax import functions  # noqa: E402
+from dalembert.jax import functions  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 

@@ -15,8 +15,8 @@ pytest.importorskip("diffrax")
 
 import jax.numpy as jnp  # noqa: E402
 
-from dalembert.codegen.jax import pure  # noqa: E402
-from dalembert.codegen.jax.foreign import ForeignRuns  # noqa: E402
+from dalembert.jax import pure  # noqa: E402
+from dalembert.jax.foreign import ForeignRuns  # noqa: E402
 
 T = np.array([0.0, 2.0])
 

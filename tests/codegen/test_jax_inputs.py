@@ -16,7 +16,7 @@ from runtime.test_input_values import driven, forced
 
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
-records = pytest.importorskip("dalembert.codegen.jax.records")
+records = pytest.importorskip("dalembert.jax.records")
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 

@@ -13,8 +13,8 @@ from dalembert.methods.tableaus import KVAERNO5
 jax = pytest.importorskip("jax")
 diffrax = pytest.importorskip("diffrax")
 
-from dalembert.integrators.jax import solvers  # noqa: E402
-from dalembert.integrators.jax.precision import double_precision  # noqa: E402
+from dalembert.jax.runs import solvers  # noqa: E402
+from dalembert.jax.runs.precision import double_precision  # noqa: E402
 
 methods = pytest.mark.parametrize("method", solvers.METHODS)
 

@@ -15,9 +15,9 @@ from system.singular_scenes import parallelogram
 jax = pytest.importorskip("jax")
 diffrax = pytest.importorskip("diffrax")
 
-from dalembert.codegen.jax import blocks, pieces, pure  # noqa: E402
-from dalembert.codegen.jax.foreign import ForeignRuns  # noqa: E402
-from dalembert.integrators.jax import adjoint  # noqa: E402
+from dalembert.jax import blocks, pieces, pure  # noqa: E402
+from dalembert.jax.foreign import ForeignRuns  # noqa: E402
+from dalembert.jax.runs import adjoint  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 

@@ -8,8 +8,8 @@ import pytest
 
 from codegen.llvm_texts import FURTHER_TEXTS, TEXTS
 from codegen.programs import oscillator
-from dalembert.codegen.llvm import lane_types
-from dalembert.codegen.llvm.library import LLVMLibrary
+from dalembert.codegen.llvm import target as lane_types
+from dalembert.codegen.llvm.backend import LLVMLibrary
 
 PRELUDE = "declare double @sin(double)\n"
 """How modules of kernels and steps begin."""

@@ -15,12 +15,14 @@ import dalembert as da
 from dalembert.codegen import base, compiled_engine, steppers
 from dalembert.codegen import library as kernel_library
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
-from dalembert.codegen.llvm import advance_lanes, assembly, check_inputs
-from dalembert.codegen.llvm import library as llvm_library
+from dalembert.codegen.llvm import assembly
+from dalembert.codegen.llvm import backend as llvm_library
+from dalembert.codegen.llvm import lane_kernels as advance_lanes
+from dalembert.codegen.llvm import lane_kernels as check_inputs
 from dalembert.codegen.llvm.loops import loop_named
 from dalembert.errors import CacheWarning
 from dalembert.methods.status import Status
-from dalembert.runtime import derived
+from dalembert.model import derived
 
 START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 PARAMETERS = {"m": 1, "b": 0.3, "I_C": 0.5}
@@ -54,7 +56,7 @@ print("numba" in sys.modules, *sweep["x"].ravel().tolist())
 
 def forget_loops():
     """Forget all code that belongs to no scene, unload what nothing holds, and load other code in its place."""
-    for kept in (loop_named, advance_lanes._code, check_inputs._code):
+    for kept in (loop_named, advance_lanes._advance_code, check_inputs._check_code):
         kept.cache_clear()
     gc.collect()
     for name in ("lane_loop", "prepared_loop", "contact_decisions"):

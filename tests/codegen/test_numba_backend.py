@@ -21,7 +21,7 @@ from codegen.ready_scenes import assert_agreement, ready
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
 from dalembert.codegen.llvm import assembly as printer
 from dalembert.codegen.llvm.assembly import compile_object, load_object
-from dalembert.codegen.llvm.library import LLVMLibrary
+from dalembert.codegen.llvm.backend import LLVMLibrary
 from dalembert.codegen.numba import objects, texts
 from dalembert.codegen.printers import NUMBA
 from dalembert.codegen.rendering import template_directory

@@ -13,8 +13,8 @@ from dalembert.codegen.llvm.assembly import compile_object, load_object
 from dalembert.codegen.llvm.loops import SOURCES
 from dalembert.codegen.llvm.target import target
 from dalembert.codegen.subset import loop_assembly
-from dalembert.integrators.arguments import FlagMatrix, IntVector, Matrix, Record, Vector, address_of, pack
-from dalembert.integrators.compiled_subset import (
+from dalembert.subset.arguments import FlagMatrix, IntVector, Matrix, Record, Vector, address_of, pack
+from dalembert.subset.compiled_subset import (
     compiled_subset,
     element,
     exp,

@@ -7,9 +7,9 @@ import pytest
 
 import dalembert as da
 from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object
+from dalembert.codegen.llvm.lane_printer import with_tables
 from dalembert.codegen.llvm.order_loops import order_loop_assembly
 from dalembert.codegen.llvm.series_loops import series_loop_assembly
-from dalembert.codegen.llvm.tables import with_tables
 from dalembert.ir.interpret import interpret
 from dalembert.transforms.recurrences import recurrences
 from dalembert.transforms.taylor import step_kernel

@@ -16,7 +16,7 @@ import warnings
 import numpy as np
 import dalembert as da
 from dalembert.codegen.llvm.assembly import instructions
-from dalembert.codegen.llvm.lane_types import native_lanes
+from dalembert.codegen.llvm.target import native_lanes
 from dalembert.codegen.llvm.target import target
 warnings.simplefilter("error")
 start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}

@@ -16,19 +16,19 @@ from codegen.llvm_texts import FURTHER_TEXTS, TEXTS
 from codegen.programs import PROGRAMS
 from dalembert.codegen import rendering
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
-from dalembert.codegen.llvm import lane_types
+from dalembert.codegen.llvm import target as lane_types
 from dalembert.codegen.llvm.assembly import assembly
 from dalembert.codegen.llvm.foreign_batch import BatchSizes, Interface, batch_arguments, batch_assembly
-from dalembert.codegen.llvm.tables import with_tables
+from dalembert.codegen.llvm.lane_printer import with_tables
 from dalembert.codegen.numba import texts
-from dalembert.codegen.numba.tables import table_definitions
+from dalembert.codegen.numba.texts import table_definitions
 from dalembert.codegen.printers import JAX, NUMPY
 from dalembert.codegen.rendering import program_variables, render, template_directory
-from dalembert.integrators.addresses import OwnedAddress
-from dalembert.integrators.foreign_batch_loop import BatchCode
-from dalembert.integrators.sweep_arguments import SweepKernels
 from dalembert.ir.kernel import Assignment, Kernel, Load
+from dalembert.lanes.sweep_arguments import SweepKernels
+from dalembert.loops.foreign_batch_loop import BatchCode
 from dalembert.methods.tableaus import TABLEAUS
+from dalembert.subset.addresses import OwnedAddress
 from dalembert.transforms.recurrences import recurrences
 from table_cases import spring
 
@@ -90,7 +90,7 @@ def render_tables():
 
 def render_jax(program):
     try:
-        from dalembert.codegen.jax.kernels import compile_kernel
+        from dalembert.jax.kernels import compile_kernel
     except ImportError:
         pytest.skip("extra not installed")
     for kernel in program:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object
-from dalembert.codegen.llvm.lane_types import native_lanes
+from dalembert.codegen.llvm.target import native_lanes
 from dalembert.ir.interpret import interpret
 from dalembert.ir.kernel import Assignment, Kernel, Load
 from dalembert.ir.ops import ALL_OPERATIONS, TABLE_OPERATIONS

@@ -15,12 +15,12 @@ import numpy as np
 
 import dalembert as da
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
-from dalembert.codegen.llvm.advance_lanes import _code as advance_code
 from dalembert.codegen.llvm.backend import LLVMBackend
-from dalembert.codegen.llvm.check_inputs import _code as check_code
+from dalembert.codegen.llvm.lane_kernels import _advance_code as advance_code
+from dalembert.codegen.llvm.lane_kernels import _check_code as check_code
 from dalembert.codegen.llvm.loops import loop_named
+from dalembert.model.model import CompiledModel
 from dalembert.pipeline import Compiled
-from dalembert.runtime.model import CompiledModel
 
 __all__ = ["SCENES", "Outcome", "begun", "ended", "prepared_models"]
 

@@ -6,7 +6,7 @@
 # outputs      none
 # c            p, then 1 expressions of p alone
 import jax.numpy as jnp
-from dalembert.codegen.jax import functions as fn
+from dalembert.jax import functions as fn
 
 
 def prepare(p):

@@ -6,12 +6,12 @@ from functools import cache
 import numpy as np
 
 from dalembert.codegen.llvm.loops import loop_named
-from dalembert.integrators import explicit_loop as explicit
-from dalembert.integrators import implicit_loop as implicit
-from dalembert.integrators.addresses import NO_CODE, OwnedAddress
-from dalembert.integrators.problem import IntegrationProblem, Kernels, Solution
-from dalembert.integrators.scipy import solvers
+from dalembert.codegen.numpy import solvers
 from dalembert.methods.tableaus import TABLEAUS
+from dalembert.steps import explicit_loop as explicit
+from dalembert.steps import implicit_loop as implicit
+from dalembert.steps.problem import IntegrationProblem, Kernels, Solution
+from dalembert.subset.addresses import NO_CODE, OwnedAddress
 
 NO_CONSTANTS = np.zeros(0)
 NUMBA_METHODS = tuple(tableau.name for tableau in TABLEAUS)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from dalembert.integrators.addresses import NO_CODE, AddressTable, OwnedAddress
-from dalembert.integrators.arguments import (
+from dalembert.subset.addresses import NO_CODE, AddressTable, OwnedAddress
+from dalembert.subset.arguments import (
     Address,
     AddressVector,
     FlagMatrix,

@@ -5,10 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from dalembert.integrators import event_rules as rules
-from dalembert.integrators.event_intervals import push_halves
-from dalembert.integrators.workspace import event_workspace, no_events
-from dalembert.methods.event_constants import RESOLUTION, SHORT_SPAN, SOON, SOON_IN_A_ROW, TIME_NOISE, TOGETHER
+from dalembert.events import event_rules as rules
+from dalembert.events.event_intervals import push_halves
+from dalembert.lanes.workspace import event_workspace, no_events
+from dalembert.methods.step_constants import (
+    RESOLUTION,
+    SHORT_SPAN,
+    SOON,
+    SOON_IN_A_ROW,
+    TIME_NOISE,
+    TOGETHER,
+)
 
 ABOVE, BELOW = 1.0 + 1e-12, 1.0 - 1e-12
 

@@ -9,11 +9,10 @@ import pytest
 from dalembert.codegen.llvm import foreign_batch
 from dalembert.codegen.llvm.foreign_batch import BatchSizes, Interface, batch_arguments, sweep_arguments
 from dalembert.codegen.llvm.loops import Loop
-from dalembert.integrators.addresses import NO_CODE, OwnedAddress
-from dalembert.integrators.arguments import pack, unpack
-from dalembert.integrators.foreign_batch_loop import HEAD, BatchCode
-from dalembert.integrators.foreign_task import task_slots
-from dalembert.integrators.sweep_arguments import SweepArguments, SweepKernels
+from dalembert.lanes.sweep_arguments import SweepArguments, SweepKernels
+from dalembert.loops.foreign_batch_loop import HEAD, BatchCode, task_slots
+from dalembert.subset.addresses import NO_CODE, OwnedAddress
+from dalembert.subset.arguments import pack, unpack
 
 CASES, N, CONTEXT, ERROR = 1000, 2, 77, 99
 PLACES = {"ThreadPool_NumThreads": 0, "Error_Destroy": 1, "ThreadPool_Schedule": 2}

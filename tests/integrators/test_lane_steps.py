@@ -5,12 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from dalembert.integrators.addresses import NO_CODE, AddressTable
-from dalembert.integrators.case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes, runs_on
-from dalembert.integrators.lane_steps import accept_steps, next_record, project_lanes, record_part, swap_states
-from dalembert.integrators.projection import FAILED, NONE, PENDING
-from dalembert.integrators.stops import no_stops
-from dalembert.integrators.sweep_arguments import (
+from dalembert.lanes.case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes, runs_on
+from dalembert.lanes.lane_steps import accept_steps, next_record, project_lanes, record_part, swap_states
+from dalembert.lanes.sweep_arguments import (
     CaseShape,
     Columns,
     PartSamples,
@@ -19,7 +16,7 @@ from dalembert.integrators.sweep_arguments import (
     no_part_samples,
     no_rows,
 )
-from dalembert.integrators.workspace import (
+from dalembert.lanes.workspace import (
     ATTEMPTS,
     BEFORE,
     END,
@@ -32,6 +29,9 @@ from dalembert.integrators.workspace import (
     no_events,
 )
 from dalembert.methods.status import RUNNING, Status
+from dalembert.steps.projection import FAILED, NONE, PENDING
+from dalembert.stops.stops import no_stops
+from dalembert.subset.addresses import NO_CODE, AddressTable
 from dalembert.transforms.runge_kutta_parts import GROWTH_AT, PROPOSAL_AT
 
 N, DEGREE, MEMORY = 1, 3, 3
@@ -158,7 +158,7 @@ def test_samples_of_parts_up_to_where_a_step_is_cut(memory, monkeypatch):
     def expand(code, clock, states, constants, settings, out):
         samples.posed[:] = 2.0 * samples.states
 
-    monkeypatch.setattr("dalembert.integrators.lane_steps.call_code", expand)
+    monkeypatch.setattr("dalembert.lanes.lane_steps.call_code", expand)
     arguments = sweep(memory)._replace(part=samples)
     for lane in range(LANES):
         step(arguments, lane, 0.5, polynomial=(1.0, 2.0, 0.0, 8.0))
@@ -229,7 +229,7 @@ def test_a_step_whose_end_cannot_be_projected_is_undone(monkeypatch, memory, att
         assert (earlier[before, 1], states[first, 1], rtol, atol) == (2.0, 7.0, 1e-8, 1e-10)
         mark[1] = FAILED
 
-    monkeypatch.setattr("dalembert.integrators.lane_steps.correct", correct)
+    monkeypatch.setattr("dalembert.lanes.lane_steps.correct", correct)
     accept_steps(arguments)
     assert state.numbers.sampled[1] == 1
     swap_states(arguments)

@@ -11,9 +11,8 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.codegen.llvm.assembly import compile_object, load_object
-from dalembert.codegen.llvm.attempts import attempt_assembly
-from dalembert.codegen.llvm.lane_types import native_lanes
-from dalembert.codegen.llvm.library import LLVMLibrary
+from dalembert.codegen.llvm.backend import LLVMLibrary, attempt_assembly
+from dalembert.codegen.llvm.target import native_lanes
 from dalembert.methods.status import Status
 from dalembert.methods.tableaus import TABLEAUS
 

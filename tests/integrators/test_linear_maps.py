@@ -7,7 +7,7 @@ import pytest
 
 jax = pytest.importorskip("jax")
 
-from dalembert.integrators.jax.linear_maps import apply  # noqa: E402
+from dalembert.jax.runs.linear_maps import apply  # noqa: E402
 
 A = np.arange(9.0).reshape(3, 3) / 7.0
 X = np.array([0.1, 0.2, 0.4])

@@ -13,15 +13,14 @@ from dalembert.codegen.llvm import foreign_batch, prepared, sweeps
 from dalembert.codegen.llvm import recorded as recorded_runs
 from dalembert.codegen.llvm.loops import DEBUG_VARIABLE, Loop, compiled_entry, debugging, loop_named
 from dalembert.errors import OptionError
-from dalembert.integrators import compiled_subset
-from dalembert.integrators.checked_arrays import CheckedArray
-from dalembert.integrators.compiled_subset import exp, fma, log, row, sqrt, take
-from dalembert.integrators.kernel_rows import KernelRowsArguments
-from dalembert.integrators.sweep_arguments import CaseRows, CaseShape
 from dalembert.ir.interpret import interpret
+from dalembert.lanes.sweep_arguments import CaseRows, CaseShape
 from dalembert.methods.status import Status
 from dalembert.methods.step_constants import ANY_START
-from dalembert.runtime.hybrid import phases
+from dalembert.phases import phases
+from dalembert.steps.row_loops import KernelRowsArguments
+from dalembert.subset import compiled_subset
+from dalembert.subset.compiled_subset import CheckedArray, exp, fma, log, row, sqrt, take
 
 START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 PARAMETERS = {"m": 1, "b": 0.3, "I_C": 0.5}

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from dalembert.errors import OptionError
-from dalembert.integrators.dense_output import PiecewisePolynomial
-from dalembert.integrators.problem import IntegrationProblem
 from dalembert.methods.status import Status
+from dalembert.steps.dense_output import PiecewisePolynomial
+from dalembert.steps.problem import IntegrationProblem
 
 
 def problem(**changes):

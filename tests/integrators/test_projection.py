@@ -5,17 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from dalembert.integrators import projection
-from dalembert.integrators.projection import (
-    FAILED,
-    NONE,
-    PENDING,
-    add_correction,
-    correct,
-    correction_test,
-    largest_change,
-    project_row,
-)
 from dalembert.methods.step_constants import (
     BRANCH,
     LINEAR_CHANGE,
@@ -24,6 +13,17 @@ from dalembert.methods.step_constants import (
     QUADRATIC_CHANGE,
     SMALL_COMPONENT,
     SMALLEST_OF_TIME,
+)
+from dalembert.steps import projection
+from dalembert.steps.projection import (
+    FAILED,
+    NONE,
+    PENDING,
+    add_correction,
+    correct,
+    correction_test,
+    largest_change,
+    project_row,
 )
 
 pytestmark = pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")

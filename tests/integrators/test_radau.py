@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from dalembert.codegen.llvm.loops import loop_named
-from dalembert.integrators import implicit_loop as implicit
-from dalembert.integrators.addresses import NO_CODE
-from dalembert.integrators.problem import IntegrationProblem
-from dalembert.integrators.scipy import solvers
+from dalembert.codegen.numpy import solvers
 from dalembert.methods import collocation as radau
 from dalembert.methods.status import Status
+from dalembert.steps import implicit_loop as implicit
+from dalembert.steps.problem import IntegrationProblem
+from dalembert.subset.addresses import NO_CODE
 from integrators.integrator_cases import MIXED_START, machine_code, mixed, mixed_solution, solve
 
 VAN_DER_POL_START = np.array([2.0, 0.0])
@@ -149,7 +149,7 @@ def test_end_of_a_domain_is_a_status():
 
 
 def test_scipy_takes_a_generated_jacobian():
-    from dalembert.integrators.problem import Kernels
+    from dalembert.steps.problem import Kernels
 
     calls = []
 

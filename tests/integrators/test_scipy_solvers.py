@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from dalembert.codegen.numpy.solvers import METHODS
 from dalembert.errors import OptionError
-from dalembert.integrators.scipy.solvers import METHODS
 from dalembert.methods.status import Status
 from integrators.integrator_cases import MIXED_START, mixed, pendulum_velocity, solve
 

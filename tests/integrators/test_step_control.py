@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from dalembert.integrators import step_control as control
-from dalembert.integrators.step_control import ACCEPTED, REJECTED
 from dalembert.methods import step_constants as constants
 from dalembert.methods.status import RUNNING, Status
+from dalembert.steps import step_control as control
+from dalembert.steps.step_control import ACCEPTED, REJECTED
 
 TINY = 16.0 * 2.0**-52
 
@@ -138,9 +138,9 @@ def test_reduction_follows_an_error_that_is_known():
 
 def test_jax_has_the_same_limits():
     pytest.importorskip("jax")
-    diffrax_control = pytest.importorskip("dalembert.integrators.jax.control")
-    from dalembert.integrators.jax.precision import double_precision
-    from dalembert.integrators.jax.step_limits import smallest_step
+    diffrax_control = pytest.importorskip("dalembert.jax.runs.control")
+    from dalembert.jax.runs.precision import double_precision
+    from dalembert.jax.runs.step_limits import smallest_step
 
     times, rests = np.array([0.0, 1.0, -1e3, 1e-25]), np.array([1.0, 1e20, 0.0, 10.0])
     expected = [control.smallest_step(t, rest) for t, rest in zip(times, rests, strict=True)]

@@ -6,7 +6,7 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.integrators.step_polynomials import end_differences, end_in, end_polynomial
+from dalembert.steps.projection import end_differences, end_in, end_polynomial
 
 TERMS, N = 6, 4
 

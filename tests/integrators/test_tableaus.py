@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import DOP853 as SCIPY_DOP853
 
-from dalembert.methods.rooted_trees import density, elementary_weights, node_count, trees_of_order
 from dalembert.methods.step_constants import POLYNOMIAL_ERROR
+from dalembert.methods.tableau import density, elementary_weights, node_count, trees_of_order
 from dalembert.methods.tableaus import DOP853, TABLEAUS, TSIT5
 
 tableaus = pytest.mark.parametrize("tableau", TABLEAUS, ids=lambda tableau: tableau.name)
@@ -65,7 +65,7 @@ def test_import_needs_no_backend():
     code = (
         "import numpy, time, sys; import dalembert.errors; before = set(sys.modules);"
         "start = time.perf_counter();"
-        "import dalembert.methods.tableaus, dalembert.integrators.problem;"
+        "import dalembert.methods.tableaus, dalembert.steps.problem;"
         "print(time.perf_counter() - start, {'numba', 'scipy', 'jax', 'sympy'} & (set(sys.modules) - before))"
     )
     runs = [

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from dalembert.ir import accuracy
-from dalembert.ir.graph import Graph, unit_names
+from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
+from dalembert.ir.node import unit_names
 from dalembert.ir.ops import OPERATIONS
 from dalembert.transforms.lower_kernels import lower_kernel
 from ir.trees import EXTENDED, OutOfDomain, build

@@ -80,7 +80,7 @@ def test_printed_python_means_the_same(printer, library, name):
 @pytest.mark.parametrize("name", OPERATIONS)
 def test_printed_jax_means_the_same(name):
     jax = pytest.importorskip("jax")
-    from dalembert.codegen.jax import functions
+    from dalembert.jax import functions
 
     for row in operands(name):
         scope = {"jnp": jax.numpy, "fn": functions, "y": row}

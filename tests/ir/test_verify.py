@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from dalembert.ir.kernel import Assignment, Kernel, Load
-from dalembert.ir.verify import MalformedKernel, verify
+from dalembert.ir.kernel import Assignment, Kernel, Load, MalformedKernel, verify
 
 GOOD = Kernel(
     "rhs",

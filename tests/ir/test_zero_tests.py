@@ -6,8 +6,10 @@ from fractions import Fraction
 import pytest
 
 from dalembert.ir.conditions import CONDITION_TIME
-from dalembert.ir.graph import Graph, unit_names
-from dalembert.ir.zero_tests import TOLERANCE, terms_of, vanishes
+from dalembert.ir.graph import Graph
+from dalembert.ir.interning import TOLERANCE
+from dalembert.ir.node import unit_names
+from dalembert.ir.zero_tests import terms_of, vanishes
 from dalembert.transforms.linear import SingularMatrix, factorize
 
 

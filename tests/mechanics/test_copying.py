@@ -5,8 +5,8 @@ import pytest
 import dalembert as da
 from dalembert.ir.graph import Graph
 from dalembert.lowering.programs import lower
-from dalembert.mechanics.copying import copied
 from dalembert.mechanics.derive import derive
+from dalembert.mechanics.equations import copied
 from dalembert.reduction import FORMULATIONS, reduce
 from dalembert.scene.reading import read
 

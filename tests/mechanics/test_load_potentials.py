@@ -20,7 +20,7 @@ from sympy.physics.mechanics import (
 import dalembert as da
 from dalembert.errors import EnergyWarning
 from dalembert.ir.graph import Graph
-from dalembert.ir.sampling import match
+from dalembert.ir.zero_tests import match
 from dalembert.mechanics import derive as deriving
 from dalembert.mechanics.equations import LoadEnergy
 from dalembert.scene.expressions import ExpressionReader

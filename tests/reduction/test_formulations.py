@@ -10,10 +10,10 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.errors import FormulationError, MissingExtraError, OptionError
-from dalembert.integrators.problem import IntegrationProblem
 from dalembert.reduction import FORMULATIONS
 from dalembert.reduction.baumgarte import DEFAULT_GAIN, GAINS
-from dalembert.runtime.inputs import constants
+from dalembert.starts.inputs import constants
+from dalembert.steps.problem import IntegrationProblem
 from scene.builders import cartesian_pendulum, double_pendulum, four_bar, quaternion_body
 
 PENDULUM = {"m": 1.0, "l": 1.0, "g": 9.81}

@@ -5,9 +5,9 @@ import pytest
 from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
-from dalembert.hybrid.coupled_slips import coupled_slips
-from dalembert.hybrid.switched_modes import why_unswitched
-from dalembert.runtime.hybrid import mode_models
+from dalembert.contacts.coupled_slips import coupled_slips
+from dalembert.contacts.switched_modes import why_unswitched
+from dalembert.phases import mode_models
 from hard_cases.many_contacts import boxes, boxes_at_rest, feet, feet_at_rest, standing, standing_at_rest
 
 FINE = {"rtol": 1e-10, "atol": 1e-12}

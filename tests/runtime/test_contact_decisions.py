@@ -5,9 +5,9 @@ import pytest
 import sympy as sp
 
 import dalembert as da
-from dalembert.hybrid.modes import STATES
-from dalembert.integrators import mode_candidates as rules
-from dalembert.integrators.contact_cases import contact_cases
+from dalembert.contacts import mode_candidates as rules
+from dalembert.contacts.contact_cases import contact_cases
+from dalembert.contacts.contact_laws import STATES
 from dalembert.methods.status import Status
 from hard_cases.contacts import corner_plate, loose_plate
 
@@ -114,13 +114,13 @@ def test_linearisation_is_that_of_the_mode_at_hand():
 
 
 def test_states_have_one_number_in_the_equations_and_in_compiled_code():
-    from dalembert.integrators import contact_system
+    from dalembert.contacts import contact_system
 
     assert [getattr(contact_system, state.upper()) for state in STATES] == list(range(len(STATES)))
 
 
 def test_guards_have_the_same_bits_in_the_automaton_and_in_compiled_code():
-    from dalembert.hybrid.automaton import BITS, TRANSITIONS
+    from dalembert.contacts.automaton import BITS, TRANSITIONS
 
     breaks = {"BREAK_UP": ("break", 1), "BREAK_DOWN": ("break", -1), "BREAK_PLANE": ("break", 0)}
     named = {kind.upper(): (kind, 0) for kind in TRANSITIONS if kind not in ("break", "paradox")} | breaks

@@ -12,8 +12,8 @@ from sympy.physics.mechanics import dynamicsymbols
 import dalembert as da
 from dalembert.errors import OptionError
 from dalembert.methods.status import Status
+from dalembert.phases import case_runs, runner_choice
 from dalembert.results import parts
-from dalembert.runtime.hybrid import case_runs, runner_choice
 from hard_cases.contacts import corner_plate, incline_scene, table_oscillator
 
 TIME = dynamicsymbols._t

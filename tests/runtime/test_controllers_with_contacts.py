@@ -10,7 +10,7 @@ import dalembert as da
 from dalembert.codegen import BACKENDS
 from dalembert.errors import CapabilityError, InitialStateError, OptionError, ValueInputError
 from dalembert.methods.status import Status
-from dalembert.runtime.hybrid import host_runners, runner_choice
+from dalembert.phases import host_runners, runner_choice
 
 t = dynamicsymbols._t
 x, y, u, v, count = dynamicsymbols("x y u v count")
@@ -314,8 +314,8 @@ def test_knots_and_conditions_do_not_return_to_python(way, method, monkeypatch):
     def refuse(*given, **named):
         raise AssertionError("a phase was run by Python")
 
-    monkeypatch.setattr("dalembert.runtime.hybrid.host_runners.simulate_in_own_time", refuse)
-    monkeypatch.setattr("dalembert.runtime.hybrid.host_runners.sweep_in_own_time", refuse)
+    monkeypatch.setattr("dalembert.phases.host_runners.simulate_in_own_time", refuse)
+    monkeypatch.setattr("dalembert.phases.host_runners.sweep_in_own_time", refuse)
     run = model.simulate((0, 1.2), start, values, method=method, **given, **TIGHT)
     at, expected = run(times), pulled(times)
     for i, name in enumerate(("x", "x_dot", "y", "y_dot")):

@@ -7,12 +7,12 @@ from scipy.interpolate import CubicSpline
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.integrators.case_stops import CaseStops, StopAction, StopLists
-from dalembert.integrators.cases import BlockResult, CaseBlock
-from dalembert.integrators.host_stops import CasesAtStops, in_blocks, in_pieces, side_by_side
-from dalembert.integrators.input_records import InputRecords
-from dalembert.integrators.problem import IntegrationProblem, Solution
+from dalembert.lanes.cases import BlockResult, CaseBlock
+from dalembert.lanes.host_stops import CasesAtStops, in_blocks, in_pieces, side_by_side
 from dalembert.methods.status import Status
+from dalembert.steps.problem import IntegrationProblem, Solution
+from dalembert.stops.input_records import InputRecords
+from dalembert.stops.stops import CaseStops, StopAction, StopLists
 
 t = dynamicsymbols._t
 x, w = dynamicsymbols("x w")

@@ -13,8 +13,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from dalembert.codegen import BACKENDS
 from dalembert.errors import OptionError, SceneError, UnknownNameError, ValueInputError
-from dalembert.ir.input_parameters import coefficient_places, hidden_parameters
-from dalembert.ir.program import Program
+from dalembert.ir.program import Program, coefficient_places, hidden_parameters
 
 x, u, v, theta = dynamicsymbols("x u v theta")
 m, k, ell, g = symbols("m k ell g", positive=True)

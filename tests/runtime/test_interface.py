@@ -6,6 +6,8 @@ from dataclasses import fields
 
 import pytest
 
+from dalembert.model import derivatives, evaluation, motions, states, sweeps, traced
+from dalembert.model.model import CompiledModel
 from dalembert.options import (
     TRACED_MAX_STEPS,
     PrepareOptions,
@@ -15,11 +17,14 @@ from dalembert.options import (
     SweepOptions,
     TrimOptions,
 )
-from dalembert.runtime.interface import derivatives, evaluation, motions, states, sweeps, traced
-from dalembert.runtime.model import CompiledModel
 
 MODULES = (derivatives, evaluation, motions, states, sweeps, traced)
-FUNCTIONS = {name: getattr(module, name) for module in MODULES for name in module.__all__ if name != "rows_of"}
+FUNCTIONS = {
+    name: value
+    for module in MODULES
+    for name, value in inspect.getmembers(module, inspect.isfunction)
+    if value.__module__ == module.__name__ and name[0] != "_" and name != "rows_of"
+}
 LONG = [name for name, function in FUNCTIONS.items() if "Parameters\n" in inspect.getdoc(function)]
 OPTIONS = {
     "simulate": (SimulateOptions,),

@@ -11,8 +11,8 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from dalembert.codegen.llvm import sweeps
 from dalembert.methods.status import Status
-from dalembert.runtime import case_blocks
-from dalembert.runtime.hybrid import sweep as hybrid_sweep
+from dalembert.phases import given_values as hybrid_sweep
+from dalembert.runs import case_blocks
 
 COUNT = 300
 SLEIGH = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}

@@ -9,11 +9,11 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.codegen.llvm.loops import loop_named
-from dalembert.integrators import mode_candidates as rules
-from dalembert.integrators.contact_cases import contact_cases
-from dalembert.integrators.contact_system import OPEN, SLIP, STICK
+from dalembert.contacts import mode_candidates as rules
+from dalembert.contacts.contact_cases import contact_cases
+from dalembert.contacts.contact_system import OPEN, SLIP, STICK
 from dalembert.methods.status import Status
-from dalembert.runtime.hybrid.decisions import LOOP
+from dalembert.phases.decisions import LOOP
 from hard_cases.contacts import loose_plate
 from hard_cases.many_contacts import boxes, boxes_at_rest, feet, feet_at_rest
 

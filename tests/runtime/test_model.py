@@ -133,7 +133,7 @@ def test_explaining_derives_and_compiles_nothing_that_was_not_asked_for(monkeypa
     for name in ("pipeline.read", "pipeline.derive", "pipeline.reduce", "pipeline.lower"):
         monkeypatch.setattr(f"dalembert.{name}", refuse)
     for name in ("reduce", "lower", "copied"):
-        monkeypatch.setattr(f"dalembert.runtime.explain.{name}", refuse)
+        monkeypatch.setattr(f"dalembert.model.explain.{name}", refuse)
     text = model.explain(passes=True)
     assert re.search(r"^formulations  projected: \d+ .*formulations=True", text, re.MULTILINE)
     assert model.engine.steps._loaded == loaded and not model.variants._tables and not model.variants._watched

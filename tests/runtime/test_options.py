@@ -9,6 +9,7 @@ import pytest
 
 import dalembert as da
 from dalembert.errors import OptionError, ValueInputError
+from dalembert.model.model import CompiledModel
 from dalembert.options import (
     DEFAULT_TOLERANCES,
     PrepareOptions,
@@ -17,7 +18,6 @@ from dalembert.options import (
     StoreOptions,
     SweepOptions,
 )
-from dalembert.runtime.model import CompiledModel
 
 KINDS = {
     "simulate": SimulateOptions,

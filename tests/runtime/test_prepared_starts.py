@@ -10,12 +10,12 @@ from sympy import Piecewise, sqrt, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.integrators.prepared_loop import admission_status
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
+from dalembert.loops.prepared_loop import admission_status
 from dalembert.methods.status import RUNNING, Status
 from dalembert.reduction.admission import _broken
-from dalembert.runtime.symbol_assumptions import contradicts
+from dalembert.starts.symbol_assumptions import contradicts
 from dalembert.transforms.lower_kernels import lower_kernel
 from scene.builders import quaternion_body
 

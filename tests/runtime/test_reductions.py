@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 import dalembert as da
-from dalembert.codegen.llvm.library import LLVMLibrary
+from dalembert.codegen.llvm.backend import LLVMLibrary
 from dalembert.errors import ExpressionError, OptionError, UnknownNameError
 from dalembert.methods.status import Status
 from runtime.test_events import FALL, SWING, ball, bounce, model, pendulum, theta, time, x, y

@@ -7,8 +7,8 @@ import pytest
 
 import dalembert as da
 from dalembert.methods.status import Status
-from dalembert.runtime import run_checks
-from dalembert.runtime.run_check import RunCheck
+from dalembert.runs import run_checks
+from dalembert.runs.run_check import RunCheck
 
 START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 PARAMETERS = {"m": 1.0, "b": 0.3, "I_C": 0.5}

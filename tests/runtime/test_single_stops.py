@@ -10,7 +10,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from dalembert.errors import ValueInputError
 from dalembert.methods.status import Status
-from dalembert.runtime import segments
+from dalembert.runs import segments
 
 from .test_stops import START, TIGHT, TIMES, e, of_case, pendulum, record_of, w
 

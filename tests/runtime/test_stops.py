@@ -9,11 +9,11 @@ import dalembert as da
 from dalembert.codegen.base import Engine
 from dalembert.codegen.compiled_engine import CompiledEngine
 from dalembert.errors import ConstraintError
-from dalembert.integrators.breakpoints import CaseBreaks
-from dalembert.integrators.input_records import InputRecords
-from dalembert.integrators.stops import begin_stops, end_of_steps, is_due, no_stops, take_next
 from dalembert.methods.status import Status
-from dalembert.runtime.stop_lists import segments_of_cases, stop_lists
+from dalembert.runs.stop_lists import segments_of_cases, stop_lists
+from dalembert.stops.breakpoints import CaseBreaks
+from dalembert.stops.input_records import InputRecords
+from dalembert.stops.stops import begin_stops, end_of_steps, is_due, no_stops, take_next
 
 t = dynamicsymbols._t
 x, y, u, w, e = dynamicsymbols("x y u w e")

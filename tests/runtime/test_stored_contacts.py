@@ -11,7 +11,7 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 from dalembert.errors import OptionError
-from dalembert.runtime.hybrid import runner_choice
+from dalembert.phases import runner_choice
 from hard_cases.contacts import corner_plate
 
 zarr = pytest.importorskip("zarr")

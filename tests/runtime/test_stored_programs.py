@@ -11,9 +11,9 @@ from sympy import Abs, sin, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.runtime.stored.programs import packed, unpacked
-from dalembert.runtime.stored.store import Store
-from dalembert.runtime.stored.swept_models import SweptModel
+from dalembert.store.chunks import SweptModel
+from dalembert.store.cluster import packed, unpacked
+from dalembert.store.store import Store
 
 pytest.importorskip("zarr")
 pytest.importorskip("xarray")
@@ -47,7 +47,7 @@ import pickle, sys
 import numpy as np
 import dalembert as da
 from dalembert import pipeline
-from dalembert.runtime.stored.programs import unpacked
+from dalembert.store.cluster import unpacked
 
 def derive(*given):
     raise RuntimeError("derived again")

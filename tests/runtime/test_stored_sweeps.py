@@ -16,11 +16,11 @@ import dalembert as da
 from dalembert.errors import OptionError, StoredSweepError, UnknownNameError, ValueInputError
 from dalembert.methods.status import Status
 from dalembert.options import StoreOptions, SweepOptions
-from dalembert.results import sampler
-from dalembert.runtime.stored import swept_models
-from dalembert.runtime.stored.chunks import ChunkJob
-from dalembert.runtime.stored.store import Store
-from dalembert.runtime.stored.sweep import _most_cases
+from dalembert.results import cases as sampler
+from dalembert.store import chunks as swept_models
+from dalembert.store.chunks import ChunkJob
+from dalembert.store.store import Store
+from dalembert.store.sweep import _most_cases
 
 zarr = pytest.importorskip("zarr")
 xarray = pytest.importorskip("xarray")
@@ -376,7 +376,7 @@ def test_options_of_stores(model, tmp_path):
 
 
 def test_a_full_disk_ends_with_a_message_that_says_how_to_go_on(model, tmp_path, monkeypatch):
-    from dalembert.runtime.stored.store import Store
+    from dalembert.store.store import Store
 
     real = Store.write
 

@@ -13,7 +13,7 @@ import pytest
 import dalembert as da
 from dalembert.errors import OptionError, UnknownNameError, ValueInputError
 from dalembert.methods.status import Status
-from dalembert.runtime import case_blocks
+from dalembert.runs import case_blocks
 from oracles.sleigh_exact import sleigh_state
 
 START = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}

@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 import dalembert as da
-from dalembert.codegen.llvm.library import LLVMLibrary
+from dalembert.codegen.llvm.backend import LLVMLibrary
 from dalembert.methods.status import Status
 from runtime.test_events import FALL, SWING, ball, bounce, bounces, g, model, pendulum, theta, time, x, y
 

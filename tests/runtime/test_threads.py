@@ -13,7 +13,7 @@ import dalembert as da
 from dalembert.codegen.runs import CaseRun
 from dalembert.methods.status import Status
 from dalembert.once import BoundedTable, computed_once, derived_once, once, once_property
-from dalembert.runtime.case_blocks import run_shared
+from dalembert.runs.case_blocks import run_shared
 from fuzz.cold_threads import round_of
 
 START = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 import dalembert as da
-from dalembert.codegen.cache import ENVIRONMENT_VARIABLE, read_kept, write_kept
+from dalembert.codegen.cache import ENVIRONMENT_VARIABLE, folder_refusal, make_folder, read_kept, write_kept
 from dalembert.codegen.llvm.assembly import compile_object
-from dalembert.codegen.trust import folder_refusal, make_folder
 from dalembert.errors import CacheWarning
 from runtime.test_cache import P, files, homes, use
 

@@ -8,7 +8,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from dalembert.errors import InitialStateError, ValueInputError
 from dalembert.ir.interpret import interpret
-from dalembert.runtime.vanished_constraints import vanished_text
+from dalembert.starts.inputs import vanished_text
 
 x, y = dynamicsymbols("x y")
 m, k = symbols("m k")

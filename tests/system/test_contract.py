@@ -13,7 +13,7 @@ from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, System, dy
 
 import dalembert as da
 from dalembert.methods.status import Status
-from dalembert.runtime.model import CompiledModel
+from dalembert.model.model import CompiledModel
 from textbook.helpers import TIME, frame, point, same, symbols_of
 
 SOURCES = Path(da.__file__).parent
@@ -80,7 +80,9 @@ def imported(path):
     return found
 
 
-@pytest.mark.parametrize("package", ["codegen", "integrators", "ir", "mechanics", "reduction", "results", "runtime"])
+@pytest.mark.parametrize(
+    "package", ["codegen", "ir", "mechanics", "model", "phases", "reduction", "results", "runs", "steps"]
+)
 def test_sympy_stops_at_read(package):
     assert [p.name for p in sorted((SOURCES / package).rglob("*.py")) if "sympy" in imported(p)] == []
 

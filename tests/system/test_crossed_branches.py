@@ -14,7 +14,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.methods.status import Status
-from dalembert.reduction.rank import short_time
+from dalembert.reduction.margins import short_time
 
 x, y = dynamicsymbols("x y")
 m, a = sp.symbols("m a", positive=True)

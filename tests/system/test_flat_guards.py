@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.integrators.zero_starts import bend_from_rates, deepest_dip, leaves_zero, short_share
+from dalembert.events.zero_starts import bend_from_rates, deepest_dip, leaves_zero, short_share
 
 TIME = dynamicsymbols._t
 BENDS = (0.3, 0.1, 0.03, 0.01, 0.004)

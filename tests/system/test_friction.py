@@ -13,8 +13,8 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 from dalembert.methods.status import Status
-from dalembert.runtime.hybrid import host_runners, phases, runner_choice
-from dalembert.runtime.hybrid import sweep as hybrid_sweep
+from dalembert.phases import given_values as hybrid_sweep
+from dalembert.phases import host_runners, phases, runner_choice
 from hard_cases.contact_case import contact_reference
 from hard_cases.contacts import corner_plate, incline_scene, loose_plate, table_oscillator
 from oracles.friction_rod import Rod

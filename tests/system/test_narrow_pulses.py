@@ -8,7 +8,7 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.integrators.breakpoints import break_times
+from dalembert.stops.breakpoints import break_times
 
 t, x = dynamicsymbols._t, dynamicsymbols("x")
 tp, w = sp.symbols("tp w")

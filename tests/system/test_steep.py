@@ -9,7 +9,7 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.codegen.llvm.library import LLVMLibrary
+from dalembert.codegen.llvm.backend import LLVMLibrary
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
 from dalembert.transforms.lower_kernels import lower_kernel

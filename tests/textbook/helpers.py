@@ -7,7 +7,7 @@ import sympy as sp
 from sympy.physics.vector import dynamicsymbols
 
 import dalembert as da
-from dalembert.scene.tree import Tree
+from dalembert.scene.frames import Tree
 
 TIME = dynamicsymbols._t
 PRIME = (1 << 127) - 1

@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dalembert.integrators import event_series
-from dalembert.integrators.event_series import at_most_one_zero
-from dalembert.integrators.workspace import event_workspace, no_events
+from dalembert.events import event_series
+from dalembert.events.event_series import at_most_one_zero
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
+from dalembert.lanes.workspace import event_workspace, no_events
 from dalembert.transforms.lower_kernels import lower_kernel
 from dalembert.transforms.nonsmooth import nonanalytic_operations
 from dalembert.transforms.recurrences import recurrences

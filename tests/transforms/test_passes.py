@@ -8,12 +8,17 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from dalembert.ir.interpret import interpret
-from dalembert.ir.kernel import Assignment, Kernel, Load, count_operations
+from dalembert.ir.kernel import Assignment, Kernel, Load, count_operations, verify
 from dalembert.ir.ops import OPERATIONS
 from dalembert.ir.program import Layout, Program
-from dalembert.ir.verify import verify
-from dalembert.transforms.hoisting import HoistParameters
-from dalembert.transforms.passes import EliminateDeadCode, FuseProducts, GroupProducts, ShareEqual, ShareReciprocals
+from dalembert.transforms.passes import (
+    EliminateDeadCode,
+    FuseProducts,
+    GroupProducts,
+    HoistParameters,
+    ShareEqual,
+    ShareReciprocals,
+)
 from dalembert.transforms.pipelines import KERNEL_PASSES
 
 PASSES = (EliminateDeadCode(), FuseProducts(), GroupProducts(), ShareEqual(), ShareReciprocals())

@@ -6,9 +6,8 @@ from typing import ClassVar
 
 import pytest
 
-from dalembert.ir.kernel import Kernel
+from dalembert.ir.kernel import Kernel, MalformedKernel
 from dalembert.ir.program import Layout, Program
-from dalembert.ir.verify import MalformedKernel
 from dalembert.transforms import pipelines
 from dalembert.transforms.passes import EliminateDeadCode, ShareEqual
 from dalembert.transforms.pipelines import KERNEL_PASSES, PROGRAM_PASSES, Pipeline

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from codegen.programs import oscillator
-from dalembert.integrators import step_control as control
-from dalembert.integrators.explicit_stages import error_norm
-from dalembert.integrators.packed_tableaus import packed_tableau
 from dalembert.ir.interpret import interpret
 from dalembert.ir.kernel import Assignment, Kernel, Load
 from dalembert.methods.status import Status
 from dalembert.methods.step_constants import LARGEST_GROWTH, POLYNOMIAL_ERROR, REDUCTION_BLIND, SMALLEST_PREVIOUS
 from dalembert.methods.tableaus import TABLEAUS, bounded
+from dalembert.steps import step_control as control
+from dalembert.steps.explicit_stages import error_norm
+from dalembert.steps.packed_tableaus import packed_tableau
 from dalembert.transforms.runge_kutta import attempt_kernel
 from dalembert.transforms.runge_kutta_parts import GROWTH_AT, PROPOSAL_AT
 

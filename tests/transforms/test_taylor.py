@@ -7,11 +7,11 @@ import mpmath
 import numpy as np
 import pytest
 
-from dalembert.codegen.llvm import lane_types
+from dalembert.codegen.llvm import target as lane_types
 from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object
-from dalembert.codegen.llvm.lane_types import native_lanes
 from dalembert.codegen.llvm.order_loops import LEAST_ORDER, order_loop_assembly
 from dalembert.codegen.llvm.series_loops import series_loop_assembly
+from dalembert.codegen.llvm.target import native_lanes
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
 from dalembert.ir.ops import OPERATIONS

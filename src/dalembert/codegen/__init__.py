@@ -29,7 +29,7 @@ def _numpy() -> Backend:
 
 
 def _jax() -> Backend:
-    from .jax.backend import JaxBackend
+    from ..jax.backend import JaxBackend
 
     return JaxBackend()
 

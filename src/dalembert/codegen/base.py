@@ -13,17 +13,17 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..errors import FormulationError
-from ..integrators.addresses import OwnedAddress
-from ..integrators.cases import BlockResult, CaseBlock, CaseColumns
-from ..integrators.problem import IntegrationProblem, Solution
-from ..integrators.projected_states import projected
-from ..integrators.segments import Segments
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
+from ..lanes.cases import BlockResult, CaseBlock, CaseColumns
 from ..methods.status import Status
 from ..once import BoundedTable, computed_once, once_property
 from ..options import SolveOptions
+from ..steps.problem import IntegrationProblem, Solution
+from ..steps.projection import projected
+from ..stops.segments import Segments
+from ..subset.addresses import OwnedAddress
 from .host_code import HOST_LANES, interpreted_code
 from .library import MOST_FURTHER
 from .runs import CaseRun, Final, Prepared, PreparedStates, StartCode
@@ -31,22 +31,13 @@ from .runs import CaseRun, Final, Prepared, PreparedStates, StartCode
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..integrators.event_code import EventCode
-    from ..integrators.recorded_motion import Occurrence, RecordedCase
-    from ..integrators.workspace import EventKernels
+    from ..events.event_code import EventCode
+    from ..events.recorded_motion import Occurrence, RecordedCase
+    from ..lanes.workspace import EventKernels
     from ..reduction.starting import Start
     from ..scene.symbol_table import InputSymbol
     from .host_runs import HostedRuns
     from .llvm.admission import Admission
-
-__all__ = [
-    "Backend",
-    "Capability",
-    "Engine",
-    "FunctionEngine",
-    "RenderedModule",
-    "TracedEngine",
-]
 
 
 @final

@@ -11,12 +11,10 @@ from ..ir.program import Program
 from .base import Backend, Engine, RenderedModule
 from .cache import digest_of, module_folder
 from .compiled_engine import METHODS, CompiledEngine, default_source
-from .generator_digest import generator_digest
 from .library import KernelLibrary
 from .llvm.loops import toolchain
 from .llvm.target import target
-
-__all__ = ["CompiledBackend"]
+from .rendering import generator_digest
 
 
 class CompiledBackend(Backend):

@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..integrators.addresses import NO_CODE, OwnedAddress
-from ..integrators.case_stops import StopAction
-from ..integrators.cases import BlockResult, CaseColumns
-from ..integrators.kernel_rows import KernelRowsArguments
-from ..integrators.method_choice import runge_kutta_pays
-from ..integrators.problem import IntegrationProblem, Solution
-from ..integrators.segments import constants_at
-from ..integrators.sweep_arguments import SweepKernels
-from ..integrators.workspace import aligned
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
+from ..lanes.cases import BlockResult, CaseColumns
+from ..lanes.sweep_arguments import SweepKernels
+from ..lanes.workspace import aligned
 from ..once import BoundedTable, computed_once, once_property
 from ..options import DEFAULT_TOLERANCES
+from ..steps.method_choice import runge_kutta_pays
+from ..steps.problem import IntegrationProblem, Solution
+from ..steps.row_loops import KernelRowsArguments
+from ..stops.segments import constants_at
+from ..stops.stops import StopAction
+from ..subset.addresses import NO_CODE, OwnedAddress
 from ..transforms.taylor import clipped_tolerance, order_at, order_for
 from .base import Engine
 from .host_code import landing_code, raise_failure
@@ -35,19 +35,17 @@ from .steppers import Stepper, Steppers, pair_named
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..integrators.event_code import EventCode
-    from ..integrators.explicit_loop import ExplicitCode
-    from ..integrators.implicit_loop import ImplicitCode
-    from ..integrators.recorded_motion import RecordedCase
-    from ..integrators.stiffness import Rates
-    from ..integrators.taylor_runs import StepCode
-    from ..integrators.workspace import EventKernels
+    from ..events.event_code import EventCode
+    from ..events.recorded_motion import RecordedCase
+    from ..lanes.workspace import EventKernels
+    from ..loops.taylor_runs import StepCode
     from ..reduction.starting import Start
+    from ..steps.explicit_loop import ExplicitCode
+    from ..steps.implicit_loop import ImplicitCode
+    from ..steps.method_choice import Rates
     from .llvm.admission import Admission
     from .llvm.foreign_batch import ForeignCode, Interface
     from .llvm.recorded import RecordedLane
-
-__all__ = ["METHODS", "CompiledEngine", "default_source"]
 
 _MOST_LANES = 16
 """Sets of events and tolerances of which the memory of single runs is kept."""
@@ -163,13 +161,13 @@ class CompiledEngine(Engine):
             assert solution is not None
             return solution
         if method == "radau":
-            from ..integrators import implicit_loop as implicit
+            from ..steps import implicit_loop as implicit
 
             code, multipliers = self._implicit, self._multipliers(problem)
             if multipliers is not None and problem.inputs is not None:
                 code = replace(code, multipliers=self.steps.kernel("multipliers"))
             return implicit.integrate(code, compiled, multipliers)
-        from ..integrators import explicit_loop as explicit
+        from ..steps import explicit_loop as explicit
 
         pair = pair_named(method, bounded=problem.bounded)
         run = explicit.integrate(self._explicit, pair, compiled)
@@ -191,7 +189,7 @@ class CompiledEngine(Engine):
         reason = ""
 
         def watch(t: float, y: FloatArray, step: float) -> bool:
-            from ..integrators.stiffness import radau_pays, still_stiff
+            from ..steps.method_choice import radau_pays, still_stiff
 
             nonlocal reason
             part = problem if problem.stops is None else problem.up_to_stop(t)
@@ -205,7 +203,7 @@ class CompiledEngine(Engine):
             return self._implicit_run(problem, reason) if solution is None else (solution, method, "")
         if method != "dop853":
             return super().integrate_automatic(problem, method)
-        from ..integrators import explicit_loop as explicit
+        from ..steps import explicit_loop as explicit
 
         tried = explicit.integrate(self._explicit, pair_named(method), self._with_codes(problem), stop_if_stiff=True)
         if isinstance(tried, Solution):
@@ -222,7 +220,7 @@ class CompiledEngine(Engine):
 
     def fit(self, problem: IntegrationProblem, method: str) -> tuple[str, str]:
         """See `Engine.fit`."""
-        from ..integrators.stiffness import fitting
+        from ..steps.method_choice import fitting
 
         return fitting(problem, method, self._rates(problem), self.integrate, self._operations)
 
@@ -276,7 +274,7 @@ class CompiledEngine(Engine):
         self, problem: IntegrationProblem, method: str, watch: EventCode, carried: FloatArray | None
     ) -> RecordedLane:
         """Return the memory for runs like a problem."""
-        from .llvm.check_inputs import check_inputs
+        from .llvm.lane_kernels import check_inputs
         from .llvm.recorded import RecordedLane
         from .llvm.sweeps import SweepShape
 
@@ -305,8 +303,7 @@ class CompiledEngine(Engine):
         dense = n_times > 0 or watched is not None or each_step
         projections = self._steppers.projections(lanes)
         projected = any(projections)
-        from .llvm.advance_lanes import advance_lanes
-        from .llvm.check_inputs import check_inputs
+        from .llvm.lane_kernels import advance_lanes, check_inputs
         from .llvm.sweeps import SweepShape, case_run
 
         assert cases.start is not None
@@ -354,7 +351,7 @@ class CompiledEngine(Engine):
         """See `Engine.prepared`."""
         if method == "radau":
             return super().prepared(problem, method, constants, admission)
-        from ..integrators.prepared_loop import PreparedKernels
+        from ..loops.prepared_loop import PreparedKernels
         from .llvm.prepared import prepared_run
 
         sizes = (self._sizes["rhs"], self._parameters, self._sizes["prepare"])
@@ -370,9 +367,8 @@ class CompiledEngine(Engine):
 
         Taylor steps have this order. A run `alone` has one lane.
         """
-        from .llvm.advance_lanes import advance_lanes
-        from .llvm.check_inputs import check_inputs
         from .llvm.foreign_batch import BatchSizes, foreign_batch
+        from .llvm.lane_kernels import advance_lanes, check_inputs
 
         lanes, layout = 1 if alone else self.steps.lanes, self._program.layout
         stepper = self._steppers.stepper(method, DEFAULT_TOLERANCES, lanes, dense=False, order=order)
@@ -388,7 +384,7 @@ class CompiledEngine(Engine):
         steps = self.steps
         if not steps.compiles_starts:
             return None
-        from .llvm.starts import start_code
+        from .llvm.prepared import start_code
 
         sizes = (self._parameters, self._sizes["prepare"], len(start.given), len(start.kernel.outputs))
         return start_code(steps.prepare(), steps.start(start, 1), sizes)
@@ -398,13 +394,13 @@ class CompiledEngine(Engine):
 
     @once_property
     def _explicit(self) -> ExplicitCode:
-        from ..integrators.explicit_loop import ExplicitCode
+        from ..steps.explicit_loop import ExplicitCode
 
         return ExplicitCode(loop_named("explicit_loop"), *self._kernels())
 
     @once_property
     def _implicit(self) -> ImplicitCode:
-        from ..integrators.implicit_loop import ImplicitCode
+        from ..steps.implicit_loop import ImplicitCode
 
         loop = loop_named("implicit_loop")
         if "stages" in self._sizes:
@@ -428,7 +424,7 @@ class CompiledEngine(Engine):
             return found
 
         def make() -> StepCode:
-            from ..integrators.taylor_runs import StepCode
+            from ..loops.taylor_runs import StepCode
 
             step = self.steps.taylor(order, 1, dense=True)
             return StepCode(loop_named("taylor_loop"), order, step, *self._steppers.projections(1), self.steps.angles)

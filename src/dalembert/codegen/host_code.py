@@ -9,12 +9,10 @@ from collections.abc import Callable
 import numpy as np
 
 from ..arrays import FloatArray
-from ..integrators.addresses import OwnedAddress
-from ..integrators.case_stops import StopAction
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
-
-__all__ = ["HOST_LANES", "columns_at", "host_code", "interpreted_code", "landing_code", "raise_failure"]
+from ..stops.stops import StopAction
+from ..subset.addresses import OwnedAddress
 
 HOST_LANES = 8
 """Lanes of interpreted kernels: eight rows take about as long as one."""
@@ -73,7 +71,7 @@ def interpreted_code(kernel: Kernel, lanes: int = HOST_LANES) -> OwnedAddress:
 
 
 def landing_code(action: StopAction, n_y: int, n_c: int, lanes: int) -> OwnedAddress:
-    """Return the Python function of an action at stops as code for lanes; see `dalembert.integrators.stops.act`."""
+    """Return the Python function of an action at stops as code for lanes; see `dalembert.stops.stops.act`."""
     function, size = action.function, len(action.places)
     assert function is not None
 

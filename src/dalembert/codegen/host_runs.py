@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, final
 
 from ..arrays import FloatArray
-from ..integrators.samples import Samples
 from ..ir.kernel import Kernel
 from ..ir.program import Layout
+from ..stops.samples import Samples
 
 if TYPE_CHECKING:
     from ..scene.symbol_table import InputSymbol
-
-__all__ = ["HostRun", "HostRunner", "HostedRuns"]
 
 
 @final

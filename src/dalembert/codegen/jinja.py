@@ -11,8 +11,6 @@ from jinja2.bccache import Bucket
 
 from .cache import digest_of, directory, read_kept, write_kept
 
-__all__ = ["environment"]
-
 _OPTIONS: dict[str, Any] = {
     "undefined": jinja2.StrictUndefined,
     "trim_blocks": True,

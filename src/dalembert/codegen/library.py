@@ -9,20 +9,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
-from ..integrators.addresses import NO_CODE, OwnedAddress
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..methods.tableau import Tableau
 from ..once import BoundedTable, computed_once, once_property
 from ..reduction.starting import Start
+from ..subset.addresses import NO_CODE, OwnedAddress
 from ..transforms.partials import jacobian_kernel, tangent_kernel
 from ..transforms.periodic import angles_of
 from ..transforms.recurrences import Recurrences, recurrences
 from ..transforms.residual_control import cost
-from ..transforms.roots_at_rest import roots_vanish_at_rest
+from ..transforms.step_ends import roots_vanish_at_rest
 from ..transforms.taylor import STEP_ARGUMENTS
-
-__all__ = ["LARGEST_UNROLLED", "MOST_FURTHER", "Code", "KernelLibrary"]
 
 _LARGEST_JACOBIAN = 6000
 """Lines of a right-hand side times columns up to which its Jacobian is one kernel: half a second of compilation there,

@@ -14,9 +14,6 @@ from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..ir.ops import TABLE_OPERATIONS
 from ..transforms.nonsmooth import only_in_branches
 
-__all__ = ["JAX", "JAX_SERIES", "JAX_STEPS", "NUMBA", "NUMPY", "PRINTERS", "PYTHON", "Printer"]
-
-
 _UNGUARDED = (
     *("add", "sub", "neg", "select", "min", "max", "less", "less_equal", "sign", "floor"),
     *("piece", "entry"),
@@ -193,7 +190,7 @@ JAX = Printer(
     guard="fn.guarded",
     products="fn.product({}, {})",
 )
-"""Traced JAX, on ``jax.numpy`` and on `dalembert.codegen.jax.functions`, which it imports as ``fn``."""
+"""Traced JAX, on ``jax.numpy`` and on `dalembert.jax.functions`, which it imports as ``fn``."""
 
 JAX_STEPS = Printer(
     "jax steps",

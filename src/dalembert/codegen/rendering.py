@@ -6,7 +6,9 @@ A name that a template uses and Python does not give is an error.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +17,6 @@ from ..ir.program import Layout, Program
 from ..once import computed_once
 from ..version import __version__
 from .printers import Printer
-
-__all__ = ["banner_lines", "program_variables", "render", "template_directory"]
 
 
 def template_directory() -> Path:
@@ -133,3 +133,38 @@ def _describe(kernel: Kernel, layout: Layout) -> str:
     if layout.states:
         meaning = meaning.replace("(q, q_dot)", "(q, q_dot, first-order states)")
     return f"{meaning}: {len(kernel.outputs)} values, {describe_counts(kernel)}."
+
+
+# Digest of the sources and templates that generated code is made by, for the keys of disk caches.
+
+
+def digest_of(folder: Path, pattern: str = "*.py") -> str:
+    """SHA-256 over the names and the contents of every file under ``folder`` that fits, in sorted order."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob(pattern)):
+        content = path.read_bytes()
+        digest.update(f"{path.relative_to(folder).as_posix()}\0{len(content)}\0".encode())
+        digest.update(content)
+    return digest.hexdigest()
+
+
+@cache
+def generator_digest() -> str:
+    """Digest of all sources that generated code depends on, this package included."""
+    package = Path(__file__).parents[1]
+    parts = (
+        "ir",
+        "methods",
+        "transforms",
+        "lowering",
+        "subset",
+        "stops",
+        "steps",
+        "lanes",
+        "events",
+        "loops",
+        "contacts",
+        "codegen",
+        "jax",
+    )
+    return digest_of(template_directory(), "*.j2") + "".join(digest_of(package / part) for part in parts)

@@ -14,11 +14,9 @@ from ..arrays import FloatArray
 from ..methods.status import Status
 
 if TYPE_CHECKING:
-    from ..integrators.addresses import OwnedAddress
-    from ..integrators.workspace import LoopProgress
+    from ..lanes.workspace import LoopProgress
+    from ..subset.addresses import OwnedAddress
     from .llvm.admission import Admission
-
-__all__ = ["CaseRun", "Final", "LoopCall", "Prepared", "PreparedStates", "StartCode"]
 
 Final = tuple[FloatArray, Status]
 
@@ -107,11 +105,11 @@ class LoopCall:
     entry : OwnedAddress
         Of a function of the address of packed arguments.
     packed_args : ndarray (n,) of int
-        Those of `dalembert.integrators.sweep_arguments.SweepArguments`.
+        Those of `dalembert.lanes.sweep_arguments.SweepArguments`.
     progress : LoopProgress
         Where the loop is, and whether it returns before its end.
     steps, occurrences : ndarray
-        Records of a case that is alone (`dalembert.integrators.step_records`), with no rows where none are made.
+        Records of a case that is alone (`dalembert.lanes.step_records`), with no rows where none are made.
     held : object
         Arrays that must stay alive.
     """

@@ -7,27 +7,25 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from ..integrators.addresses import NO_CODE
-from ..integrators.cases import BlockResult, CaseBlock
-from ..integrators.events import run_with_events
-from ..integrators.host_stops import CasesAtStops, in_blocks
-from ..integrators.problem import IntegrationProblem, Solution, prescribed_blocks
-from ..integrators.projected_states import projected
-from ..integrators.recorded_motion import recorded_states
+from ..events.events import run_with_events
+from ..events.recorded_motion import recorded_states
+from ..lanes.cases import BlockResult, CaseBlock
+from ..lanes.host_stops import CasesAtStops, in_blocks
 from ..methods.status import Status
 from ..once import computed_once
-from .event_kernels import event_kernels
+from ..steps.problem import IntegrationProblem, Solution, prescribed_blocks
+from ..steps.projection import projected
+from ..subset.addresses import NO_CODE
 from .host_code import interpreted_code, raise_failure
+from .steppers import event_kernels
 
 if TYPE_CHECKING:
     from ..arrays import FloatArray
-    from ..integrators.block_search import SearchArguments
-    from ..integrators.event_code import EventCode
-    from ..integrators.recorded_motion import RecordedCase
-    from ..integrators.workspace import EventKernels
+    from ..events.block_search import SearchArguments
+    from ..events.event_code import EventCode
+    from ..events.recorded_motion import RecordedCase
+    from ..lanes.workspace import EventKernels
     from .base import Engine
-
-__all__ = ["growing_step_blocks", "recorded_in_blocks", "watched_case"]
 
 LONGEST_BLOCK = 256
 """Attempts in the longest block of a run that may end early."""

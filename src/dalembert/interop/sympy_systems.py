@@ -19,16 +19,11 @@ from sympy.physics.vector import Vector, dynamicsymbols
 
 from ..errors import SceneError, list_names
 from ..scene.actuators import actuator_loads
+from ..scene.frames import Tree
 from ..scene.prescribed_velocities import located
-from ..scene.tree import Tree
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
-
-__all__ = [
-    "SOURCES",
-    "scene_from_sympy",
-]
 
 SOURCES = (System, KanesMethod, LagrangesMethod)
 """Classes that can become scenes."""

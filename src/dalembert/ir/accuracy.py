@@ -20,8 +20,6 @@ from numpy.typing import NDArray
 from .node import Node, UnitName
 from .ops import GRAPH_OPERATIONS
 
-__all__ = ["LOSS", "Probed", "loses", "probed", "probed_form"]
-
 Probed = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Values at the points (n,), and bounds of their errors."""
 

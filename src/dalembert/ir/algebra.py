@@ -6,11 +6,9 @@ from collections.abc import Iterable
 from fractions import Fraction
 
 from . import fingerprint as fp
-from .angle_fingerprints import circle_of
+from .fingerprint import circle_of
 from .interning import Interning, as_float
 from .node import Node
-
-__all__ = ["Algebra"]
 
 _P = fp.PRIME
 

@@ -7,22 +7,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = [
-    "Bounds",
-    "arc_slope",
-    "cosine",
-    "even",
-    "hull",
-    "one_plus",
-    "plus",
-    "reciprocal",
-    "root",
-    "sine",
-    "square",
-    "times",
-    "wider",
-]
-
 _SLACK = 4.0 * 2.220446049250313e-16
 _LEAST = 1e-300
 

@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 from .kernel import Kernel
 from .notation import Reader
 
-__all__ = ["CONDITION_TIME", "DECIDED", "NARROW", "NO_CONDITIONS", "WHOLE", "ZERO", "Conditions", "weighted_select"]
-
-
 CONDITION_TIME = "time of conditions"
 """The parameter [s] at whose value conditions on time are decided; runs set it for each of their segments."""
 

@@ -18,18 +18,7 @@ from __future__ import annotations
 import hashlib
 from fractions import Fraction
 
-__all__ = [
-    "ANGLE_DENOMINATOR",
-    "PRIME",
-    "RADIAN_PARTS",
-    "Circle",
-    "circle_from",
-    "hashed",
-    "inverse",
-    "of_fraction",
-    "sphere_point",
-    "square_root",
-]
+from .node import Node
 
 PRIME = 170141183460469231731687303715883999471
 """A 127-bit prime, 3 modulo 4, modulo which the primes up to 23 are squares."""
@@ -116,3 +105,48 @@ def square_root(number: int) -> int | None:
             return None
         result = result * root % PRIME
     return result
+
+
+# Points of the circle over the field of fingerprints that stand for angles: addition theorems hold exactly.
+
+
+def circle_of(a: Node) -> Circle:
+    """Return the point of the circle, as (cosine, sine), that stands for the angle `a`."""
+    return turns(_part_of(a), ANGLE_DENOMINATOR)
+
+
+def _part_of(a: Node) -> Circle:
+    """Return the point of the part of an angle of which `ANGLE_DENOMINATOR` are the angle; the node remembers it."""
+    if a.circle is None:
+        a.circle = _new_part(a)
+    return a.circle
+
+
+def _new_part(a: Node) -> Circle:
+    if a.number is not None:
+        return _part_of_number(a)
+    if a.op == "add":
+        return turn(_part_of(a.args[0]), _part_of(a.args[1]))
+    if a.op == "sub":
+        return turn(_part_of(a.args[0]), conjugate(_part_of(a.args[1])))
+    if a.op == "neg":
+        return conjugate(_part_of(a.args[0]))
+    if a.op == "mul" and a.args[0].number is not None:
+        count, atom = a.args[0].number, a.args[1]
+        if count.denominator == 1 and count <= 64:
+            return turns(_part_of(atom), count.numerator)
+        parts = count * ANGLE_DENOMINATOR
+        if parts.denominator == 1 and parts <= 64 and atom.op not in ("add", "sub", "mul", "neg"):
+            return turns(circle_from(hashed("part", atom.fingerprint)), parts.numerator)
+    if a.op in ("mul", "add", "sub"):
+        return circle_from(a.fingerprint)
+    return turns(circle_from(hashed("part", a.fingerprint)), ANGLE_DENOMINATOR)
+
+
+def _part_of_number(a: Node) -> Circle:
+    number = a.number
+    assert number is not None
+    parts = number * RADIAN_PARTS
+    if parts.denominator == 1 and parts.numerator.bit_length() <= 64:
+        return turns(circle_from(hashed("part", "radian")), parts.numerator)
+    return conjugate(circle_from(-a.fingerprint % PRIME)) if number < 0 else circle_from(a.fingerprint)

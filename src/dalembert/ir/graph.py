@@ -11,9 +11,7 @@ from itertools import count
 from typing import Any, final
 
 from .algebra import Algebra
-from .node import Node, UnitName, unit_names
-
-__all__ = ["Graph", "Node", "UnitName", "unit_names"]
+from .node import Node, UnitName
 
 _RATIONAL = ("add", "sub", "mul", "div", "neg", "sin", "cos", "tan")
 """Operations whose values are related to those of others; the rest are functions of which nothing is known."""

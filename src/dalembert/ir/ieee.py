@@ -9,11 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from .tables import entry, piece
-
-__all__ = ["acos", "asin", "atan", "atan2", "cos", "cosh", "divide", "exp", "floor", "log", "pow", "sin", "sinh"]
-__all__ += ["entry", "piece", "sqrt", "tan", "tanh"]
-
 Function = Callable[[float], float]
 
 

@@ -20,8 +20,6 @@ from . import fingerprint as fp
 from .node import Node, UnitName
 from .ops import GRAPH_OPERATIONS
 
-__all__ = ["TOLERANCE", "Interning", "as_float"]
-
 TOLERANCE = 1e-13
 """Share of its terms below which a value of decimal numbers counts as zero in a decision (`dalembert.ir.zero_tests`).
 

@@ -13,8 +13,6 @@ from .kernel import Kernel
 from .ops import ALL_OPERATIONS
 from .tables import array_entry, array_piece
 
-__all__ = ["ARRAY_OPERATIONS", "interpret", "interpret_rows", "rows_of_columns"]
-
 
 def interpret(
     kernel: Kernel,

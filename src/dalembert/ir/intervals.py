@@ -17,8 +17,6 @@ from .bounds import Bounds, arc_slope, cosine, even, hull, one_plus, plus, recip
 from .interpret import ARRAY_OPERATIONS
 from .tables import array_piece, table_of
 
-__all__ = ["INTERVAL_OPERATIONS", "Interval"]
-
 
 @final
 @dataclass(frozen=True, eq=False)

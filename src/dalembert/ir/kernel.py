@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import NoReturn, final
 
 from .notation import Reader, one_line, operand_text, operation_text, word
 from .ops import ALL_OPERATIONS
-
-__all__ = ["Assignment", "Kernel", "Load", "Operand", "count_operations", "describe_counts"]
-
 
 Operand = str | float
 """The name of a value, or a literal."""
@@ -95,7 +93,7 @@ class Kernel:
 
     @classmethod
     def parse(cls, text: str) -> Kernel:
-        """Return the kernel of which `text` is the text form; `dalembert.ir.verify` checks it.
+        """Return the kernel of which `text` is the text form; `dalembert.ir.kernel` checks it.
 
         Raises
         ------
@@ -165,3 +163,113 @@ def describe_counts(kernel: Kernel) -> str:
         if not op.flops and name != "neg" and counts[name]
     ]
     return ", ".join([f"{counts['flops']} flops", *named])
+
+
+# Straight-line code under construction.
+
+
+@final
+class Lines:
+    """Assignments in the order of the calls; each operation is written once, trivial ones never."""
+
+    def __init__(self) -> None:
+        self.body: list[Assignment] = []
+        self._known: dict[tuple[str, tuple[Operand, ...]], str] = {}
+
+    def op(self, name: str, *args: Operand) -> Operand:
+        """Return the value of an operation."""
+        key = (name, args)
+        if key not in self._known:
+            self._known[key] = f"v_{len(self.body)}_"
+            self.body.append(Assignment(self._known[key], name, args))
+        return self._known[key]
+
+    def add(self, a: Operand, b: Operand) -> Operand:
+        """Return a + b."""
+        if a == 0.0 or b == 0.0:
+            return b if a == 0.0 else a
+        return self.op("add", a, b)
+
+    def sub(self, a: Operand, b: Operand) -> Operand:
+        """Return a - b."""
+        if a == 0.0 or b == 0.0:
+            return self.neg(b) if a == 0.0 else a
+        return self.op("sub", a, b)
+
+    def mul(self, a: Operand, b: Operand) -> Operand:
+        """Return a * b."""
+        if not isinstance(a, str) and not isinstance(b, str):
+            return a * b
+        if a in (0.0, 1.0):
+            return 0.0 if a == 0.0 else b
+        if b in (0.0, 1.0):
+            return 0.0 if b == 0.0 else a
+        return self.op("mul", a, b)
+
+    def neg(self, a: Operand) -> Operand:
+        """Return -a."""
+        return self.op("neg", a) if isinstance(a, str) else -a
+
+    def fma(self, a: Operand, b: Operand, c: Operand) -> Operand:
+        """Return a * b + c, rounded once where the target can."""
+        if a == 0.0 or b == 0.0:
+            return c
+        return self.mul(a, b) if c == 0.0 else self.op("fma", a, b, c)
+
+
+# The verifier of kernels, run after every pass.
+
+
+class MalformedKernel(AssertionError):
+    """A pass produced a kernel that is not in SSA form; a fault of the compiler, never of a scene."""
+
+
+def verify(kernel: Kernel) -> Kernel:
+    """Return `kernel` if it is well formed.
+
+    Raises
+    ------
+    MalformedKernel
+        When a value is assigned twice or used before its assignment, an operation is unknown or has the wrong
+        number of operands, a load names no argument, or a literal is not finite.
+    """
+    known: set[str | float] = set()
+    arguments = kernel.arguments
+    for load in kernel.loads:
+        if load.array not in arguments:
+            _fail(kernel, f"{load.target} is loaded from {load.array}, which is no argument")
+        if load.target in known or not load.target.isidentifier() or load.target in arguments:
+            _fail_to_define(kernel, load.target, known)
+        known.add(load.target)
+    for line in kernel.body:
+        operation, target = ALL_OPERATIONS.get(line.op), line.target
+        if operation is None:
+            _fail(kernel, f"{target} uses the unknown operation {line.op}")
+        if operation.arity != len(line.args):
+            _fail(kernel, f"{target}: {line.op} takes {operation.arity} operands, not {len(line.args)}")
+        for operand in line.args:
+            if operand not in known:
+                _check_literal(kernel, operand, target)
+        if target in known or not target.isidentifier() or target in arguments:
+            _fail_to_define(kernel, target, known)
+        known.add(target)
+    for operand in kernel.outputs:
+        if operand not in known:
+            _check_literal(kernel, operand, "an output")
+    return kernel
+
+
+def _fail(kernel: Kernel, text: str) -> NoReturn:
+    raise MalformedKernel(f"kernel {kernel.name!r}: {text}")
+
+
+def _fail_to_define(kernel: Kernel, target: str, known: set[str | float]) -> NoReturn:
+    _fail(kernel, f"{target} is assigned twice" if target in known else f"{target!r} cannot name a value")
+
+
+def _check_literal(kernel: Kernel, operand: str | float, where: str) -> None:
+    """Require that an operand is a known value or a finite number."""
+    if isinstance(operand, str):
+        _fail(kernel, f"{where} uses {operand} before its assignment")
+    if not math.isfinite(operand):
+        _fail(kernel, f"{where} uses the literal {operand}")

@@ -10,8 +10,6 @@ if TYPE_CHECKING:
     from . import fingerprint as fp
     from .algebra import Algebra
 
-__all__ = ["Node", "UnitName", "unit_names"]
-
 
 @final
 class UnitName(str):

@@ -16,8 +16,6 @@ from typing import NoReturn, TypeVar, final
 from ..errors import ProgramTextError, list_names
 from .ops import ALL_OPERATIONS
 
-__all__ = ["Reader", "literal_text", "one_line", "operand_text", "operation_text", "word"]
-
 T = TypeVar("T")
 
 _INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**", "less": "<", "less_equal": "<="}

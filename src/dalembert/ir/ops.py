@@ -14,16 +14,6 @@ from dataclasses import dataclass
 
 from . import ieee, tables
 
-__all__ = [
-    "ALL_OPERATIONS",
-    "GRAPH_OPERATIONS",
-    "OPERATIONS",
-    "OSCILLATING_OPERATIONS",
-    "STEP_OPERATIONS",
-    "TABLE_OPERATIONS",
-    "Operation",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class Operation:

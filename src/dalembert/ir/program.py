@@ -2,29 +2,76 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import final
+from typing import Any, final
 
+import numpy as np
+
+from ..arrays import FloatArray
 from ..naming import rate_name
 from ..once import once
 from .conditions import CONDITION_TIME, Conditions
-from .decay_rates import FIXED_GAINS
-from .input_parameters import hidden_parameters
 from .kernel import Kernel
 from .notation import Reader, word
 from .ops import TABLE_OPERATIONS
-from .program_fields import LAYOUT_FIELDS, PROGRAM_FIELDS, field_lines, read_fields
-from .table_text import read_table, table_text
+from .program_fields import LAYOUT_FIELDS, PROGRAM_FIELDS, field_lines, read_fields, read_table, table_text
 from .tables import Table, table_of
 
-__all__ = [
-    "DIRECTION",
-    "KnotSides",
-    "Layout",
-    "Program",
-    "representative",
-]
+# Decay rates of constraint violations, which follow the direction of time.
+
+DECAY_RATE = "baumgarte_alpha"
+"""Parameter of the formulation `baumgarte` whose sign decides whether violations decay or grow."""
+
+FIXED_GAINS = ("fixed baumgarte_alpha", "fixed baumgarte_beta")
+"""Parameters of gains that are given with the formulation. Users do not give them; runs set the sign of the first."""
+
+
+def decay_rate_among(names: Iterable[str]) -> str | None:
+    """Return the parameter that is a decay rate of violations, None where there is none."""
+    return next((name for name in names if name in (DECAY_RATE, FIXED_GAINS[0])), None)
+
+
+def directed_rates(rates: Any, backward: Any, xp: Any = np) -> Any:
+    """Return decay rates (k,) with which violations decay: -|rate| in runs `backward` (k,) in time.
+
+    `xp` is the namespace of the arrays: numpy, or jax.numpy.
+    """
+    return xp.where(backward, -xp.abs(rates), rates)
+
+
+def along_run(names: Sequence[str], p: FloatArray, *, backward: bool) -> FloatArray:
+    """Return parameters p (n_p,) with which violations decay in a run backward in time, too."""
+    rate = decay_rate_among(names)
+    if not backward or rate is None:
+        return p
+    place, p = names.index(rate), p.copy()
+    p[place] = directed_rates(p[place], backward)
+    return p
+
+
+# Hidden parameters of the inputs of a program: each input is a polynomial in time between two knots.
+
+DEGREE = 3
+"""Degree of the polynomials."""
+
+WIDTH = DEGREE + 2
+"""Parameters of one input: the time of its knot, then the coefficients, that of the constant first."""
+
+
+def hidden_parameters(name: str) -> tuple[str, ...]:
+    """Return the names of the parameters of an input.
+
+    With them at k, u_0, u_1, ..., the input is u_0 + u_1 s + u_2 s^2 + ... of s = t - k. Runs set them at every knot,
+    so they stand in the constants as they are, and nothing that depends on them is computed once a run.
+    """
+    return (f"time of the knot of {name}", *(f"coefficient {k} of {name}" for k in range(DEGREE + 1)))
+
+
+def coefficient_places(parameters: tuple[str, ...], inputs: tuple[str, ...]) -> tuple[int, ...]:
+    """Return the place of the first parameter of each input among the parameters, and so among the constants."""
+    return tuple(parameters.index(hidden_parameters(name)[0]) for name in inputs)
+
 
 DIRECTION = "direction of time"
 """Name of the value 1 or -1 from which a start knows which way the motion runs; without it, forwards."""
@@ -76,7 +123,7 @@ class Layout:
     assumptions : mapping of str to tuple of str
         Name -> what its symbol was declared to be, such as "positive".
     inputs : tuple of str
-        Names of the inputs; each has parameters of its own (`dalembert.ir.input_parameters`).
+        Names of the inputs; each has parameters of its own (`dalembert.ir.program`).
     states : tuple of str
         Names of the first-order states, which are the last components of y.
     held : tuple of str
@@ -176,7 +223,7 @@ class Program:
 
     @classmethod
     def parse(cls, text: str) -> Program:
-        """Return the program of which `text` is the text form; `dalembert.ir.verify` checks its kernels.
+        """Return the program of which `text` is the text form; `dalembert.ir.kernel` checks its kernels.
 
         Raises
         ------

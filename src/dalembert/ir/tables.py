@@ -17,24 +17,6 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "LOWER",
-    "ORIGIN",
-    "UPPER",
-    "Table",
-    "array_entry",
-    "array_piece",
-    "array_value",
-    "coefficient_row",
-    "entry",
-    "generic",
-    "order_of",
-    "piece",
-    "registered",
-    "table_of",
-    "value",
-]
-
 ORIGIN, LOWER, UPPER = 0, 1, 2
 """Rows of a table: what powers are taken of x less, and the ends of the pieces."""
 

@@ -6,22 +6,21 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from ..ir.conditions import CONDITION_TIME
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
 from ..ir.kernel import Kernel
+from ..ir.node import Node
 from ..ir.program import Layout, Program
+from ..reduction.base import decided
 from ..reduction.knot_starts import knot_sides
-from ..reduction.shared_reactions import shared_reactions
-from ..reduction.step_limits import step_limits
-from ..reduction.time_conditions import decided
+from ..reduction.reactions import shared_reactions
 from ..transforms.conditions import decide
 from ..transforms.lower_kernels import lower_kernel
 from ..transforms.pipelines import PROGRAM_PASSES, PassRecord
+from ..transforms.step_limits import step_limits
 
 if TYPE_CHECKING:
     from ..mechanics.equations import EquationsOfMotion
     from ..reduction import ReducedSystem
-
-__all__ = ["lower"]
 
 
 def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Program:

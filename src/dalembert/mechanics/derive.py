@@ -5,26 +5,101 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ..errors import OptionError, SceneError
-from ..ir.graph import Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..naming import acceleration_input, acceleration_name
 from ..scene.model import ConstraintModel, ContactModel, SceneModel
 from ..scene.symbols import RESERVED_OUTPUTS
-from ..transforms.derivatives import tangents
+from ..transforms.derivatives import jacobian, tangents
 from ..transforms.linear import Matrix
 from ..transforms.nonsmooth import nonanalytic
-from .angles import angles_of
 from .equations import ConstraintRow, ContactRow, EquationsOfMotion, VelocityChoice, VelocityGroup
-from .kane import kane_powers
+from .kane import kane_powers, load_powers
 from .kinematics import Kinematics
-from .lagrangian import lagrangian_powers
 from .load_energy import load_energy, warn_of_silent_potential
-from .quasi_velocities import velocity_groups
-from .quaternions import quaternion_groups
-from .reaction_checks import require_reactions_of_constraints
-from .slip_checks import require_conjugate_slip
-from .virtual_power import powers
+from .power_checks import require_conjugate_slip, require_reactions_of_constraints
+from .quasi_velocities import quaternion_groups, velocity_groups
+from .virtual_power import Powers, powers
 
-__all__ = ["derive"]
+# Coordinates without a unit: angles, and components of quaternions.
+#
+# Initial values are compared with sizes of their own kind (`dalembert.reduction.start_limits`): an angle with one,
+# whatever the unit of length, and every other coordinate with the lengths of the scene.
+
+_CIRCULAR = ("sin", "cos", "tan")
+_LINEAR = ("add", "sub", "neg", "mul")
+
+
+def angles_of(model: SceneModel, rows: Sequence[ConstraintRow], matrix: Matrix) -> tuple[str, ...]:
+    """Return the names of the coordinates without a unit.
+
+    These turn a frame by themselves, without a parameter, or are added to the argument of a sine, a cosine or a
+    tangent.
+    """
+    graph, coordinates = model.graph, model.symbols.coordinates
+    turned = [x for frame in model.frames for row in frame.rotation or () for x in row]
+    placed = [x for point in model.points for piece in point.position for x in piece.components]
+    held = [x for row in rows for x in (row.position, *row.jacobian) if x is not None]
+    if model.given is not None or model.lagrangian is not None:
+        held += [x for row in matrix for x in row]
+    given = graph.mask(model.symbols.parameters)
+    bare = 0
+    for node in turned:
+        bare |= 0 if node.deps & given else node.deps
+    for node in Graph.topological([*turned, *placed, *held]):
+        if node.op in _CIRCULAR:
+            bare |= _added(node.args[0])
+    return tuple(name for name in coordinates if graph.input(name).deps & bare)
+
+
+def _added(node: Node) -> int:
+    """Return the dependency bits of the inputs of which multiples by numbers are added to a value."""
+    if node.op == "input":
+        return node.deps
+    if node.op not in _LINEAR or (node.op == "mul" and not any(arg.op == "const" for arg in node.args)):
+        return 0
+    found = 0
+    for arg in node.args:
+        found |= _added(arg)
+    return found
+
+
+# Equations of motion from a Lagrangian: d/dt dL/dq_dot - dL/dq = Q.
+#
+# L is a polynomial of degree two in the rates, L = T_2 + L_1 + L_0. Then M = d^2 L/dq_dot^2, and the forcing is Q +
+# dL/dq less the rate of dL/dq_dot at zero second rates. T_2 stands for the kinetic and -L_0 for the potential energy,
+# so that the energy is Jacobi's integral q_dot . dL/dq_dot - L, which is conserved where L does not depend on time and
+# loads do no work.
+
+
+def lagrangian_powers(kinematics: Kinematics) -> Powers:
+    """Return the mass matrix, forcing and energies of a scene that gives its Lagrangian.
+
+    Raises
+    ------
+    SceneError
+        When the Lagrangian is not of degree two in the rates.
+    """
+    graph, model = kinematics.graph, kinematics.model
+    lagrangian = model.lagrangian
+    assert lagrangian is not None and model.given is not None
+    q, rates = kinematics.q, kinematics.qdot
+    momenta = [tangents(graph, [lagrangian], {rate: graph.one})[0] for rate in rates]
+    matrix: Matrix = []
+    for name, row in zip(model.symbols.coordinates, jacobian(graph, momenta, rates), strict=True):
+        freed = [graph.freed_of(entry, rates) for entry in row]
+        if any(entry is None for entry in freed):
+            why = f"the Lagrangian is not of degree two in the rates: dL/d{name}_dot is not affine in them"
+            raise SceneError(model.name, [f"{why}. Only L = T - V with velocities affine in the rates can be compiled"])
+        matrix.append([entry for entry in freed if entry is not None])
+    bias = tangents(graph, momenta, kinematics.flow)
+    slopes = [tangents(graph, [lagrangian], {x: graph.one})[0] for x in q]
+    loads = load_powers(kinematics, model.given.loads)
+    forcing = [load + slope - rate for load, slope, rate in zip(loads, slopes, bias, strict=True)]
+    pairs = ((matrix[i][j], rates[i], rates[j]) for i in range(len(q)) for j in range(len(q)))
+    kinetic = graph.sum(entry * a * b for entry, a, b in pairs) / 2
+    still = graph.substitute([lagrangian], dict.fromkeys(rates, graph.zero))[0]
+    return Powers(matrix, forcing, kinetic, -still, -still)
 
 
 def derive(model: SceneModel) -> EquationsOfMotion:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import final
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from typing import Any, final
 
 from ..errors import list_names
 from ..ir.conditions import CONDITION_TIME
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..scene.model import ControllerModel
 from ..scene.symbol_table import SymbolTable
 from ..transforms.conditions import Condition, decide
 from ..transforms.linear import Matrix
-
-__all__ = ["ConstraintRow", "ContactRow", "EquationsOfMotion", "VelocityChoice", "VelocityGroup"]
-__all__ += ["Guard", "LoadEnergy"]
 
 
 @final
@@ -197,7 +195,7 @@ class EquationsOfMotion:
     outputs : mapping of str to Node
         Requested expressions; they may contain reactions as inputs.
     contacts : tuple of ContactRow
-        Laws of friction and constraints that open, which `dalembert.hybrid.modes` applies.
+        Laws of friction and constraints that open, which `dalembert.contacts.modes` applies.
     defaults : mapping of str to float
         Parameters that were added to those of the scene, and may be left out.
     guards : tuple of Guard
@@ -288,3 +286,38 @@ class EquationsOfMotion:
     def timing(self) -> tuple[Node, ...]:
         """Time, and that of conditions where there are any."""
         return (self.time, self.graph.input(CONDITION_TIME)) if decide(self.conditions) else (self.time,)
+
+
+# Copies of equations of motion, on a copy of their graph.
+
+
+def copied(equations: EquationsOfMotion) -> EquationsOfMotion:
+    """Return equal equations on a graph of their own, which has the same values in the same forms and order.
+
+    Derivations from the copy leave the original unchanged. Nodes of other graphs, as that of the potential energy
+    of loads, are shared.
+    """
+    graph = equations.graph.copy()
+    changed = {
+        field.name: _moved(getattr(equations, field.name), equations.graph, graph)
+        for field in fields(equations)
+        if field.name not in ("graph", "symbols")  # names have no nodes
+    }
+    return replace(equations, graph=graph, **changed)
+
+
+def _moved(value: Any, old: Graph, new: Graph) -> Any:
+    """Return a value whose nodes are those of a copied graph."""
+    if isinstance(value, Node):
+        return new.nodes[value.index] if value.graph is old else value
+    if isinstance(value, tuple | list):
+        moved = [_moved(each, old, new) for each in value]
+        return value if all(a is b for a, b in zip(value, moved, strict=True)) else type(value)(moved)
+    if isinstance(value, Mapping):
+        table = {key: _moved(each, old, new) for key, each in value.items()}
+        return value if all(value[key] is each for key, each in table.items()) else table
+    if is_dataclass(value) and not isinstance(value, type):
+        changed = {field.name: _moved(getattr(value, field.name), old, new) for field in fields(value)}
+        different = {name: each for name, each in changed.items() if each is not getattr(value, name)}
+        return replace(value, **different) if different else value
+    return value

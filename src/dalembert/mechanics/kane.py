@@ -11,16 +11,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..errors import SceneError
-from ..ir.graph import Node
+from ..ir.node import Node
 from ..ir.zero_tests import agree
 from ..scene.model import Components, GivenBody, GivenLoad, Pieces, SceneModel
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix
-from . import vectors as vec
+from . import kinematics as vec
 from .kinematics import Kinematics
 from .virtual_power import Powers
-
-__all__ = ["kane_powers", "load_powers", "velocities_agree"]
 
 
 def kane_powers(kinematics: Kinematics) -> Powers:

@@ -12,14 +12,13 @@ principle of virtual power.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import final
 
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..scene.model import BodyModel, Components, Pieces, SceneModel
 from ..transforms.derivatives import tangents
-from . import vectors as vec
-
-__all__ = ["Kinematics", "Motion", "Pose"]
 
 
 @final
@@ -73,9 +72,9 @@ class Kinematics:
         self.flow = dict(zip(self.q, self.qdot, strict=True))
         self.flow[self.graph.input(symbols.time)] = self.graph.one
         self.flow |= dict(zip(map(self.graph.input, symbols.states), model.state_rates, strict=True))
-        root = Pose(0, None, vec.zero(self.graph), vec.zero(self.graph))
+        root = Pose(0, None, zero(self.graph), zero(self.graph))
         # a field of gravity is an acceleration of the referential the other way
-        root.a = vec.scale(self.graph.const(-1), self.resolve(model.gravity, 0))
+        root.a = scale(self.graph.const(-1), self.resolve(model.gravity, 0))
         self.poses: list[Pose] = [root]
 
     # -- frames ---------------------------------------------------------------------------
@@ -93,18 +92,18 @@ class Kinematics:
         while source not in down:
             frame = self.model.frames[source]
             assert frame.rotation is not None and frame.parent is not None
-            a, source = vec.rotate_back(frame.rotation, a), frame.parent
+            a, source = rotate_back(frame.rotation, a), frame.parent
         for number in down[down.index(source) + 1 :]:
             rotation = self.model.frames[number].rotation
             assert rotation is not None
-            a = vec.rotate(rotation, a)
+            a = rotate(rotation, a)
         return a
 
     def resolve(self, pieces: Pieces, target: int) -> Components:
         """Return the components on `target` of a vector given in pieces."""
-        total = vec.zero(self.graph)
+        total = zero(self.graph)
         for piece in pieces:
-            total = vec.add(total, self.to_frame(piece.components, piece.frame, target))
+            total = add(total, self.to_frame(piece.components, piece.frame, target))
         return total
 
     # -- points ---------------------------------------------------------------------------
@@ -123,11 +122,11 @@ class Kinematics:
         from_start, to_end = self.point_pieces(start), self.point_pieces(end)
         while from_start and to_end and from_start[0] is to_end[0]:
             del from_start[0], to_end[0]
-        total = vec.zero(self.graph)
+        total = zero(self.graph)
         for pieces in to_end:
-            total = vec.add(total, self.resolve(pieces, frame))
+            total = add(total, self.resolve(pieces, frame))
         for pieces in from_start:
-            total = vec.subtract(total, self.resolve(pieces, frame))
+            total = subtract(total, self.resolve(pieces, frame))
         return total
 
     def carrier(self, point: int) -> int:
@@ -151,14 +150,14 @@ class Kinematics:
                 while level not in steps:  # written on a frame beside the chain: take it to where they part
                     model = self.model.frames[level]
                     assert model.rotation is not None and model.parent is not None
-                    level, components = model.parent, vec.rotate_back(model.rotation, components)
+                    level, components = model.parent, rotate_back(model.rotation, components)
                 steps[level].append(components)
         pose = self.poses[0]
         for number in chain:
             if number != 0:
                 pose = self._child(pose, (number,), number, None)
             for offset in steps[number]:
-                if not vec.is_zero(offset):
+                if not is_zero(offset):
                     pose = self._child(pose, tuple(x.index for x in offset), number, offset)
         return pose
 
@@ -172,13 +171,13 @@ class Kinematics:
 
     def _moved(self, parent: Pose, r: Components) -> Pose:
         rate = self._flow(r)
-        twist = vec.add(vec.cross(parent.omega, r), rate)
-        pose = Pose(parent.frame, parent, parent.omega, vec.add(parent.v, twist))
+        twist = add(cross(parent.omega, r), rate)
+        pose = Pose(parent.frame, parent, parent.omega, add(parent.v, twist))
         pose.offset = r
         pose.alpha = parent.alpha
-        a = vec.add(parent.a, vec.cross(parent.alpha, r))
-        a = vec.add(a, vec.cross(parent.omega, vec.add(twist, rate)))
-        pose.a = vec.add(a, self._flow(rate))
+        a = add(parent.a, cross(parent.alpha, r))
+        a = add(a, cross(parent.omega, add(twist, rate)))
+        pose.a = add(a, self._flow(rate))
         pose.motions = self._motions(lambda seeds: self._tangent(r, seeds), r, angular=False)
         return pose
 
@@ -186,12 +185,12 @@ class Kinematics:
         rotation = self.model.frames[frame].rotation
         assert rotation is not None
         spin = self._spin(rotation, self.flow)
-        omega = vec.rotate(rotation, parent.omega)
-        pose = Pose(frame, parent, vec.add(omega, spin), vec.rotate(rotation, parent.v))
+        omega = rotate(rotation, parent.omega)
+        pose = Pose(frame, parent, add(omega, spin), rotate(rotation, parent.v))
         pose.rotation = rotation
-        alpha = vec.add(vec.rotate(rotation, parent.alpha), vec.cross(omega, spin))
-        pose.alpha = vec.add(alpha, self._flow(spin))
-        pose.a = vec.rotate(rotation, parent.a)
+        alpha = add(rotate(rotation, parent.alpha), cross(omega, spin))
+        pose.alpha = add(alpha, self._flow(spin))
+        pose.a = rotate(rotation, parent.a)
         entries = (*rotation[0], *rotation[1], *rotation[2])
         pose.motions = self._motions(lambda seeds: self._spin(rotation, seeds), entries, angular=True)
         return pose
@@ -204,7 +203,7 @@ class Kinematics:
         for number, q in enumerate(self.q):
             if q.deps & deps:
                 direction = partial({q: self.graph.one})
-                if not vec.is_zero(direction):
+                if not is_zero(direction):
                     found.append(Motion(number, direction, angular))
         return tuple(found)
 
@@ -219,19 +218,71 @@ class Kinematics:
     def _spin(self, c: tuple[Components, Components, Components], seeds: dict[Node, Node]) -> Components:
         """Return the angular velocity relative to the parent, from C dC^T = [omega x], on the rotated frame."""
         rate = [self._tangent(row, seeds) for row in c]
-        w = [[vec.dot(c[i], rate[j]) for j in range(3)] for i in range(3)]
+        w = [[dot(c[i], rate[j]) for j in range(3)] for i in range(3)]
         pairs = ((2, 1), (0, 2), (1, 0))
         x, y, z = (w[i][j] if w[i][j] is -w[j][i] else (w[i][j] - w[j][i]) * self.graph.node(0.5) for i, j in pairs)
         return x, y, z
 
     def position(self, pose: Pose) -> Components:
         """Return the position of a pose's point from the origin, on the root frame."""
-        total = vec.zero(self.graph)
+        total = zero(self.graph)
         current: Pose | None = pose
         while current is not None:
             if current.offset is not None:
-                total = vec.add(total, current.offset)
+                total = add(total, current.offset)
             if current.rotation is not None:
-                total = vec.rotate_back(current.rotation, total)
+                total = rotate_back(current.rotation, total)
             current = current.parent
         return total
+
+
+# Three-component vectors of graph nodes.
+
+
+def zero(graph: Graph) -> Components:
+    """Return the zero vector."""
+    return graph.zero, graph.zero, graph.zero
+
+
+def is_zero(a: Components) -> bool:
+    """Whether all components are identically zero."""
+    return all(x.is_zero for x in a)
+
+
+def add(a: Components, b: Components) -> Components:
+    """Return a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def subtract(a: Components, b: Components) -> Components:
+    """Return a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def scale(factor: Node, a: Components) -> Components:
+    """Return factor * a."""
+    return factor * a[0], factor * a[1], factor * a[2]
+
+
+def cross(a: Components, b: Components) -> Components:
+    """Return a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def dot(a: Components, b: Components) -> Node:
+    """Return a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def rotate(matrix: Sequence[Components], a: Components) -> Components:
+    """Return matrix a."""
+    return dot(matrix[0], a), dot(matrix[1], a), dot(matrix[2], a)
+
+
+def rotate_back(matrix: Sequence[Components], a: Components) -> Components:
+    """Return the transposed matrix times a."""
+    return (
+        matrix[0][0] * a[0] + matrix[1][0] * a[1] + matrix[2][0] * a[2],
+        matrix[0][1] * a[0] + matrix[1][1] * a[1] + matrix[2][1] * a[2],
+        matrix[0][2] * a[0] + matrix[1][2] * a[1] + matrix[2][2] * a[2],
+    )

@@ -8,9 +8,9 @@ from itertools import combinations
 
 from ..errors import EnergyWarning, list_names
 from ..ir.algebra import Algebra
-from ..ir.graph import Graph, Node
-from ..ir.sampling import match
-from ..ir.zero_tests import agree
+from ..ir.graph import Graph
+from ..ir.node import Node
+from ..ir.zero_tests import agree, match
 from ..transforms.derivatives import tangents
 from .equations import ConstraintRow, LoadEnergy
 from .kane import load_powers
@@ -18,8 +18,6 @@ from .kinematics import Kinematics
 from .load_potentials import LoadPart, given_parts, load_parts
 from .manifold import agree_on_manifold
 from .virtual_power import Powers
-
-__all__ = ["load_energy", "warn_of_silent_potential"]
 
 _COMBINED = 8
 """Number of loads up to which every selection of them is compared with a declared potential energy."""

@@ -16,17 +16,16 @@ from itertools import chain
 from typing import final
 
 from ..ir.conditions import CONDITION_TIME
-from ..ir.graph import Graph, Node
-from ..ir.sampling import directions, lost_at_zero, match, probe
+from ..ir.graph import Graph
+from ..ir.node import Node
+from ..ir.zero_tests import directions, lost_at_zero, match, probe
 from ..scene.model import Components
 from ..transforms.antiderivatives import Antiderivatives
-from . import vectors as vec
+from . import kinematics as vec
 from .equations import ConstraintRow
 from .kinematics import Kinematics
 from .loads_at_rest import Load, LoadReader
 from .manifold import agree_on_manifold
-
-__all__ = ["LoadPart", "given_parts", "load_parts"]
 
 _TOGETHER = 4
 """Most loads in a row that may be those of one spring: two for one between points, more over a pathway."""

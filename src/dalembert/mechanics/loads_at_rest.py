@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..scene.model import Action, Components, Pieces
-from . import vectors as vec
+from . import kinematics as vec
 from .kinematics import Kinematics, Pose
-
-__all__ = ["Load", "LoadReader"]
 
 
 @final

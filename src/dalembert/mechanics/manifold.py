@@ -8,10 +8,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..arrays import FloatArray
-from ..ir.graph import Node
-from ..ir.sampling import random_inputs, values_of
-
-__all__ = ["agree_on_manifold", "meets_span_on_manifold", "outside_span_on_manifold"]
+from ..ir.node import Node
+from ..ir.zero_tests import random_inputs, values_of
 
 _POINTS, _DRAWS, _ITERATIONS = 3, 60, 60
 _TOLERANCE = 1e-9

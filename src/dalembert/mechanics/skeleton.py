@@ -10,16 +10,14 @@ from ..arrays import FloatArray
 from ..errors import OptionError, list_names
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
+from ..scene.joints import placed
 from ..scene.model import Pieces, SceneModel
-from ..scene.outputs import placed
 from ..scene.reading import read
 from ..transforms.lower_kernels import lower_kernel
 from .kinematics import Kinematics
 
 if TYPE_CHECKING:
     from ..scene import Scene
-
-__all__ = ["Skeleton", "skeleton"]
 
 
 @final

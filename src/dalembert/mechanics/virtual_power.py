@@ -13,15 +13,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..ir.graph import Node
+from ..ir.node import Node
 from ..ir.zero_tests import agree
 from ..scene.model import Components
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix
-from . import vectors as vec
+from . import kinematics as vec
 from .kinematics import Kinematics, Motion, Pose
-
-__all__ = ["Powers", "powers"]
 
 Screw = tuple[Components, Components]
 """Resultant and moment about the point of a pose."""

@@ -6,29 +6,6 @@ import numpy as np
 
 from ..arrays import FloatArray
 
-__all__ = [
-    "BEND",
-    "BENDS",
-    "BEND_TAIL",
-    "BETWEEN",
-    "CHECKS",
-    "CLOSE",
-    "COEFFICIENTS",
-    "CONVERGED",
-    "COUNT",
-    "DIVIDED",
-    "INTEGRAL",
-    "MISSED",
-    "NEGLIGIBLE",
-    "POINTS",
-    "SLOPES",
-    "SLOPE_TAIL",
-    "SMOOTH",
-    "TAIL",
-    "UNSEEN",
-]
-
-
 COUNT = 8
 """Points of a piece."""
 

@@ -10,20 +10,6 @@ import numpy as np
 
 from ..arrays import FloatArray
 
-__all__ = [
-    "BETWEEN",
-    "COMPLEX",
-    "ERROR_ORDER",
-    "ERROR_WEIGHTS",
-    "FROM_MODES",
-    "INVERSE_POWERS",
-    "METHOD",
-    "NODES",
-    "ORDER",
-    "REAL",
-    "TO_MODES",
-]
-
 ORDER, ERROR_ORDER = 5, 3
 NODES: FloatArray = np.array([(4.0 - np.sqrt(6.0)) / 10.0, (4.0 + np.sqrt(6.0)) / 10.0, 1.0])
 """Nodes c: zeros of the Radau polynomial; a step ends at its last stage."""

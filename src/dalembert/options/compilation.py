@@ -8,8 +8,6 @@ from typing import Any, final
 
 from ..errors import OptionError, unknown_name
 
-__all__ = ["ORIENTATIONS", "CompileOptions"]
-
 ORIENTATIONS = ("scene", "quaternion")
 """Coordinates that orient bodies: those of the scene, or unit quaternions in place of three angles."""
 

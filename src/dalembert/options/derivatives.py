@@ -10,8 +10,6 @@ from ..errors import OptionError
 from ..values import option, times_of, whole
 from .runs import RunOptions, set_checked
 
-__all__ = ["SensitivityOptions", "TrimOptions"]
-
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -11,21 +11,6 @@ from typing import Any, TypeVar, final
 from ..errors import OptionError
 from ..values import flag, option, times_of, tolerances, whole
 
-__all__ = [
-    "DEFAULT_TOLERANCES",
-    "MAX_STEPS",
-    "TRACED_MAX_STEPS",
-    "PrepareOptions",
-    "RunOptions",
-    "SimulateOptions",
-    "SolveOptions",
-    "StepOptions",
-    "SweepOptions",
-    "set_checked",
-    "simulate_options",
-    "tighter",
-]
-
 _Estimating = TypeVar("_Estimating", "SimulateOptions", "SweepOptions")
 
 DEFAULT_TOLERANCES = 1e-8, 1e-10

@@ -10,8 +10,6 @@ from ..errors import OptionError
 from ..values import flag, whole
 from .runs import set_checked
 
-__all__ = ["StoreOptions"]
-
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
 from ..ir.kernel import Kernel
+from ..ir.node import Node
 from ..mechanics.equations import EquationsOfMotion
 from ..once import deriving
 from ..transforms.linear import matvec
@@ -19,8 +20,6 @@ from .base import ReducedSystem
 from .saddle import SaddlePoint
 from .start_limits import StartLimits, left_by_rounding_of_start
 from .starting import Start
-
-__all__ = ["admission_of_state", "admission_of_variables", "dependence"]
 
 _PERIODS = {"integer": (1, 0), "even": (2, 0), "odd": (2, 1)}
 """Declaration -> number, and the rest that is left of a division by it."""

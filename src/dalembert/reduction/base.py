@@ -8,21 +8,14 @@ from dataclasses import dataclass, field
 from typing import final
 
 from ..errors import SingularMassMatrixError
-from ..ir.graph import Graph, Node
+from ..ir.conditions import CONDITION_TIME, Conditions
+from ..ir.graph import Graph
+from ..ir.kernel import Kernel
+from ..ir.node import Node
 from ..mechanics.equations import EquationsOfMotion
 from ..transforms.linear import Factorization, Matrix, SingularMatrix, factorize
+from ..transforms.lower_kernels import lower_kernel
 from ..transforms.rank_one import diagonal_less_dyad
-
-__all__ = [
-    "Formulation",
-    "Projection",
-    "ReducedSystem",
-    "ReductionSettings",
-    "StageSystem",
-    "factorize_inertia",
-    "inertia_pivots",
-    "solve_inertia",
-]
 
 
 @final
@@ -207,3 +200,28 @@ def solve_inertia(
         return parts.solve(demand), None
     factors = factorize_inertia(graph, matrix, names, equations.name)
     return factors.solve(demand), factors
+
+
+# Conditions on time and parameters as kernels.
+
+
+def decided(equations: EquationsOfMotion) -> Conditions | None:
+    """Return the conditions of equations as kernels, None where there are none."""
+    if not equations.conditions:
+        return None
+    graph, parameters = equations.graph, equations.symbols.parameters
+    inputs: dict[Node, tuple[str, int | None]] = {equations.time: ("t", None)}
+    inputs |= {graph.input(name): ("p", i) for i, name in enumerate(parameters)}
+    functions = [condition.function for condition in equations.conditions]
+    within = graph.input(CONDITION_TIME).deps
+
+    def lowered(node: Node) -> Kernel:
+        return lower_kernel(graph, "condition", [node], inputs, arguments=("t", "p"))
+
+    return Conditions(
+        place=parameters.index(CONDITION_TIME) if CONDITION_TIME in parameters else None,
+        functions=tuple(map(lowered, functions)),
+        kinds=tuple(condition.kind for condition in equations.conditions),
+        nested=tuple(bool(node.deps & within) for node in functions),
+        sharpness=tuple(None if c.sharpness is None else lowered(c.sharpness) for c in equations.conditions),
+    )

@@ -2,7 +2,7 @@
 
 J q_ddot = bias - 2 alpha (J q_dot + drift) - beta^2 phi, so that each violation obeys the equation of a damped
 oscillator (J. Baumgarte, Computer Methods in Applied Mechanics and Engineering 1 (1972) 1-16). Runs backward in time
-take -|alpha| (`dalembert.ir.decay_rates`): with a positive one violations would grow.
+take -|alpha| (`dalembert.ir.program`): with a positive one violations would grow.
 """
 
 from __future__ import annotations
@@ -11,13 +11,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import final
 
-from ..ir.decay_rates import DECAY_RATE, FIXED_GAINS
-from ..ir.graph import Node
+from ..ir.node import Node
+from ..ir.program import DECAY_RATE, FIXED_GAINS
 from ..mechanics.equations import EquationsOfMotion
 from .base import Formulation, ReducedSystem, ReductionSettings
 from .saddle import SaddlePoint, reduce_saddle, velocity_residuals
-
-__all__ = ["DEFAULT_GAIN", "GAINS", "Baumgarte", "with_fixed_gains"]
 
 GAINS = (DECAY_RATE, "baumgarte_beta")
 """Parameters that the formulation adds where the gains are not given; they may be left out."""

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Any, final
 
 from ..errors import EnergyWarning, ExpressionError, UnknownNameError, list_names, unknown_name
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
 from ..ir.kernel import Kernel
+from ..ir.node import Node
 from ..methods.step_constants import EPSILON
 from ..naming import acceleration_input, acceleration_name, rate_name, unwritable
 from ..once import once_property
@@ -24,8 +25,6 @@ from ..transforms.derivatives import tangents
 from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
 from .state_noise import summands, terms
-
-__all__ = ["EventFunctions", "coordinates_kernel", "event_functions", "jump_kernel"]
 
 _ROUNDINGS = 64 * EPSILON
 _AT_LIMIT = 1024 * EPSILON

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..ir.graph import Node
+from ..ir.node import Node
 from ..mechanics.equations import EquationsOfMotion
 from .base import Projection, ReducedSystem, StageSystem
-
-__all__ = ["with_states"]
 
 
 def with_states(system: ReducedSystem, equations: EquationsOfMotion) -> ReducedSystem:

@@ -11,12 +11,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import final
 
-from ..ir.graph import Node
+from ..ir.node import Node
 from ..mechanics.equations import EquationsOfMotion
 from .base import Formulation, ReducedSystem, ReductionSettings, StageSystem
 from .saddle import SaddlePoint, reduce_saddle, velocity_residuals
-
-__all__ = ["GearGuptaLeimkuhler"]
 
 
 @final

@@ -19,15 +19,14 @@ from dataclasses import dataclass, replace
 from typing import final
 
 from ..errors import FormulationError
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..mechanics.equations import EquationsOfMotion
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Factorization, factorize
 from .base import Projection, ReducedSystem
 from .invariants import integrals
 from .saddle import SaddlePoint, velocity_residuals
-
-__all__ = ["DAMPING", "TIME_SCALE", "initial_name", "project_invariants", "refuse_formulation"]
 
 DAMPING = 1e-6
 """Share of the squared gradient of a first integral by which it is damped."""

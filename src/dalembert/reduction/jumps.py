@@ -7,16 +7,15 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import final
 
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..ir.tables import LOWER, Table
 from ..ir.zero_tests import terms_of
 from ..methods.step_constants import EPSILON
-from ..transforms.knot_limits import table_nodes
 from ..transforms.linear import SET_ASIDE
 from ..transforms.nonsmooth import JUMPING
+from ..transforms.step_limits import table_nodes
 from .base import ReducedSystem
-
-__all__ = ["NEAREST", "Jump", "has_jumps", "jumps_of"]
 
 _MARGIN = 8.0 * EPSILON
 """Share of the largest knot, or of the terms of a switch, within which an argument counts as at a jump; steps at knots

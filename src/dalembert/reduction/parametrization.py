@@ -14,14 +14,12 @@ from dataclasses import dataclass
 from typing import final
 
 from ..errors import ConstraintError
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..ir.zero_tests import magnitude, vanishes
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion, VelocityChoice, VelocityGroup
 from ..transforms.derivatives import tangents
 from ..transforms.linear import matvec
-
-__all__ = ["NoRegularBasis", "Parametrization", "parametrizations"]
-
 
 _SMALL = 1e-3
 """Share of another number below which a number is not divided by, so that eliminations do not amplify rounding."""

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..ir.graph import Node
+from ..ir.node import Node
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion
 from ..transforms.linear import SingularMatrix, factorize, matmul, matvec, transpose
 from .base import ReducedSystem
 from .reactions import requested_outputs
-
-__all__ = ["prescribed"]
 
 
 def prescribed(equations: EquationsOfMotion, requested: Sequence[str]) -> ReducedSystem | None:

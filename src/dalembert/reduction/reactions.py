@@ -13,16 +13,15 @@ from dataclasses import dataclass
 from typing import final
 
 from ..errors import RELEASE, ConstraintError, UnknownNameError, list_names, unknown_name
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import EquationsOfMotion
 from ..mechanics.manifold import outside_span_on_manifold
 from ..naming import acceleration_input, acceleration_name, rate_name
 from ..transforms.linear import Matrix, dependence, factorize, matmul, matvec, transpose
+from .base import ReducedSystem
 from .unit_sphere import unit_values
-
-__all__ = ["Requested", "independent_columns", "reaction_solver", "requested_outputs", "undetermined_unknowns"]
-
 
 _SHIFT = 1e-7
 _ORDINARY = 1e-2, 1e2
@@ -304,3 +303,29 @@ def _minimum_norm(
         more = factors.solve(matvec(graph, columns, rest))
         solution = [a + b for a, b in zip(solution, more, strict=True)]
     return solution
+
+
+# Reactions of contacts that share a load indeterminately, and outputs in terms of them.
+
+
+def shared_reactions(system: ReducedSystem) -> tuple[Sequence[Node], Sequence[Node]] | None:
+    """Return what decides the reactions, and the outputs in terms of them as inputs; None where none is asked for.
+
+    What decides them is those of least norm, the power coefficients and the rows of the cones
+    (`EquationsOfMotion.cones`), in terms of t and the state.
+    """
+    equations = system.equations
+    own = {guard.output for guard in equations.guards}
+    asked = [name for name in system.outputs if name not in own]
+    if not equations.cones or not asked:
+        return None
+    values = dict(zip((*equations.q, *equations.qdot), (*system.coordinates, *system.rates), strict=True))
+    values = {a: b for a, b in values.items() if a is not b}
+    unknowns = set(equations.unknowns)
+    held = requested_outputs(equations, list(system.outputs), values, system.accelerations, solve=False).outputs
+    if not any(node in unknowns for node in equations.graph.topological([held[name] for name in asked])):
+        return None
+    least = requested_outputs(equations, equations.symbols.unknowns, values, system.accelerations).outputs
+    entries = [entry for row in (*equations.reactions, *equations.cones) for entry in row]
+    decide = [*least.values(), *equations.graph.substitute(entries, values)]
+    return decide, list(held.values())

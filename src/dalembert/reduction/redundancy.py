@@ -12,13 +12,12 @@ from dataclasses import dataclass, replace
 from typing import final
 
 from ..errors import ConstraintError
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..ir.zero_tests import magnitude, vanishes
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion
 from ..transforms.derivatives import tangents
 from ..transforms.linear import SingularMatrix, factorize, guarded_pivot, matmul, transpose
-
-__all__ = ["Independent", "independent_constraints"]
 
 
 @final

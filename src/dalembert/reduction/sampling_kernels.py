@@ -6,15 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
 from ..ir.kernel import Kernel
+from ..ir.node import Node
 from ..mechanics.equations import EquationsOfMotion
 from ..transforms.derivatives import GUARDED, tangents
 from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
-from .input_weights import seeds_of, with_weights
-
-__all__ = ["Action", "SampledVariables", "SamplingKernels", "sampling_kernels"]
+from .variational import seeds_of, with_weights
 
 _ARGUMENTS = ("t", "y", "c")
 

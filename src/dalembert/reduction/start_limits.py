@@ -12,15 +12,14 @@ from collections.abc import Sequence
 from functools import reduce
 from typing import final
 
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..ir.zero_tests import terms_of
 from ..mechanics.equations import EquationsOfMotion
 from ..scene.elapsed import START
 from ..scene.symbol_table import SymbolTable
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix
-
-__all__ = ["LEAST_SHARE", "TOLERANCE", "StartLimits", "left_by_rounding_of_start"]
 
 TOLERANCE = 1e-8
 """Relative residual up to which an initial state counts as consistent."""

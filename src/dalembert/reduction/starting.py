@@ -15,25 +15,24 @@ from dataclasses import dataclass
 from typing import final
 
 from ..errors import InitialStateError, list_names
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.interning import TOLERANCE as ROUNDING
 from ..ir.kernel import Kernel
+from ..ir.node import Node
 from ..ir.program import DIRECTION
-from ..ir.zero_tests import TOLERANCE as ROUNDING
 from ..ir.zero_tests import terms_of
 from ..once import deriving
-from ..scene.entries import chosen_entries
+from ..scene.orientation import chosen_entries
 from ..scene.symbol_table import Entry
 from ..transforms.derivatives import GUARDED, tangents
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
-from .input_weights import seeds_of, with_weights
 from .jumps import has_jumps
 from .knot_starts import KnotStarts
 from .reactions import independent_columns
 from .start_limits import LEAST_SHARE, StartLimits, left_by_rounding_of_start
-
-__all__ = ["Start", "start_tangents", "starting"]
+from .variational import seeds_of, with_weights
 
 
 @final

@@ -9,12 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..transforms.derivatives import tangents
 from .base import ReducedSystem
 from .saddle import SaddlePoint, velocity_residuals
-
-__all__ = ["summands", "terms"]
 
 
 def terms(system: ReducedSystem, graph: Graph, y: Sequence[Node], time: Node, nodes: Sequence[Node]) -> list[Node]:

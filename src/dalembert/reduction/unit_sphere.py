@@ -10,12 +10,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..ir.graph import Node, unit_names
+from ..ir.node import Node, unit_names
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion, VelocityChoice, VelocityGroup
 from ..transforms.linear import Matrix
 from .base import Projection
-
-__all__ = ["from_unit_sphere", "normalisation", "on_unit_sphere", "unit_notes", "unit_values"]
 
 
 def _constrained_quaternions(equations: EquationsOfMotion) -> list[VelocityGroup]:

@@ -10,18 +10,57 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import final
 
-from ..ir.graph import Graph, Node
-from ..ir.program import Layout, Program
+from ..ir.graph import Graph
+from ..ir.node import Node
+from ..ir.program import Layout, Program, hidden_parameters
 from ..naming import rate_name
+from ..scene.symbol_table import SymbolTable
 from ..transforms.derivatives import GUARDED, tangents
 from ..transforms.lower_kernels import lower_kernel
 from ..transforms.pipelines import PROGRAM_PASSES
-from .base import ReducedSystem
-from .input_weights import seeds_of, weights_of, with_weights
-from .step_limits import step_limits
-from .time_conditions import decided
+from ..transforms.step_limits import step_limits
+from .base import ReducedSystem, decided
 
-__all__ = ["variational"]
+# Derivatives by values of inputs: the weight of a value as a function of time.
+#
+# A record of an input is a sum of its values, each times a weight that depends on time alone. The derivative of the
+# input by one of the values is that weight: an input of its own, whose coefficients are the derivatives of those of
+# the input.
+
+
+def input_of(name: str, symbols: SymbolTable) -> str | None:
+    """Return the input u that a name stands for, as "u" or as "u[3]", one of its values; None for other names."""
+    if name in symbols.parameters or name in symbols.variables:
+        return None
+    stem = name.partition("[")[0]
+    return stem if stem in symbols.input_names else None
+
+
+def weight_of(name: str) -> str:
+    """Return the name of the input that is the derivative of an input by one of its values."""
+    return f"weight of {name}"
+
+
+def weights_of(wrt: Sequence[str], symbols: SymbolTable) -> tuple[str, ...]:
+    """Return the names of the weights for those of `wrt` that are values of inputs."""
+    return tuple(weight_of(name) for name in wrt if input_of(name, symbols) is not None)
+
+
+def with_weights(wrt: Sequence[str], symbols: SymbolTable) -> tuple[str, ...]:
+    """Return the parameters of a scene, followed by those of the weights of values of inputs."""
+    return (*symbols.parameters, *(x for weight in weights_of(wrt, symbols) for x in hidden_parameters(weight)))
+
+
+def seeds_of(graph: Graph, name: str, symbols: SymbolTable) -> dict[Node, Node]:
+    """Return the parameters that depend on a parameter or on a value of an input, each with its derivative."""
+    if name in symbols.parameters:
+        return {graph.input(name): graph.one}
+    changed = input_of(name, symbols)
+    if changed is None:
+        return {}
+    _, *own = hidden_parameters(changed)
+    _, *weights = hidden_parameters(weight_of(name))
+    return {graph.input(a): graph.input(b) for a, b in zip(own, weights, strict=True)}
 
 
 def variational(system: ReducedSystem, of: Sequence[str], wrt: Sequence[str]) -> Program:
@@ -35,7 +74,7 @@ def variational(system: ReducedSystem, of: Sequence[str], wrt: Sequence[str]) ->
         Names of coordinates, rates, components of the state and requested outputs.
     wrt : sequence of str
         Names of parameters, and any others for initial values, on which the equations do not depend; "u" or "u[3]" is
-        a value of the input u, whose weight is another input of the program (`dalembert.reduction.input_weights`).
+        a value of the input u, whose weight is another input of the program (`dalembert.reduction.variational`).
 
     Returns
     -------

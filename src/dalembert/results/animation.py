@@ -14,16 +14,14 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from ..errors import MissingExtraError, OptionError
-from ..integrators.segments import Constants, constants_at
 from ..mechanics.skeleton import skeleton
+from ..stops.segments import Constants, constants_at
 from ..values import listed, option
 from .drawing import Drawing, Line, Surface, drawing_of, shape_points
 
 if TYPE_CHECKING:
     from ..scene import Scene
     from .trajectory import Trajectory
-
-__all__ = ["Animation", "animated"]
 
 _MOST_FRAMES = 5_000
 _WRITERS = {".gif": "pillow", ".html": "html", ".htm": "html", ".mp4": "ffmpeg", ".mkv": "ffmpeg", ".mov": "ffmpeg"}

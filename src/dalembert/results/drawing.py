@@ -12,16 +12,27 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, list_names
-from ..scene.shape_values import force_values, length_value, vector_value
-from ..scene.shapes import BODY_SHAPES, Box, Cylinder, Disk, Ground, Path, Rod, Shape, Sphere, Spring
+from ..scene.shapes import (
+    BODY_SHAPES,
+    Box,
+    Cylinder,
+    Disk,
+    Ground,
+    Path,
+    Rod,
+    Shape,
+    Sphere,
+    Spring,
+    force_values,
+    length_value,
+    vector_value,
+)
 from . import shape_meshes
 
 if TYPE_CHECKING:
     from ..mechanics.skeleton import Skeleton
     from ..scene import Scene
     from .trajectory import Trajectory
-
-__all__ = ["Drawing", "Line", "Surface", "drawing_of", "shape_points"]
 
 _COLORS = ("#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f", "#bcbd22", "#17becf")
 _AXIS_COLORS = ("#d62728", "#2ca02c", "#1f77b4")

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from .parts import Part
     from .trajectory import Trajectory
 
-__all__ = ["ErrorEstimate", "Estimated", "NamedArrays", "SamePhases"]
-
 
 class NamedArrays(Protocol):
     """Arrays by name."""

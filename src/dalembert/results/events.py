@@ -12,10 +12,8 @@ from ..arrays import FloatArray
 from ..errors import UnknownNameError, unknown_name
 
 if TYPE_CHECKING:
-    from ..integrators.recorded_motion import Occurrence
+    from ..events.recorded_motion import Occurrence
     from .trajectory import Trajectory
-
-__all__ = ["EventRecord", "EventRecords", "event_records"]
 
 
 @final

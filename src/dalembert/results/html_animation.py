@@ -14,8 +14,6 @@ try:
 except ImportError:
     raise MissingExtraError('plotly is needed; install it with: pip install "dalembert[plot]"') from None
 
-__all__ = ["figure", "page"]
-
 
 _FOLLOW_WIDTH = (
     "const div = document.getElementById('{plot_id}'); new ResizeObserver(() => Plotly.Plots.resize(div)).observe(div);"

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Container, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from html import escape
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, final
 
+import numpy as np
+
+from ..arrays import FloatArray
 from ..errors import MissingExtraError, OptionError, UnknownNameError, unknown_name
-from ..integrators.segments import Segments, constants_at
 from ..ir.program import Layout
+from ..stops.segments import Segments, constants_at
 from ..version import __version__
 
 if TYPE_CHECKING:
@@ -17,17 +21,6 @@ if TYPE_CHECKING:
     from .sweep import Sweep, SweepStatistics
     from .trajectory import RunStatistics, Trajectory
 
-__all__ = [
-    "attributes",
-    "distinct",
-    "flags",
-    "given_name",
-    "reaction_hint",
-    "to_xarray",
-    "value_name",
-    "with_units",
-    "xarray_package",
-]
 
 _OWN_NAMES = ("case", "time", "status", "steps", "t_end")
 """Names that a data set has of its own: results, axes and given values of these names get other ones."""
@@ -182,3 +175,62 @@ def xarray_package() -> Any:
     except ImportError:
         raise MissingExtraError('xarray is needed; install it with: pip install "dalembert[xarray]"') from None
     return xarray
+
+
+# Arrays and other values by name, with an error that lists the names.
+
+T = TypeVar("T")
+
+
+@final
+class NamedValues(dict[str, T], Generic[T]):
+    """Arrays, or other values, by name.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the values, for messages.
+    values : mapping of str
+    aliases : mapping of str to str, optional
+        Names by the texts of SymPy symbols, which may be given in place of them.
+
+    Raises
+    ------
+    UnknownNameError
+        For a name that is not there.
+    """
+
+    def __init__(self, kind: str, values: Mapping[str, T], aliases: Mapping[str, str] | None = None) -> None:
+        super().__init__(values)
+        self._kind, self._aliases = kind, aliases or {}
+
+    def __missing__(self, key: Any) -> T:
+        name = self._aliases.get(str(key), str(key))
+        if name in self:
+            return self[name]
+        raise UnknownNameError(unknown_name(self._kind, name, self))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return NamedValues, (self._kind, dict(self), self._aliases)
+
+
+# Texts that notebooks show of results.
+
+
+def summary(title: str, facts: Iterable[tuple[str, object]], head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return HTML: a title, pairs of a name and a value, and a table."""
+    items = "".join(f"<li>{escape(name)}: {escape(str(value))}</li>" for name, value in facts)
+    heads = "".join(f"<th>{escape(cell)}</th>" for cell in head)
+    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    table = f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>"
+    return f"<div><b>{escape(title)}</b><ul>{items}</ul>{table}</div>"
+
+
+def ranges(names: Iterable[str], columns: Iterable[FloatArray]) -> list[tuple[str, ...]]:
+    """Return name, least, largest and last number of columns of numbers."""
+    rows = []
+    for name, column in zip(names, columns, strict=True):
+        finite = column[np.isfinite(column)]
+        cells = (finite.min(), finite.max(), column.ravel()[-1]) if finite.size else (np.nan,) * 3
+        rows.append((name, *(f"{x:.6g}" for x in cells)))
+    return rows

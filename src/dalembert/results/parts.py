@@ -12,19 +12,17 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import EnergyWarning, OptionError, warn_caller
-from ..integrators.dense_output import DenseOutput
-from ..integrators.projected_states import projected
-from ..integrators.segments import Constants, Segments, constants_at
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
+from ..steps.dense_output import DenseOutput
+from ..steps.projection import projected
+from ..stops.segments import Constants, Segments, constants_at
 from ..transforms.periodic import angles_in
 from .shared_loads import output_rows
 
 if TYPE_CHECKING:
     from ..scene import Scene
-
-__all__ = ["ENERGIES", "Part", "Phase", "joined_variables", "warn_of_energy"]
 
 ENERGIES = ("energy", "kinetic_energy", "potential_energy")
 

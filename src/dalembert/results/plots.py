@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from .animation import Animation
     from .trajectory import Trajectory
 
-__all__ = ["animate", "plot"]
-
 _POINTS_PER_STEP = 20
 
 

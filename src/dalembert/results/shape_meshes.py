@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 
-__all__ = ["Mesh", "box", "coil", "cylinder", "disk", "frame_of", "sphere", "square"]
-
 
 @final
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,6 @@ from ..arrays import FloatArray
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 
-__all__ = ["output_rows", "shared_outputs"]
-
 _RANK = 1e-10
 """Singular value of equations with rows of length one, below which they do not determine a combination of reactions."""
 

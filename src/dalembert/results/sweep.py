@@ -16,25 +16,24 @@ from ..ir.program import Layout
 from ..methods.status import Status
 from .estimate import Estimated, NamedArrays
 from .labels import (
+    NamedValues,
     attributes,
     distinct,
     flags,
     given_name,
+    ranges,
     reaction_hint,
+    summary,
     to_dataframe,
     value_name,
     with_units,
     xarray_package,
 )
-from .named_values import NamedValues
-from .notebook import ranges, summary
 from .parts import ENERGIES
 from .sweep_states import ContactStates, ProgramStates
 
 if TYPE_CHECKING:
     import xarray
-
-__all__ = ["CaseFailure", "EventCounts", "Sweep", "SweepStatistics"]
 
 
 @final
@@ -345,7 +344,7 @@ class Sweep(Estimated):
         """Return the columns of a data set that say what contacts do; none where they do not change."""
         if not self.modes:
             return {}
-        from ..hybrid.modes import STATES
+        from ..contacts.contact_laws import STATES
 
         names, columns = ("none", *STATES), dict[str, Any]()
         for contact, found in self.modes.items():

@@ -16,8 +16,6 @@ from ..ir.program import Program
 from .parts import ENERGIES, warn_of_energy
 from .shared_loads import output_rows
 
-__all__ = ["NO_MODE", "ContactStates", "ProgramStates", "States"]
-
 NO_MODE = -1
 """Number of the mode of scenes without contacts."""
 
@@ -30,7 +28,7 @@ _BLOCK = 8192
 class States:
     """States of cases: times (k,), variables (k, 2 n_q + n_z), the numbers of their cases and modes (-1: none).
 
-    Modes are numbered as `dalembert.hybrid.HybridAutomaton` does. `history` (k,) is a number that tells apart the modes
+    Modes are numbered as `HybridAutomaton` does. `history` (k,) is a number that tells apart the modes
     of the phases before. `added` (k, 4 n_contacts) are the parameters that the contacts add to those of the scene.
     """
 

@@ -13,22 +13,20 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
-from ..integrators.event_rules import last_instants
+from ..events.event_rules import last_instants
 from ..ir.program import Layout
-from ..methods.event_constants import RESOLUTION
 from ..methods.status import Status
+from ..methods.step_constants import RESOLUTION
 from ..values import times_of
 from . import labels, plots
 from .estimate import Estimated, NamedArrays, SamePhases
 from .events import EventRecords
-from .notebook import ranges, summary
+from .labels import ranges, summary
 from .parts import ENERGIES, Part, Phase, joined_variables
 
 if TYPE_CHECKING:
-    from ..integrators.segments import Constants
     from ..scene import Scene
-
-__all__ = ["RunStatistics", "Trajectory"]
+    from ..stops.segments import Constants
 
 _NO_EVENTS = EventRecords()
 

@@ -2,11 +2,10 @@
 
 from .contacts import CoulombFriction, UnilateralContact
 from .controllers import Controller
-from .joints import Joint
+from .joints import Joint, Unknown, unknowns
 from .orientation import free_orientation
 from .scene import Scene
 from .tables import table
-from .unknowns import Unknown, unknowns
 
 __all__ = [
     "Controller",

@@ -20,8 +20,6 @@ from .identity import vanishes
 if TYPE_CHECKING:
     from .scene import Scene
 
-__all__ = ["ActuatorLoads", "actuator_loads", "loads_of", "potential_of", "read_actuators", "straight_parts"]
-
 _KINDS = "LinearSpring, DuffingSpring, LinearDamper, ForceActuator and TorqueActuator"
 
 

@@ -20,8 +20,6 @@ import sympy as sp
 
 from .identity import vanishes
 
-__all__ = ["AngleSequence", "recognised"]
-
 _TRIALS = ((0.37, 0.81, -0.59), (1.93, -0.45, 0.71))
 
 

@@ -16,14 +16,13 @@ import sympy as sp
 from sympy.physics.vector import Vector, dynamicsymbols
 
 from ..errors import list_names
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..naming import rate_name
 from ..transforms.derivatives import tangents
-from ..transforms.quaternions import rotation_entries, spin_matrix
+from ..transforms.linear import rotation_entries, spin_matrix
 from .expressions import ExpressionReader
 from .orientation import FreeOrientation
-
-__all__ = ["Angles"]
 
 _QUARTERS = tuple((Fraction(a), Fraction(b)) for a, b in ((1, 0), (0, 1), (-1, 0), (0, -1)))
 _SECONDS = tuple((Fraction(a, 5), Fraction(b, 5)) for a, b in ((3, 4), (4, 3), (-3, 4), (4, -3), (3, -4)))

@@ -14,11 +14,9 @@ from .identity import equal
 from .model import ConstraintModel, ContactModel
 
 if TYPE_CHECKING:
-    from ..ir.graph import Node
+    from ..ir.node import Node
     from .expressions import ExpressionReader
     from .scene import Scene
-
-__all__ = ["CoulombFriction", "UnilateralContact", "read_contacts"]
 
 
 @final

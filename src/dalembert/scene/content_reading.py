@@ -11,21 +11,20 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import dynamicsymbols
 
 from ..errors import RELEASE, list_names
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..ir.zero_tests import agree
 from ..naming import rate_name
 from ..transforms.derivatives import tangents
 from .actuators import read_actuators
 from .contacts import read_contacts
 from .controllers import controller_symbols, read_controllers
-from .dyadics import matrix_of
 from .expressions import short
+from .frames import matrix_of
 from .geometry import GeometryReader
 from .joint_checks import torques_on_particles
 from .joints import Joint
 from .model import Action, BodyModel, Components, ConstraintModel, ContactModel, ControllerModel
-
-__all__ = ["ContentReader"]
 
 _IMPLIED = (
     "is already implied by the parametrization: it vanishes for all coordinates. Remove it; for its reaction, release a"

@@ -13,10 +13,9 @@ from ..errors import list_names
 from .model import ControllerModel
 
 if TYPE_CHECKING:
-    from ..ir.graph import Graph, Node
+    from ..ir.graph import Graph
+    from ..ir.node import Node
     from .scene import Scene
-
-__all__ = ["Controller", "controlled_inputs", "controller_symbols", "read_controllers"]
 
 _MOST = 60
 """Number of controllers of a scene, which are counted in the bits of a word."""

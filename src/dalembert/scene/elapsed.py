@@ -21,8 +21,6 @@ from sympy.physics.vector import dynamicsymbols
 
 from ..once import derived_property, deriving
 
-__all__ = ["START", "ElapsedTime", "Offset", "time_symbol", "timed"]
-
 _HIGHEST = 6
 """Largest degree of the polynomials in time that are recognised."""
 

@@ -14,17 +14,15 @@ from sympy.logic.boolalg import And, BooleanFalse, BooleanTrue, Not, Or
 from sympy.physics.vector import dynamicsymbols
 
 from ..errors import TOO_DEEP, list_names
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..naming import unwritable
 from ..transforms.conditions import Condition
 from ..transforms.derivatives import tangents
 from .elapsed import ElapsedTime
-from .known_functions import FUNCTIONS, RECIPROCALS, SUPPORTED, is_exhaustive
+from .joints import Unknown
 from .tables import TableFunction, outside
-from .time_conditions import TimeConditions
-from .unknowns import Unknown
-
-__all__ = ["ExpressionReader", "short", "symbols_called"]
+from .time_conditions import FUNCTIONS, RECIPROCALS, SUPPORTED, TimeConditions, is_exhaustive
 
 _EXPONENT = 1_000_000
 

@@ -12,13 +12,11 @@ from sympy.core.relational import Relational
 
 from ..arrays import FloatArray
 from .expressions import short
+from .joints import Unknown
 from .tables import TableFunction
-from .unknowns import Unknown
 
 if TYPE_CHECKING:
     from .scene import Scene
-
-__all__ = ["ForceJump", "force_jumps"]
 
 
 @final
@@ -57,4 +55,4 @@ def _expressions(scene: Scene) -> Iterator[Any]:
     for vector in vectors:
         for matrix, _ in getattr(vector, "args", ()):
             yield from matrix
-    yield from map(sp.sympify, (*scene.nonholonomic_constraints, *(rate for _, rate in scene.states)))
+    yield from map(sp.sympify, (*scene.nonholonomic_constraints, *(rate for _, rate in scene.speeds)))

@@ -9,19 +9,17 @@ import sympy as sp
 from sympy.physics.mechanics import Point, ReferenceFrame
 from sympy.physics.vector import Vector, dynamicsymbols
 
-from ..ir.graph import Node
-from ..transforms.quaternions import rotation_entries
+from ..ir.node import Node
+from ..transforms.linear import rotation_entries
 from . import release_impose
 from .angles import Angles
 from .expressions import short
+from .frames import Tree
+from .joints import Unknown
 from .model import Components, FrameModel, Piece, Pieces, PointModel
 from .scene import Scene
-from .states import read_rates, refuse_states
+from .speeds import read_rates, refuse_states
 from .symbols import SymbolReader
-from .tree import Tree
-from .unknowns import Unknown
-
-__all__ = ["GeometryReader"]
 
 
 class GeometryReader(SymbolReader):

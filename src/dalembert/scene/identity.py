@@ -9,8 +9,6 @@ from typing import Any
 import sympy as sp
 from sympy.core.function import AppliedUndef
 
-__all__ = ["equal", "leaves_of", "vanishes"]
-
 DIGITS = 50
 THRESHOLD = sp.Float(10, DIGITS) ** -30
 ROUNDING = sp.Float(10, DIGITS) ** -13

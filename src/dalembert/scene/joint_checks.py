@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 from sympy.physics.mechanics import Particle
 
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from .identity import vanishes
+from .joints import Unknown
 from .model import Action, BodyModel, FrameModel, Pieces, PointModel
-from .unknowns import Unknown
 
 if TYPE_CHECKING:
     from .joints import Joint
     from .scene import Scene
-
-__all__ = ["foreign_points", "points_off_particles", "torques_on_particles", "travelling_points"]
 
 
 def torques_on_particles(scene: Scene, joint: Joint) -> list[str]:

@@ -12,12 +12,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..arrays import FloatArray
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
 from ..ir.interpret import interpret_rows
+from ..ir.node import Node
 from ..transforms.derivatives import GUARDED, cotangents
 from ..transforms.lower_kernels import lower_kernel
-
-__all__ = ["kinked_constraints"]
+from ..transforms.step_limits import table_nodes
 
 _Values = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
@@ -124,3 +124,29 @@ def _jumps(at: _Values, points: FloatArray, decided: FloatArray, number: int) ->
     sizes = np.maximum(np.abs(one), np.abs(other))
     far = np.abs(one - other) > _JUMP * np.maximum(sizes, np.max(sizes[:, :-1], axis=1, keepdims=True))
     return bool(np.any(far[fine]))
+
+
+# Check of the smoothness of tables in positions and constraints.
+
+
+def rough_tables(graph: Graph, requirements: Sequence[tuple[int, str, Sequence[Node]]]) -> list[str]:
+    """Return a fault for every table that is not smooth enough for its place.
+
+    Parameters
+    ----------
+    graph : Graph
+        Of all nodes.
+    requirements : sequence of (int, str, sequence of Node)
+        How many derivatives must be continuous, of what, and its values.
+    """
+    faults = []
+    for least, place, nodes in requirements:
+        for _, table, order in table_nodes(graph, nodes):
+            if table.smoothness - order < least:
+                what = "jumps" if table.smoothness - order < 0 else "has a slope that jumps"
+                needs = "positions need two derivatives" if least else "velocities need a derivative"
+                faults.append(
+                    f"{place}: the table {table.name!r} {what} at knots, and {needs}; use"
+                    ' kind="cubic" with extrapolate="error" or "linear"'
+                )
+    return list(dict.fromkeys(faults))

@@ -10,27 +10,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, final
 
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..transforms.conditions import Condition
 from .symbol_table import SymbolTable
-
-__all__ = [
-    "Action",
-    "BodyModel",
-    "Components",
-    "ConstraintModel",
-    "ContactModel",
-    "ControllerModel",
-    "FrameModel",
-    "GivenBody",
-    "GivenLoad",
-    "GivenMotion",
-    "Piece",
-    "Pieces",
-    "PointModel",
-    "SceneModel",
-    "SpeedGroup",
-]
 
 Components = tuple[Node, Node, Node]
 

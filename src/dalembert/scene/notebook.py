@@ -10,8 +10,6 @@ from sympy.physics.vector import vlatex
 if TYPE_CHECKING:
     from .scene import Scene
 
-__all__ = ["description"]
-
 
 def description(scene: Scene) -> str:
     """Return the contents of a scene as Markdown with LaTeX."""

@@ -7,25 +7,79 @@ speeds and brings e back to length one after every step.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 from sympy.core.function import AppliedUndef
-from sympy.physics.mechanics import ReferenceFrame, RigidBody
-from sympy.physics.vector import dynamicsymbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
+from sympy.physics.vector import Dyadic, Vector, dynamicsymbols
 
-from ..errors import OptionError, SceneError, list_names, nesting_named
+from ..errors import InitialStateError, OptionError, SceneError, list_names, nesting_named
+from ..ir.graph import Graph
+from ..ir.node import Node
+from ..naming import rate_name
+from ..transforms.derivatives import tangents
+from ..transforms.linear import matvec, spin_matrix
 from ..values import listed
+from .actuators import loads_of
 from .angle_sequences import AngleSequence, recognised
-from .frames_in_use import frames_in_use
-from .plain_rates import without_speeds
-from .tree import Tree
+from .frames import Tree
+from .speeds import without_speeds
+from .symbol_table import Entry
 
 if TYPE_CHECKING:
     from .scene import Scene
 
-__all__ = ["FreeOrientation", "free_orientation", "with_quaternions"]
+
+# Frames that the contents of a scene depend on.
+
+
+def frames_in_use(scene: Scene, frames: Tree) -> set[ReferenceFrame]:
+    """Return the frames that bodies, loads, actuators, joints and gravity are written on, and their ancestors.
+
+    Other frames may be attached to those of a scene, such as the ones of another scene in the same notebook.
+
+    Parameters
+    ----------
+    scene : Scene
+    frames : Tree
+        Below the frame of the scene.
+    """
+    points = Tree(scene.origin, "_pos_dict")
+    found: set[ReferenceFrame] = set()
+    for frame in _written_on(_contents(scene), points):
+        found.update(frames.path(frame) or ())
+    return found
+
+
+def _contents(scene: Scene) -> Iterator[Any]:
+    """Yield the points, frames, vectors and dyadics of a scene."""
+    yield scene.gravity
+    for body in scene.bodies:
+        if isinstance(body, Particle):
+            yield body.point
+        elif isinstance(body, RigidBody):
+            yield from (body.masscenter, body.frame, body.central_inertia)
+    for load in loads_of(scene):
+        if isinstance(load, Sequence):
+            yield from load
+    for joint in scene.joints:
+        yield from (getattr(joint, name, None) for name in ("at", "force", "torque"))
+
+
+def _written_on(items: Iterable[Any], points: Tree) -> Iterator[ReferenceFrame]:
+    """Yield the frames that some points, frames, vectors and dyadics are written on."""
+    for item in items:
+        if isinstance(item, ReferenceFrame):
+            yield item
+        elif isinstance(item, Point):
+            path = points.path(item) or ()
+            yield from _written_on([node._pos_dict[points.parent[node]] for node in path], points)
+        elif isinstance(item, Vector):
+            yield from (frame for _, frame in item.args)
+        elif isinstance(item, Dyadic):
+            yield from _written_on([side for _, first, second in item.args for side in (first, second)], points)
 
 
 @final
@@ -219,3 +273,67 @@ def _entangled(scene: Scene, tree: Tree, chain: Sequence[ReferenceFrame], angles
     if changed:
         return f"{named} are tied to coordinates that were released or imposed ({list_names(map(str, changed))})"
     return ""
+
+
+# Alternative initial values of a free orientation: angles and their rates, and the angular velocity.
+
+
+def angular_velocity(orientation: FreeOrientation) -> tuple[str, str, str]:
+    """Return the names of the angular velocity of a free orientation, components on its own frame."""
+    name = orientation.frame.name
+    return f"omega_{name}_x", f"omega_{name}_y", f"omega_{name}_z"
+
+
+def entries_of(graph: Graph, orientations: Sequence[FreeOrientation]) -> tuple[Entry, ...]:
+    """Return the entries of free orientations, positions before rates."""
+    positions: list[Entry] = []
+    rates: list[Entry] = []
+    for orientation in orientations:
+        coordinates = tuple(str(e.func.__name__) for e in orientation.quaternion)
+        slopes = tuple(map(rate_name, coordinates))
+        if orientation.sequence is not None:
+            names = tuple(str(a.func.__name__) for a in orientation.angles)
+            angles = [graph.input(name) for name in names]
+            half = [graph.node(0.5) * angle for angle in angles]
+            values = orientation.sequence.quaternion([(graph.cos(a), graph.sin(a)) for a in half])
+            moving = {a: graph.input(rate_name(name)) for a, name in zip(angles, names, strict=True)}
+            positions.append(Entry(names, (), coordinates, tuple(values)))
+            rates.append(Entry(tuple(map(rate_name, names)), names, slopes, tuple(tangents(graph, values, moving))))
+        omega = angular_velocity(orientation)
+        turning = spin_matrix([graph.input(name) for name in coordinates], body=True)
+        spun: list[Node] = [graph.node(0.5) * x for x in matvec(graph, turning, [graph.input(w) for w in omega])]
+        rates.append(Entry(omega, (), slopes, tuple(spun)))
+    return (*positions, *rates)
+
+
+def chosen_entries(
+    entries: Sequence[Entry], given: Collection[str], solved: Collection[str] = ()
+) -> Iterator[tuple[Entry, list[str]]]:
+    """Yield the entries that given values use, with those of their names that are left out.
+
+    Names may be left out where constraints can fix them: of entries that determine some of the rates `solved`.
+
+    Raises
+    ------
+    InitialStateError
+        Where values are missing, or given twice.
+    """
+    entered: set[str] = set()
+    for entry in entries:
+        there = [name for name in entry.names if name in given]
+        if not there:
+            continue
+        out = [name for name in entry.names if name not in given]
+        lacking = [name for name in entry.needs if name not in given]
+        if lacking or (out and not {*entry.targets} & {*solved}):
+            raise InitialStateError(
+                f"initial values are missing for {list_names([*out, *lacking])}: with {list_names(there)}, all of"
+                f" {list_names((*entry.names, *entry.needs))} are needed; or give {list_names(entry.targets)} instead"
+            )
+        twice = [name for name in entry.targets if name in given or name in entered]
+        if twice:
+            raise InitialStateError(
+                f"{list_names(entry.names)} determine {list_names(twice)}, which are given too; give one of the two"
+            )
+        entered |= {*entry.targets}
+        yield entry, out

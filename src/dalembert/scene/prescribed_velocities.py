@@ -8,14 +8,11 @@ from typing import TYPE_CHECKING, Any
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame
 
 from ..errors import SceneError
-from .dyadics import matrix_of
+from .frames import Tree, matrix_of
 from .model import Components, GivenBody, GivenLoad, GivenMotion, Pieces
-from .tree import Tree
 
 if TYPE_CHECKING:
     from .scene import Scene
-
-__all__ = ["located", "read_given"]
 
 
 def located(scene: Scene) -> bool:

@@ -16,14 +16,12 @@ from sympy.physics.mechanics import Point, ReferenceFrame
 from sympy.physics.vector import Vector, dynamicsymbols
 
 from ..errors import SceneError, list_names
+from .frames import Tree
 from .identity import equal, vanishes
-from .plain_rates import without_speeds
-from .tree import Tree
+from .speeds import without_speeds
 
 if TYPE_CHECKING:
     from .scene import Scene
-
-__all__ = ["Release", "impose", "release", "released_orientation", "released_position", "with_imposed"]
 
 
 @final

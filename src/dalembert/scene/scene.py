@@ -21,8 +21,6 @@ from .joints import Joint
 from .orientation import FreeOrientation
 from .shapes import Shape, checked_shapes
 
-__all__ = ["Scene"]
-
 
 @final
 class Scene:

@@ -7,11 +7,9 @@ from dataclasses import dataclass, field
 from typing import final
 
 from ..errors import OptionError
-from ..ir.graph import Node
+from ..ir.node import Node
 from ..naming import acceleration_name
 from .elapsed import Offset
-
-__all__ = ["Entry", "InputSymbol", "SymbolTable"]
 
 
 @final
@@ -81,7 +79,7 @@ class SymbolTable:
     offsets : tuple of Offset
         Parameters with the values of expressions of time at the start of a run, where time is counted from there.
     inputs : tuple of InputSymbol
-        Given functions of time; their parameters (`dalembert.ir.input_parameters`) are among the `parameters`.
+        Given functions of time; their parameters (`dalembert.ir.program`) are among the `parameters`.
     states : tuple of str
         Names of the first-order states.
     held : tuple of str

@@ -10,23 +10,20 @@ from sympy.core.function import AppliedUndef
 from sympy.physics.vector import dynamicsymbols
 
 from ..ir.conditions import CONDITION_TIME
-from ..ir.graph import Graph, Node
-from ..ir.input_parameters import DEGREE, hidden_parameters
+from ..ir.graph import Graph
+from ..ir.node import Node
+from ..ir.program import DEGREE, hidden_parameters
 from ..naming import acceleration_input, acceleration_name, rate_name
 from ..transforms.conditions import decide
 from ..transforms.derivatives import tangents
-from ..transforms.linear import matvec, transpose
-from ..transforms.quaternions import spin_matrix
+from ..transforms.linear import matvec, spin_matrix, transpose
 from .controllers import controlled_inputs
 from .elapsed import ElapsedTime
-from .entries import angular_velocity, entries_of
 from .expressions import ExpressionReader
+from .orientation import angular_velocity, entries_of
 from .scene import Scene
-from .speeds import read_speeds
-from .states import state_symbols
+from .speeds import read_speeds, state_symbols
 from .symbol_table import InputSymbol, SymbolTable
-
-__all__ = ["RESERVED_OUTPUTS", "Requirement", "SymbolReader", "reader_of", "symbol_reader_of"]
 
 Requirement = tuple[int, str, Sequence[Node]]
 """Required number of continuous derivatives of inputs, the places that require it, and the nodes there."""

@@ -11,9 +11,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from ..errors import ExpressionError, OptionError, ValueInputError, list_names
-from ..ir.tables import Table, array_value, registered, value
-
-__all__ = ["TABLE", "Curve", "TableFunction", "array_value", "outside", "table"]
+from ..ir.tables import Table, registered, value
 
 TABLE = "table_value"
 """Name of `dalembert.ir.tables.array_value` in generated text."""

@@ -8,17 +8,15 @@ from typing import TYPE_CHECKING, Any, final
 import sympy as sp
 from sympy.core.function import AppliedUndef
 
-from ..ir.graph import Node
+from ..ir.node import Node
 from ..ir.zero_tests import agree
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix, matmul, matvec, transpose
 from .symbols import reader_of
 
 if TYPE_CHECKING:
+    from .frames import Tree
     from .scene import Scene
-    from .tree import Tree
-
-__all__ = ["velocity_faults"]
 
 _REMEDY = (
     "A scene derives velocities from positions and orientations: write those so that they move (with a coordinate, or"

@@ -3,7 +3,7 @@
 from sympy import symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
-from dalembert.scene import CoulombFriction, Joint, Scene, unknowns
+from ..scene import CoulombFriction, Joint, Scene, unknowns
 
 
 def belt_oscillator() -> Scene:

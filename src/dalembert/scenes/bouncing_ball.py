@@ -3,7 +3,7 @@
 from sympy import symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
-from dalembert.scene import Joint, Scene, UnilateralContact, unknowns
+from ..scene import Joint, Scene, UnilateralContact, unknowns
 
 
 def bouncing_ball() -> Scene:

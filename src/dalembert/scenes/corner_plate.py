@@ -3,7 +3,7 @@
 from sympy import Rational, cot, sin, symbols
 from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
-from dalembert.scene import CoulombFriction, Joint, Scene, unknowns
+from ..scene import CoulombFriction, Joint, Scene, unknowns
 
 
 def corner_plate(*, friction: bool = False) -> Scene:

@@ -3,7 +3,7 @@
 from sympy import Rational, cos, sin, symbols
 from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
-from dalembert.scene import Joint, Scene, unknowns
+from ..scene import Joint, Scene, unknowns
 
 
 def rolling_sphere() -> Scene:

@@ -3,7 +3,7 @@
 from sympy import Rational, symbols
 from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
-from dalembert.scene import CoulombFriction, Joint, Scene, UnilateralContact, unknowns
+from ..scene import CoulombFriction, Joint, Scene, UnilateralContact, unknowns
 
 
 def sliding_rod() -> Scene:

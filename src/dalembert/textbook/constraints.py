@@ -13,8 +13,6 @@ from ..scene.identity import vanishes
 from .energy import readable
 from .linear import null_space
 
-__all__ = ["Constraint", "classify", "frobenius", "pfaffian"]
-
 
 @final
 @dataclass(frozen=True)

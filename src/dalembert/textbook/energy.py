@@ -10,15 +10,13 @@ from sympy.physics.mechanics import Particle
 from sympy.physics.vector import dynamicsymbols
 
 from ..errors import SceneError
-from ..scene.dyadics import matrix_of
+from ..scene.frames import matrix_of
 from ..scene.identity import vanishes
 from .geometry import Geometry, squares
 from .printing import text
 
 if TYPE_CHECKING:
     from .numeric import States
-
-__all__ = ["check_kinetic_energy", "kinetic_energy", "lagrange_operator", "readable", "readable_fraction"]
 
 READABLE = 400
 """Operations up to which an expression is expanded and simplified for reading."""

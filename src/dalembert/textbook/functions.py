@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ..scene.tables import TABLE, TableFunction, array_value
-
-__all__ = ["function_of"]
+from ..ir.tables import array_value
+from ..scene.tables import TABLE, TableFunction
 
 _CALLS = {
     sp.sin: "sin",

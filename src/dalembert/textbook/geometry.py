@@ -16,10 +16,8 @@ from sympy.physics.vector import Vector, dynamicsymbols
 
 from ..errors import SceneError
 from ..scene import Scene
+from ..scene.frames import Tree
 from ..scene.release_impose import released_orientation, released_position, with_imposed
-from ..scene.tree import Tree
-
-__all__ = ["Geometry", "squares", "tidy"]
 
 LARGE = 60
 """Operations beyond which an entry is no longer simplified."""

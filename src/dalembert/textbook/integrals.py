@@ -16,8 +16,6 @@ from .numeric import TOLERANCE, null_basis, rank
 if TYPE_CHECKING:
     from .numeric import States
 
-__all__ = ["FirstIntegral", "FirstIntegrals", "first_integrals"]
-
 
 @final
 @dataclass(frozen=True)

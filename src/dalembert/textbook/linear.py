@@ -17,8 +17,6 @@ from sympy.polys.fields import sfield
 from ..scene.identity import vanishes
 from ..scene.tables import TableFunction
 
-__all__ = ["Field", "Plain", "arithmetic", "null_space", "row_echelon", "solve"]
-
 SMALL = 2500
 """Operations of a system up to which it is treated in the field of rational functions."""
 

@@ -16,8 +16,6 @@ from ..arrays import FloatArray
 from ..scene.identity import leaves_of
 from .functions import function_of
 
-__all__ = ["PlainSystem", "State", "States", "rank"]
-
 TOLERANCE = 1e-9
 """Relative size below which a number that was computed from random states counts as zero."""
 

@@ -8,8 +8,6 @@ import sympy as sp
 from sympy.physics.vector import Vector
 from sympy.physics.vector.printing import VectorLatexPrinter, VectorStrPrinter
 
-__all__ = ["latex", "text"]
-
 
 def latex(expression: Any) -> str:
     """Return LaTeX of an expression, vector or screw."""

@@ -14,8 +14,6 @@ from .printing import latex, text
 if TYPE_CHECKING:
     from .view import LagrangeView
 
-__all__ = ["Report", "Section"]
-
 Line = tuple[Any, Any]
 """A sentence (None, text), a labelled expression (label, expression), or an equation (left side, right side)."""
 

@@ -14,8 +14,6 @@ from .energy import readable, readable_fraction
 from .linear import Field, Plain, arithmetic, null_space, row_echelon, solve
 from .numeric import PlainSystem, States, rank, undetermined
 
-__all__ = ["Reactions", "Solution"]
-
 
 @final
 class Solution:

@@ -13,23 +13,19 @@ from ..errors import RELEASE, ConstraintError, SceneError, list_names, nesting_n
 from ..naming import rate_name
 from ..once import deriving
 from ..scene import Scene, Unknown
-from ..scene.plain_rates import without_speeds
 from ..scene.reading import read
-from .actions import Actions
+from ..scene.speeds import without_speeds
+from .actions import Actions, Screw
 from .constraints import Constraint, classify, pfaffian
 from .energy import check_kinetic_energy, kinetic_energy, lagrange_operator, readable
-from .friction import friction_forces, friction_laws, refuse_friction
 from .geometry import Geometry
-from .ideal import ideal_conditions, single_unknowns
+from .ideal import friction_forces, friction_laws, ideal_conditions, refuse_friction, single_unknowns
 from .integrals import FirstIntegrals, first_integrals
 from .numeric import PlainSystem, States
-from .screw import Screw
 from .solution import Reactions, Solution
 
 if TYPE_CHECKING:
     from .report import Report
-
-__all__ = ["LagrangeView", "lagrange"]
 
 
 @deriving

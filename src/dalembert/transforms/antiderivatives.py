@@ -13,13 +13,11 @@ from fractions import Fraction
 from operator import mul
 from typing import final
 
-from ..ir.graph import Graph, Node
-from ..ir.sampling import Probe, constant_value, directions, lost_at_zero, match, probe
-from ..ir.zero_tests import vanishes
+from ..ir.graph import Graph
+from ..ir.node import Node
+from ..ir.zero_tests import Probe, constant_value, directions, lost_at_zero, match, probe, vanishes
 from .derivatives import tangents
 from .elementary_antiderivatives import elementary_antiderivative
-
-__all__ = ["Antiderivatives"]
 
 _DEGREE = 8
 """Highest degree of polynomials."""

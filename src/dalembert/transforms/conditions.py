@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from typing import final
 
 from ..ir.conditions import NARROW, WHOLE, ZERO
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from .derivatives import tangents
-
-__all__ = ["Condition", "condition_on", "decide", "narrow_conditions"]
 
 
 @final

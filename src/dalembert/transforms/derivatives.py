@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..ir.tables import table_of
-
-__all__ = ["GUARDED", "RULES", "cotangents", "jacobian", "tangents"]
 
 
 class Form(NamedTuple):

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from fractions import Fraction
 
-from ..ir.graph import Graph, Node
-
-__all__ = ["elementary_antiderivative"]
+from ..ir.graph import Graph
+from ..ir.node import Node
 
 
 def _unary(g: Graph, name: str, u: Node) -> Node | None:

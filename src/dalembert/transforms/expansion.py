@@ -16,11 +16,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import final
 
-from ..ir.kernel import Assignment, Operand
-from ..ir.lines import Lines
+from ..ir.kernel import Assignment, Lines, Operand
 from .recurrences import Integrated, Recurrences
-
-__all__ = ["FAITHFUL_ORDER", "Expansion", "Extension", "Series", "Sum", "coefficient", "over"]
 
 FAITHFUL_ORDER = 19
 """Order from which quotients by the order are rounded but once: that of tolerances up to 7e-13."""

@@ -6,24 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import final
 
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..ir.zero_tests import vanishes
-
-__all__ = [
-    "DEPENDENT",
-    "SET_ASIDE",
-    "Elimination",
-    "Factorization",
-    "Matrix",
-    "SingularMatrix",
-    "dependence",
-    "determinant_and_solution",
-    "factorize",
-    "guarded_pivot",
-    "matmul",
-    "matvec",
-    "transpose",
-]
 
 Matrix = list[list[Node]]
 
@@ -131,7 +116,7 @@ Guard = Callable[[Node, Node, int], Node]
 
 SET_ASIDE = 1e300
 """Pivot in place of one that counts as zero. The comparison that selects it is a guard, not a switch of the motion: no
-step ends at its zeros (`dalembert.transforms.switches`)."""
+step ends at its zeros (`dalembert.transforms.nonsmooth`)."""
 
 
 DEPENDENT = 1e-13
@@ -261,3 +246,27 @@ def determinant_and_solution(graph: Graph, a: Sequence[Sequence[Node]], b: Seque
         rest = rows[i][size] - graph.sum(rows[i][j] * x[j] for j in range(i + 1, size))
         x[i] = rest / rows[i][i]
     return determinant, x
+
+
+# Quaternions on the graph, scalar first, from components on a body to components on its reference frame.
+#
+# With e.e = 1 the rates are e_dot = 1/2 E omega, and omega = 2 E^T e_dot, which are regular everywhere (R.
+# Featherstone, Rigid Body Dynamics Algorithms, section 4.5).
+
+
+def rotation_entries(e: Sequence[Node]) -> list[list[Node]]:
+    """Return the matrix (3, 3) from components on the body to those on its reference frame."""
+    e0, e1, e2, e3 = e
+    return [
+        [e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3, 2 * (e1 * e2 - e0 * e3), 2 * (e0 * e2 + e1 * e3)],
+        [2 * (e0 * e3 + e1 * e2), e0 * e0 - e1 * e1 + e2 * e2 - e3 * e3, 2 * (e2 * e3 - e0 * e1)],
+        [2 * (e1 * e3 - e0 * e2), 2 * (e0 * e1 + e2 * e3), e0 * e0 - e1 * e1 - e2 * e2 + e3 * e3],
+    ]
+
+
+def spin_matrix(e: Sequence[Node], *, body: bool) -> list[list[Node]]:
+    """Return E (4, 3), for components of the angular velocity on the body or on its reference frame."""
+    e0, e1, e2, e3 = e
+    if body:
+        return [[-e1, -e2, -e3], [e0, -e3, e2], [e3, e0, -e1], [-e2, e1, e0]]
+    return [[-e1, -e2, -e3], [e0, e3, -e2], [-e3, e0, e1], [e2, -e1, e0]]

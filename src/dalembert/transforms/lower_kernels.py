@@ -8,8 +8,9 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 
 from ..errors import ExpressionError
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
 from ..ir.kernel import Assignment, Kernel, Load, Operand
+from ..ir.node import Node
 from ..ir.ops import GRAPH_OPERATIONS
 from ..ir.tables import ORIGIN, coefficient_row, table_of
 from ..ir.tables import value as table_value
@@ -17,9 +18,6 @@ from ..naming import Namer
 from .forms import Forms
 from .pipelines import KERNEL_PASSES, PassRecord
 from .rewriting import rewritten
-
-__all__ = ["ARGUMENTS", "lower_kernel"]
-
 
 ARGUMENTS = ("t", "y", "p")
 

@@ -8,8 +8,6 @@ from typing import final
 from ..ir.kernel import Operand
 from .expansion import Expansion, Extension, Series, Sum
 
-__all__ = ["Ahead", "Carried"]
-
 
 @final
 @dataclass(frozen=True)

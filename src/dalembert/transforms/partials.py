@@ -10,12 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
 from ..ir.kernel import Kernel, Operand
+from ..ir.node import Node
 from .derivatives import GUARDED, cotangents, jacobian, tangents
 from .lower_kernels import lower_kernel
-
-__all__ = ["cotangent_kernel", "jacobian_kernel", "tangent_kernel"]
 
 
 def jacobian_kernel(kernel: Kernel, size: int, array: str = "y") -> Kernel:

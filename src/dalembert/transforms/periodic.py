@@ -9,8 +9,6 @@ from ..ir.kernel import Assignment, Kernel
 from ..ir.program import Program
 from .passes import EliminateDeadCode
 
-__all__ = ["angles_in", "angles_of", "turning"]
-
 
 def turning(body: Sequence[Assignment], inputs: Iterable[str], outputs: Iterable[object]) -> frozenset[str]:
     """Return those of `inputs` that straight-line code uses, but only in sines, cosines and tangents of their sums."""

@@ -7,22 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar, final
 
-from ..ir.kernel import Kernel
+from ..ir.kernel import Kernel, verify
 from ..ir.program import Program
-from ..ir.verify import verify
-from .hoisting import HoistParameters
-from .passes import EliminateDeadCode, FuseProducts, GroupProducts, ShareEqual, ShareReciprocals
-
-__all__ = [
-    "KERNEL_PASSES",
-    "PRODUCT_FUSION",
-    "PROGRAM_PASSES",
-    "STEP_PASSES",
-    "Pass",
-    "PassRecord",
-    "Pipeline",
-    "operation_counts",
-]
+from .passes import EliminateDeadCode, FuseProducts, GroupProducts, HoistParameters, ShareEqual, ShareReciprocals
 
 Code = TypeVar("Code", Kernel, Program)
 

@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import final
 
-from ..ir.graph import Graph, Node
-
-__all__ = ["Form", "Monomial", "Polynomial", "Polynomials", "pythagorean", "sign", "times"]
+from ..ir.graph import Graph
+from ..ir.node import Node
 
 Monomial = tuple[tuple[int, int], ...]
 """(index of the atom, exponent other than 0), by index."""

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import final
 
-from ..ir.graph import Graph, Node
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..ir.zero_tests import vanishes
 from .polynomial import Monomial, Polynomials, pythagorean, sign, times
-
-__all__ = ["DiagonalLessDyad", "diagonal_less_dyad"]
 
 _NODES = 400
 

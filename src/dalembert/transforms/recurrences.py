@@ -15,17 +15,17 @@ from typing import final
 from ..ir.kernel import Assignment, Kernel, Operand
 from .nonsmooth import (
     INVERSE,
+    Switch,
     last_of,
     leading_to,
+    left_to_control,
     nonanalytic_operations,
     nonsmooth_values,
     reached_from,
+    switches_of,
     vanishing_roots,
 )
 from .periodic import turning
-from .switches import Switch, left_to_control, switches_of
-
-__all__ = ["Integrated", "Recurrences", "recurrences"]
 
 
 @final

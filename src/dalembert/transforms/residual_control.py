@@ -17,14 +17,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from ..ir.kernel import Assignment, Operand
-from ..ir.lines import Lines
+from ..ir.kernel import Assignment, Lines, Operand
 from .expansion import FAITHFUL_ORDER, Series, coefficient, over
 from .nonsmooth import leading_to
 from .recurrences import Recurrences
 from .switch_steps import as_at_start
-
-__all__ = ["PREVIOUS", "cost", "grown", "reached"]
 
 PREVIOUS = "previous_"
 """The size of the step before, which lies behind the state; 0 before the first."""

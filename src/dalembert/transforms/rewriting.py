@@ -14,12 +14,10 @@ from itertools import islice
 from typing import final
 
 from ..ir.accuracy import Probed, loses, probed, probed_form
-from ..ir.graph import Graph, Node
-from .form_building import FormBuilder, UnsuitableForm, frequent
-from .forms import Forms
+from ..ir.graph import Graph
+from ..ir.node import Node
+from .forms import FormBuilder, Forms, UnsuitableForm, frequent
 from .polynomial import Form, Polynomial, Polynomials, pythagorean
-
-__all__ = ["rewritten"]
 
 _PASSES = 3
 _THOROUGH, _LARGEST = 300, 1000

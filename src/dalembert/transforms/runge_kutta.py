@@ -14,14 +14,6 @@ from ..methods.tableau import Tableau
 from .pipelines import PRODUCT_FUSION, STEP_PASSES
 from .runge_kutta_parts import Attempt, Parts, Start, Vector, inlined, loads_of, names_of
 
-__all__ = [
-    "Pieces",
-    "attempt_kernel",
-    "attempt_pieces",
-    "start_kernel",
-    "start_pieces",
-]
-
 _ARGUMENTS = ("t", "y", "c", "s")
 
 

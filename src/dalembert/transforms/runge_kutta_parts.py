@@ -15,26 +15,9 @@ from typing import final
 
 import numpy as np
 
-from ..ir.kernel import Kernel, Load, Operand
-from ..ir.lines import Lines
+from ..ir.kernel import Kernel, Lines, Load, Operand
 from ..methods import step_constants as gains
 from ..methods.tableau import Tableau
-
-__all__ = [
-    "CONTROL",
-    "CONTROLS",
-    "GROWTH_AT",
-    "PROPOSAL_AT",
-    "SETTINGS",
-    "Attempt",
-    "Parts",
-    "Start",
-    "Vector",
-    "inlined",
-    "loads_of",
-    "memory_size",
-    "names_of",
-]
 
 SETTINGS = ("largest step", "direction of time", "rtol", "atol")
 """Entries of the argument s."""

@@ -1,6 +1,6 @@
 """Bounds and signs of expressions over a whole step, as kernels for many lanes: [Kernel] -> [Kernel].
 
-These are the first tests of `dalembert.integrators.event_search` and `dalembert.integrators.step_reductions`, as
+These are the first tests of `dalembert.events.event_search` and `dalembert.events.step_reductions`, as
 straight-line code. Most steps pass these cheap tests; the others are examined one by one.
 """
 
@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from typing import final
 
 from ..arrays import FloatArray
-from ..ir.kernel import Kernel, Load, Operand
-from ..ir.lines import Lines
+from ..ir.kernel import Kernel, Lines, Load, Operand
 from ..methods.chebyshev import (
     COEFFICIENTS,
     CONVERGED,
@@ -27,8 +26,6 @@ from ..methods.chebyshev import (
 )
 from .pipelines import STEP_PASSES
 from .runge_kutta_parts import inlined
-
-__all__ = ["StepShape", "series_signs_kernel", "step_bounds_kernel", "step_signs_kernel"]
 
 _ARGUMENTS = ("t", "y", "c", "s")
 
@@ -101,7 +98,7 @@ def series_signs_kernel(count: int, size: int, degree: int) -> Kernel:
 
 
 def step_bounds_kernel(values: Kernel, shape: StepShape, oscillating: bool) -> Kernel:
-    """Return the kernel of a step's outputs that tests expressions for `dalembert.integrators.reductions`.
+    """Return the kernel of a step's outputs that tests expressions for `dalembert.events.reductions`.
 
     For each: its mean over the step, 1 if that is as good as it can be, a lower and an upper bound, its values at the
     ends, and 1 if it is monotone. `oscillating` is that of `step_signs_kernel`.

@@ -2,7 +2,7 @@
 
 Up to the zero of a - b the comparison a < b has one value, and so have the sign of a up to the zero of a, and its
 floor up to the next integer. Along a step that ends there the motion is smooth, and its series knows all of it. The
-zero is found as the knot of a table is (`table_steps`): by steps of Newton's kind that never pass it, with a bound of
+zero is found as the knot of a table is (`step_ends`): by steps of Newton's kind that never pass it, with a bound of
 the second derivative over the whole step. So no passage is too slow or too short to be seen.
 
 A step goes past the zero by a time in which nothing happens that counts. No step is shorter than the time in which the
@@ -13,13 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ..ir.kernel import Operand
-from ..ir.lines import Lines
+from ..ir.kernel import Lines, Operand
 from .expansion import Series
-from .switches import Switch
-from .table_steps import Side, in_shares_of_step, shortest, time_to_change, value_and_slope
-
-__all__ = ["as_at_start", "before_switches"]
+from .nonsmooth import Switch
+from .step_ends import Side, in_shares_of_step, shortest, time_to_change, value_and_slope
 
 _ROUNDS = 4
 _BEYOND, _NEAREST = 1e-4, 1e-13

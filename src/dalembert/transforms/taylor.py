@@ -18,33 +18,15 @@ import math
 from collections.abc import Sequence
 from functools import lru_cache
 
-from ..ir.kernel import Assignment, Kernel, Load, Operand
-from ..ir.lines import Lines
+from ..ir.kernel import Assignment, Kernel, Lines, Load, Operand
 from ..methods.step_constants import SMALLEST_NORMAL
 from .expansion import FAITHFUL_ORDER, Expansion, Series, coefficient, over
 from .nonsmooth import largest_degree
 from .pipelines import STEP_PASSES
 from .recurrences import Integrated, Recurrences
 from .residual_control import PREVIOUS, grown, reached
-from .root_steps import before_zeros
+from .step_ends import CLOCK, before_zeros, within_piece
 from .switch_steps import before_switches
-from .table_steps import CLOCK, within_piece
-
-__all__ = [
-    "LOW_TERMS",
-    "SETTINGS",
-    "SETTING_NAMES",
-    "STEP_ARGUMENTS",
-    "clipped_tolerance",
-    "closing",
-    "closing_loads",
-    "ending",
-    "order_at",
-    "order_for",
-    "scale_floor",
-    "series_kernel",
-    "step_kernel",
-]
 
 STEP_ARGUMENTS = ("t", "y", "c", "s")
 SETTINGS = ("largest step", "direction of time", "scale floor")

@@ -13,20 +13,17 @@ from typing import cast, final
 import numpy as np
 
 from ...arrays import FloatArray
-from ...integrators.addresses import OwnedAddress
-from ...integrators.arguments import address_of
-from ...integrators.prepared_loop import admission_status
 from ...ir.kernel import Kernel
+from ...loops.prepared_loop import admission_status
 from ...methods.status import RUNNING, Status
 from ...once import once_property
 from ...reduction.start_limits import TOLERANCE
+from ...subset.addresses import OwnedAddress
+from ...subset.arguments import address_of
 from ...transforms.taylor import STEP_ARGUMENTS
 from ..runs import Final
-from .assembly import Compiled, assembly, load_object
-from .objects import object_code
-from .tables import with_tables
-
-__all__ = ["Admission", "AdmissionCode"]
+from .assembly import Compiled, assembly, load_object, object_code
+from .lane_printer import with_tables
 
 _DRIFT = 1e-4
 """Relative residual that runs may leave which do not project their states."""

@@ -8,31 +8,22 @@ needs seconds.
 
 from __future__ import annotations
 
+import hashlib
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, Literal, final
 
 import llvmlite.binding as llvm
 
-from ...integrators.addresses import OwnedAddress
 from ...ir.kernel import Kernel
 from ...once import computed_once, once
+from ...subset.addresses import OwnedAddress
+from ..cache import read_kept, write_kept
 from ..rendering import render
 from .lane_printer import LanePrinter
-from .lane_types import vector
-from .target import target
+from .target import target, vector
 from .vector_functions import LIBRARY, prelude_variables
-
-__all__ = [
-    "Compiled",
-    "Shape",
-    "assembly",
-    "compile_object",
-    "instructions",
-    "kernel_variables",
-    "load_object",
-    "stack_alignment",
-]
 
 _ENTERED = threading.RLock()
 """Held by the thread that LLVM works for; nothing is waited for under it."""
@@ -155,3 +146,24 @@ def load_object(*codes: bytes) -> Compiled:
             engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         engine.finalize_object()
         return Compiled(engine)
+
+
+# Cache of object code on disk.
+
+
+def object_code(folder: Path | None, name: str, text: Callable[[], str], shape: Shape = "straight") -> bytes:
+    """Return object code of a module of assembly: from `folder` where it is there and whole, else compiled and kept.
+
+    The file is named after `name` and the target; with no folder, nothing is kept. See `compile_object` for
+    `shape`.
+    """
+    if folder is None:
+        return compile_object(text(), shape)
+    key = hashlib.sha256(target().key.encode()).hexdigest()[:16]
+    path = folder / f"{name}_{key}.o"
+    held = read_kept(path)
+    if held is not None:
+        return held
+    code = compile_object(text(), shape)
+    write_kept(path, code)
+    return code

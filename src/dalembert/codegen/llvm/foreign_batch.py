@@ -14,12 +14,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...integrators.addresses import AddressTable, OwnedAddress
-from ...integrators.arguments import pack, place_of
-from ...integrators.foreign_batch_loop import HEAD, BatchArguments, BatchCode, PoolFunctions
-from ...integrators.foreign_task import TaskSlots, task_slots
-from ...integrators.stops import no_stops
-from ...integrators.sweep_arguments import (
+from ...lanes.sweep_arguments import (
     CaseRows,
     CaseShape,
     Columns,
@@ -27,21 +22,15 @@ from ...integrators.sweep_arguments import (
     SweepKernels,
     no_part_samples,
 )
-from ...integrators.workspace import LaneNumbers, LaneState, lane_state, no_event_workspace, no_events
+from ...lanes.workspace import LaneNumbers, LaneState, lane_state, no_event_workspace, no_events
+from ...loops.foreign_batch_loop import HEAD, BatchArguments, BatchCode, PoolFunctions, TaskSlots, task_slots
 from ...once import once
+from ...stops.stops import no_stops
+from ...subset.addresses import AddressTable, OwnedAddress
+from ...subset.arguments import pack, place_of
 from ..rendering import render
 from .assembly import compile_object, load_object
 from .loops import compiled_entry
-
-__all__ = [
-    "BatchSizes",
-    "ForeignCode",
-    "Interface",
-    "batch_arguments",
-    "batch_assembly",
-    "foreign_batch",
-    "sweep_arguments",
-]
 
 _WORD, _LINE = 8, 8
 _SLOTS = 64
@@ -108,7 +97,7 @@ def foreign_batch(kernels: SweepKernels, sizes: BatchSizes, recorded: bool, inte
     """Return the handler of batches by the same steps.
 
     Its arguments are rows of times, first states and constants, one for each case or one for all, and one of limits;
-    its results those of `dalembert.integrators.sweep_arguments`: last states, ends and, if any, records; and, of more
+    its results those of `dalembert.lanes.sweep_arguments`: last states, ends and, if any, records; and, of more
     than one lane, memory for each thread. Limits are the largest step, the number of attempts, and what a step reads
     behind the largest step and the direction of time.
 

@@ -18,29 +18,16 @@ import llvmlite
 import numpy as np
 
 from ...errors import OptionError
-from ...integrators.addresses import OwnedAddress
-from ...integrators.arguments import address_of, arguments_of, kind_of, pack, unpack
-from ...integrators.checked_arrays import CheckedArray
-from ...integrators.compiled_subset import PLAIN_LOOPS, tell_target
 from ...once import once, once_property
+from ...subset.addresses import OwnedAddress
+from ...subset.arguments import address_of, arguments_of, kind_of, pack, unpack
+from ...subset.compiled_subset import PLAIN_LOOPS, CheckedArray, tell_target
 from ...version import __version__
 from ..cache import digest_of, directory
-from ..generator_digest import generator_digest
 from ..host_code import host_code
-from .assembly import Compiled, Shape, load_object
-from .objects import object_code
+from ..rendering import generator_digest
+from .assembly import Compiled, Shape, load_object, object_code
 from .target import target
-
-__all__ = [
-    "DEBUG_VARIABLE",
-    "SOURCES",
-    "Loop",
-    "compiled_entry",
-    "debugging",
-    "library_code",
-    "loop_named",
-    "toolchain",
-]
 
 DEBUG_VARIABLE = "DALEMBERT_DEBUG"
 
@@ -49,23 +36,23 @@ _PERMANENT: list[Compiled] = []
 
 
 SOURCES: dict[str, tuple[str, str, Shape]] = {
-    "block_search": ("integrators.block_search", "LOOP", "branches"),
-    "contact_decisions": ("integrators.contact_decisions", "LOOP", "short loops"),
-    "event_lane_loop": ("integrators.lane_loop", "EVENT_LOOP", "branches"),
-    "explicit_loop": ("integrators.explicit_loop", "LOOP", "loops"),
-    "foreign_batch_loop": ("integrators.foreign_batch_loop", "LOOP", "loops"),
-    "foreign_task": ("integrators.foreign_task", "LOOP", "loops"),
-    "implicit_loop": ("integrators.implicit_loop", "LOOP", "loops"),
-    "kernel_rows": ("integrators.kernel_rows", "LOOP", "loops"),
-    "lane_loop": ("integrators.lane_loop", "LOOP", "loops"),
-    "phase_loop": ("integrators.phase_loop", "LOOP", "loops"),
-    "prepared_loop": ("integrators.prepared_loop", "LOOP", "loops"),
-    "projected_lane_loop": ("integrators.lane_loop", "PROJECTED_LOOP", "loops"),
-    "recorded_lane_loop": ("integrators.lane_loop", "RECORDED_LOOP", "loops"),
-    "sample_projection": ("integrators.sample_projection", "LOOP", "loops"),
-    "stop_event_lane_loop": ("integrators.lane_loop", "STOP_EVENT_LOOP", "branches"),
-    "stop_lane_loop": ("integrators.lane_loop", "STOP_LOOP", "loops"),
-    "taylor_loop": ("integrators.prepared_loop", "RECORDED_LOOP", "loops"),
+    "block_search": ("events.block_search", "LOOP", "branches"),
+    "contact_decisions": ("contacts.contact_decisions", "LOOP", "short loops"),
+    "event_lane_loop": ("loops.lane_loop", "EVENT_LOOP", "branches"),
+    "explicit_loop": ("steps.explicit_loop", "LOOP", "loops"),
+    "foreign_batch_loop": ("loops.foreign_batch_loop", "LOOP", "loops"),
+    "foreign_task": ("loops.foreign_batch_loop", "TASK_LOOP", "loops"),
+    "implicit_loop": ("steps.implicit_loop", "LOOP", "loops"),
+    "kernel_rows": ("steps.row_loops", "ROWS_LOOP", "loops"),
+    "lane_loop": ("loops.lane_loop", "LOOP", "loops"),
+    "phase_loop": ("contacts.phase_loop", "LOOP", "loops"),
+    "prepared_loop": ("loops.prepared_loop", "LOOP", "loops"),
+    "projected_lane_loop": ("loops.lane_loop", "PROJECTED_LOOP", "loops"),
+    "recorded_lane_loop": ("loops.lane_loop", "RECORDED_LOOP", "loops"),
+    "sample_projection": ("steps.row_loops", "LOOP", "loops"),
+    "stop_event_lane_loop": ("loops.lane_loop", "STOP_EVENT_LOOP", "branches"),
+    "stop_lane_loop": ("loops.lane_loop", "STOP_LOOP", "loops"),
+    "taylor_loop": ("loops.prepared_loop", "RECORDED_LOOP", "loops"),
 }
 """Of each loop by its name: its module, its function there, and the shape of its code.
 
@@ -140,7 +127,7 @@ class Loop:
 
     @once_property
     def entry(self) -> OwnedAddress:
-        """Address of that function; other loops call it by `dalembert.integrators.compiled_subset.call_test`.
+        """Address of that function; other loops call it by `dalembert.subset.compiled_subset.call_test`.
 
         Machine code that calls a loop which runs as plain Python raises an error (`raise_failure`).
         """

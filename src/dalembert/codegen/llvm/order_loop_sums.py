@@ -9,8 +9,6 @@ from ...transforms.expansion import Series, Sum
 from ...transforms.order_pass import Ahead
 from ...transforms.recurrences import Integrated
 
-__all__ = ["Pack", "Row", "planned_sums"]
-
 
 @final
 @dataclass(frozen=True)

@@ -21,11 +21,9 @@ from ...transforms.recurrences import Recurrences
 from ...transforms.taylor import LOW_TERMS, closing, closing_loads
 from ..rendering import render
 from .lane_printer import LanePrinter
-from .lane_types import constant, fma_name, memory_of_call, vector
 from .order_loop_sums import Pack, Row, planned_sums
+from .target import constant, fma_name, memory_of_call, vector
 from .vector_functions import prelude_variables
-
-__all__ = ["LEAST_ORDER", "order_loop_assembly"]
 
 _FIRST = 4
 """Order of the first pass: from there on, the sums of all kinds have the terms that the code counts on."""

@@ -12,18 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ...integrators.arguments import address_of, pack, place_of
-from ...integrators.prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
-from ...integrators.problem import IntegrationProblem
-from ...integrators.stops import no_stops
 from ...interrupts import check
+from ...loops.prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
 from ...methods.status import Status
+from ...steps.problem import IntegrationProblem
+from ...stops.stops import no_stops
+from ...subset.addresses import OwnedAddress
+from ...subset.arguments import address_of, pack, place_of
 from ..host_code import raise_failure
-from ..runs import Prepared
+from ..runs import Prepared, StartCode
 from .admission import Admission
 from .loops import loop_named
-
-__all__ = ["prepared_run"]
 
 _PATIENCE, _MOST_PATIENCE, _QUICK = 1000, 1 << 24, 0.02
 """Attempts after which a run first returns to Python, and at most; seconds below which the next may take longer."""
@@ -149,3 +148,41 @@ def prepared_run(
 
     run.status = status  # type: ignore[attr-defined]
     return cast(Prepared, run)
+
+
+# Constants and state at the start of single runs, by compiled kernels of one case.
+
+_KERNEL = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 5)
+_StartMemory = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, tuple[int, ...]]
+
+
+def start_code(prepare: OwnedAddress, start: OwnedAddress, sizes: tuple[int, int, int, int]) -> StartCode:
+    """Return the start of runs; every thread that uses it has a memory of its own.
+
+    Parameters
+    ----------
+    prepare, start : OwnedAddress
+        Kernels of constants from parameters, and of the state from given values.
+    sizes : (int, int, int, int)
+        Number of parameters, constants, given values and outputs.
+    """
+    constants_of, state_of = prepare.function(_KERNEL), start.function(_KERNEL)
+
+    def memory_of_one() -> _StartMemory:
+        arrays = [np.zeros(size) for size in (1, *sizes)]
+        t, p, c, given, out = arrays
+        return t, p, c, given, out, tuple(map(address_of, arrays))
+
+    own: dict[int, _StartMemory] = {}
+
+    def run(time: float, parameters: FloatArray, values: Sequence[float]) -> tuple[FloatArray, FloatArray]:
+        held = own.get(get_ident())
+        if held is None:
+            held = own[get_ident()] = memory_of_one()
+        t, p, c, given, out, (at_t, at_p, at_c, at_given, at_out) = held
+        t[0], p[:], given[:] = time, parameters, values
+        constants_of(at_p, 0, 0, 0, at_c)
+        state_of(at_t, at_given, at_c, 0, at_out)
+        return c, out
+
+    return run

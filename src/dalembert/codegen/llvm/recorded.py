@@ -8,25 +8,23 @@ from typing import final
 import numpy as np
 
 from ...arrays import FloatArray
-from ...integrators.addresses import OwnedAddress
-from ...integrators.arguments import address_of, pack
-from ...integrators.cases import BlockResult, CaseColumns
-from ...integrators.compiled_subset import call_code
-from ...integrators.event_code import EventCode
-from ...integrators.problem import IntegrationProblem
-from ...integrators.recorded_motion import RecordedCase
-from ...integrators.step_records import ENDED_AT
-from ...integrators.sweep_arguments import CaseRows, SweepKernels
-from ...integrators.workspace import LONG_ENDS, OCCURRENCE, EventKernels
+from ...events.event_code import EventCode
+from ...events.recorded_motion import RecordedCase
 from ...interrupts import check, is_observed
+from ...lanes.cases import BlockResult, CaseColumns
+from ...lanes.step_records import ENDED_AT
+from ...lanes.sweep_arguments import CaseRows, SweepKernels
+from ...lanes.workspace import LONG_ENDS, OCCURRENCE, EventKernels
 from ...methods.status import Status
+from ...steps.problem import IntegrationProblem
+from ...subset.addresses import OwnedAddress
+from ...subset.arguments import address_of, pack
+from ...subset.compiled_subset import call_code
 from ...transforms.runge_kutta_parts import PROPOSAL_AT
 from ..host_code import columns_at, host_code, raise_failure
 from ..steppers import Stepper
 from .loops import loop_named
 from .sweeps import CaseArrays, SweepShape
-
-__all__ = ["RecordedLane"]
 
 _ROWS, _ROOM = 256, 1 << 16
 """Rows for records of steps, at most; numbers in them, at most, of a large state."""

@@ -16,10 +16,8 @@ from ...transforms.recurrences import Integrated, Recurrences
 from ...transforms.taylor import closing_loads, ending
 from ..rendering import render
 from .lane_printer import LanePrinter
-from .lane_types import constant, fma_name, memory_of_call, vector
+from .target import constant, fma_name, memory_of_call, vector
 from .vector_functions import prelude_variables
-
-__all__ = ["series_loop_assembly"]
 
 _PIECE = 100
 

@@ -12,14 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ...integrators.addresses import AddressTable
-from ...integrators.arguments import address_of, owned_address, pack
-from ...integrators.cases import BlockResult, CaseColumns
-from ...integrators.sample_projection import SampleArguments
-from ...integrators.step_records import FIRST_AT
-from ...integrators.stops import StopTable, no_stops
-from ...integrators.sweep_arguments import CaseShape, Columns, SweepArguments, SweepKernels, no_part_samples, no_rows
-from ...integrators.workspace import (
+from ...interrupts import STOPPED, check
+from ...lanes.cases import BlockResult, CaseColumns
+from ...lanes.step_records import FIRST_AT
+from ...lanes.sweep_arguments import (
+    CaseShape,
+    Columns,
+    SweepArguments,
+    SweepKernels,
+    no_part_samples,
+    no_rows,
+)
+from ...lanes.workspace import (
     OCCURRENCE,
     EventKernels,
     EventWorkspace,
@@ -29,12 +33,13 @@ from ...integrators.workspace import (
     lane_state,
     no_event_workspace,
 )
-from ...interrupts import STOPPED, check
+from ...steps.row_loops import SampleArguments
+from ...stops.stops import StopTable, no_stops
+from ...subset.addresses import AddressTable
+from ...subset.arguments import address_of, owned_address, pack
 from ..host_code import raise_failure
 from ..runs import CaseRun, LoopCall
 from .loops import loop_named
-
-__all__ = ["CaseArrays", "SweepShape", "case_run"]
 
 _ROUNDS, _MOST_ROUNDS, _QUICK = 256, 1 << 24, 0.02
 """Rounds after which a loop first returns to Python, and at most; seconds below which the next may take longer."""
@@ -81,7 +86,7 @@ def case_run(
     events: EventKernels,
     watched: bool,
 ) -> CaseRun:
-    """Return cases ready to run; see `dalembert.integrators.lane_loop`.
+    """Return cases ready to run; see `dalembert.loops.lane_loop`.
 
     Parameters
     ----------

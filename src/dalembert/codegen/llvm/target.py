@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import os
 import platform
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import llvmlite.binding as llvm
 
 from ...errors import OptionError, list_names, unknown_name
 from ...once import once
-
-__all__ = ["ENVIRONMENT_VARIABLE", "Target", "available_targets", "target"]
 
 ENVIRONMENT_VARIABLE = "DALEMBERT_TARGET"
 
@@ -108,3 +107,53 @@ def _first_target() -> Target:
             )
         raise OptionError(f"{ENVIRONMENT_VARIABLE}: {unknown_name('target', name, known)} {_NATIVE!r} is the default.")
     return known[name]
+
+
+# LLVM types, literals and intrinsics for a number of lanes.
+
+_LARGEST_FRAME = 1 << 16
+"""Bytes that a call takes from the stack at most; beyond, the time of malloc is not measurable beside a step."""
+
+_LINE = 64
+
+
+def native_lanes() -> int:
+    """Return how many doubles the vector registers of the target hold: 8, 4 or 2."""
+    return target().lanes
+
+
+def vector(lanes: int, element: str = "double") -> str:
+    """Return the type of one element in every lane."""
+    return element if lanes == 1 else f"<{lanes} x {element}>"
+
+
+def bits(lanes: int) -> str:
+    """Return the type of a whole number with one bit a lane."""
+    return f"i{lanes}"
+
+
+def suffix(lanes: int) -> str:
+    """Return the suffix of the names of intrinsics on doubles in every lane."""
+    return "f64" if lanes == 1 else f"v{lanes}f64"
+
+
+def fma_name(lanes: int) -> str:
+    """Return LLVM's fused multiply-add where the target has one, else its product and sum."""
+    return f"llvm.{'fma' if target().fused else 'fmuladd'}.{suffix(lanes)}"
+
+
+def constant(value: float, lanes: int) -> str:
+    """Return an exact literal in every lane."""
+    digits = f"0x{struct.unpack('>Q', struct.pack('>d', value))[0]:016X}"
+    return digits if lanes == 1 else f"<{', '.join(f'double {digits}' for _ in range(lanes))}>"
+
+
+def integer(value: int, lanes: int) -> str:
+    """Return a whole number in every lane."""
+    return str(value) if lanes == 1 else f"<{', '.join(f'i64 {value}' for _ in range(lanes))}>"
+
+
+def memory_of_call(size: int) -> dict[str, Any]:
+    """Return the variables of the memory that a call needs, of so many bytes, for ``memory.ll.j2``."""
+    on_heap = size > _LARGEST_FRAME
+    return {"on_heap": on_heap, "bytes": size + (_LINE if on_heap else 0)}

@@ -10,9 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ...once import once
-from .lane_types import bits, constant, fma_name, integer, suffix, vector
-
-__all__ = ["LIBRARY", "lanewise", "prelude_variables"]
+from .target import bits, constant, fma_name, integer, suffix, vector
 
 LIBRARY = {
     name: 2 if name in ("atan2", "pow") else 1

@@ -2,16 +2,95 @@
 
 from __future__ import annotations
 
+import hashlib
+import pickle
+import warnings
+from collections.abc import Callable
 from pathlib import Path
-from typing import final
+from types import SimpleNamespace
+from typing import Any, final
 
+import numba
+from numba.core.caching import NullCache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+
+from ...errors import CacheWarning
+from ...ir.kernel import Kernel
 from ...ir.program import Program
+from ...methods.tableau import Tableau
+from ...once import once_property
+from ...transforms.recurrences import Recurrences
 from ..base import Capability
+from ..cache import digest_of, load_in_memory, read_kept, write_kept
 from ..compiled_backend import CompiledBackend
-from .library import NumbaLibrary
-from .objects import numba_version
+from ..library import Code, KernelLibrary
+from . import texts
+from .objects import load_functions, numba_version
 
-__all__ = ["NumbaBackend"]
+# Kernels and steps of one program as modules of Python that numba compiles.
+
+
+@final
+class NumbaLibrary(KernelLibrary):
+    """Kernels and steps of one program, printed as Python and compiled by numba, one case at a time."""
+
+    @property
+    def lanes(self) -> int:
+        """See `KernelLibrary.lanes`."""
+        return 1
+
+    def source(self, method: str, order: int) -> str:
+        """See `KernelLibrary.source`: the module of all kernels of the program, and what the method needs besides."""
+        return texts.module(self._program, self._method_texts(method, order))
+
+    def _method_texts(self, method: str, order: int) -> list[str]:
+        if method == "taylor":
+            return [self._taylor_text(order, 1, True)]
+        if method == "radau":
+            return [self._derivative_text("stages" if "stages" in self._program else "rhs")]
+        return []
+
+    @once_property
+    def _module(self) -> str:
+        return texts.module(self._program)
+
+    @once_property
+    def functions(self) -> SimpleNamespace:
+        """See `KernelLibrary.functions`."""
+        from .objects import configure_numba
+
+        configure_numba()
+        module = load_in_memory(digest_of("numba", self._module), self._module, named=True)
+        kernels = {kernel.name: getattr(module, kernel.name) for kernel in self._program}
+        if self.folder is not None:
+            for kernel in kernels.values():
+                keep_compiled(kernel, self.folder)
+        return SimpleNamespace(**kernels)
+
+    def kernel_text(self, name: str, kernel: Kernel, lanes: int, *, exact: bool = False) -> str:
+        """See `KernelLibrary.kernel_text`; sines and cosines are always those of the C library."""
+        return texts.kernel(name, kernel, lanes)
+
+    def step_text(self, name: str, known: Recurrences, order: int, lanes: int, *, dense: bool) -> str:
+        """See `KernelLibrary.step_text`."""
+        assert lanes == 1
+        return texts.taylor_step(name, known, order, dense=dense)
+
+    def attempt_text(self, tableau: Tableau, lanes: int, *, dense: bool) -> str:
+        """See `KernelLibrary.attempt_text`."""
+        assert lanes == 1
+        rhs = self._program.kernel("rhs")
+        return texts.attempt(rhs, tableau, dense=dense, carried=self.carried, knots=self.knots)
+
+    def _program_text(self, name: str, lanes: int) -> str:
+        """See `KernelLibrary._program_text`."""
+        assert lanes == 1
+        return texts.program_kernel(self._program, name)
+
+    def _load(self, name: str, lanes: int, text: Callable[[], str], functions: tuple[str, ...]) -> Code:
+        """See `KernelLibrary._load`."""
+        return load_functions(self.folder, f"{name}_{lanes}", text, functions)
 
 
 @final
@@ -28,3 +107,50 @@ class NumbaBackend(CompiledBackend):
     def library(self, program: Program, folder: Path | None) -> NumbaLibrary:
         """See `CompiledBackend.library`."""
         return NumbaLibrary(program, folder)
+
+
+# Kernels compiled by numba, in the checked cache instead of numba's own, which reads files without a check.
+#
+# A kernel that is evaluated by name is an ordinary function of numba. Its own cache keeps an index beside the code,
+# believes both, and puts them where ``NUMBA_CACHE_DIR`` says. Here each kernel and signature has one file, in the
+# folder of the module, under its checksum. The file is a pickle, as numba makes it.
+
+
+def keep_compiled(kernel: Any, folder: Path) -> None:
+    """Keep the code that numba compiles of a kernel in the folder of its module."""
+    kernel._cache = _Kept(kernel.py_func.__name__, folder)
+
+
+@final
+class _Kept(NullCache):
+    """Compiled kernels on disk, in place of numba's own `FunctionCache`."""
+
+    def __init__(self, name: str, folder: Path) -> None:
+        self._name, self._folder = name, folder
+
+    @property
+    def cache_path(self) -> str:
+        return str(self._folder)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the code for a signature, None where there is none."""
+        target_context.refresh()
+        path = self._path(sig, target_context.codegen())
+        data = read_kept(path)
+        if data is None:
+            return None
+        try:
+            return CompileResult._rebuild(target_context, *pickle.loads(data))
+        except Exception as failure:  # perhaps made by another version of numba
+            text = f"the cached code {path} could not be used ({failure}) and is rebuilt"
+            warnings.warn(text, CacheWarning, stacklevel=2)
+            return None
+
+    def save_overload(self, sig: Any, cres: Any) -> None:
+        """Keep the code for a signature."""
+        if not cres.library.has_dynamic_globals and all(lifted.can_cache for lifted in cres.lifted):
+            write_kept(self._path(sig, cres.codegen), dumps(cres._reduce()))
+
+    def _path(self, sig: Any, codegen: Any) -> Path:
+        key = repr((numba.__version__, sig, codegen.magic_tuple()))
+        return self._folder / f"{self._name}_{hashlib.sha256(key.encode()).hexdigest()[:16]}.nbc"

@@ -16,14 +16,15 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numba
+
+from ...errors import OptionError
 from ...once import once
 from ..cache import read_kept, write_kept
 from ..llvm.assembly import Compiled, compile_object, load_object
 from ..llvm.target import target
 from . import texts
-from .tables import table_definitions
-
-__all__ = ["load_functions", "numba_version"]
+from .texts import table_definitions
 
 _LIBRARY = frozenset(
     (
@@ -83,8 +84,6 @@ def _unpacked(data: bytes) -> list[bytes]:
 @once
 def _prelude() -> dict[str, Any]:
     """Return the definitions of the prelude, made once a process, so that numba compiles its functions once."""
-    from .target import configure_numba
-
     configure_numba()
     return _executed(texts.prelude(None), {})
 
@@ -102,7 +101,6 @@ def _compiled(text: str, functions: Sequence[str]) -> tuple[list[bytes], bool]:
     """Return the objects of functions and of their entries, and whether they are made for the target."""
     tables = table_definitions(text)
     names = _executed(texts.joined(tables, text) if tables else text, _prelude())
-    from .target import serves_target
 
     objects, entries = [], []
     for function in functions:
@@ -123,3 +121,31 @@ def _refuse_other_symbols(function: str, assembly: str) -> None:
     unknown = sorted(name for name in called if name not in _LIBRARY and not name.startswith("llvm."))
     if unknown:
         raise RuntimeError(f"numba's code of {function} calls {', '.join(unknown)}, which it should not")
+
+
+# The instruction set that numba compiles for.
+
+
+@once
+def configure_numba() -> None:
+    """Set the processor of ``DALEMBERT_TARGET`` for numba, unless numba has another setting or has compiled already.
+
+    Raises
+    ------
+    OptionError
+        Where numba's compilation is disabled.
+    """
+    chosen = target()
+    if numba.config.DISABLE_JIT:
+        raise OptionError(
+            'NUMBA_DISABLE_JIT is set, so that numba compiles nothing: unset it, or take backend="numpy", which is'
+            " plain Python"
+        )
+    if numba.config.CPU_NAME is None and chosen.name != "native":
+        numba.config.CPU_NAME, numba.config.CPU_FEATURES = chosen.cpu, chosen.features
+
+
+def serves_target() -> bool:
+    """Return whether numba compiles for the processor of `target`, which is in the names of cached files."""
+    _, processor, _ = numba.core.registry.cpu_target.target_context.codegen().magic_tuple()
+    return bool(processor == target().cpu)

@@ -14,8 +14,6 @@ from ...transforms.recurrences import Integrated, Recurrences
 from ...transforms.taylor import closing_loads, ending
 from ..printers import NUMBA
 
-__all__ = ["taylor_loop"]
-
 _PIECE = 100
 """Values in one function."""
 

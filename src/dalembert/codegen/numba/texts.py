@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from ...ir.kernel import Kernel, describe_counts
 from ...ir.program import Program
+from ...ir.tables import table_of
 from ...methods.tableau import Tableau
 from ...transforms.recurrences import Recurrences
 from ...transforms.runge_kutta import Pieces, attempt_kernel, attempt_pieces, start_kernel, start_pieces
@@ -15,10 +17,32 @@ from ...transforms.taylor import step_kernel
 from ..llvm.target import target
 from ..printers import NUMBA
 from ..rendering import banner_lines, program_variables, render
-from .tables import table_definitions
 from .taylor_loops import taylor_loop
 
-__all__ = ["attempt", "entries", "joined", "kernel", "module", "prelude", "program_kernel", "taylor_step"]
+# Tables in numba modules: numbers of their pieces, and the search for a piece.
+
+_SEARCH, _ARRAY = re.compile(r"\b_piece_(\d+)\("), re.compile(r"\b_table_(\d+)_(\d+)\(")
+
+
+def table_definitions(text: str) -> str:
+    """Return the definitions of what printed functions use of tables; nothing where they use none."""
+    searched, read = dict.fromkeys(_SEARCH.findall(text)), dict.fromkeys(_ARRAY.findall(text))
+    if not searched and not read:
+        return ""
+    rows = [(key, "edges", table_of(int(key)).edges) for key in searched]
+    rows += [(key, row, table_of(int(key)).row(int(row))) for key, row in read]
+    variables: dict[str, Any] = {
+        "arrays": [{"name": f"_table_{key}_{row}", "numbers": _listed(values)} for key, row, values in rows],
+        "searches": [{"key": key, "count": len(table_of(int(key)).edges)} for key in searched],
+    }
+    return render("numba/tables.py.j2", variables)
+
+
+def _listed(values: Any) -> str:
+    """Return numbers as an expression of Python."""
+    printed = (repr(float(value)) for value in values)
+    return "[" + ", ".join("math.nan" if number == "nan" else number for number in printed) + "]"
+
 
 _LARGEST_STRAIGHT = 3000
 """Lines up to which a Taylor step is written out. numba takes 1.3 ms a line of straight arithmetic (2.2 ms on a busy

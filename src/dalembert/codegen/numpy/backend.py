@@ -8,19 +8,17 @@ from typing import Any, ClassVar, final
 import numpy as np
 
 from ...arrays import FloatArray
-from ...integrators.problem import IntegrationProblem, Kernels, Solution
-from ...integrators.stiffness import fitting
 from ...ir.interpret import interpret, interpret_rows
 from ...ir.program import Program
 from ...once import computed_once
+from ...steps.method_choice import fitting
+from ...steps.problem import IntegrationProblem, Kernels, Solution
 from ...transforms.partials import jacobian_kernel
 from ...version import __version__
 from ..base import Backend, Engine, RenderedModule
 from ..cache import digest_of, load_in_memory
 from ..printers import NUMPY
 from ..rendering import program_variables, render
-
-__all__ = ["NumpyBackend"]
 
 ArrayKernel = Callable[[float, FloatArray, FloatArray, FloatArray], None]
 
@@ -56,7 +54,7 @@ class NumpyEngine(Engine):
 
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """See `Engine.integrate`."""
-        from ...integrators.scipy.solvers import integrate
+        from .solvers import integrate
 
         if "stages" in self._kernels:
             return self._integrate_stages(problem)
@@ -64,14 +62,14 @@ class NumpyEngine(Engine):
 
     def step_blocks(self, problem: IntegrationProblem, method: str) -> Iterator[Solution]:
         """See `Engine.step_blocks`: one step each; of equations in stages, the whole run."""
-        from ...integrators.scipy.solvers import step_blocks
+        from .solvers import step_blocks
 
         if "stages" in self._kernels:
             return super().step_blocks(problem, method)
         return step_blocks(self._stepped(method), method, problem)
 
     def _stepped(self, method: str) -> Kernels:
-        from ...integrators.scipy.solvers import IMPLICIT
+        from .solvers import IMPLICIT
 
         named = self._kernels
         jacobian = self._derivative("rhs") if method in IMPLICIT else None
@@ -94,7 +92,7 @@ class NumpyEngine(Engine):
         return fitting(problem, method, rates, self.integrate, len(rhs.body))
 
     def _integrate_stages(self, problem: IntegrationProblem) -> Solution:
-        from ...integrators.index2_reference import integrate
+        from .index2_reference import integrate
 
         c, n = problem.constants, self._sizes["stages"]
 

@@ -2,7 +2,7 @@
 
 numba takes seconds for what this does in hundredths of one, because the loops need little of Python: functions of
 integers, doubles, flags, C-contiguous arrays, records and tuples of these. They are marked as `compiled_subset`
-(`dalembert.integrators.compiled_subset`). The rules, beside those of Python:
+(`dalembert.subset.compiled_subset`). The rules, beside those of Python:
 
 - A variable has one kind, that of its first value in the text; integers become doubles where these are kept.
 - Functions say what they return. They are translated for the kinds of their arguments.
@@ -19,8 +19,8 @@ from typing import Any, final
 
 import numpy as np
 
-from ...integrators.arguments import arguments_of, kind_of
-from ...integrators.kinds import FLAG, INTEGER, NUMBER, Array, Kind
+from ...subset.arguments import arguments_of, kind_of
+from ...subset.kinds import FLAG, INTEGER, NUMBER, Array, Kind
 from .statements import translated
 from .values import Value, rounded
 
@@ -45,7 +45,7 @@ def loop_assembly(loop: Any, *, fused: bool = True) -> str:
     Parameters
     ----------
     loop : function
-        Of one NamedTuple (`dalembert.integrators.arguments`). It returns an integer or nothing, and writes other
+        Of one NamedTuple (`dalembert.subset.arguments`). It returns an integer or nothing, and writes other
         results to arrays and records of its arguments.
     fused : bool
         Whether the target has instructions for `fma`; elsewhere it is a product and a sum, each rounded.

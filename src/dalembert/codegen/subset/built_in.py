@@ -7,14 +7,12 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from ...integrators import compiled_subset as code
-from ...integrators.kinds import FLAG, INT_VECTOR, INTEGER, MATRIX, NUMBER, VECTOR, Array, Group, Kind
+from ...subset import compiled_subset as code
+from ...subset.kinds import FLAG, INT_VECTOR, INTEGER, MATRIX, NUMBER, VECTOR, Array, Group, Kind
 from .values import Value, rounded
 
 if TYPE_CHECKING:
     from .expressions import Expressions
-
-__all__ = ["BUILT_IN"]
 
 
 def _word(value: Value, kind: Kind) -> str:

@@ -10,11 +10,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ...integrators.kinds import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
+from ...subset.kinds import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
 from .built_in import BUILT_IN
 from .values import Lines, Value, literal, unified
-
-__all__ = ["UNKNOWN", "Expressions", "Functions"]
 
 UNKNOWN: Any = object()
 """Placeholder of a value that is not known before the loop runs."""

@@ -7,11 +7,9 @@ import inspect
 import textwrap
 from typing import Any, final
 
-from ...integrators.kinds import FLAG, INTEGER, NUMBER, Group, Kind
+from ...subset.kinds import FLAG, INTEGER, NUMBER, Group, Kind
 from .expressions import UNKNOWN, Expressions, Functions
 from .values import Value, by_reference
-
-__all__ = ["translated"]
 
 _SCALARS: dict[str, Kind] = {"int": INTEGER, "float": NUMBER, "bool": FLAG}
 

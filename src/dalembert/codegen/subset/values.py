@@ -8,9 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import final
 
-from ...integrators.kinds import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind, Scalar
-
-__all__ = ["Lines", "Value", "by_reference", "literal", "parts", "rounded", "unified"]
+from ...subset.kinds import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind, Scalar
 
 _ORDER = (FLAG, INTEGER, NUMBER)
 

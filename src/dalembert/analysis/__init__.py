@@ -1,0 +1,4 @@
+"""What is computed of runs and states: sensitivities, linearisations, equilibria, comparisons of formulations.
+
+It imports `runs` and what stands above.
+"""

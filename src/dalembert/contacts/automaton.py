@@ -1,0 +1,222 @@
+"""`HybridAutomaton`: modes, guards and transitions of a scene with contacts.
+
+In a mode each contact is open or closed, and slips or sticks; the equations of a mode have no contacts any more. A mode
+ends where one of its guards falls through zero. The consequence is a row of `TRANSITIONS`; it ends in a selection
+among all modes, which takes the one that contradicts no law of contact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import final
+
+from ..errors import ConstraintError
+from ..ir.graph import Graph
+from ..ir.kernel import Kernel
+from ..ir.node import Node
+from ..mechanics.equations import ContactRow, EquationsOfMotion
+from ..mechanics.manifold import outside_span_on_manifold
+from ..mechanics.power_checks import parallel
+from ..transforms.lower_kernels import lower_kernel
+from .contact_laws import CLOSED, OPEN, SLIP, SMOOTH, STATES, STICK, Mode
+from .modes import mode_equations
+
+# Check that the normal reactions of contacts that open act along their gaps.
+
+
+def require_normals_along_gaps(equations: EquationsOfMotion) -> None:
+    """Raise unless every contact that opens can be held closed by normal reactions, without its friction.
+
+    Impacts and the selection of modes take the reaction of a gap to have power along it, and none along the slip
+    velocity; with another direction sliding has no equations.
+
+    Raises
+    ------
+    ConstraintError
+        With the contact, the coordinates along which power is missing, and what to do.
+    """
+    tangential = {i for contact in equations.contacts for i in contact.tangential}
+    opening = {contact.constraint for contact in equations.contacts}
+    rows = equations.constraints
+    lasting = [row for i, row in enumerate(rows) if i not in opening]
+    names = equations.symbols.unknowns
+    others = [[row[i] for row in equations.reactions] for i in range(len(names)) if i not in tangential]
+    for contact in equations.contacts:
+        if contact.constraint is None:
+            continue
+        gap = rows[contact.constraint]
+        if parallel(equations.graph, gap.jacobian, [row[contact.normal] for row in equations.reactions]):
+            continue
+        covectors = [*others, *(row.jacobian for row in lasting)]
+        positions = [row.position for row in (gap, *lasting) if row.position is not None]
+        missing = outside_span_on_manifold(equations.q, covectors, positions, [gap.jacobian])
+        if missing:
+            along = ", ".join(equations.symbols.coordinates[i] for i in missing)
+            raise ConstraintError(
+                f"scene {equations.name!r}: the normal reaction {names[contact.normal]!r} of the contact"
+                f" {contact.name!r} does not act along its gap (their powers on {along} differ): it would have power on"
+                " motions that keep the gap. Let its force in the joint be normal to the surfaces that touch, and"
+                " friction the rest"
+            )
+
+
+# Numbers of contacts at an instant as a kernel: [EquationsOfMotion] -> [Kernel].
+#
+# Mode selection and impacts are computed from them (`dalembert.contacts.contact_system`).
+
+NUMBERS = "gap", "mu", "mu_static", "restitution", "regularization"
+"""Numbers of each contact, in the order of the outputs."""
+
+
+def contact_data(equations: EquationsOfMotion) -> Kernel:
+    """Return a kernel of (t, (q, q_dot), c), c beginning with the parameters of the scene.
+
+    Its outputs are M (n_q, n_q) and the forcing (n_q,); of the constraints and, behind them, the slip velocities the
+    Jacobians (n_rows, n_q), the biases of their accelerations (n_rows,) and their values on the rates (n_rows,); the
+    power coefficients of the reactions (n_reactions, n_q); and of the contacts gaps, mu, mu_static, restitutions and
+    regularizations (n_contacts,), zero where they have none.
+    """
+    graph = Graph()  # a graph of its own, so that the kernel depends on the equations alone
+    rows = [*equations.constraints, *(row for contact in equations.contacts for row in contact.slips)]
+    nodes: list[Node] = [entry for row in equations.mass_matrix for entry in row]
+    nodes += equations.forcing
+    nodes += [entry for row in rows for entry in row.jacobian]
+    nodes += [row.bias for row in rows]
+    for row in rows:
+        terms = (a * b for a, b in zip(row.jacobian, equations.qdot, strict=True))
+        nodes.append(equations.graph.sum(terms) + row.drift)
+    nodes += [row[i] for i in range(len(equations.symbols.unknowns)) for row in equations.reactions]
+    for name in NUMBERS:
+        numbers = [getattr(contact, name) for contact in equations.contacts]
+        nodes += [equations.graph.zero if node is None else node for node in numbers]
+    inputs: dict[Node, tuple[str, int | None]] = {graph.input(equations.symbols.time): ("t", None)}
+    inputs |= {graph.input(name): ("c", i) for i, name in enumerate(equations.symbols.parameters)}
+    inputs |= {graph.input(name): ("y", i) for i, name in enumerate(equations.symbols.variables)}
+    return lower_kernel(graph, "contact_data", graph.adopt(nodes), inputs, arguments=("t", "y", "c"))
+
+
+@final
+@dataclass(frozen=True)
+class Transition:
+    """Consequence of a guard of a contact that falls through zero.
+
+    Attributes
+    ----------
+    guard : str
+        Kind of the guard, see `dalembert.mechanics.equations.Guard`.
+    meaning : str
+        Quantity of the guard, and meaning of its zero.
+    source : tuple of str
+        States of the contact that have such a guard.
+    target : tuple of str
+        States of the contact among which mode selection chooses; what the other contacts do may change at the same
+        time.
+    impact : bool
+        Whether rates may jump first.
+    signs : tuple of int
+        Signs of such guards, see `Guard.sign`.
+    """
+
+    guard: str
+    meaning: str
+    source: tuple[str, ...]
+    target: tuple[str, ...]
+    impact: bool = False
+    signs: tuple[int, ...] = (0,)
+
+
+TRANSITIONS: Mapping[str, Transition] = {
+    row.guard: row
+    for row in (
+        Transition("meet", "the gap closes", (OPEN,), (CLOSED, SLIP, STICK, SMOOTH, OPEN), impact=True),
+        Transition("lift", "the normal reaction vanishes", (CLOSED, SLIP, STICK, SMOOTH), (OPEN,)),
+        Transition(
+            "turn",
+            "the normal reaction of a constraint that never opens changes its sign",
+            (SLIP, STICK),
+            (SLIP, STICK),
+        ),
+        Transition("stop", "the slip velocity along its former direction vanishes", (SLIP,), (STICK, SLIP, OPEN)),
+        Transition(
+            "break", "friction reaches mu_static times the normal reaction", (STICK,), (SLIP, OPEN), signs=(1, -1, 0)
+        ),
+        Transition(
+            "share",
+            "contacts that hold each other while they stick can no longer share their load",
+            (STICK,),
+            (STICK, SLIP, OPEN),
+        ),
+        Transition("paradox", "sliding friction no longer determines the normal reactions", (SLIP,), ()),
+    )
+}
+"""Ends of a mode and their consequences, by the kind of the guard. After a paradox nothing follows."""
+
+BITS: Mapping[tuple[str, int], int] = {
+    guard: 1 << bit
+    for bit, guard in enumerate((row.guard, sign) for row in TRANSITIONS.values() if row.target for sign in row.signs)
+}
+"""Guards of a contact as bits in compiled code (`dalembert.contacts.mode_candidates`), by their kinds and signs."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class HybridAutomaton:
+    """A scene with contacts.
+
+    Attributes
+    ----------
+    equations : EquationsOfMotion
+        With all constraints and reactions of the contacts, without friction.
+    contact_data : Kernel
+        The numbers from which mode selection and impacts are computed.
+    """
+
+    equations: EquationsOfMotion
+    contact_data: Kernel
+
+    @classmethod
+    def of(cls, equations: EquationsOfMotion) -> HybridAutomaton:
+        """Return the automaton of equations with contacts.
+
+        Raises
+        ------
+        ConstraintError
+            When a normal reaction does not act along its gap.
+        """
+        require_normals_along_gaps(equations)
+        return cls(equations, contact_data(equations))
+
+    @property
+    def contacts(self) -> tuple[ContactRow, ...]:
+        """The contacts of the scene."""
+        return tuple(self.equations.contacts)
+
+    def states(self, contact: int) -> tuple[str, ...]:
+        """Return the states that a contact may have, its ordinary closed state first."""
+        row = self.contacts[contact]
+        if not row.tangential:
+            closed: tuple[str, ...] = (CLOSED,)
+        elif row.regularization is not None:
+            closed = (SMOOTH,)
+        else:
+            closed = (SLIP, STICK)
+        return closed if row.constraint is None else (*closed, OPEN)
+
+    def sliding_mode(self, opened: Collection[int]) -> Mode:
+        """Return the mode in which contacts of some numbers are open, and all others are closed and slip."""
+        return tuple(OPEN if i in opened else self.states(i)[0] for i in range(len(self.contacts)))
+
+    def equations_of(self, mode: Mode) -> EquationsOfMotion:
+        """Return the equations in a mode, with its guards.
+
+        Raises
+        ------
+        ConstraintError
+            When the equations do not determine the normal reaction of a contact that slides.
+        """
+        return mode_equations(self.equations, mode)
+
+    def mode(self, number: int) -> Mode:
+        """Return the mode of a number: the states of its contacts as digits, the first contact being the lowest."""
+        return tuple(STATES[number // len(STATES) ** i % len(STATES)] for i in range(len(self.contacts)))

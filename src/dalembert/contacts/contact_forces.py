@@ -1,0 +1,363 @@
+"""Contact forces at an instant: accelerations, or rates after an impact, in any mode of the contacts.
+
+Motion, normal reactions, gap accelerations and slip accelerations are affine in the friction forces; a mode makes these
+unknown (sticking), or proportional to the normal reactions (sliding).
+"""
+
+from __future__ import annotations
+
+from ..arrays import FloatArray
+from ..subset.compiled_subset import compiled_subset, sqrt
+from .contact_system import (
+    OPEN,
+    SLIP,
+    SMOOTH,
+    STICK,
+    Combination,
+    ContactSystem,
+    dot,
+    drift,
+    inertial_size,
+    inertial_terms,
+)
+from .dense_solve import solve_dense
+
+_STEP, _MOST_STEPS = 2.0**20, 50
+"""Factor between scales, and most of them: sizes of ordinary units keep the scale one."""
+
+_POWERLESS = 1e-12
+"""Share of the slip acceleration that friction would cause if nothing else held, up to which rounding makes it; and
+share of the slopes of a gap, up to which it makes those of a slip velocity."""
+
+
+@compiled_subset
+def load_accelerations(system: ContactSystem) -> None:
+    """Have accelerations solved for."""
+    for i in range(system.coordinates):
+        system.load[i] = system.forcing[i]
+    for row in range(system.demand.size):
+        system.demand[row] = system.bias[row]
+    _begin(system)
+
+
+@compiled_subset
+def load_impact(system: ContactSystem) -> None:
+    """Have the rates after an impact solved for, those of constraints and of slip that hold being zero."""
+    for i in range(system.coordinates):
+        system.load[i] = dot(system.mass[i], system.rates, 0.0)
+    for row in range(system.demand.size):
+        system.demand[row] = -drift(system, row)
+    _begin(system)
+
+
+@compiled_subset
+def load_correction(system: ContactSystem) -> None:
+    """Have the smallest change of the coordinates, by kinetic energy, solved for that makes gaps zero."""
+    for i in range(system.coordinates):
+        system.load[i] = 0.0
+    for row in range(system.demand.size):
+        system.demand[row] = 0.0
+    for i in range(system.contacts):
+        if system.constraint[i] >= 0:
+            system.demand[system.constraint[i]] = -float(system.sense[i]) * system.gap[i]
+    _begin(system)
+
+
+@compiled_subset
+def _begin(system: ContactSystem) -> None:
+    """Forget responses, and choose the scales of accelerations, multipliers and reactions by the mass matrix."""
+    for place in range(system.kept.size):
+        system.kept[place] = -1
+    n, m = system.coordinates, system.constraints
+    for j in range(n):
+        system.scales[j] = _scale_of(sqrt(max(system.mass[j, j], 0.0)))
+    for row in range(m):
+        system.scales[n + row] = _scale_of(_largest(system, system.jacobian[row]))
+    for unknown in range(system.owner.size):
+        system.scales[n + m + unknown] = _scale_of(_largest(system, system.power[unknown]))
+
+
+@compiled_subset
+def _largest(system: ContactSystem, along: FloatArray) -> float:
+    """Return the largest entry of a row or of power coefficients, in the scales of the accelerations."""
+    size = 0.0
+    for j in range(along.size):
+        size = max(size, abs(along[j]) * system.scales[j])
+    return size
+
+
+@compiled_subset
+def _scale_of(size: float) -> float:
+    """Return a power of two that brings a size near one; one where there is nothing to scale."""
+    scale = 1.0
+    if size > 0.0:
+        for _ in range(_MOST_STEPS):
+            if size * scale > 1024.0:
+                scale /= _STEP
+            elif size * scale < 1.0 / 1024.0:
+                scale *= _STEP
+            else:
+                break
+    return scale
+
+
+@compiled_subset
+def _accelerate(system: ContactSystem, opened: int, width: int) -> int:
+    """Solve for what the motion is without friction, for a unit of each friction force, and of each normal reaction.
+
+    These are columns of ``saddle_right``, of which the first ``width`` are solved for, with some contacts open, as
+    bits. Returns the number of constraints that hold.
+    """
+    n, held = system.coordinates, hold_constraints(system, opened)
+    for i in range(n):
+        for j in range(n):
+            system.saddle[i, j] = system.mass[i, j] * system.scales[i] * system.scales[j]
+        system.saddle_right[i, 0] = system.load[i] * system.scales[i]
+        for j in range(1, width):
+            force = system.tangential[j - 1] if j <= system.slips else system.normal[j - 1 - system.slips]
+            system.saddle_right[i, j] = system.power[force, i] * system.scales[i]
+    for a in range(held):
+        row = system.held[a]
+        for j in range(n):
+            entry = system.jacobian[row, j] * system.scales[n + row] * system.scales[j]
+            system.saddle[n + a, j], system.saddle[j, n + a] = entry, -entry
+        for b in range(held):
+            system.saddle[n + a, n + b] = 0.0
+        for j in range(width):
+            system.saddle_right[n + a, j] = system.demand[row] * system.scales[n + row] if j == 0 else 0.0
+    solve_dense(system.saddle, system.saddle_right, n + held, width, system.dense)
+    for i in range(n + held):
+        for j in range(width):
+            system.saddle_right[i, j] *= system.scales[i if i < n else n + system.held[i - n]]
+    return held
+
+
+@compiled_subset
+def load_compliances(system: ContactSystem) -> None:
+    """Write what each friction force and each normal reaction does where all contacts that can open are open."""
+    opened, k, s = 0, system.contacts, system.slips
+    for i in range(k):
+        if system.constraint[i] >= 0:
+            opened += 1 << i
+    _accelerate(system, opened, 1 + s + k)
+    for r in range(s + k):
+        row = system.constraints + r if r < s else system.constraint[r - s]
+        sign = 1.0 if r < s else float(system.sense[r - s])
+        for j in range(1 + s + k):
+            system.compliances[r, j] = sign * _along(system, row, j) if row >= 0 else 0.0
+
+
+@compiled_subset
+def _respond(system: ContactSystem, opened: int) -> None:
+    """Find how the motion responds to friction with some contacts open, as bits."""
+    kept = opened % system.kept.size
+    system.solved.place = kept * system.solution.size
+    if system.kept[kept] == opened:
+        return
+    system.kept[kept] = opened
+    held = _accelerate(system, opened, 1 + system.slips)
+    _reactions(system, held, opened)
+    _write(system)
+
+
+@compiled_subset
+def _opens(opened: int, contact: int) -> bool:
+    """Return whether a number is that of an open contact."""
+    return contact >= 0 and opened >> contact & 1 != 0
+
+
+@compiled_subset
+def hold_constraints(system: ContactSystem, opened: int) -> int:
+    """List the constraints that hold with some contacts open; return their number."""
+    held = 0
+    for row in range(system.constraints):
+        if not _opens(opened, system.row_owner[row]):
+            system.held[held] = row
+            held += 1
+    return held
+
+
+@compiled_subset
+def _columns(system: ContactSystem, opened: int) -> int:
+    """List the reactions that hold constraints with some contacts open; return their number."""
+    count = 0
+    for unknown in range(system.owner.size):
+        contact, size = system.owner[unknown], 0.0
+        for i in range(system.coordinates):
+            size += abs(system.power[unknown, i])
+        if contact >= 0:
+            system.column[contact] = -1
+        if contact > -2 and not _opens(opened, contact) and (contact >= 0 or size != 0.0):
+            system.columns[count] = unknown
+            if contact >= 0:
+                system.column[contact] = count
+            count += 1
+    return count
+
+
+@compiled_subset
+def _reactions(system: ContactSystem, held: int, opened: int) -> None:
+    """Solve for the reactions that do what the multipliers do, into ``square_right``: those of least norm."""
+    n, width, count = system.coordinates, 1 + system.slips, _columns(system, opened)
+    for a in range(count):
+        one = system.columns[a]
+        for b in range(count):
+            value = 0.0
+            for i in range(n):
+                value += _scaled_power(system, i, one) * _scaled_power(system, i, system.columns[b])
+            system.square[a, b] = value
+        for j in range(width):
+            value = 0.0
+            for h in range(held):
+                power = 0.0
+                for i in range(n):
+                    power += _scaled_power(system, i, one) * (system.jacobian[system.held[h], i] * system.scales[i])
+                value += power * system.saddle_right[n + h, j]
+            system.square_right[a, j] = value
+    solve_dense(system.square, system.square_right, count, width, system.dense)
+    for a in range(count):
+        for j in range(width):
+            system.square_right[a, j] *= system.scales[n + system.constraints + system.columns[a]]
+
+
+@compiled_subset
+def _scaled_power(system: ContactSystem, i: int, unknown: int) -> float:
+    """Return a power coefficient of a reaction, in the scales of both."""
+    scale = system.scales[i] * system.scales[system.coordinates + system.constraints + unknown]
+    return system.power[unknown, i] * scale
+
+
+@compiled_subset
+def _along(system: ContactSystem, row: int, j: int) -> float:
+    """Return the excess of the acceleration along a row for a right side of the system of the accelerations."""
+    value = 0.0
+    for m in range(system.coordinates):
+        value += system.jacobian[row, m] * system.saddle_right[m, j]
+    return value - system.demand[row] if j == 0 else value
+
+
+@compiled_subset
+def motionless(system: ContactSystem, row: int) -> bool:
+    """Return whether a slip velocity does not depend on the rates here, compared with how the gap does."""
+    constraint = system.constraint[system.row_owner[row]]
+    if constraint < 0:
+        return False
+    gap = inertial_size(system, system.jacobian[constraint])
+    return inertial_size(system, system.jacobian[row]) <= _POWERLESS * gap
+
+
+@compiled_subset
+def _write(system: ContactSystem) -> None:
+    """Write the responses that were solved for to their rows."""
+    out, place, k = system.responses, system.solved.place, system.contacts
+    for i in range(system.coordinates):
+        for j in range(out.shape[1]):
+            out[place + i, j] = system.saddle_right[i, j]
+    place += system.coordinates
+    for i in range(k):
+        row, column = system.constraint[i], system.column[i]
+        for j in range(out.shape[1]):
+            out[place + i, j] = system.square_right[column, j] if column >= 0 else 0.0
+            out[place + k + i, j] = float(system.sense[i]) * _along(system, row, j) if row >= 0 else 0.0
+    place += 2 * k
+    for r in range(system.slips):
+        row = system.constraints + r
+        still = motionless(system, row)
+        for j in range(out.shape[1]):
+            value = _along(system, row, j)
+            if j > 0:  # what the slip acceleration for a unit of the force is if nothing else holds the system
+                force = system.power[system.tangential[j - 1]]
+                if still or abs(value) <= _POWERLESS * inertial_terms(system, system.jacobian[row], force):
+                    value = 0.0
+            out[place + r, j] = value
+
+
+@compiled_subset
+def open_contacts(chosen: Combination) -> int:
+    """Return the open contacts of a mode, as bits."""
+    opened = 0
+    for i in range(chosen.mode.size):
+        if chosen.mode[i] == OPEN:
+            opened += 1 << i
+    return opened
+
+
+@compiled_subset
+def solve_mode(system: ContactSystem, chosen: Combination) -> None:
+    """Solve for motion and forces in a mode, with its directions of slip and signs of normal reactions."""
+    _respond(system, open_contacts(chosen))
+    found, laws, forces = system.responses, system.laws, system.forces
+    presses = system.solved.place + system.coordinates
+    for i in range(system.contacts):
+        for a in range(system.width[i]):
+            r, state = system.first[i] + a, chosen.mode[i]
+            row = presses + 2 * system.contacts + r
+            scale = _scale_of(abs(found[row, 1 + r])) if state == STICK else 1.0
+            for j in range(system.slips):
+                laws[r, j] = found[row, 1 + j] * scale if state == STICK else 0.0
+            forces[r, 0] = -found[row, 0] * scale if state == STICK else 0.0
+            if state != STICK:
+                laws[r, r] = 1.0
+            if state == SLIP or state == SMOOTH:
+                kappa = system.mu[i] * chosen.sides[i] * chosen.along[i, a]
+                for j in range(system.slips):
+                    laws[r, j] += kappa * found[presses + i, 1 + j]
+                forces[r, 0] = -kappa * found[presses + i, 0]
+    system.solved.undetermined = solve_dense(laws, forces, system.slips, 1, system.dense)
+    for a in range(system.solved.undetermined):
+        for r in range(system.slips):
+            system.free[a, r] = system.dense.free[a, r]
+    if system.solved.undetermined > 1:
+        _separate(system)
+    for i in range(system.solution.size):
+        value = found[system.solved.place + i, 0]
+        for j in range(system.slips):
+            value += found[system.solved.place + i, 1 + j] * forces[j, 0]
+        system.solution[i] = value
+
+
+@compiled_subset
+def _separate(system: ContactSystem) -> None:
+    """Combine the directions in which forces are not determined so that each changes few contacts (Gauss-Jordan)."""
+    free, count = system.free, system.solved.undetermined
+    for a in range(count):
+        pivot = 0
+        for r in range(1, system.slips):
+            if abs(free[a, r]) > abs(free[a, pivot]):
+                pivot = r
+        largest = free[a, pivot]
+        for r in range(system.slips):
+            free[a, r] /= largest
+        for b in range(count):
+            if b != a:
+                factor = free[b, pivot]
+                for r in range(system.slips):
+                    free[b, r] -= factor * free[a, r]
+
+
+@compiled_subset
+def compliance(system: ContactSystem, a: int, b: int) -> float:
+    """Return the acceleration along one slip velocity for a unit of friction force along another."""
+    return system.responses[system.solved.place + system.coordinates + 2 * system.contacts + a, 1 + b]
+
+
+@compiled_subset
+def gap_compliance(system: ContactSystem, i: int, r: int) -> float:
+    """Return the acceleration of the gap of a contact for a unit of friction force along a slip velocity."""
+    return system.responses[system.solved.place + system.coordinates + system.contacts + i, 1 + r]
+
+
+@compiled_subset
+def press_compliance(system: ContactSystem, i: int, r: int) -> float:
+    """Return the change of the normal reaction of a contact for a unit of friction force along a slip velocity."""
+    return system.responses[system.solved.place + system.coordinates + i, 1 + r]
+
+
+@compiled_subset
+def shift_forces(system: ContactSystem, direction: int, amount: float) -> None:
+    """Change friction forces along a direction in which they are not determined, and normal reactions with them."""
+    for r in range(system.slips):
+        system.forces[r, 0] += amount * system.free[direction, r]
+    for i in range(system.contacts):
+        for r in range(system.slips):
+            system.press[i] += amount * press_compliance(system, i, r) * system.free[direction, r]

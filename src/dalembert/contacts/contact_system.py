@@ -1,0 +1,327 @@
+"""Contacts of a scene as compiled code sees them: their numbers at an instant, and the motion and forces in a mode."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..ir.conditions import CONDITION_TIME
+from ..subset.arguments import IntMatrix, IntVector, Matrix, Record, Vector
+from ..subset.compiled_subset import compiled_subset, sqrt
+from .automaton import NUMBERS
+from .contact_laws import STATES
+from .dense_solve import DenseWorkspace, dense_workspace
+
+if TYPE_CHECKING:
+    from ..mechanics.equations import ContactRow, EquationsOfMotion
+    from .automaton import HybridAutomaton
+
+OPEN, CLOSED, SLIP, STICK, SMOOTH = range(len(STATES))
+"""States of a contact, by their places in `dalembert.contacts.modes.STATES`."""
+
+_KEPT_RESPONSES = 8
+"""Sets of open contacts whose responses are kept during one decision."""
+
+
+class Combination(NamedTuple):
+    """The state of each contact, and the motion with it.
+
+    Attributes
+    ----------
+    mode, sides : (n_contacts,)
+        States, and signs of normal reactions.
+    along : (n_contacts, 2)
+        Directions of slip.
+    motion : (n_q,)
+        Accelerations, or rates after an impact.
+    """
+
+    mode: IntVector
+    sides: Vector
+    along: Matrix
+    motion: Vector
+
+
+def combination(contacts: int, coordinates: int) -> Combination:
+    """Return memory for a combination."""
+    return Combination(np.zeros(contacts, np.int64), np.ones(contacts), np.zeros((contacts, 2)), np.zeros(coordinates))
+
+
+class Solved(Record):
+    """The first row of the responses that were used, and the number of directions in which forces are free."""
+
+    place: int
+    undetermined: int
+
+
+class ContactSystem(NamedTuple):
+    """Contacts with one entry each where nothing else is said. A row is a constraint, or behind them a slip velocity.
+
+    Attributes
+    ----------
+    coordinates, constraints, contacts, slips : int
+        Sizes: q, constraints, contacts, slip velocities of all contacts.
+    constraint, sense : (n_contacts,)
+        Number of the constraint that opens (-1: none), and the sign between it and the gap.
+    normal : (n_contacts,)
+        Number of the normal reaction among the reactions.
+    first, row, width : (n_contacts,)
+        First slip velocity, its row, and their number: 0 without friction, 1 along a line, 2 in a plane.
+    closed : (n_contacts,)
+        State while it is closed and does not stick: CLOSED without friction, SLIP, or SMOOTH.
+    sided : (n_contacts,)
+        1 where the normal reaction of a contact with friction may have either sign.
+    jumping : (n_contacts,)
+        1 where a condition on time stands in the slip velocity, which may jump.
+    tangential : (n_slips,)
+        Number of the friction force along each slip velocity among the reactions.
+    slides_by : (n_slips, n_q)
+        1 where a slip velocity depends on a rate, at one position at least.
+    row_owner, owner : (n_rows,), (n_reactions,)
+        Contact of each row, and of each normal reaction; -1 for others, -2 for friction forces.
+    angle : (n_q,)
+        1 for coordinates without a unit.
+    values : (n_values,)
+        Outputs of the kernel of the contact data at the instant; those up to `regularization` are views of them.
+    mass, forcing : (n_q, n_q), (n_q,)
+        The mass matrix and the given forces.
+    jacobian, bias, velocity : (n_rows, n_q), (n_rows,), (n_rows,)
+        Jacobians; what Jacobian times qddot is where a row holds; rates of constraints and slip velocities.
+    power : (n_reactions, n_q)
+        Power coefficients of the reactions.
+    gap, mu, mu_static, restitution, regularization : (n_contacts,)
+        Gaps and coefficients of the contacts, zero where they have none.
+    rates : (n_q,)
+        qdot at the instant.
+    load, demand : (n_q,), (n_rows,)
+        Forcing, or momentum before an impact; what is required of Jacobian times unknown where a row holds.
+    responses : (8 n, 1 + n_slips)
+        For 8 sets of open contacts, of n = n_q + 2 n_contacts + n_slips each: motion, normal reactions, accelerations
+        of gaps and of slip, without friction and for a unit of each friction force.
+    kept : (8,)
+        The set of open contacts of each, as bits; -1 where there is none.
+    scales : (n_q + n_constraints + n_reactions,)
+        Powers of two by which accelerations, multipliers and reactions are divided to be solved for, so that which
+        systems are singular does not depend on units.
+    saddle, saddle_right : (n, n), (n, 1 + n_slips + n_contacts)
+        System of accelerations and multipliers.
+    compliances : (n_slips + n_contacts, 1 + n_slips + n_contacts)
+        With all contacts open: accelerations of slip and of gaps, without contact forces and for a unit of each
+        friction force and of each normal reaction.
+    square, square_right : (n_reactions, n_reactions), (n_reactions, 1 + n_slips)
+        System of the reactions.
+    laws, forces : (n_slips, n_slips), (n_slips, 1)
+        System of the friction forces, and these.
+    held, columns, column : (n_constraints,), (n_reactions,), (n_contacts,)
+        Constraints that hold, the reactions that hold them, and the place of each normal reaction among these.
+    solution : (n,)
+        As a column of the responses: the four that follow are views of it.
+    motion : (n_q,)
+        Accelerations, or rates after an impact.
+    press, opening : (n_contacts,)
+        Normal reactions, and the excess of gap accelerations over what keeps the contact closed.
+    slip : (n_slips,)
+        The excess of slip accelerations over what keeps the contact sticking.
+    free : (n_slips, n_slips)
+        Directions in which the friction forces are not determined, as rows; the motion does not depend on them.
+    solved, dense
+        Numbers of the solution, and memory of the solver.
+    """
+
+    coordinates: int
+    constraints: int
+    contacts: int
+    slips: int
+    constraint: IntVector
+    sense: IntVector
+    normal: IntVector
+    first: IntVector
+    row: IntVector
+    width: IntVector
+    closed: IntVector
+    sided: IntVector
+    jumping: IntVector
+    tangential: IntVector
+    slides_by: IntMatrix
+    row_owner: IntVector
+    owner: IntVector
+    angle: IntVector
+    values: Vector
+    mass: Matrix
+    forcing: Vector
+    jacobian: Matrix
+    bias: Vector
+    velocity: Vector
+    power: Matrix
+    gap: Vector
+    mu: Vector
+    mu_static: Vector
+    restitution: Vector
+    regularization: Vector
+    rates: Vector
+    load: Vector
+    demand: Vector
+    responses: Matrix
+    kept: IntVector
+    scales: Vector
+    saddle: Matrix
+    saddle_right: Matrix
+    compliances: Matrix
+    square: Matrix
+    square_right: Matrix
+    laws: Matrix
+    forces: Matrix
+    held: IntVector
+    columns: IntVector
+    column: IntVector
+    solution: Vector
+    motion: Vector
+    press: Vector
+    opening: Vector
+    slip: Vector
+    free: Matrix
+    solved: Solved
+    dense: DenseWorkspace
+
+
+def contact_system(automaton: HybridAutomaton) -> ContactSystem:
+    """Return the contacts of a scene, with memory of their own."""
+    equations, k = automaton.equations, len(automaton.contacts)
+    n, m, u = len(equations.q), len(equations.constraints), len(equations.symbols.unknowns)
+    s = sum(len(contact.slips) for contact in automaton.contacts)
+    r, size, one_each = m + s, max(n + m, u, s, 1), dict.fromkeys(NUMBERS, (k,))
+    motion = {"mass": (n, n), "forcing": (n,), "jacobian": (r, n), "bias": (r,), "velocity": (r,), "power": (u, n)}
+    values, numbers = _views(**motion, **one_each)
+    solution, solved = _views(motion=(n,), press=(k,), opening=(k,), slip=(s,))
+    entries = [not entry.is_zero for contact in automaton.contacts for row in contact.slips for entry in row.jacobian]
+    named: dict[str, Any] = {**_topology(automaton), **numbers, **solved}
+    return ContactSystem(
+        coordinates=n,
+        constraints=m,
+        contacts=k,
+        slips=s,
+        **named,
+        slides_by=np.array(entries, np.int64).reshape(s, n),
+        values=values,
+        rates=np.zeros(n),
+        load=np.zeros(n),
+        demand=np.zeros(r),
+        responses=np.zeros((_KEPT_RESPONSES * len(solution), 1 + s)),
+        kept=np.zeros(_KEPT_RESPONSES, np.int64),
+        scales=np.ones(n + m + u),
+        saddle=np.zeros((size, size)),
+        saddle_right=np.zeros((size, 1 + s + k)),
+        compliances=np.zeros((s + k, 1 + s + k)),
+        square=np.zeros((size, size)),
+        square_right=np.zeros((size, 1 + s)),
+        laws=np.zeros((s, s)),
+        forces=np.zeros((s, 1)),
+        held=np.zeros(m, np.int64),
+        columns=np.zeros(u, np.int64),
+        column=np.zeros(k, np.int64),
+        solution=solution,
+        free=np.zeros((s, s)),
+        solved=Solved(),
+        dense=dense_workspace(size),
+    )
+
+
+def _topology(automaton: HybridAutomaton) -> dict[str, IntVector]:
+    """Return by name what `ContactSystem` holds of constraints, reactions and slip velocities of the contacts."""
+    equations, contacts = automaton.equations, automaton.contacts
+    m, ends = len(equations.constraints), np.cumsum([0, *(len(contact.slips) for contact in contacts)])
+    row_owner, owner = np.full(m + ends[-1], -1), np.full(len(equations.symbols.unknowns), -1)
+    for i, contact in enumerate(contacts):
+        row_owner[m + ends[i] : m + ends[i + 1]] = owner[contact.normal] = i
+        owner[list(contact.tangential)] = -2
+        if contact.constraint is not None:
+            row_owner[contact.constraint] = i
+    columns = {
+        "constraint": [-1 if c.constraint is None else c.constraint for c in contacts],
+        "sense": [c.sense for c in contacts],
+        "normal": [c.normal for c in contacts],
+        "first": ends[:-1],
+        "row": m + ends[:-1],
+        "width": [len(c.slips) for c in contacts],
+        "closed": [STATES.index(automaton.states(i)[0]) for i in range(len(contacts))],
+        "sided": [c.constraint is None and len(c.tangential) > 0 for c in contacts],
+        "jumping": [_may_jump(equations, contact) for contact in contacts],
+        "tangential": [unknown for c in contacts for unknown in c.tangential],
+        "row_owner": row_owner,
+        "owner": owner,
+        "angle": [name in equations.angles for name in equations.symbols.coordinates],
+    }
+    return {name: np.array(column, np.int64) for name, column in columns.items()}
+
+
+def _may_jump(equations: EquationsOfMotion, contact: ContactRow) -> bool:
+    """Return whether a condition on time stands in a slip velocity of a contact."""
+    if CONDITION_TIME not in equations.symbols.parameters:
+        return False
+    decided = equations.graph.input(CONDITION_TIME).deps
+    return any(node.deps & decided for slip in contact.slips for node in (slip.drift, *slip.jacobian))
+
+
+def _views(**shapes: tuple[int, ...]) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Return memory for arrays one after the other, and these by name, which are views of it."""
+    sizes = [int(np.prod(shape)) for shape in shapes.values()]
+    memory = np.zeros(sum(sizes))
+    parts = np.split(memory, np.cumsum(sizes)[:-1])
+    return memory, {name: part.reshape(shapes[name]) for name, part in zip(shapes, parts, strict=True)}
+
+
+@compiled_subset
+def dot(a: FloatArray, b: FloatArray, value: float) -> float:
+    """Return the product of two vectors, added to a value."""
+    for j in range(a.size):
+        value += a[j] * b[j]
+    return value
+
+
+@compiled_subset
+def terms(a: FloatArray, b: FloatArray, value: float) -> float:
+    """Return the sizes of the terms of the product of two vectors, added to a value."""
+    for j in range(a.size):
+        value += abs(a[j] * b[j])
+    return value
+
+
+@compiled_subset
+def inertial_terms(system: ContactSystem, a: FloatArray, b: FloatArray) -> float:
+    """Return the sum of the sizes of a_j b_j / M_jj, over the coordinates that move inertia."""
+    value = 0.0
+    for j in range(system.coordinates):
+        if system.mass[j, j] > 0.0:
+            value += abs(a[j] * b[j]) / system.mass[j, j]
+    return value
+
+
+@compiled_subset
+def inertial_size(system: ContactSystem, a: FloatArray) -> float:
+    """Return the largest product of a row with rates for a sum of M_jj qdot_j^2 of one.
+
+    Of power coefficients it is the size of the accelerations that a unit of the reaction causes, in the same terms. A
+    coordinate that moves no inertia counts as if it moved one unit.
+    """
+    value = 0.0
+    for j in range(system.coordinates):
+        inertia = system.mass[j, j]
+        value += a[j] * a[j] / (inertia if inertia > 0.0 else 1.0)
+    return sqrt(value)
+
+
+@compiled_subset
+def drift(system: ContactSystem, row: int) -> float:
+    """Return the part of a constraint's rate, or of a slip velocity, without rates."""
+    value = system.velocity[row]
+    for j in range(system.coordinates):
+        value -= system.jacobian[row, j] * system.rates[j]
+    return value
+
+
+@compiled_subset
+def opening_power(system: ContactSystem, i: int) -> float:
+    """Return the power of the normal reaction of a contact on the rates along its gap, positive where it opens it."""
+    return float(system.sense[i]) * dot(system.power[system.normal[i]], system.jacobian[system.constraint[i]], 0.0)

@@ -1,0 +1,352 @@
+"""Laws of contact: by which share of the forces a combination of what contacts do obeys them.
+
+Closed contacts push and do not pull, open ones do not approach, what sticks needs no more friction than there is, and
+friction opposes the slip that it lets begin. After an impact the same holds of impulses and of rates.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..methods.step_constants import EPSILON
+from ..subset.compiled_subset import compiled_subset, sqrt, square
+from .contact_forces import compliance, press_compliance, shift_forces, solve_mode
+from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertial_size
+from .dead_centres import turns_back
+from .mode_candidates import (
+    FREE,
+    LIFTING,
+    SHARE,
+    Candidates,
+    broken,
+    combine,
+    copy_combination,
+    rests,
+    turned,
+)
+from .slip_direction import steady_directions, uneven
+
+ROUNDING = 1e-9
+"""Share of the forces, or rates, within which a comparison may go either way."""
+
+_TIED = 64.0 * EPSILON
+"""Share of a friction force up to which rounding decides whether it is beyond its limit: the contact sticks, and the
+guard of its phase fires at once where the force grows."""
+
+_GRAZING = 1e-6
+"""Share of the motion within which slip that friction has just failed to hold may seem to go backwards."""
+
+_POWERLESS = 1e-6
+"""Share of the motion, and of the forces, up to which a contact that sticks may have a slip acceleration left; friction
+holds nothing where a point turns back."""
+
+_TOGETHER = 1e-9
+"""Share to which the slips of two contacts may differ from being multiples of each other."""
+
+_GOLDEN, _SECTIONS, _SHARE_ROUNDS = 0.6180339887498949, 80, 4
+"""Golden section; sections of a direction in which forces are not determined; rounds over several such directions."""
+
+
+@compiled_subset
+def _share(value: float, scale: float, noise: float) -> float:
+    """Return a value in terms of a scale; zero where noise may have made it, and where there is no scale."""
+    if value == 0.0 or abs(value) <= noise:
+        return 0.0
+    return value / (scale if scale > 0.0 else 1.0)
+
+
+@compiled_subset
+def _friction(system: ContactSystem, i: int) -> float:
+    """Return the sum of the sizes of the friction forces of a contact."""
+    total = 0.0
+    for a in range(system.width[i]):
+        total += abs(system.forces[system.first[i] + a, 0])
+    return total
+
+
+@compiled_subset
+def all_forces(system: ContactSystem) -> float:
+    """Return the sum of the sizes of the forces of all contacts."""
+    total = 0.0
+    for i in range(system.contacts):
+        total += abs(system.press[i]) + _friction(system, i)
+    return total
+
+
+@compiled_subset
+def _speed(system: ContactSystem, row: int) -> float:
+    """Return the largest acceleration along a row, or rate after an impact, that the size of the motion allows."""
+    total = 0.0
+    for j in range(system.coordinates):
+        inertia = system.mass[j, j]
+        total += (inertia if inertia > 0.0 else 1.0) * system.motion[j] * system.motion[j]
+    return sqrt(total) * inertial_size(system, system.jacobian[row])
+
+
+@compiled_subset
+def _pushed(system: ContactSystem, i: int) -> float:
+    """Return the size of the accelerations along a contact that a unit of its normal reaction may cause."""
+    size = 0.0
+    if system.constraint[i] >= 0:
+        size = inertial_size(system, system.jacobian[system.constraint[i]])
+    for a in range(system.width[i]):
+        size = max(size, inertial_size(system, system.jacobian[system.row[i] + a]))
+    return size * inertial_size(system, system.power[system.normal[i]])
+
+
+@compiled_subset
+def _forward(system: ContactSystem, pick: Candidates, i: int) -> float:
+    """Return by which share of the motion, and of what friction does to it, slip begins along its direction."""
+    first, most, forward = system.first[i], 0.0, 0.0
+    for a in range(system.width[i]):
+        most = max(most, _speed(system, system.row[i] + a))
+        forward += system.slip[first + a] * pick.now.along[i, a]
+    return _share(forward, most + abs(compliance(system, first, first)) * _friction(system, i), 0.0)
+
+
+@compiled_subset
+def coupled(system: ContactSystem, i: int, j: int) -> bool:
+    """Return whether two contacts can only slip together."""
+    a, b = system.first[i], system.first[j]
+    own = compliance(system, a, a) * compliance(system, b, b)
+    return abs(own - compliance(system, a, b) * compliance(system, b, a)) <= _TOGETHER * abs(own)
+
+
+@compiled_subset
+def _held_by_friction(system: ContactSystem, pick: Candidates, i: int) -> bool:
+    """Return whether friction holds a contact along a line now, and it either sticks or begins to slip afterwards."""
+    return rests(system, pick, i) and system.width[i] == 1 and (pick.now.mode[i] == STICK or pick.now.mode[i] == SLIP)
+
+
+@compiled_subset
+def _has_own_slip(system: ContactSystem, i: int) -> bool:
+    """Return whether a contact along a line slips beyond rounding in the present combination."""
+    r = system.first[i]
+    size = _speed(system, system.row[i]) + abs(compliance(system, r, r)) * all_forces(system)
+    return abs(system.slip[r]) > _GRAZING * size
+
+
+@compiled_subset
+def splits(system: ContactSystem, pick: Candidates, i: int, j: int) -> bool:
+    """Return whether contact j sticks, or slips the other way, although it can only slip together with i, which slips.
+
+    Both are at rest so far. One that slips although the other sticks has a slip of its own, as on a belt that runs
+    while a wall stands still.
+    """
+    if i == j or pick.now.mode[i] != SLIP:
+        return False
+    if _held_by_friction(system, pick, i) and _held_by_friction(system, pick, j):
+        if pick.now.mode[j] == SLIP:
+            way = pick.now.along[i, 0] * pick.now.along[j, 0]
+            return way * compliance(system, system.first[i], system.first[j]) < 0.0 and coupled(system, i, j)
+        return not _has_own_slip(system, i) and coupled(system, i, j)
+    return False
+
+
+@compiled_subset
+def _splits_coupled_contacts(system: ContactSystem, pick: Candidates) -> bool:
+    """Return whether contacts part that can only slip together."""
+    for i in range(system.contacts):
+        for j in range(system.contacts):
+            if splits(system, pick, i, j):
+                return True
+    return False
+
+
+@compiled_subset
+def unchanged(system: ContactSystem, pick: Candidates) -> bool:
+    """Return whether contacts that can no longer share a load keep their states."""
+    parted, same = False, True
+    for i in range(system.contacts):
+        parted = parted or pick.fired[i] & SHARE != 0
+        same = same and pick.now.mode[i] == pick.given.mode[i]
+        same = same and (system.sided[i] == 0 or pick.now.sides[i] == pick.given.sides[i])
+    return parted and same
+
+
+@compiled_subset
+def friction_limit(system: ContactSystem, pick: Candidates, i: int) -> float:
+    """Return the coefficient of friction up to which a contact sticks."""
+    return system.mu[i] if pick.slides[i] != 0 else system.mu_static[i]
+
+
+@compiled_subset
+def push_margin(system: ContactSystem, pick: Candidates, i: int, force: float) -> float:
+    """Return by which share of all forces a closed contact pushes; 1 where nothing is required of it."""
+    if turned(pick, i) or (system.constraint[i] < 0 and system.sided[i] == 0):
+        return 1.0
+    return _share(pick.now.sides[i] * system.press[i], force, pick.least[i])
+
+
+@compiled_subset
+def contact_margin(system: ContactSystem, pick: Candidates, i: int, force: float) -> float:
+    """Return the margin of the laws of one contact; `force` is the size of all forces."""
+    least, state = 1.0, pick.now.mode[i]
+    if state == OPEN:
+        if pick.kind[i] == FREE or pick.kind[i] == LIFTING:
+            return 1.0
+        return _share(system.opening[i], _speed(system, system.constraint[i]), pick.still[i])
+    least = min(least, push_margin(system, pick, i, force))
+    if state == STICK:
+        used = 0.0
+        for r in range(system.first[i], system.first[i] + system.width[i]):
+            size = _speed(system, system.constraints + r) + force * _pushed(system, i)
+            if abs(system.slip[r]) > _POWERLESS * size or (system.width[i] == 1 and turns_back(system, pick.now, r)):
+                return -1.0
+            used += system.forces[r, 0] * system.forces[r, 0]
+        press = pick.now.sides[i] * system.press[i]
+        if turned(pick, i):
+            press = max(press, 0.0)  # it is zero, and its sign is rounding
+        limit, used = friction_limit(system, pick, i) * press, sqrt(used)
+        least = min(least, _share(limit - used, force, max(pick.least[i], _TIED * (abs(limit) + used))))
+    if state == SLIP and rests(system, pick, i):
+        share = _forward(system, pick, i)
+        if broken(pick, i) != 0 and share >= -_GRAZING:
+            share = max(share, 0.0)
+        if pick.begins[i] != 0 and uneven(system, pick, i):
+            share = -1.0
+        least = min(least, share)
+    return least
+
+
+@compiled_subset
+def _laws(system: ContactSystem, pick: Candidates) -> float:
+    """Return the margin of the laws of all contacts, with the present forces."""
+    force, least = all_forces(system), 1.0
+    for i in range(system.contacts):
+        least = min(least, contact_margin(system, pick, i, force))
+    return least
+
+
+@compiled_subset
+def _aim(system: ContactSystem, pick: Candidates, direction: int) -> None:
+    """Find out which contacts have forces that change along a direction in which forces are not determined."""
+    for i in range(system.contacts):
+        pushed, most = 0.0, 0.0
+        for r in range(system.slips):
+            pushed += press_compliance(system, i, r) * system.free[direction, r]
+        for r in range(system.first[i], system.first[i] + system.width[i]):
+            most = max(most, abs(system.free[direction, r]))
+        pick.pushed[i], pick.shares[i] = pushed, 1 if max(most, abs(pushed)) > _TOGETHER else 0
+
+
+@compiled_subset
+def _shared_margin(system: ContactSystem, pick: Candidates, direction: int, amount: float) -> float:
+    """Return the least of what pushes, and of what friction may be beyond what it is, after a change of the forces.
+
+    It is that of the contacts whose forces change along the direction.
+    """
+    least = math.inf
+    for i in range(system.contacts):
+        if pick.shares[i] != 0 and pick.now.mode[i] != OPEN:
+            press = pick.now.sides[i] * (system.press[i] + amount * pick.pushed[i])
+            if not turned(pick, i) and (system.constraint[i] >= 0 or system.sided[i] != 0):
+                least = min(least, press)
+            if pick.now.mode[i] == STICK:
+                used = 0.0
+                for r in range(system.first[i], system.first[i] + system.width[i]):
+                    used += square(system.forces[r, 0] + amount * system.free[direction, r])
+                least = min(least, friction_limit(system, pick, i) * press - sqrt(used))
+    return least
+
+
+@compiled_subset
+def _violated_anyhow(system: ContactSystem, pick: Candidates) -> bool:
+    """Return whether a law is violated beyond rounding that no share of the load changes."""
+    force = all_forces(system)
+    for i in range(system.contacts):
+        if contact_margin(system, pick, i, force) < -ROUNDING:
+            shares = False
+            for a in range(system.solved.undetermined):
+                _aim(system, pick, a)
+                shares = shares or pick.shares[i] != 0
+            if not shares:
+                return True
+    return False
+
+
+@compiled_subset
+def _best_share(system: ContactSystem, pick: Candidates, least: float) -> float:
+    """Return the largest margin that friction forces have which the equations of motion do not determine.
+
+    Contacts that can only slip together stick as long as there is any way to share the load that breaks no law. The
+    margin is a concave function along each direction, whose maximum is found by golden sections. It is not looked for
+    where the combination is clear, or contradicts a law with every share.
+    """
+    scale, count = all_forces(system), system.solved.undetermined
+    if least > ROUNDING or _violated_anyhow(system, pick):
+        return least
+    for _ in range(_SHARE_ROUNDS if count > 1 else 1):
+        for a in range(count):
+            _aim(system, pick, a)
+            low, high = -4.0 * scale, 4.0 * scale
+            for _ in range(_SECTIONS):
+                left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+                if _shared_margin(system, pick, a, left) < _shared_margin(system, pick, a, right):
+                    low = left
+                else:
+                    high = right
+            shift_forces(system, a, 0.5 * (low + high))
+        least = max(least, _laws(system, pick))
+        if least > ROUNDING:
+            break
+    return least
+
+
+@compiled_subset
+def _margin(system: ContactSystem, pick: Candidates) -> float:
+    """Return by which share of the forces, at least, a combination contradicts nothing; below zero it does."""
+    for j in range(system.coordinates):
+        if not math.isfinite(system.motion[j]):
+            return math.nan
+    if _splits_coupled_contacts(system, pick) or unchanged(system, pick):
+        return -1.0
+    least = _laws(system, pick)
+    return _best_share(system, pick, least) if system.solved.undetermined > 0 else least
+
+
+@compiled_subset
+def _excludes_first(system: ContactSystem, pick: Candidates) -> bool:
+    """Return whether the combination excludes the first clear one."""
+    excludes, now, clear = False, pick.now, pick.clear
+    for i in range(system.contacts):
+        excludes = excludes or (now.mode[i] == OPEN) != (clear.mode[i] == OPEN)
+        excludes = excludes or (system.sided[i] != 0 and now.sides[i] != clear.sides[i])
+    return excludes
+
+
+@compiled_subset
+def take(pick: Candidates) -> None:
+    """Take the combination that has been tried."""
+    copy_combination(pick.now, pick.best)
+    for i in range(pick.choice.size):
+        pick.taken[i] = pick.choice[i]
+
+
+@compiled_subset
+def try_combination(system: ContactSystem, pick: Candidates, meets: bool) -> int:
+    """Solve for the combination that is chosen; return 2 if it holds, 1 if it does within rounding, else 0.
+
+    The first of the best is taken. Where a contact ``meets``, rounding is no reason to leave it open: a guard fires at
+    once where that was wrong.
+    """
+    if combine(system, pick):
+        steady_directions(system, pick)
+    solve_mode(system, pick.now)
+    for j in range(system.coordinates):
+        pick.now.motion[j] = system.motion[j]
+    found, grade, margin = pick.found, 0, _margin(system, pick)
+    if math.isnan(margin):
+        found.lost = 1
+    if margin >= -ROUNDING:
+        grade = 2 if margin >= 0.0 or meets else 1
+    if grade > found.best:
+        found.best = grade
+        take(pick)
+    if margin > ROUNDING:
+        if found.clear == 0:
+            copy_combination(pick.now, pick.clear)
+        if _excludes_first(system, pick):
+            found.ambiguous = 1
+        found.clear += 1
+    return grade

@@ -1,0 +1,107 @@
+"""Mode selection: the mode of the contacts that contradicts no law of contact (`mode_laws`).
+
+Every combination of what contacts may do is tried. Of more than three contacts a search tries some (`mode_search`),
+where combinations are many or where friction cannot make several of them hold. Where no combination is left, or one
+with a contact open and one with it closed, the laws have no solution or several.
+"""
+
+from __future__ import annotations
+
+from ..methods.status import Status
+from ..subset.compiled_subset import compiled_subset
+from .contact_system import ContactSystem
+from .mode_candidates import (
+    ALL,
+    LIFTING,
+    Candidates,
+    closed_kind,
+    combinations,
+    list_options,
+    next_combination,
+)
+from .mode_laws import try_combination
+from .mode_search import friction_decides, search_modes
+
+_SUCCESS, _NON_FINITE = int(Status.SUCCESS), int(Status.NON_FINITE)
+
+_IMPOSSIBLE, _AMBIGUOUS = int(Status.CONTACT_IMPOSSIBLE), int(Status.CONTACT_AMBIGUOUS)
+
+_MOST_TRIED = 2**16
+"""Most combinations that are all tried where a search has found none that holds."""
+
+
+@compiled_subset
+def _try_all(system: ContactSystem, pick: Candidates, meets: bool) -> None:
+    """Try all combinations of the listed options."""
+    going = True
+    while going:
+        try_combination(system, pick, meets)
+        going = next_combination(pick)
+
+
+@compiled_subset
+def _status(pick: Candidates) -> int:
+    """Return the status that belongs to what has been found."""
+    if pick.found.ambiguous != 0:
+        return _AMBIGUOUS
+    if pick.found.best > 0:
+        return _SUCCESS
+    return _NON_FINITE if pick.found.lost != 0 else _IMPOSSIBLE
+
+
+@compiled_subset
+def _find(system: ContactSystem, pick: Candidates, expected: bool, meets: bool) -> int:
+    """Find the combinations that hold; return a status."""
+    list_options(system, pick, expected)
+    found = pick.found
+    found.best = found.clear = found.lost = found.ambiguous = 0
+    several = found.most == ALL or friction_decides(system, pick)
+    if several and combinations(pick) <= float(found.most):
+        _try_all(system, pick, meets)
+    else:
+        search_modes(system, pick, expected, meets, several)
+    return _status(pick)
+
+
+@compiled_subset
+def select_mode(system: ContactSystem, pick: Candidates, known: bool, meets: bool) -> int:
+    """Select the mode of the contacts, which is the best of the candidates; return a status.
+
+    The forces and demands are those of `load_accelerations` or `load_impact`. What has just failed to hold, or to
+    push, is left out first; where all contacts together then contradict something, it is tried as well
+    (several contacts may change at one instant, each of them because of the others).
+
+    Parameters
+    ----------
+    known : bool
+        Whether the signs of normal reactions just before are known: others are tried where these contradict something.
+    meets : bool
+        Whether a contact that was open touches.
+
+    Returns
+    -------
+    int
+        SUCCESS, CONTACT_IMPOSSIBLE, CONTACT_AMBIGUOUS or NON_FINITE.
+    """
+    sided, status, relaxed = False, _IMPOSSIBLE, True
+    for i in range(system.contacts):
+        sided = sided or system.sided[i] != 0
+    while relaxed:
+        if known and sided:
+            status = _find(system, pick, True, meets)
+            if pick.found.best == 2:
+                return status
+        status = _find(system, pick, False, meets)
+        if status != _IMPOSSIBLE:
+            return status
+        relaxed = False
+        for i in range(system.contacts):
+            relaxed = relaxed or pick.fired[i] != 0 or pick.kind[i] == LIFTING or pick.struck[i] != 0
+            pick.fired[i] = pick.struck[i] = 0
+            if pick.kind[i] == LIFTING:
+                pick.kind[i] = closed_kind(system, i, 0.0, 0.0)
+    list_options(system, pick, False)
+    if combinations(pick) > float(pick.found.most) and combinations(pick) <= float(_MOST_TRIED):
+        _try_all(system, pick, meets)
+        status = _status(pick)
+    return status

@@ -1,0 +1,218 @@
+"""Equations of a scene with contacts in one of its modes: [EquationsOfMotion] -> [EquationsOfMotion].
+
+In a mode every contact is open or closed, and slips or sticks. An open contact has neither constraint nor reactions; a
+sticking one has its slip velocity as a further constraint, which the friction force holds; where a contact slips,
+friction is a given force (`dalembert.contacts.sliding_friction`). The result is a scene without contacts, so that every
+formulation, backend and method serves it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import final
+
+from ..errors import ConstraintError, list_names
+from ..ir.graph import Graph
+from ..ir.node import Node
+from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Guard
+from ..transforms.linear import dependence
+from .contact_laws import OPEN, SLIP, SMOOTH, STICK, ContactLaws, Mode, mode_parameters
+from .shared_loads import Direction, SharedLaw, lawful_sums, undetermined_directions
+from .sliding_friction import SlidingContact, SlidingFriction, sliding_friction
+
+
+def only_mode(contacts: Sequence[ContactRow]) -> Mode | None:
+    """Return the only mode of contacts whose laws are smooth and that never open; None where there are others."""
+    smooth = all(c.constraint is None and c.regularization is not None for c in contacts)
+    return (SMOOTH,) * len(contacts) if smooth else None
+
+
+def mode_equations(equations: EquationsOfMotion, mode: Mode) -> EquationsOfMotion:
+    """Return the equations of a scene in a mode, with its guards as outputs.
+
+    Raises
+    ------
+    ConstraintError
+        When the equations do not determine the normal reaction of a contact that slides.
+    """
+    return _ModeEquations(equations, mode).equations()
+
+
+@final
+class _ModeEquations:
+    """The making of one mode."""
+
+    def __init__(self, equations: EquationsOfMotion, mode: Mode) -> None:
+        self.whole, self.mode = equations, mode
+        self.graph, self.laws = equations.graph, ContactLaws(equations)
+        self.contacts = list(zip(equations.contacts, mode, strict=True))
+        sliding = [(c, state) for c, state in self.contacts if state in (SLIP, SMOOTH) and c.tangential]
+        self.sliding = [SlidingContact(c, partial(self.laws.factors, c, state)) for c, state in sliding]
+        opened = {c.constraint for c, state in self.contacts if state == OPEN}
+        self.rows = [row for i, row in enumerate(equations.constraints) if i not in opened]
+        self.groups = self._stick([c for c, state in self.contacts if state == STICK])
+        gone = {i for c, state in self.contacts if state == OPEN for i in (c.normal, *c.tangential)}
+        gone |= {i for c in (*(c for c, _ in sliding), *self.idle) for i in c.tangential}
+        self.kept = [i for i in range(len(equations.symbols.unknowns)) if i not in gone]
+
+    def _stick(self, sticking: Sequence[ContactRow]) -> dict[str, list[ContactRow]]:
+        """Add the slip velocities of sticking contacts that no other row implies.
+
+        Returns, by the name of the contact that holds them, the others that cannot slip while it does not.
+        """
+        held, own = len(self.rows), Graph()  # weights are not computed here as forces will be
+        jacobians = [own.adopt(row.jacobian) for row in self.rows]
+        self.idle: list[ContactRow] = []
+        groups: dict[str, list[ContactRow]] = {}
+        owners: list[str] = []
+        for contact, row in ((each, row) for each in sticking for row in each.slips):
+            slopes = own.adopt(row.jacobian)
+            weights = dependence(own, jacobians, slopes)
+            if weights is None:
+                self.rows.append(row)
+                jacobians.append(slopes)
+                owners.append(contact.name)
+                continue
+            holding = [owner for owner, weight in zip(owners, weights[held:], strict=True) if not weight.is_zero]
+            if len(holding) > 1 or len(contact.slips) > 1:
+                raise ConstraintError(
+                    f"scene {self.whole.name!r}: the contacts {contact.name!r} and"
+                    f" {list_names(repr(o) for o in holding)} hold each other while they stick, and which of"
+                    " them slips first is not determined: give one of them a regularization"
+                )
+            for owner in holding:
+                groups.setdefault(owner, []).append(contact)
+            if not holding:  # no slip is possible, and no friction is needed
+                self.idle.append(contact)
+        return groups
+
+    def equations(self) -> EquationsOfMotion:
+        """Return the equations in this mode."""
+        whole, graph = self.whole, self.graph
+        names = whole.symbols.unknowns
+        frictionless = self._without_friction(self.rows, self.kept)
+        friction = sliding_friction(frictionless, whole, self.kept, self.sliding)
+        known: dict[Node, Node] = {}
+        for item, kappa in zip(self.sliding, friction.factors, strict=True):
+            pressing = graph.input(names[item.contact.normal])
+            for i, k in zip(item.contact.tangential, kappa, strict=True):
+                known[graph.input(names[i])] = -k * pressing
+        for contact in self.idle:
+            known |= {graph.input(names[i]): graph.zero for i in contact.tangential}
+        for contact, state in self.contacts:
+            if state == OPEN:
+                known |= {graph.input(names[i]): graph.zero for i in (contact.normal, *contact.tangential)}
+        outputs = dict(zip(whole.outputs, graph.substitute(list(whole.outputs.values()), known), strict=True))
+        outputs |= {str(node.payload): value for node, value in known.items()}
+        guards = self._guards(friction)
+        added = {
+            name: value
+            for contact, state in self.contacts
+            for name, value in zip(
+                mode_parameters(contact, state),
+                (1.0, 0.0, float(contact.constraint is None), 1e-9),
+                strict=True,
+            )
+            if name
+        }
+        symbols = replace(
+            whole.symbols,
+            unknowns=tuple(names[i] for i in self.kept),
+            parameters=(*whole.symbols.parameters, *added),
+        )
+        return replace(
+            frictionless,
+            symbols=symbols,
+            forcing=friction.forcing,
+            outputs=outputs | {guard.output: node for guard, node in guards},
+            defaults={**whole.defaults, **added},
+            guards=tuple(guard for guard, _ in guards),
+            minimum_norm=bool(self.groups),
+            cones=self._cones() if self.groups else (),
+        )
+
+    def _cones(self) -> tuple[list[Node], ...]:
+        """Return the rows of the laws of reactions that are not determined (`EquationsOfMotion.cones`)."""
+        zero, one = self.graph.zero, self.graph.one
+        rows: list[list[Node]] = []
+
+        def add(*entries: tuple[int, Node]) -> None:
+            rows.extend([entry if i == number else zero for i in self.kept] for number, entry in entries)
+
+        for contact, state in self.contacts:
+            press, sticks = self.laws.side(contact), state == STICK and contact not in self.idle
+            fixed = one if state in (SLIP, SMOOTH) and contact.tangential else zero
+            if state != OPEN and (contact.constraint is not None or state in (SLIP, STICK)):
+                add((contact.normal, press), (-1, zero), (-1, zero), (contact.normal, fixed))
+            elif state == SMOOTH:
+                add((-1, zero), (-1, zero), (-1, zero), (contact.normal, fixed))
+            if sticks and contact.mu_static is not None:
+                first, second = (*contact.tangential, -1)[:2]
+                add((contact.normal, contact.mu_static * press), (first, one), (second, one), (-1, zero))
+        return tuple(rows)
+
+    def _without_friction(self, rows: Sequence[ConstraintRow], kept: Sequence[int]) -> EquationsOfMotion:
+        """Return the equations with some constraints and some reactions, and no friction."""
+        reactions = [[row[i] for i in kept] for row in self.whole.reactions]
+        return replace(self.whole, constraints=tuple(rows), reactions=reactions)
+
+    # -- guards of the mode ----------------------------------------------------------------
+
+    def _guards(self, friction: SlidingFriction) -> list[tuple[Guard, Node]]:
+        """Return the guards of the mode with their values; reactions in them are inputs."""
+        graph, names = self.graph, self.whole.symbols.unknowns
+        directions = self._undetermined()
+        guards: list[tuple[Guard, Node]] = []
+        laws: list[SharedLaw] = []
+        for i, (contact, state) in enumerate(self.contacts):
+            name = contact.name
+            if state == OPEN:
+                assert contact.gap is not None
+                guards.append((Guard(f"gap of {name}", i, "meet"), contact.gap + self.laws.allowance(contact)))
+                continue
+            press = graph.input(names[contact.normal]) * self.laws.side(contact)
+            if any(j in direction for direction in directions for j in (contact.normal, *contact.tangential)):
+                laws += self._shared_laws(contact, state, press, directions)
+            else:
+                if contact.constraint is not None or state in (SLIP, STICK):
+                    kind = "turn" if contact.constraint is None else "lift"
+                    guards.append((Guard(f"press of {name}", i, kind), press + self.laws.allowance(contact)))
+                if state == STICK and contact not in self.idle:
+                    forces = [graph.input(names[j]) for j in contact.tangential]
+                    guards += self.laws.holding(i, self.laws.most_friction(contact, press), forces)
+            if state == SLIP:
+                guards += self.laws.stopping(i)
+        if laws:
+            owner = next(i for i, (contact, _) in enumerate(self.contacts) if contact.name in self.groups)
+            sums = lawful_sums(graph, self.whole.name, laws)
+            guards += [(Guard(f"shared load {n}", owner, "share"), value) for n, value in enumerate(sums, 1)]
+        if any(state == SLIP for state in self.mode):
+            guards.append((Guard("uniqueness of reactions", -1, "paradox"), friction.determinant))
+        return guards
+
+    def _undetermined(self) -> tuple[Direction, ...]:
+        """Return the directions in which the reactions of contacts that hold each other are not determined."""
+        shared = [i for group in self.groups.values() for contact in group for i in contact.tangential]
+        return undetermined_directions(self._without_friction(self.rows, self.kept), self.kept, shared)
+
+    def _shared_laws(
+        self, contact: ContactRow, state: str, press: Node, directions: Sequence[Direction]
+    ) -> list[SharedLaw]:
+        """Return what must not be negative of a contact whose reactions are not determined."""
+        graph, side = self.graph, self.laws.side(contact)
+        slopes = [side * direction.get(contact.normal, graph.zero) for direction in directions]
+        if state != STICK or contact in self.idle or len(contact.tangential) > 1:
+            return [SharedLaw(press + self.laws.allowance(contact), tuple(slopes))]
+        assert contact.mu_static is not None
+        (number,), most = contact.tangential, contact.mu_static * press + self.laws.allowance(contact)
+        force = graph.input(self.whole.symbols.unknowns[number])
+        changes = [direction.get(number, graph.zero) for direction in directions]
+        return [
+            SharedLaw(
+                most + sign * force,
+                tuple(contact.mu_static * a + sign * b for a, b in zip(slopes, changes, strict=True)),
+            )
+            for sign in (1, -1)
+        ]

@@ -1,0 +1,138 @@
+"""Directions in which slip in a plane begins: those in which the acceleration of slip points.
+
+Friction opposes the direction, and the slip acceleration depends on it. For one contact, the angle is a root of the
+component of the slip acceleration across the direction; several contacts are solved for in turn.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..subset.compiled_subset import compiled_subset, sqrt
+from .contact_forces import compliance, solve_mode
+from .contact_system import SLIP, STICK, ContactSystem
+from .mode_candidates import Candidates
+
+_UNEVEN = 1e-7
+"""Share of the slip acceleration, and of what friction does to it, that may be left across the direction."""
+
+_EXACT = 1e-15
+"""The same, below which a direction is not improved."""
+
+_ROUNDS, _HALVINGS, _SECTORS = 60, 80, 24
+"""Rounds over several contacts; halvings of an angle; angles at which a root is looked for."""
+
+_ANGLES = 2.0 * np.pi * np.arange(_SECTORS + 1) / _SECTORS
+_COSINES, _SINES = np.cos(_ANGLES), np.sin(_ANGLES)
+
+
+@compiled_subset
+def _turn(pick: Candidates, i: int, x: float, y: float) -> None:
+    """Write a direction, made a unit vector; a vector of length zero has none."""
+    size = sqrt(x * x + y * y)
+    if size > 0.0:
+        pick.now.along[i, 0], pick.now.along[i, 1] = x / size, y / size
+
+
+@compiled_subset
+def _slip_across(system: ContactSystem, pick: Candidates, i: int) -> float:
+    """Return the component of the slip acceleration across the direction, for the solution at hand."""
+    first, along = system.first[i], pick.now.along
+    return along[i, 0] * system.slip[first + 1] - along[i, 1] * system.slip[first]
+
+
+@compiled_subset
+def _across(system: ContactSystem, pick: Candidates, i: int, x: float, y: float) -> float:
+    """Return the slip acceleration across a direction, which is written; friction opposes that direction."""
+    _turn(pick, i, x, y)
+    solve_mode(system, pick.now)
+    return _slip_across(system, pick, i)
+
+
+@compiled_subset
+def _along_slip(system: ContactSystem, pick: Candidates, i: int) -> bool:
+    """Return whether the slip acceleration points along the direction and not against it."""
+    first, along = system.first[i], pick.now.along
+    return along[i, 0] * system.slip[first] + along[i, 1] * system.slip[first + 1] >= 0.0
+
+
+@compiled_subset
+def _even(system: ContactSystem, pick: Candidates, i: int, share: float) -> bool:
+    """Return whether next to nothing is left of the slip acceleration across the direction.
+
+    Next to nothing is a share of the slip acceleration, and of what friction does to it.
+    """
+    first, total = system.first[i], 0.0
+    for a in range(first, first + 2):
+        total += abs(system.slip[a])
+        for b in range(first, first + 2):
+            total += abs(compliance(system, a, b) * system.forces[b, 0])
+    return abs(_slip_across(system, pick, i)) <= share * total
+
+
+@compiled_subset
+def _bisect(
+    system: ContactSystem, pick: Candidates, i: int, ax: float, ay: float, bx: float, by: float, fa: float
+) -> None:
+    """Write the direction between two, less than half a turn apart, across which the slip acceleration vanishes."""
+    for _ in range(_HALVINGS):
+        x, y = ax + bx, ay + by
+        size = sqrt(x * x + y * y)
+        x, y = x / size, y / size
+        f = _across(system, pick, i, x, y)
+        if f == 0.0 or (x == ax and y == ay) or (x == bx and y == by):
+            break
+        if (f > 0.0) == (fa > 0.0):
+            ax, ay = x, y
+        else:
+            bx, by = x, y
+
+
+@compiled_subset
+def _steady(system: ContactSystem, pick: Candidates, i: int) -> None:
+    """Write the direction of one contact, the nearest to the present one; the others keep theirs."""
+    x0, y0 = pick.now.along[i, 0], pick.now.along[i, 1]
+    _across(system, pick, i, x0, y0)
+    if _even(system, pick, i, _EXACT) and _along_slip(system, pick, i):
+        return
+    for step in range(_SECTORS // 2):
+        for side in (1.0, -1.0):
+            ax, ay = x0 * _COSINES[step] - side * y0 * _SINES[step], y0 * _COSINES[step] + side * x0 * _SINES[step]
+            bx = x0 * _COSINES[step + 1] - side * y0 * _SINES[step + 1]
+            by = y0 * _COSINES[step + 1] + side * x0 * _SINES[step + 1]
+            fa = _across(system, pick, i, ax, ay)
+            if fa * _across(system, pick, i, bx, by) <= 0.0:
+                _bisect(system, pick, i, ax, ay, bx, by, fa)
+                if _along_slip(system, pick, i):
+                    return
+    _across(system, pick, i, x0, y0)
+
+
+@compiled_subset
+def steady_directions(system: ContactSystem, pick: Candidates) -> None:
+    """Write the directions in which slip in a plane begins in a combination: first those against friction of stick."""
+    for i in range(system.contacts):
+        if pick.begins[i] != 0:
+            pick.now.mode[i] = STICK
+    solve_mode(system, pick.now)
+    count = 0
+    for i in range(system.contacts):
+        if pick.begins[i] != 0:
+            first, count = system.first[i], count + 1
+            pick.now.mode[i] = SLIP
+            _turn(pick, i, -system.forces[first, 0], -system.forces[first + 1, 0])
+    for _ in range(_ROUNDS):
+        change = 0.0
+        for i in range(system.contacts):
+            if pick.begins[i] != 0:
+                x, y = pick.now.along[i, 0], pick.now.along[i, 1]
+                _steady(system, pick, i)
+                change = max(change, abs(pick.now.along[i, 0] - x), abs(pick.now.along[i, 1] - y))
+        if count == 1 or change <= _EXACT:
+            break
+
+
+@compiled_subset
+def uneven(system: ContactSystem, pick: Candidates, i: int) -> bool:
+    """Return whether slip does not begin along the direction that friction opposes, for the solution at hand."""
+    return not _even(system, pick, i, _UNEVEN)

@@ -1,0 +1,183 @@
+"""Resolution of an event of a case: other events at its time, jumps, status, signs after it."""
+
+from __future__ import annotations
+
+import math
+
+from ..arrays import FloatArray
+from ..lanes.workspace import EventKernels, EventWorkspace
+from ..methods.status import RUNNING, Status
+from ..methods.step_constants import RESIDUAL, TOGETHER
+from ..subset.compiled_subset import call_code, compiled_subset, row
+from .event_rules import accumulates, carried_sign, change_counts, start_sign, too_soon
+from .event_search import count_occurrence, occur
+from .event_series import happens_alone
+
+
+@compiled_subset
+def begin_signs(events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, c: int) -> None:
+    """Record the signs at the start of a lane, whose state is in the first row of ``one_point``."""
+    _take_signs(events, space, lane, t, direction, c, True)
+
+
+@compiled_subset
+def _take_signs(
+    events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, c: int, armed: bool
+) -> None:
+    """Record the signs that expressions have, or are about to have; armed events have theirs if ``armed``."""
+    space.one_clock[0, 0] = t
+    if events.begins != 0:
+        call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), c, 0, row(space.one_out, 0))
+    for e in range(events.directions.size):
+        value, rate, noise = (
+            space.one_out[0, 3 * e],
+            space.one_out[0, 3 * e + 1],
+            space.one_out[0, 3 * e + 2],
+        )
+        rule = events.directions[e] if armed else 0
+        sign, zero = start_sign(value, rate, noise, space.residual[0, e], t, direction, rule)
+        space.start_noise[lane, e] = noise if math.isfinite(noise) else 0.0
+        space.zero[lane, e], space.signs[lane, e], space.seen[lane, e] = 1.0 if zero else 0.0, sign, 0.0
+
+
+@compiled_subset
+def starts(events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, one: int) -> None:
+    """Begin a case in a lane, its state being in the first row of ``one_point``."""
+    space.jumped[lane, 0], space.jumped[lane, 1], space.jumped[lane, 2] = math.nan, 0.0, 0.0
+    for e in range(events.directions.size):
+        space.residual[0, e] = 0.0
+    begin_signs(events, space, lane, t, direction, one)
+
+
+@compiled_subset
+def go_on(events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, case: int) -> None:
+    """Set the signs with which a case continues in a lane, see ``EventWorkspace.carried``."""
+    space.jumped[lane, 2] = 1.0
+    for e in range(events.directions.size):
+        value, rate, noise = space.one_out[0, 3 * e], space.one_out[0, 3 * e + 1], space.one_out[0, 3 * e + 2]
+        sign = carried_sign(space.carried[case, e], value, rate, noise, t, direction, events.directions[e])
+        if sign != 0.0:
+            space.signs[lane, e], space.zero[lane, e] = sign, 0.0
+
+
+@compiled_subset
+def zeros_at_end(
+    events: EventKernels,
+    space: EventWorkspace,
+    lane: int,
+    t: float,
+    direction: float,
+    one: int,
+    happened: FloatArray,
+    case: int,
+) -> bool:
+    """Look for expressions that are zero at the very end, the state there being in ``one_point``; see `scan`.
+
+    One that is zero from the beginning, up to rounding, does not occur there.
+    """
+    count = 0
+    for e in range(events.directions.size):
+        space.residual[0, e] = space.happens[0, e] = 0.0
+        left = space.zero[lane, e] == 0.0 or space.seen[lane, e] != 0.0
+        space.ends[0, e] = space.signs[lane, e] if left else 0.0
+    _take_signs(events, space, lane, t, direction, one, False)
+    for e in range(events.directions.size):
+        if space.zero[lane, e] != 0.0 and space.signs[lane, e] * space.ends[0, e] < 0.0:
+            space.found[count, 0], space.found[count, 1] = 0.0, e
+            count += 1
+            space.seen[lane, e] = 1.0
+    return occur(events, space, lane, count, t, 0.0, happened, case) >= 0.0
+
+
+@compiled_subset
+def resolve(
+    events: EventKernels,
+    space: EventWorkspace,
+    lane: int,
+    n: int,
+    t: float,
+    direction: float,
+    span: float,
+    one: int,
+    happened: FloatArray,
+    case: int,
+    theta: float,
+) -> int:
+    """Apply the events that `scan` marked, at time t to the state in ``one_point``.
+
+    `theta` is the fraction of the step where that is, 1 or more at its end.
+
+    Returns the status of the case, `RUNNING` where it continues.
+    """
+    if events.events_with_series > 0 and theta < 1.0 and happens_alone(events, space, theta):
+        return Status.EVENT
+    space.one_clock[0, 0] = t
+    call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), one, 0, row(space.one_out, 0))
+    _count_together(events, space, lane, t, direction, happened, case)
+    ended, jumps, seen = False, False, True
+    share = 0.0 if theta == 0.0 and space.jumped[lane, 2] != 0.0 else RESIDUAL
+    for e in range(events.directions.size):
+        here = space.happens[0, e] > 0.0
+        space.residual[0, e] = share * abs(space.one_out[0, 3 * e]) if here else 0.0
+        ended = ended or space.happens[0, e] == 2.0
+        jumps = jumps or (here and events.jumps[e] != 0)
+        seen = seen and (not here or space.seen[lane, e] != 0.0)
+    for e in range(events.directions.size):
+        if space.happens[0, e] > 0.0 and events.jumps[e] != 0 and not _jump(events, space, n, e, direction, one):
+            return Status.EVENT_STATE
+    if ended:
+        return Status.EVENT
+    return _status_after_jump(space, lane, t, span, seen) if jumps else RUNNING
+
+
+@compiled_subset
+def _count_together(
+    events: EventKernels,
+    space: EventWorkspace,
+    lane: int,
+    t: float,
+    direction: float,
+    happened: FloatArray,
+    case: int,
+) -> None:
+    """Count expressions that are zero up to rounding and about to change their sign as events at the same time."""
+    for e in range(events.directions.size):
+        value, rate, noise = (
+            space.one_out[0, 3 * e],
+            space.one_out[0, 3 * e + 1],
+            space.one_out[0, 3 * e + 2],
+        )
+        crosses = space.signs[lane, e] * rate * direction < 0.0
+        if crosses and space.happens[0, e] == 0.0 and abs(value) <= noise + TOGETHER * abs(t) * abs(rate):
+            if change_counts(events.directions[e], -space.signs[lane, e]):
+                count_occurrence(events, space, e, t, -space.signs[lane, e], happened, case)
+                space.seen[lane, e] = 1.0
+
+
+@compiled_subset
+def _jump(events: EventKernels, space: EventWorkspace, n: int, e: int, direction: float, one: int) -> bool:
+    """Apply the jump of an event to the state in ``one_point``; return whether the constraints allow it."""
+    clock, before, after = row(space.one_clock, 0), row(space.one_point, 0), row(space.one_point, 1)
+    space.one_point[1, events.given - 1] = direction  # the start reads it, unless the jump overwrites it
+    call_code(events.jumps[e], clock, before, one, 0, after)
+    call_code(events.start, clock, after, one, 0, row(space.one_out, 0))
+    total = 0.0
+    for m in range(n + events.checks):
+        total += 0.0 * space.one_out[0, m]
+    for m in range(n, n + events.checks, 2):
+        total = total if abs(space.one_out[0, m]) <= space.one_out[0, m + 1] else math.nan
+    if total != 0.0:
+        return False
+    for m in range(n):
+        space.one_point[0, m] = space.one_out[0, m]
+    return True
+
+
+@compiled_subset
+def _status_after_jump(space: EventWorkspace, lane: int, t: float, span: float, seen: bool) -> int:
+    """Return the status of a lane whose state has jumped, from the jumps before."""
+    gap, space.jumped[lane, 0] = abs(t - space.jumped[lane, 0]), t
+    if math.isnan(gap):
+        return RUNNING
+    space.jumped[lane, 1] = too_soon(gap, span, space.jumped[lane, 1])
+    return Status.EVENTS_ACCUMULATE if accumulates(gap, t, span, seen, space.jumped[lane, 1]) else RUNNING

@@ -1,1 +1,0 @@
-"""Integration in loops that JAX traces, and by diffrax."""

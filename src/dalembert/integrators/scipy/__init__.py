@@ -1,1 +1,0 @@
-"""SciPy's integrators, for kernels that are plain Python functions."""

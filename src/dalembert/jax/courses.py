@@ -1,0 +1,97 @@
+"""Constants along traced runs: conditions on time decided, and inputs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple, final
+
+import jax
+import jax.numpy as jnp
+
+from ..ir.program import Program
+from .breaks import traced_breaks
+from .feedback_kernels import FeedbackKernels
+from .pieces import place_of
+from .run_inputs import Given, feedback_kernels, run_inputs
+from .runs.kernels import Kernels
+from .runs.run_constants import RunConstants
+from .runs.run_data import middles
+
+if TYPE_CHECKING:
+    from ..scene.symbol_table import InputSymbol
+
+
+@final
+class Course(NamedTuple):
+    """Constants along a run: at the times (n_c,) or (n_t, n_c), at the first, in steps; breaks, and which move.
+
+    With inputs that are functions, also what the constants in steps are, what is wrong with the inputs, and those that
+    are functions of the state.
+    """
+
+    rows: Any
+    first: Any
+    run: Any
+    breaks: Any
+    moved: Any
+    constants: RunConstants | None = None
+    wrong: Any = None
+    feedback: FeedbackKernels | None = None
+
+
+@final
+class Courses:
+    """Constants along the runs of one program.
+
+    Parameters
+    ----------
+    program : Program
+    kernels : Kernels
+        Its kernels.
+    inputs : tuple of InputSymbol
+        Inputs of the scene.
+    max_steps : int
+        The most breaks of a run.
+    in_elapsed : bool
+        Whether steps count time from the start of the run, which then follows the constants.
+    """
+
+    def __init__(
+        self, program: Program, kernels: Kernels, inputs: tuple[InputSymbol, ...], max_steps: int, *, in_elapsed: bool
+    ) -> None:
+        self._program, self._kernels, self._inputs = program, kernels, inputs
+        self._max_steps, self._in_elapsed = max_steps, in_elapsed
+
+    def of(self, t: Any, p: Any) -> Course:
+        """Return the constants along a run without inputs."""
+        conditions, constants = self._program.conditions, self._kernels.constants
+        if conditions is None:
+            c = constants(p)
+            return Course(c, c, jnp.append(c, t[0]) if self._in_elapsed else c, (), ())
+        start = jax.lax.stop_gradient(t[0])
+        breaks, moved = traced_breaks(conditions, p, t, self._max_steps)
+        rows = self.decided(p, start + middles(jax.lax.stop_gradient(t) - start, breaks))
+        return Course(rows, rows[0], jnp.append(p, start), breaks, moved)
+
+    def with_inputs(self, t: Any, p: Any, given: Given) -> Course:
+        """Return the constants along a run with inputs that are functions of time."""
+        start = jax.lax.stop_gradient(t[0])
+        before = self.of(t, p)
+        base = self._kernels.constants(p) if self._program.conditions is None else p
+        inputs = run_inputs(
+            self._program.layout,
+            self._inputs,
+            given,
+            t,
+            (place_of(self._program), jnp.append(base, start)),
+            (before.breaks, before.moved),
+        )
+        rows = inputs.at_times(before.rows)
+        first, constants = rows if rows.ndim == 1 else rows[0], inputs.constants
+        feedback = feedback_kernels(self._program, given, constants.count - 1)
+        return Course(rows, first, inputs.run, inputs.breaks, inputs.moved, constants, inputs.wrong, feedback)
+
+    def decided(self, p: Any, t: Any) -> Any:
+        """Return the constants (n_t, n_c) with conditions decided at times t (n_t,)."""
+        assert self._program.conditions is not None
+        place = self._program.conditions.place
+        return jax.vmap(lambda time: self._kernels.constants(p.at[place].set(time)))(t)

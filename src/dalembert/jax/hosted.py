@@ -1,0 +1,198 @@
+"""Traced functions whose runs are left to compiled loops on the host: with events, reductions or contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any, final
+
+import jax
+import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
+
+from ..codegen.host_runs import HostedRuns, HostRun
+from ..errors import OptionError
+from ..once import once_property
+from ..options import SolveOptions
+from ..stops.feedback import Feedback
+from ..stops.samples import Samples
+from .arguments import parameters_of, times, vector
+from .host_calls import on_host
+from .hosted_dense import HostedDense
+from .hosted_derivatives import HostedChanges
+from .pointwise import StateFunctions
+from .pure import Solve
+from .records import register_samples
+from .run_inputs import Given, inputs_of, parameters_at, refuse_given
+from .runs.linear_maps import apply
+from .runs.mesh_axes import laid_on_mesh, mesh_of, varying_alike
+from .solved import EventTimes, Solved, States, raise_failure
+
+
+@final
+class HostedSolve:
+    """``solve(t, initial, p, inputs=None)`` as `Solve`, with events, reductions or contacts.
+
+    The runs are those of the compiled backend, which the traced program calls on the host: one call for a whole batch,
+    whatever device holds its arrays. They compute in double precision: in a process of single precision, arguments and
+    results have it, and derivatives. Derivatives, where there are any, are those of traced runs to the times at which
+    events occurred, and by the implicit function theorem those of these times. They are first derivatives.
+
+    Parameters
+    ----------
+    hosted : HostedRuns
+        The runs on the host, and their events and reductions.
+    options : SolveOptions
+        As for `CompiledModel.solve_fn`.
+    native : Solve or None
+        The traced runs by which derivatives are taken; None where there are contacts.
+
+    Attributes
+    ----------
+    given : tuple of str
+        Names of what `initial` holds, in order.
+    """
+
+    def __init__(self, hosted: HostedRuns, options: SolveOptions, native: Solve | None) -> None:
+        self._hosted, self._options, self._native = hosted, options, native
+        register_samples()
+        self._key = hosted.runner, hosted.layout, hosted.refusal, options, native
+        self._hash = hash(self._key)
+        self.given = hosted.runner.given if native is None else native.given
+
+    def __call__(self, t: Any, initial: Any, p: Any, inputs: Mapping[Any, Any] | None = None) -> Solved:
+        """Return the motion; see `Solve`. Inputs are numbers or samples."""
+        t, layout = times(t), self._hosted.layout
+        numbers, given = inputs_of(layout, self._hosted.inputs, inputs, t)
+        _refuse_functions(given)
+        p = parameters_of(layout, p, numbers, given)
+        start = vector("initial value", initial, self.given, layout.aliases)
+        solved = _solved(self, t, start, p, given)
+        return raise_failure(solved, "", self._options.method) if self._options.throw else solved
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (isinstance(other, HostedSolve) and self._key == other._key)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return HostedSolve, (self._hosted, self._options, self._native)
+
+    def solved(self, t: Any, initial: Any, p: Any, given: Given) -> Solved:
+        """Return the result of a run from arrays."""
+        run = self._run(t, initial, p, given)
+        runner = self._hosted.runner
+        end, status, steps = run.numbers
+        events = {
+            label: EventTimes(run.happened[i, 0].astype(int), *run.happened[i, 1:])
+            for i, label in enumerate(runner.labels)
+        }
+        reduced = {name: run.reduced[i] for i, name in enumerate(runner.reductions)}
+        y, q, qdot, outputs = self._split(run.rows)
+        last = States(end, *self._split(run.end))
+        dense = HostedDense(self, (t[0], t[-1], end), (initial, p, given)) if self._options.dense else None
+        return Solved(t, y, q, qdot, outputs, status.astype(int), steps.astype(int), None, dense, last, events, reduced)
+
+    def _split(self, rows: Any) -> tuple[Any, Any, Any, Any]:
+        """Return state, coordinates, rates and outputs from rows (..., n) of them all."""
+        n, count = len(self._hosted.state), len(self._hosted.layout.coordinates)
+        y, q, qdot, outputs = jnp.split(rows, [n, n + count, n + 2 * count], axis=-1)
+        return y, q, qdot, outputs
+
+    @property
+    def hosted(self) -> HostedRuns:
+        """The runs on the host, and their events and reductions."""
+        return self._hosted
+
+    @property
+    def native(self) -> Solve | None:
+        """The traced runs by which derivatives are taken."""
+        return self._native
+
+    # -- the run --------------------------------------------------------------------------
+
+    @once_property
+    def _run(self) -> Any:
+        """The function (t, initial, p, given) -> `HostRun`, in floating point numbers, with its derivatives."""
+        run = jax.custom_jvp(self._called)
+
+        def push(values: Any, tangents: Any) -> Any:
+            self._refuse_derivatives(values[-1])
+            # What does not change is left out: derivatives by knots may not exist.
+            flat, tree = jax.tree.flatten(values)
+            changes = jax.tree.leaves(tangents)
+            moving = tuple(i for i, change in enumerate(changes) if not isinstance(change, SymbolicZero))
+            held = self._called(*jax.lax.stop_gradient(values))
+            pushed = apply(HostedChanges(self, tree, moving), (flat, held), [changes[i] for i in moving])
+            return held, pushed
+
+        run.defjvp(push, symbolic_zeros=True)
+        return run
+
+    def _refuse_derivatives(self, given: Given) -> None:
+        """Refuse derivatives that traced runs do not give.
+
+        Raises
+        ------
+        OptionError
+        """
+        if self._hosted.refusal:
+            raise OptionError(self._hosted.refusal)
+        assert self._native is not None
+        refuse_given(given, self._native.options)
+        self._native.check_precision(given)
+
+    def _called(self, t: Any, initial: Any, p: Any, given: Given) -> HostRun:
+        """Return the result of a run on the host."""
+        runner = self._hosted.runner
+        if self._native is not None and self.given != runner.given:
+            at_start = self.parameters_at(t, t[:1], p, given)[0][0]
+            initial = jnp.concatenate(self._expanded(t[0], initial, at_start))
+        width = len(runner.columns)
+        shapes = (len(t), width), (width,), (3,), (len(runner.labels), 3), (len(runner.reductions),)
+        records = {name: record for name, record in given.items() if isinstance(record, Samples)}
+        kinds = {name: (record.kind, record.extrapolate) for name, record in records.items()}
+
+        def run(t: Any, initial: Any, p: Any, *arrays: Any) -> Any:
+            pairs = zip(kinds.items(), arrays[::2], arrays[1::2], strict=True)
+            own = {name: Samples(knots, values, *kind, None, False) for (name, kind), knots, values in pairs}
+            return runner(t, initial, p, own)
+
+        arrays = [array for record in records.values() for array in (record.t, record.values)]
+        return HostRun(*on_host(run, shapes, t, initial, p, *arrays))
+
+    def parameters_at(self, t: Any, marks: Any, p: Any, given: Given) -> tuple[Any, Any]:
+        """Return parameters (n, n_p) at `marks` (n,) of a run along times t, and whether these are knots (n,)."""
+        forward = jnp.where(t[-1] >= t[0], 1.0, -1.0)
+        return parameters_at(self._hosted.layout, self._hosted.inputs, given, p, marks, forward)
+
+    def _expanded(self, t: Any, y: Any, p: Any) -> tuple[Any, ...]:
+        """Return coordinates and rates of a state, and first-order states."""
+        assert self._native is not None
+        layout = self._hosted.layout
+        q, qdot = StateFunctions(self._native.program).expand(t, y, p)
+        return q, qdot, y[len(y) - len(layout.states) :]
+
+
+def _refuse_functions(given: Given) -> None:
+    """Refuse inputs that are functions of the state, which compiled loops cannot call.
+
+    Raises
+    ------
+    OptionError
+    """
+    functions = [name for name, value in given.items() if isinstance(value, Feedback)]
+    if functions:
+        raise OptionError(
+            f"input {functions[0]!r} is a function, and runs with events, reductions or contacts are left to compiled"
+            " loops, which cannot call it: give a number or dalembert.samples(times, values), or leave out events= and"
+            " reduce="
+        )
+
+
+@partial(jax.jit, static_argnums=0)
+def _solved(solve: HostedSolve, t: Any, initial: Any, p: Any, given: Given) -> Solved:
+    """Return the result: compiled once for equal functions, and a part of the program where one is traced."""
+    with mesh_of((t, initial, p, given)):
+        return solve.solved(*laid_on_mesh(varying_alike((t, initial, p, given))))

@@ -1,0 +1,36 @@
+"""Generated JAX modules: rendered and loaded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import diffrax
+import jax
+
+from ..codegen.base import RenderedModule
+from ..codegen.cache import digest_of, load_in_memory
+from ..codegen.printers import JAX
+from ..codegen.rendering import program_variables, render
+from ..ir.program import Program
+from ..once import once
+from ..version import __version__
+from .runs.kernels import Kernels
+
+
+def rendered_module(program: Program) -> RenderedModule:
+    """Return the module of a program."""
+    source = render("jax/module.py.j2", program_variables(program, JAX))
+    versions = f"{__version__} {jax.__version__} {diffrax.__version__}"
+    return RenderedModule("jax", program, lambda: source, digest_of("jax", versions, source))
+
+
+def loaded(rendered: RenderedModule) -> Mapping[str, Any]:
+    """Return the functions of a rendered module by name; XLA compiles in memory, so that nothing is kept on disk."""
+    return load_in_memory(rendered.digest, rendered.source).__dict__
+
+
+@once
+def kernels_of(program: Program) -> Kernels:
+    """Return the kernels of a program, rendered and loaded once."""
+    return Kernels(program, loaded(rendered_module(program)))

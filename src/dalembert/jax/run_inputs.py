@@ -1,0 +1,258 @@
+"""Inputs of traced runs: what users give them, read and checked, and constants along runs with them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..codegen.printers import JAX
+from ..errors import OptionError, UnknownNameError, ValueInputError, list_names
+from ..ir.program import Layout, Program, coefficient_places
+from ..methods.status import Status
+from ..options import SolveOptions
+from ..scene.symbol_table import InputSymbol
+from ..stops.feedback import Feedback
+from ..stops.samples import Samples, checked_samples, refuse_kind, refuse_samples, unknown_input
+from .elapsed import expansion_in_elapsed_time
+from .feedback_functions import checked_feedback, function_of_weights, weights_of
+from .feedback_kernels import FeedbackKernels
+from .kernels import compile_kernel
+from .pieces import EXPLICIT
+from .records import COLUMNS, knots_of, out_of_reach, polynomials, with_knots
+from .runs.kernels import stacked
+from .runs.precision import precision_of
+from .runs.run_constants import InputTable, RunConstants
+from .runs.traced import is_traced
+
+Given = dict[str, Samples | Feedback]
+"""Inputs that are functions of time, by name."""
+
+_NEAR = 16.0
+"""Least shares of the time within which an event counts as one at a knot."""
+
+
+def inputs_of(
+    layout: Layout, symbols: Sequence[InputSymbol], inputs: Mapping[Any, Any] | None, t: Any
+) -> tuple[dict[str, Any], Given]:
+    """Return inputs that are constant in time, by name, and the others.
+
+    Raises
+    ------
+    UnknownNameError
+        For what is no input, and inputs that are given twice.
+    ValueInputError
+        For samples for many cases, too short ones, and those of a kind that is not smooth enough.
+    OptionError
+        For functions that do not serve.
+    """
+    if inputs is None:
+        return {}, {}
+    if not isinstance(inputs, Mapping):
+        raise ValueInputError(
+            f"inputs must be a mapping of names or symbols to numbers, samples or functions, not {inputs!r}"
+        )
+    known = {symbol.name: symbol for symbol in symbols}
+    numbers: dict[str, Any] = {}
+    given: Given = {}
+    wrong = []
+    for key, value in inputs.items():
+        name = layout.aliases.get(str(key), str(key))
+        if name not in known:
+            wrong.append(unknown_input(layout, name, str(key), list(known)))
+        elif name in numbers or name in given:
+            wrong.append(f"input {name!r} is given twice")
+        elif isinstance(value, Samples):
+            given[name] = _checked(known[name], value, t)
+        elif isinstance(value, Feedback) or callable(value):
+            given[name] = checked_feedback(known[name], value, len(layout.coordinates))
+        else:
+            numbers[name] = value
+    if wrong:
+        raise UnknownNameError("\n".join(wrong))
+    return numbers, given
+
+
+def refuse_given(given: Given, options: SolveOptions) -> None:
+    """Refuse inputs that are functions of time where the method, or dense output, does not serve them.
+
+    Raises
+    ------
+    OptionError
+    """
+    if not given:
+        return
+    method, functions = options.method, [name for name in given if isinstance(given[name], Feedback)]
+    if functions and method not in EXPLICIT:
+        raise OptionError(
+            f"solve_fn by {method!r} needs more of input {functions[0]!r} than the values of a function: take one of"
+            f" {list_names(map(repr, EXPLICIT))}, or give samples"
+        )
+    if functions and options.dense:
+        raise OptionError(
+            f"dense output does not know the function of input {functions[0]!r}: leave out dense=True, and give solve"
+            " the times that are wanted"
+        )
+
+
+def _checked(symbol: InputSymbol, record: Samples, t: Any) -> Samples:
+    """Return a record, refused where it is known not to serve a run along times t."""
+    shape, knots = np.shape(record.values), len(record.t)
+    if shape != (knots,):
+        raise ValueInputError(
+            f"input {symbol.name!r} has values of shape {shape} and this is one run: give values of shape ({knots},),"
+            " those of a case, and vectorise over the cases: jax.vmap(lambda values: solve(t, initial, p,"
+            f" inputs={{{symbol.name!r}: da.samples(times, values)}}))(values)"
+        )
+    refuse_kind(symbol, record)
+    if not is_traced(record.t, record.values):
+        record = checked_samples(symbol.name, record)
+    if not is_traced(record.t, t):
+        times = np.asarray(t)
+        refuse_samples(symbol, record, float(times.min()), float(times.max()))
+    return record
+
+
+@final
+class RunInputs(NamedTuple):
+    """The constants of a run with inputs that are functions of time.
+
+    Attributes
+    ----------
+    constants : RunConstants
+        What the constants are.
+    run : Array (n_c,)
+        The constants.
+    breaks, moved : Array (n,)
+        As `dalembert.jax.breaks.traced_breaks` has them.
+    pieces : tuple of InputTable and Array
+        Where the polynomials of each record go, and these at the times of the run (n_t, width).
+    wrong : Array ()
+        Status of a run whose records do not serve it, else SUCCESS.
+    """
+
+    constants: RunConstants
+    run: Any
+    breaks: Any
+    moved: Any
+    pieces: tuple[tuple[InputTable, Any], ...]
+    wrong: Any
+
+    def at_times(self, rows: Any) -> Any:
+        """Return constants of kernels (n_t, n) or (n,) with those of the inputs at the times."""
+        count = len(self.pieces[0][1]) if self.pieces else 0
+        rows = jnp.broadcast_to(rows, (count, rows.shape[-1])) if self.pieces and rows.ndim == 1 else rows
+        for table, values in self.pieces:
+            rows = rows.at[:, table.place : table.place + table.width].set(values)
+        return rows
+
+
+def run_inputs(
+    layout: Layout,
+    symbols: Sequence[InputSymbol],
+    given: Given,
+    t: Any,
+    base: tuple[int | None, Any],
+    broken: tuple[Any, Any],
+) -> RunInputs:
+    """Return the constants of a run along times t (n_t,) with inputs that are functions of time.
+
+    Parameters
+    ----------
+    layout, symbols, given
+        Of the scene, its inputs, and those that are functions of time.
+    t
+        The times.
+    base
+        The place of conditions on time, and the constants of kernels, of which the last is the start.
+    broken
+        Breaks of conditions on time, and which of them move.
+    """
+    known = {symbol.name: symbol for symbol in symbols}
+    records = {name: value for name, value in given.items() if isinstance(value, Samples)}
+    functions = [value for value in given.values() if isinstance(value, Feedback)]
+    (place, c), (breaks, moved) = base, broken
+    tables, parts, pieces = [], [c], []
+    order, beyond = jnp.asarray(False), jnp.asarray(False)
+    end = len(c)
+    for name, where in zip(records, coefficient_places(layout.parameters, tuple(records)), strict=True):
+        record, (begin, stop) = records[name], COLUMNS[records[name].kind]
+        knots = knots_of(known[name], record)
+        rows = polynomials(knots, record)
+        table = InputTable(end, len(record.t), stop - begin, where + begin)
+        at = rows[_ahead(table, knots, t)]
+        pieces.append((table, at))
+        tables.append(table)
+        parts += [jax.lax.stop_gradient(knots - t[0]), rows.ravel()]
+        end = table.end
+        wrong = out_of_reach(known[name], record, t)
+        order, beyond = order | wrong[0], beyond | wrong[1]
+    if records:
+        breaks, moved = with_knots(tuple(records.values()), t, breaks, moved)
+    weights = [weights_of(value) for value in functions]
+    parts += weights
+    status = jnp.where(beyond, int(Status.OUTSIDE_TABLE), int(Status.SUCCESS))
+    status = jnp.where(order, int(Status.TIMES_IN_NO_ORDER), status)
+    run = jnp.where(status == int(Status.SUCCESS), jnp.concatenate(parts), jnp.nan)
+    constants = RunConstants(place, len(c), tuple(tables), sum(map(len, weights)), bool(functions))
+    return RunInputs(constants, run, breaks, moved, tuple(pieces), status)
+
+
+def parameters_at(
+    layout: Layout, symbols: Sequence[InputSymbol], given: Given, p: Any, t: Any, forward: Any
+) -> tuple[Any, Any]:
+    """Return parameters (n_t, n_p) with records as they are at times t (n_t,), and whether these are knots (n_t,).
+
+    `forward` is 1 in runs that go forward in time, else -1; at a knot, the record is that ahead.
+    """
+    known = {symbol.name: symbol for symbol in symbols}
+    rows, at_knots = jnp.broadcast_to(p, (len(t), len(p))), jnp.zeros(len(t), bool)
+    still = jax.lax.stop_gradient(t)
+    for name, record in given.items():
+        assert isinstance(record, Samples)
+        begin, stop = COLUMNS[record.kind]
+        (place,) = coefficient_places(layout.parameters, (name,))
+        knots = knots_of(known[name], record)
+        fixed = jax.lax.stop_gradient(knots)
+        number = (jnp.searchsorted(fixed, still, side=side) for side in ("right", "left"))
+        piece = jnp.where(forward > 0.0, *number)
+        rows = rows.at[:, place + begin : place + stop].set(polynomials(knots, record)[piece])
+        near = _NEAR * precision_of(knots).smallest_of_time * jnp.maximum(jnp.abs(still), 1.0)
+        at_knots |= jnp.any(jnp.abs(still[:, None] - fixed) <= near[:, None], axis=1)
+    return rows, at_knots
+
+
+def feedback_kernels(program: Program, given: Given, start: int) -> FeedbackKernels | None:
+    """Return the inputs of a run that are functions, for kernels whose constant `start` is its start; None without."""
+    functions = {name: value for name, value in given.items() if isinstance(value, Feedback)}
+    if not functions:
+        return None
+    layout = program.layout
+    n, first, each = len(layout.coordinates), 0, []
+    for name, value in functions.items():
+        last = first + len(weights_of(value))
+        each.append(_of_some(function_of_weights(name, value, n), first, last))
+        first = last
+    places = tuple(place + 1 for place in coefficient_places(layout.parameters, tuple(functions)))
+    expand = compile_kernel(expansion_in_elapsed_time(program), JAX)
+    return FeedbackKernels(tuple(each), places, start, n, expand, stacked(expand))
+
+
+def _of_some(function: Callable[..., Any], first: int, last: int) -> Callable[..., Any]:
+    """Return a function that takes some of the weights as one that takes all."""
+    return lambda t, q, qdot, weights: function(t, q, qdot, weights[first:last])
+
+
+def _ahead(table: InputTable, knots: Any, t: Any) -> Any:
+    """Return the numbers of the polynomials at the times t (n_t,) of a run: at a knot, that ahead."""
+    before = jnp.searchsorted(*jax.lax.stop_gradient((knots, t)), side="left")
+    at_end = (t == t[-1]) & (t[0] != t[-1])  # where nothing is ahead any more
+    return jnp.where((t[-1] >= t[0]) != at_end, table.piece(knots, t), before)
+
+
+def failed(status: Any, wrong: Any) -> Any:
+    """Return the status of a run, or of what is wrong with its inputs."""
+    return jnp.where(wrong == int(Status.SUCCESS), status, wrong)

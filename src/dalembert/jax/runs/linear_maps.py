@@ -1,0 +1,169 @@
+"""Linear maps with transposes of their own in JAX: differentiated, transposed and vectorised, to any order.
+
+JAX has one public operation that takes its transpose from the user and has derivatives and batches of both:
+``jax.lax.custom_linear_solve``. The value of a map L is therefore the solution of a linear system in (a, b, c, d),
+where a and c are like what the map is applied to, b and d like its values. From what is given to the solution:
+
+    (a, b, -, -) -> (0, 0, a, L a + b),    transposed    (-, -, c, d) -> (c + L' d, d, 0, 0)
+
+The derivative of a solution follows from that of the system by what L hangs on (`_system`): forward b changes by dL c,
+and transposed c by dL' b. Each direction ignores what is added for the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Protocol, final
+
+import jax
+import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
+
+from ...errors import OptionError
+from .derivatives import instantiate
+from .mesh_axes import laid_on_mesh, mesh_of, varying_alike, varying_like, vectorised
+
+
+class LinearMap(Protocol):
+    """A linear map of `moving`, which hangs on `held`; both are trees of arrays of floating point numbers.
+
+    Instances hold no arrays of JAX, and are hashable.
+    """
+
+    def __call__(self, held: Any, moving: Any) -> Any:
+        """Return the value, a tree of arrays."""
+
+    @property
+    def transposed(self) -> LinearMap:
+        """The transpose: from `held` and cotangents of the value to those of `moving`."""
+
+    def change(self, held: Any, dheld: Any, moving: Any, still: Any) -> Any:
+        """Return the change of the value with that of `held`, by operations that are linear in `dheld`.
+
+        `still` is a tree like `held` of whether each array is known not to change.
+        """
+
+
+class FirstOrder:
+    """A `LinearMap` that does not change with what it hangs on; its transpose is `pulled`.
+
+    Attributes
+    ----------
+    no_second : str
+        Why it has no derivatives of its own.
+    """
+
+    no_second: str
+
+    def __call__(self, held: Any, moving: Any) -> Any:
+        """See `LinearMap`."""
+        raise NotImplementedError
+
+    def pulled(self, held: Any, given: Any) -> Any:
+        """Return the cotangents of `moving`, from those of the value."""
+        raise NotImplementedError
+
+    @property
+    def transposed(self) -> LinearMap:
+        """See `LinearMap`."""
+        return _Transposed(self)
+
+    def change(self, held: Any, dheld: Any, moving: Any, still: Any) -> Any:
+        """See `LinearMap`.
+
+        Raises
+        ------
+        OptionError
+            Always.
+        """
+        raise OptionError(self.no_second)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Transposed(FirstOrder):
+    """The transpose of a map."""
+
+    forward: FirstOrder
+
+    @property
+    def no_second(self) -> str:  # type: ignore[override]
+        """See `FirstOrder`."""
+        return self.forward.no_second
+
+    def __call__(self, held: Any, moving: Any) -> Any:
+        return self.forward.pulled(held, moving)
+
+    def pulled(self, held: Any, given: Any) -> Any:
+        return self.forward(held, given)
+
+    @property
+    def transposed(self) -> LinearMap:
+        return self.forward
+
+
+def apply(function: LinearMap, held: Any, moving: Any) -> Any:
+    """Return the value of a linear map."""
+    held, moving = varying_alike((held, moving))
+    with mesh_of((held, moving)):
+        held, moving = laid_on_mesh((held, moving))
+        zero = _zero((jax.lax.stop_gradient(held), moving))  # cases differ where any of these does
+        nothing = _zeros(jax.eval_shape(function, held, moving), zero)
+        start = jax.tree.map(lambda leaf: leaf + zero, moving)
+
+        def forward(_: Any, given: Any) -> Any:
+            value = _value(function, held, given[0])
+            return *_still(given[:2]), given[0], jax.tree.map(jnp.add, value, given[1])
+
+        def backward(_: Any, given: Any) -> Any:
+            value = _value(function.transposed, held, given[3])
+            return jax.tree.map(jnp.add, value, given[2]), given[3], *_still(given[2:])
+
+        given = (start, nothing, _zeros(moving, zero), nothing)
+        system = partial(_system, function, held)
+        return jax.lax.custom_linear_solve(system, given, forward, backward, symmetric=True)[3]
+
+
+def _value(function: LinearMap, held: Any, moving: Any) -> Any:
+    """Return the value, which varies over the mesh axes that its arguments vary over."""
+
+    def value(held: Any, moving: Any) -> Any:
+        return varying_like(function(held, moving), (held, moving))
+
+    # Within a function of its own, constants of the map stay where they are: else JAX lays them out like arguments.
+    return jax.jit(partial(vectorised, value, True))(held, moving)
+
+
+def _still(tree: Any) -> Any:
+    """Return zeros like arrays."""
+    return varying_like(jax.tree.map(jnp.zeros_like, tree), tree)
+
+
+def _zero(tree: Any) -> Any:
+    """Return zero () as a sum over parts of arrays: linear in them, as all must be that is solved for."""
+    return sum(jnp.sum(leaf[jnp.newaxis][:0]) for leaf in jax.tree.leaves(tree))
+
+
+def _zeros(tree: Any, zero: Any) -> Any:
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(zero, leaf.shape), tree)
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _system(function: LinearMap, held: Any, x: Any) -> Any:
+    """Return the left-hand side of the system, of which JAX reads its change with `held`, and which cases differ."""
+    zero = _zero((held, x))  # each part of the change may differ where any of these does
+    return jax.tree.map(lambda leaf: leaf + zero, x)
+
+
+@partial(_system.defjvp, symbolic_zeros=True)
+def _(function: LinearMap, values: Any, tangents: Any) -> tuple[Any, Any]:
+    (held, x), dheld = values, tangents[0]
+    still = jax.tree.map(lambda change: isinstance(change, SymbolicZero), dheld)
+    changes = jax.tree.map(instantiate, dheld)
+    zero = _zero([change for change in jax.tree.leaves(dheld) if not isinstance(change, SymbolicZero)])
+    forward = function.change(held, changes, x[2], still)
+    backward = function.transposed.change(held, changes, x[1], still)
+    nothing = _zeros(x, zero)
+    ahead, back = jax.tree.map(jnp.subtract, nothing[1:3], (forward, backward))
+    return _system(function, held, x), (nothing[0], ahead, back, nothing[3])

@@ -1,0 +1,189 @@
+"""A traced run whose derivatives are taken over its steps at once: forward and reverse, alone and in batches.
+
+The run itself is a plain loop, which takes down where each attempt began and how far it went. Derivatives are those of
+the accepted steps at these sizes (see `dalembert.jax.runs.derivatives`). States at requested times are ends of
+shorter steps of the same method, from the beginning of the step that passes over them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, final
+
+import jax
+import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
+
+from ...once import once_property
+from .along import Along, Course
+from .derivatives import CHUNK, Steps, instantiate
+from .jumping import moved_until, sure_until
+from .linear_maps import apply
+from .mesh_axes import stack, vectorised
+from .projection import Rows
+from .run_data import Limits, Path, Pieces, Reached, places
+from .runs import Runs
+from .timed import At, Timed
+from .unknown import Known, OrNan
+
+
+@final
+class _Full(NamedTuple):
+    """A run with its record, in floating point numbers: as in `Reached`, in `Course` and in `Known`.
+
+    `passing` are the attempts that pass over more than two times: their numbers, starts, and sizes to the times.
+    """
+
+    y: Any
+    status: Any
+    steps: Any
+    attempts: Any
+    count: Any
+    taken: Any
+    end: Any
+    reached: Any
+    passing: tuple[Any, Any, Any]
+    known: Any
+    moved: Any
+
+
+@final
+class Motion:
+    """Runs of one method for one program, as functions that JAX differentiates and vectorises.
+
+    Parameters
+    ----------
+    pieces : Pieces
+        The method.
+    limits : Limits
+        How the steps are chosen.
+    """
+
+    def __init__(self, pieces: Pieces, limits: Limits) -> None:
+        self._pieces = pieces
+        self._runs = Runs(pieces, limits)
+        self._room = -(-limits.max_steps // CHUNK) * CHUNK
+
+    def __call__(self, t: Any, y0: Any, c: Any, breaks: Any = (), moved: Any = ()) -> Reached:
+        """Return the states (n_t, n_y) at the sorted times t (n_t,), from y0 (n_y,) at t[0] = 0, and how the run went.
+
+        States that were not reached are NaN, and so are all derivatives of what is computed from them. Steps end at
+        `breaks` (n,), in the order of the run, infinite behind the last, which are `moved` (n,) by constants or not.
+        """
+        given = t, y0, c, jnp.asarray(breaks, dtype=float), jnp.asarray(moved, dtype=float)
+        y, *numbers = self._passing(*given)
+        return Reached(y, *(number.astype(int) for number in numbers))
+
+    def recorded(self, t: Any, y0: Any, c: Any, breaks: Any = (), moved: Any = ()) -> tuple[Reached, Path]:
+        """Return the result of a call, and the path of the run, whose states are differentiated, too.
+
+        Behind jumps of the rates that depend on the state, or on parameters in time, their derivatives miss a term:
+        see `jumps`.
+        """
+        full = self._full(t, y0, c, jnp.asarray(breaks, dtype=float), jnp.asarray(moved, dtype=float))
+        y, *numbers = full[:4]
+        direction = jnp.where(full.reached >= 0.0, 1.0, -1.0)
+        path = Path(full.count, full.taken, full.end, full.reached, direction)
+        return Reached(y, *(number.astype(int) for number in numbers)), path
+
+    @property
+    def jumps(self) -> bool:
+        """Whether derivatives along a path may miss what a jump of the rates adds."""
+        return self._pieces.decided is not None or bool(self._pieces.moved_by)
+
+    def states(self, path: Path, t: Any, c: Any) -> Any:
+        """Return the states (n_t, n_y) at times t (n_t,) since the start of a run, NaN where it did not reach them.
+
+        They are ends of shorter steps of the same method, and change with the times as those with their sizes do.
+        """
+        still = jax.lax.stop_gradient
+        forward, taken = path.direction, path.taken
+        inside = jnp.arange(len(taken)) < path.count
+        starts = jnp.where(inside, forward * taken[:, 0], jnp.inf)
+        at = jnp.maximum(places(starts, forward * t) - 1, 0)
+        known = (forward * t >= 0.0) & (forward * t <= forward * path.reached) & (path.count > 0.0)
+        known |= (t == 0.0) & (path.reached == 0.0)
+        begins = jnp.where(known, still(taken[at, 0]), 0.0)
+        size = jnp.where(known, t - begins, 0.0)
+        y = jnp.where((known & (path.count > 0.0))[:, None], taken[at, 2:], path.end)
+        rows = self._pieces.steps.constants.rows(c, begins + 0.5 * still(size))
+        ends = self._pieces.steps.moved(Steps(begins, size, tuple(y.T), rows, path.count > 0.0))
+        zeros = jnp.zeros(len(t))
+        moving = stack(ends, axis=1), (t, path.end, c)
+        return apply(OrNan(()), Known(known.astype(float), zeros, still(c)), moving)
+
+    def _plain(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> Any:
+        """Return the result of the run, in floating point numbers."""
+        return vectorised(lambda *values: self._runs.run(0, *values)[0], True, t, y0, c, breaks)
+
+    # -- its derivatives ------------------------------------------------------------------
+
+    @once_property
+    def _passing(self) -> Callable[..., Reached]:
+        """The function (t, y0, c, breaks, moved) -> how the run went, in floating point numbers."""
+
+        def push(values: Any, tangents: Any) -> Any:
+            full = self._full(*values)
+            dy = self._changes(full, values, tangents, kept=False)[0]
+            reached = Reached(*full[:4])
+            return reached, Reached(dy, *(jnp.zeros_like(number) for number in reached[1:]))
+
+        passing = jax.custom_jvp(self._plain)
+        passing.defjvp(push, symbolic_zeros=True)
+        return passing
+
+    @once_property
+    def _full(self) -> Callable[..., _Full]:
+        """The function (t, y0, c, breaks, moved) -> a run with its record, differentiated as such."""
+
+        def push(values: Any, tangents: Any) -> Any:
+            full = self._full(*values)
+            dy, end, rows = self._changes(full, values, tangents, kept=True)
+            still = jax.tree.map(jnp.zeros_like, full)
+            taken = jnp.concatenate([still.taken[:, :2], rows], axis=1)
+            return full, still._replace(y=dy, taken=taken, end=end)
+
+        def recorded(*values: Any) -> Any:
+            whole = _Full(True, True, True, True, False, True, True, True, (True, True, True), True, True)
+            return vectorised(self._recorded, whole, *values)
+
+        full = jax.custom_jvp(recorded)
+        full.defjvp(push, symbolic_zeros=True)
+        return full
+
+    def _changes(self, full: _Full, values: Any, tangents: Any, *, kept: bool) -> tuple[Any, ...]:
+        """Return the changes of the states (n_t, n_y), of the last one, and where `kept` of those in the record."""
+        (t, _, c, breaks, _), (dt, dy, dc) = values, tangents[:3]
+        dy, dc = instantiate(dy), instantiate(dc)
+        timed = len(t) > 2
+        course = Course(full.count, full.taken, full.end, *full.passing, c)
+        end, over, *rows = apply(Along(self._pieces.steps, kept), course, (dy, dc))
+        changes = over if timed else stack([dy, end])[: len(t)]
+        changes = apply(Timed(self._runs.rates), At(t, full.y, c, breaks), (changes, dc))
+        if not isinstance(dt, SymbolicZero):
+            changes = changes + dt[:, None] * self._runs.rates(t, full.y, c, breaks)
+        known = Known(full.known, full.moved, c)
+        sources = instantiate(dt), dy, dc
+        return apply(OrNan(self._pieces.moved_by), known, (changes, sources)), end, *rows
+
+    def _recorded(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> _Full:
+        """Return a run with its record; what lies behind a jump is not known to those who differentiate."""
+        reached, record, known, passing = self._runs.run(self._room, t, y0, c, breaks)
+        decided, moved_by = self._pieces.decided, self._pieces.moved_by
+        behind = jnp.zeros(len(t))
+
+        direction, constants = jnp.where(t[-1] >= t[0], 1.0, -1.0), self._pieces.steps.constants
+
+        def rates(t: Any, y: Rows, c: Rows) -> Rows:
+            return self._pieces.steps.rates(Steps(t, jnp.zeros_like(t), y, c, record.count > 0))
+
+        if decided is not None and len(y0):
+            until = sure_until(decided, rates, constants, record, c, direction)
+            known &= direction * (t - until) <= 0.0
+        if moved_by and len(y0):
+            starts = jnp.where(jnp.arange(len(record.taken)) < record.count, direction * record.t, jnp.inf)
+            at = jnp.minimum(jnp.searchsorted(starts, direction * breaks), len(starts) - 1)
+            course = t[-1], record.reached, breaks, moved > 0.0
+            behind = direction * (t - moved_until(rates, constants, record.y[at], c, direction, course)) > 0.0
+        count, known, behind = record.count.astype(float), known.astype(float), behind.astype(float)
+        return _Full(*reached, count, record.taken, record.end, record.reached, passing, known, behind)

@@ -1,0 +1,196 @@
+"""Attempts of Runge-Kutta pairs, for many cases at once or for one (see `dalembert.jax.runs.lanes`).
+
+The stages are a loop, so that the right-hand side is compiled once whatever the tableau. Of many cases every component
+has arrays of its own, slopes (stages, k) and a state (k,), which XLA vectorises over the cases; with one array for all
+components, as ``vmap`` of a solver has it, the rows of the right-hand side are computed with branches. One case is a
+single row that holds all components (n_y,), which takes fewer and longer operations. Control of the step as in
+`dalembert.methods.step_constants`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from ...methods import step_constants as gains
+from ...methods.tableau import Tableau
+from .implicit import implicit_slopes
+from .lanes import Attempted, Batch, Sides
+from .mesh_axes import varying_like
+from .precision import precision_of
+from .products import contracted
+from .projection import Rows
+from .step_limits import limit_at_knots
+
+_LARGEST_UNROLLED = 3000
+"""Operations of all stages of a step up to which an accelerator takes them without a loop: it then keeps the slopes of
+a case in registers, and starts few functions, each of which takes as long as a step of thousands of cases."""
+
+
+def slopes_of(rhs: Callable[..., Rows], t: Any, y: Rows, c: Rows) -> Rows:
+    """Return the rates of a state, shaped like it."""
+    rates = zip(rhs(t, y, c), y, strict=True)
+    return varying_like(tuple(jnp.broadcast_to(rate, jnp.shape(row)) for rate, row in rates), (t, y, c))
+
+
+def weighted(rhs: Callable[..., Rows], tableau: Tableau, count: int, start: Any, h: Any, c: Any, first: Rows) -> Rows:
+    """Return the slopes of `count` stages, each row (count, ...), of a step h from `start` = (t, y).
+
+    `first` are the slopes at the start where they are known; else they are computed in the loop, with the others.
+    """
+    (t, y), matrix, nodes = start, jnp.asarray(tableau.A[:count, :count]), jnp.asarray(tableau.c[:count])
+    begin = tuple(jnp.zeros((count, *jnp.broadcast_shapes(jnp.shape(row), jnp.shape(h)))) for row in y)
+    if first:
+        begin = tuple(slopes.at[0].set(rate) for slopes, rate in zip(begin, first, strict=True))
+
+    def stage(i: Any, slopes: Rows) -> Rows:
+        point = tuple(a + h * contracted(matrix[i], k) for a, k in zip(y, slopes, strict=True))
+        rates = slopes_of(rhs, t + nodes[i] * h, point, c)
+        return tuple(k.at[i].set(rate) for k, rate in zip(slopes, rates, strict=True))
+
+    slopes: Rows = lax.fori_loop(1 if first else 0, count, stage, varying_like(begin, (start, h, c, first)))
+    return slopes
+
+
+def _one_by_one(
+    rhs: Callable[..., Rows], tableau: Tableau, count: int, start: Any, h: Any, c: Any, first: Rows
+) -> tuple[Rows, ...]:
+    """Return the result of `weighted`, each row a tuple of `count` slopes, without a loop."""
+    (t, y), slopes = start, [first] if first else []
+    for i in range(len(slopes), count):
+        weights = tableau.A[i, :i]
+        sums = (contracted(weights, tuple(k)) for k in zip(*slopes, strict=True)) if i else (0.0 for _ in y)
+        point = tuple(a + h * total for a, total in zip(y, sums, strict=True))
+        slopes.append(slopes_of(rhs, t + float(tableau.c[i]) * h, point, c))
+    return tuple(zip(*slopes, strict=True))
+
+
+def _mean(values: Rows, t: Any) -> Any:
+    """Return the mean over the components: the rows, or what the one row of a single case holds."""
+    if jnp.ndim(values[0]) > jnp.ndim(t):
+        return jnp.mean(values[0])
+    return sum(values[1:], start=values[0]) / len(values)
+
+
+@final
+class PairAttempts:
+    """Attempts by a tableau; what they remember is the size proposed, the previous error and the next slope.
+
+    Parameters
+    ----------
+    rhs : callable
+        (t, y, c) -> rates, on rows.
+    tableau : Tableau
+        The pair.
+    moved : bool
+        Whether states are moved between steps, so that the slope at the end of one is not that of the next.
+    knots : callable, optional
+        (t, y, c) -> the largest sizes of a step, forward and backward in time, that knots of tables allow.
+    operations : int
+        Length of the right-hand side.
+    sides : callable, optional
+        Moves of states at breaks.
+    """
+
+    def __init__(
+        self,
+        rhs: Callable[..., Rows],
+        tableau: Tableau,
+        *,
+        moved: bool,
+        knots: Callable[..., Rows] | None = None,
+        operations: int,
+        sides: Sides | None = None,
+    ) -> None:
+        self._rhs, self._tableau, self._knots, self.sides, self.sized = rhs, tableau, knots, sides, True
+        self._stages = tableau.end + (1 if tableau.fsal else 0)
+        looped = jax.default_backend() == "cpu" or operations * self._stages > _LARGEST_UNROLLED
+        self._slopes: Callable[..., Any] = weighted if looped else _one_by_one
+        self._goes_on = tableau.fsal and not moved
+
+    def start(self, batch: Batch, direction: Any) -> Any:
+        """Return the memory before the first step, whose size is that of Hairer, Norsett, Wanner, section II.4."""
+        t, y = batch.t0, batch.y
+        first = slopes_of(self._rhs, t, y, batch.c)
+        scales = [1.0 / (batch.rtol * jnp.abs(a) + batch.atol) for a in y]
+
+        def norm(values: Rows) -> Any:
+            return jnp.sqrt(_mean(tuple((v * s) ** 2 for v, s in zip(values, scales, strict=True)), t))
+
+        size, slope = norm(y), norm(first)
+        h = jnp.where(
+            jnp.minimum(size, slope) < gains.FIRST_NEGLIGIBLE,
+            gains.FIRST_BLIND,
+            gains.FIRST_SHARE * size / jnp.maximum(slope, gains.FIRST_NEGLIGIBLE),
+        )
+        h = jnp.minimum(h, jnp.minimum(batch.max_step, jnp.abs(batch.t1 - t)))
+        moved = tuple(a + direction * h * rate for a, rate in zip(y, first, strict=True))
+        second = slopes_of(self._rhs, t + direction * h, moved, batch.c)
+        change = norm(tuple(b - a for a, b in zip(first, second, strict=True))) / jnp.maximum(
+            h, precision_of(h).smallest_normal
+        )
+        largest = jnp.maximum(jnp.maximum(slope, change), gains.FIRST_SLOPE)
+        exponent = 1.0 / (self._tableau.error_order + 1)
+        improved = jnp.minimum(gains.FIRST_GROWTH * h, (gains.FIRST_SHARE / largest) ** exponent)
+        h = jnp.where(jnp.isfinite(change), improved, h)
+        previous = jnp.full(jnp.shape(t), gains.SMALLEST_PREVIOUS)
+        return jnp.where(jnp.isfinite(slope), h, 0.0), previous, first if self._goes_on else ()
+
+    def attempt(self, batch: Batch, t: Any, y: Rows, largest: Any, direction: Any, memory: Any) -> Attempted:
+        """Attempt a step of at most `largest`."""
+        proposal, previous, first = memory
+        proposed = jnp.maximum(proposal, precision_of(t).smallest_of_time * jnp.abs(t))
+        if self._knots is not None:
+            limit = limit_at_knots(self._knots(t, y, batch.c), t, direction)
+            largest = jnp.minimum(largest, limit)
+        size = jnp.where(largest <= proposed * precision_of(t).stretch, largest, proposed)
+        h = direction * size
+        if self._tableau.implicit:
+            rates, scales = partial(slopes_of, self._rhs), tuple(batch.atol + batch.rtol * jnp.abs(a) for a in y)
+            slopes = implicit_slopes(rates, self._tableau, (t, y), h, batch.c, first, scales)
+        else:
+            slopes = self._slopes(self._rhs, self._tableau, self._stages, (t, y), h, batch.c, first)
+        weights = self._tableau.b[: self._stages]
+        new = tuple(a + h * contracted(weights, k) for a, k in zip(y, slopes, strict=True))
+        error = self._error(batch, y, new, slopes, size)
+        finite, accepted = jnp.isfinite(error), error <= 1.0
+        exponent = 1.0 / (self._tableau.error_order + 1)
+        beta = gains.INTEGRAL * exponent
+        safe = jnp.where(finite, jnp.maximum(error, 1e-30), 1.0)
+        power = jnp.where(accepted, safe ** (gains.PROPORTIONAL * beta - exponent) * previous**beta, safe**-exponent)
+        factor = jnp.clip(gains.SAFETY * power, gains.LARGEST_REDUCTION, gains.LARGEST_GROWTH)
+        following = size * jnp.where(finite, factor, gains.REDUCTION_BLIND)
+        following = jnp.where(accepted, jnp.maximum(following, jnp.where(size < proposed, proposed, 0.0)), following)
+        previous = jnp.where(accepted, jnp.maximum(safe, gains.SMALLEST_PREVIOUS), previous)
+        kept: Rows = ()
+        if self._goes_on:
+            kept = tuple(jnp.where(accepted, k[-1], rate) for k, rate in zip(slopes, first, strict=True))
+        return Attempted(new, size, finite, accepted, following, (following, previous, kept))
+
+    def retry(self, memory: Any, size: Any) -> tuple[Any, Any]:
+        """Return the memory for an attempt of a smaller step, and its size (`step_control.blind_retry`)."""
+        smaller = gains.REDUCTION_BLIND * size
+        return (smaller, *memory[1:]), smaller
+
+    def _error(self, batch: Batch, y: Rows, new: Rows, slopes: Rows, size: Any) -> Any:
+        """Return the RMS norm of the error over the tolerances (see `Tableau.error`)."""
+        scales = [
+            1.0 / (batch.atol + batch.rtol * jnp.maximum(jnp.abs(a), jnp.abs(b))) for a, b in zip(y, new, strict=True)
+        ]
+
+        def norm(row: Any) -> Any:
+            part = np.ascontiguousarray(row[: self._stages])
+            estimates = (contracted(part, k) * scale for k, scale in zip(slopes, scales, strict=True))
+            return _mean(tuple(estimate**2 for estimate in estimates), size)
+
+        squares = [norm(row) for row in self._tableau.error]
+        if len(squares) == 1:
+            return size * jnp.sqrt(squares[0])
+        below = squares[0] + gains.SECOND_ERROR_WEIGHT * squares[1]
+        return size * squares[0] / jnp.sqrt(jnp.maximum(below, precision_of(below).smallest_normal))

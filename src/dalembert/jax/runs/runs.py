@@ -1,0 +1,159 @@
+"""Runs of one method for one program as they are: traced loops or calls of machine code, alone and in batches."""
+
+from __future__ import annotations
+
+from typing import Any, final
+
+import jax
+import jax.numpy as jnp
+
+from ...methods.status import Status
+from .derivatives import Over, Record, Steps
+from .lanes import Batch
+from .mesh_axes import stack
+from .recording import course_of
+from .ruled import ruled
+from .run_data import Limits, Pieces, Reached, in_order, middles
+
+
+@final
+class Runs:
+    """Runs as functions that JAX vectorises, without derivatives, and rates along them, with derivatives.
+
+    Parameters
+    ----------
+    pieces : Pieces
+        The method.
+    limits : Limits
+        How the steps are chosen.
+    """
+
+    def __init__(self, pieces: Pieces, limits: Limits) -> None:
+        self._pieces, self._limits = pieces, limits
+
+    def _batch(self, t0: Any, t1: Any, y: Any, c: Any, breaks: Any) -> Batch:
+        limits, constants = self._limits, self._pieces.steps.constants
+        batch = Batch(y, c, t0, t1, limits.floor, limits.rtol, limits.atol, limits.max_step, limits.max_steps)
+        if not len(breaks):
+            return batch
+        return batch._replace(breaks=breaks, between=constants.reading(c, breaks, t0, t1))
+
+    def one(self, room: int, *given: Any) -> Record:
+        """Run one case at times t, from y, with c and breaks, as one of a batch where it is vectorised."""
+        foreign = self._pieces.foreign
+
+        def cases(t: Any, y: Any, c: Any) -> Record:
+            if len(t) == 1:
+                found = self._alone(room, t[0], y[0], c[0])
+                return Record(found.count, *(value[jnp.newaxis] for value in found[1:]))
+            return self._many(room, t, y, c, jnp.zeros((len(t), 0)))
+
+        @jax.custom_batching.custom_vmap
+        def one(t: Any, y: Any, c: Any, breaks: Any) -> Record:
+            if foreign is None or not foreign.serves:
+                return self._alone(room, t, y, c, breaks)
+            found = foreign(self._limits, room, cases, 1, t[jnp.newaxis], y[jnp.newaxis], c[jnp.newaxis])
+            return Record(found.count, *(value[0] for value in found[1:]))
+
+        @one.def_vmap
+        def _(size: int, batched: Any, *arguments: Any) -> tuple[Record, Record]:
+            each = Record(False, *[True] * 6)
+            if foreign is not None and foreign.serves:
+                own = (a if b else a[jnp.newaxis] for a, b in zip(arguments[:3], batched, strict=False))
+                return foreign(self._limits, room, cases, size, *own), each
+            rows = [a if b else jnp.broadcast_to(a, (size, *a.shape)) for a, b in zip(arguments, batched, strict=True)]
+            return self._many(room, *rows), each
+
+        found: Record = one(*ruled(*given))
+        return found
+
+    def _alone(self, room: int, t: Any, y: Any, c: Any, breaks: Any = ()) -> Record:
+        """Run one case in a loop of its own."""
+        pieces, between = self._pieces, t if len(t) > 2 else t[:0]
+        batch = self._batch(t[0], t[-1], (y,), c, breaks)._replace(c=pieces.steps.constants.split(c))
+        count, taken, end = course_of(pieces.one, pieces.one_projections, room, batch, between)
+        return Record(count, taken, end.y[0], end.t, end.status.astype(float), end.steps, end.attempts)
+
+    def _many(self, room: int, *given: Any) -> Record:
+        """Run cases in one loop; a batch of batches is one batch."""
+        pieces = self._pieces
+
+        @jax.custom_batching.custom_vmap
+        def many(t: Any, y: Any, c: Any, breaks: Any) -> Record:
+            between = t if t.shape[1] > 2 else t[:, :0]
+            batch = self._batch(t[:, 0], t[:, -1], tuple(y.T), c, breaks.T)
+            batch = batch._replace(c=pieces.steps.constants.split(c))
+            count, taken, end = course_of(pieces.many, pieces.many_projections, room, batch, between.T)
+            states = jnp.stack(end.y, axis=-1) if end.y else jnp.zeros((len(t), 0))
+            status = end.status.astype(float)
+            return Record(count, jnp.moveaxis(taken, 2, 0), states, end.t, status, end.steps, end.attempts)
+
+        @many.def_vmap
+        def _(size: int, batched: Any, *arguments: Any) -> tuple[Record, Record]:
+            rows = [a if b else jnp.broadcast_to(a, (size, *a.shape)) for a, b in zip(arguments, batched, strict=True)]
+            own = rows[0].shape[1]
+            count, *rest = self._many(room, *(row.reshape(size * own, *row.shape[2:]) for row in rows))
+            split = [value.reshape(size, own, *value.shape[1:]) for value in rest]
+            return Record(count, *split), Record(False, *[True] * 6)
+
+        found: Record = many(*given)
+        return found
+
+    def rates(self, t: Any, y: Any, c: Any, breaks: Any) -> Any:
+        """Return the rates (n_t, n_y) of states at times: the derivatives of where a run is by the time."""
+        constants = self._pieces.steps.constants
+        rows = constants.rows(c, middles(jax.lax.stop_gradient(t), breaks) if constants.broken else t)
+        steps = Steps(t, jnp.zeros_like(t), tuple(y.T), rows, jnp.isfinite(jax.lax.stop_gradient(t[0])))
+        return stack(self._pieces.steps.rates(steps), axis=1)
+
+    def _ends(self, over: Over, states: Any, c: Any, go: Any) -> Any:
+        """Return the ends (n_t, n_y) of steps to requested times, one stage after the other where that is faster."""
+        moves = self._pieces.steps
+
+        def in_rows(over: Over, states: Any, c: Any, go: Any) -> Any:
+            rows = moves.constants.rows(c, over.begins + 0.5 * over.sizes)
+            return jnp.stack(moves(Steps(over.begins, over.sizes, tuple(states.T), rows, go)), axis=1)
+
+        turns = moves.in_turn
+        if turns is None or jax.default_backend() != "cpu":
+            return in_rows(over, states, c, go)
+        alone = jax.custom_batching.custom_vmap(lambda over, states, c, go: turns.ends(over, states, c))
+
+        @alone.def_vmap
+        def _(size: int, batched: Any, *arguments: Any) -> Any:
+            axes = jax.tree.map(lambda yes: 0 if yes else None, tuple(batched))
+            return jax.vmap(in_rows, axes, axis_size=size)(*arguments), True
+
+        return alone(over, states, c, go)
+
+    def run(self, room: int, t: Any, y0: Any, c: Any, breaks: Any) -> tuple[Reached, Record, Any, Any]:
+        """Return the result of the run, its record, which times were reached, and the attempts that pass over them.
+
+        Of these, the numbers, starts, and sizes to the times, where there are more than two (n_t,).
+        """
+        t, ordered = in_order(t)
+        return self._at_times(room, t, ordered, y0, c, self.one(room, t, y0, c, breaks))
+
+    def _at_times(
+        self, room: int, t: Any, ordered: Any, y0: Any, c: Any, record: Record
+    ) -> tuple[Reached, Record, Any, Any]:
+        """Return the result of `run`, from the record of the run."""
+        record = record._replace(status=jnp.where(ordered, record.status, float(Status.TIMES_IN_NO_ORDER)))
+        forward = jnp.where(t[-1] >= t[0], 1.0, -1.0)
+        known = ordered & (forward * (t - record.reached) <= 0.0)
+        numbers = record.status, record.steps, record.attempts
+        if len(t) <= 2:
+            y = jnp.stack([y0, record.end])[: len(t)]
+            y = jnp.where(known[:, None], y, jnp.nan)
+            return Reached(y, *numbers), record, known, (jnp.zeros(0),) * 3
+        at = jnp.zeros(0, dtype=int)
+        if room:
+            times = jnp.where(jnp.arange(room) < record.count, forward * record.t, jnp.inf)
+            at = jnp.maximum(jnp.searchsorted(times, forward * t, side="right") - 1, 0)
+            begins, states = record.t[at], jnp.where(record.count > 0, record.y[at], y0)
+        else:
+            begins, states = record.taken[:, 0], record.taken[:, 1:]
+        size = jnp.where(known, t - begins, 0.0)  # beyond the end, steps might overflow
+        ends = self._ends(Over(at, begins, size), states, c, record.count > 0)
+        y = jnp.where(known[:, None], ends, jnp.nan)
+        return Reached(y, *numbers), record, known, (at.astype(float), begins, size)

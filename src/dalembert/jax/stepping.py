@@ -1,0 +1,137 @@
+"""Steps of fixed size as pure functions, for environments and optimal control."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+import jax.numpy as jnp
+from jax import lax
+
+from ..codegen.printers import JAX
+from ..errors import OptionError, UnknownNameError, list_names, unknown_name
+from ..ir.program import Layout, Program
+from .arguments import by_name
+from .kernels import compile_kernel
+from .pieces import EXPLICIT
+from .runs.mesh_axes import stack, varying_like
+from .runs.pairs import slopes_of
+from .runs.projection import CORRECTIONS, Projections, Rows, project
+
+Tableau = tuple[tuple[tuple[float, ...], ...], tuple[float, ...], tuple[float, ...]]
+"""Weights of earlier slopes in each stage, weights of the slopes in the step, and times of the stages."""
+
+_CLASSICAL: Tableau = (
+    ((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)),
+    (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0),
+    (0.0, 0.5, 0.5, 1.0),
+)
+
+
+def _of_pair(name: str) -> Tableau:
+    pair = EXPLICIT[name]
+    stages = range(pair.end)
+    rows = tuple(tuple(float(a) for a in pair.A[i, :i]) for i in stages)
+    return rows, tuple(float(pair.b[i]) for i in stages), tuple(float(pair.c[i]) for i in stages)
+
+
+STEP_METHODS: Mapping[str, Tableau] = {
+    "rk4": _CLASSICAL,
+    "euler": (((),), (1.0,), (0.0,)),
+    **{name: _of_pair(name) for name in EXPLICIT},
+}
+"""Explicit methods of fixed steps: order 4 (Kutta 1901), order 1, and those of the pairs."""
+
+
+@final
+@dataclass(frozen=True)
+class Stepper:
+    """Steps of a program by one method: `rates` and `projections` work on rows, `place` is that of conditions on time.
+
+    Where conditions are decided, `constants` makes the constants of parameters in each step.
+    """
+
+    rates: Callable[..., Rows]
+    projections: Projections
+    place: int | None
+    constants: Callable[[Any], Any]
+    tableau: Tableau
+
+    @classmethod
+    def of(cls, program: Program, constants: Callable[[Any], Any], method: str) -> Stepper:
+        """Return the steps of a method.
+
+        Raises
+        ------
+        OptionError
+            For a method that does not exist.
+        """
+        if method not in STEP_METHODS:
+            raise OptionError(unknown_name("method of fixed steps", str(method), STEP_METHODS))
+        projections = tuple(
+            (compile_kernel(program.kernel(name), JAX), count) for name, count in CORRECTIONS.items() if name in program
+        )
+        place = None if program.conditions is None else program.conditions.place
+        return cls(compile_kernel(program.kernel("rhs"), JAX), projections, place, constants, STEP_METHODS[method])
+
+    def __call__(self, t: Any, y: Any, p: Any, dt: Any, substeps: int) -> Any:
+        """Return the state (n_y,) after `substeps` equal steps that together take dt."""
+        h = jnp.asarray(dt, dtype=y.dtype) / substeps
+        given = jnp.unstack(self.constants(p)) if self.place is None else ()
+
+        def one(carry: tuple[Any, Rows], _: Any) -> tuple[tuple[Any, Rows], None]:
+            time, rows = carry
+            c = given
+            if self.place is not None:
+                c = jnp.unstack(self.constants(p.at[self.place].set(time + 0.5 * h)))
+            return (time + h, self._step(time, rows, c, h)), None
+
+        start = varying_like((jnp.asarray(t, dtype=y.dtype), tuple(jnp.unstack(y))), (t, y, p, h))
+        (_, rows), _ = one(start, None) if substeps == 1 else lax.scan(one, start, None, length=substeps)
+        return stack(rows) if rows else y
+
+    def _step(self, t: Any, y: Rows, c: Rows, h: Any) -> Rows:
+        rows, weights, nodes = self.tableau
+        slopes: list[Rows] = []
+        for own, node in zip(rows, nodes, strict=True):
+            slopes.append(slopes_of(self.rates, t + node * h, _moved(y, h, own, slopes), c))
+        new = _moved(y, h, weights, slopes)
+        if not self.projections:
+            return new
+        held, settled = project(self.projections, t + h, new, c)
+        return tuple(jnp.where(settled, row, jnp.nan) for row in held)
+
+
+def _moved(y: Rows, h: Any, weights: tuple[float, ...], slopes: list[Rows]) -> Rows:
+    """Return a state after a step along a sum of slopes."""
+    terms = [(weight, slope) for weight, slope in zip(weights, slopes, strict=True) if weight]
+    if not terms:
+        return y
+    return tuple(row + h * sum(weight * slope[i] for weight, slope in terms) for i, row in enumerate(y))
+
+
+def control_by_name(layout: Layout, control: Any) -> dict[str, Any]:
+    """Return the inputs of a step by name, from an array (n_inputs,) in their order or from a mapping.
+
+    Raises
+    ------
+    OptionError, UnknownNameError
+        For a control of another length, or with other names.
+    """
+    names = layout.inputs
+    if not isinstance(control, Mapping):
+        array = jnp.asarray(control)
+        if array.shape != (len(names),):
+            raise OptionError(
+                f"control must have shape ({len(names)},), for the inputs {list_names(names)}, not {array.shape}"
+            )
+        return dict(zip(names, array, strict=True))
+    table = by_name("input", control, layout.aliases)
+    wrong = [unknown_name("input", name, names) for name in table if name not in names]
+    missing = [name for name in names if name not in table]
+    if missing:
+        wrong.append(f"missing inputs: {list_names(missing)}")
+    if wrong:
+        raise UnknownNameError("\n".join(wrong))
+    return table

@@ -1,0 +1,361 @@
+"""Taylor method for one trajectory: blocks of steps, whose series are kept or sampled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from ..interrupts import check
+from ..methods.status import RUNNING, Status
+from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK
+from ..steps.dense_output import PiecewisePolynomial
+from ..steps.problem import IntegrationProblem, Solution
+from ..steps.projection import end_in
+from ..stops.stops import no_stops, table_of
+from ..subset.addresses import NO_CODE, OwnedAddress
+from ..subset.arguments import address_of, pack, place_of, replace_array
+from ..transforms.taylor import scale_floor
+from .prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
+
+_LARGEST_WINDING = 256
+"""Steps after which angles lose the turns that they have made: a large angle has fewer digits to turn by."""
+
+_FEWEST_TURNS, _MOST_TURNS = 2, 4
+"""Turns that large angles keep: the size from which the step no longer minds them (`dalembert.transforms.taylor`)."""
+
+_TURN = 2.0 * math.pi
+_TURN_HIGH = float.fromhex("0x1.921fb54p+2")
+"""A turn to 29 bits, of which multiples are exact."""
+
+_TURN_LOW = float.fromhex("0x1.10b4611a62633p-28")
+"""The rest of a turn."""
+
+_LARGEST_KEPT = 1 << 20
+"""Bytes of the largest workspace that is kept for later runs."""
+
+_LIMITS_AT = place_of(PreparedArguments, "limits")
+_T0_AT, _T1_AT, _LARGEST_AT = (_LIMITS_AT + PreparedLimits._fields.index(name) for name in ("t0", "t1", "largest"))
+_ATTEMPTS_AT, _GOING_AT = (_LIMITS_AT + PreparedLimits._fields.index(name) for name in ("attempts", "going"))
+_PREPARE_AT, _STATES_AT, _TIMES_AT, _STOPS_AT = (
+    place_of(PreparedArguments, name) for name in ("kernels.prepare", "states", "times", "stops")
+)
+
+Watch = Callable[[float, FloatArray, float], bool]
+"""Time, state and mean size of the last steps -> whether to stop there."""
+
+_STIFFNESS_FROM, _STIFFNESS_REST = 900, 4000
+"""Steps after which a run is tested for stiffness, and steps that must be left for a change of method to pay."""
+
+
+class TaylorLoop(Protocol):
+    """The recorded loop of `dalembert.loops.prepared_loop`, loaded."""
+
+    @property
+    def call(self) -> Callable[[int], int]:
+        """The function of the address of packed arguments."""
+        ...
+
+
+@final
+@dataclass(frozen=True)
+class StepCode:
+    """Compiled code: the recorded loop of `dalembert.loops.prepared_loop`, and addresses of what it calls.
+
+    The step is a Taylor step of some order that also writes its series; the projections are 0 where there are none.
+    ``angles`` are the components of the state that matter modulo a turn. ``workspaces`` are those that no run uses.
+    """
+
+    loop: TaylorLoop
+    order: int
+    step: OwnedAddress
+    position: OwnedAddress = NO_CODE
+    velocity: OwnedAddress = NO_CODE
+    angles: tuple[int, ...] = ()
+    workspaces: list[_Workspace] = field(default_factory=list, compare=False, repr=False)
+
+    def integrate(self, problem: IntegrationProblem, watch: Watch | None = None) -> Solution | None:
+        """Integrate a problem with this step.
+
+        Parameters
+        ----------
+        problem
+            The problem; its arrays are copied.
+        watch
+            Called between blocks of steps of long runs; returns whether to stop.
+
+        Returns
+        -------
+        Solution
+            Numerical failure is its status, never an exception. Each step is one evaluation of the series. None
+            where the run was stopped.
+        """
+        stops = problem.stops
+        try:
+            work = self.workspaces.pop()
+        except IndexError:
+            work = _Workspace(self, problem)
+        call, record = self.loop.call, _Record(problem, self.order)
+        # what happens at stops reads angles, and not modulo a turn
+        turns, angles = None, [] if stops is not None and stops.actions else list(self.angles)
+        status, size = RUNNING if work.begin(problem) else int(Status.NON_FINITE), FIRST_BLOCK
+        while status == RUNNING:
+            check(record.end)
+            start, before = record.end, record.steps
+            if angles and work.has_turned(angles):
+                turns = np.zeros(len(problem.y0)) if turns is None else turns.copy()
+                turns[angles] += _unwound(work.y, work.low, angles)
+                record.wound = record.wound or bool(np.any(turns))
+            status, times, rows = work.run(call, min(size, problem.max_steps - record.steps))
+            if stops is not None:
+                stops.raise_failure()
+                if before == 0:
+                    record.start = work.started
+            record.add(times, rows, turns if record.wound else None)
+            size = min(2 * size, _LARGEST_WINDING if angles else LARGEST_BLOCK)
+            if watch is not None and status == RUNNING and record.steps >= _STIFFNESS_FROM:
+                step = abs(record.end - start) / (record.steps - before)
+                if abs(problem.t1 - record.end) >= _STIFFNESS_REST * step and watch(record.end, work.y.copy(), step):
+                    return None
+        if work.states.nbytes <= _LARGEST_KEPT:
+            self.workspaces.append(work)
+        return record.solution(Status(status))
+
+
+@final
+class _Workspace:
+    """Memory of one run at a time, and the packed arguments that point to it."""
+
+    def __init__(self, code: StepCode, problem: IntegrationProblem) -> None:
+        n, constants = len(problem.y0), len(problem.constants)
+        self._width = n + 2 + n * (code.order + 1)
+        self.low, self.progress, nothing = np.zeros(n + 1), PreparedProgress(), np.zeros((0, 1))
+        self.states, self.times = self._rows(FIRST_BLOCK)
+        self._arguments = PreparedArguments(
+            kernels=PreparedKernels(NO_CODE, code.step, NO_CODE, code.position, code.velocity),
+            limits=PreparedLimits(0.0, 0.0, 0.0, 0, 0, going=False, slack=1.0),
+            n=n,
+            memory=0,
+            parameters=nothing,
+            constants=np.zeros((constants, 1)),
+            settings=np.zeros((1, 5)),
+            clock=np.empty((1, 1)),
+            states=self.states,
+            times=self.times,
+            low=self.low,
+            delta=np.empty((n, 1)),
+            mark=np.zeros(1, np.int64),
+            tests=nothing,
+            progress=self.progress,
+            stops=no_stops(),
+        )
+        self._nothing = np.zeros(n), np.zeros(constants)
+        self._stops, self._prepare = self._arguments.stops, NO_CODE
+        self._words = pack(self._arguments)
+        self._doubles, self.address = self._words.view(np.float64), address_of(self._words)
+        self.y, self._begun = self.states[0, :n], self.states[0, : n + 1]
+        self.started = self.y
+        self._constants, self._settings = self._arguments.constants[:, 0], self._arguments.settings[0]
+
+    def _rows(self, limit: int) -> tuple[FloatArray, FloatArray]:
+        """Return the first state and so many steps as rows, with room behind the last for a state behind a stop."""
+        return np.empty((limit + 2, self._width)), np.empty(limit + 2)
+
+    def begin(self, problem: IntegrationProblem) -> bool:
+        """Load the start of a problem; return whether its numbers are finite."""
+        y, c, settings, numbers, words = self.y, self._constants, self._settings, self._doubles, self._words
+        y[...], c[...] = problem.y0, problem.constants
+        self.low.fill(0.0)
+        settings[0], settings[1] = 0.0, 1.0 if problem.t1 >= problem.t0 else -1.0
+        settings[2], settings[3], settings[4] = scale_floor(problem.rtol, problem.atol), problem.rtol, problem.atol
+        numbers[_T0_AT], numbers[_T1_AT], numbers[_LARGEST_AT] = problem.t0, problem.t1, problem.max_step
+        words[_ATTEMPTS_AT], words[_GOING_AT] = problem.max_steps, 0
+        table = table_of(problem.stops, problem.inputs, len(c))
+        if table is not self._stops:
+            prepare = NO_CODE if problem.stops is None else problem.stops.prepare
+            words[_STOPS_AT:], words[_PREPARE_AT] = pack(table), prepare
+            self._stops, self._prepare = table, prepare
+        state, constants = self._nothing
+        return bool(y.dot(state) + c.dot(constants) == 0.0)
+
+    def has_turned(self, angles: list[int]) -> bool:
+        """Return whether one of these components of the state has become large."""
+        y = self.y.tolist()
+        return any(abs(y[i]) > _MOST_TURNS * _TURN for i in angles)
+
+    def run(self, call: Callable[[int], int], limit: int) -> tuple[int, FloatArray, FloatArray]:
+        """Take at most so many steps; return the status, the times of rows (k,) and the rows (k, width)."""
+        if limit <= FIRST_BLOCK:
+            status = call(self.address)
+            last = self.progress.row + 1
+            rows, times = self.states[1:last].copy(), self.times[1:last].copy()
+        else:
+            states, ends = self._rows(limit)
+            states[0, : len(self._begun)] = self._begun
+            words = self._words.copy()
+            replace_array(words, _STATES_AT, states)
+            replace_array(words, _TIMES_AT, ends)
+            status = call(address_of(words))
+            last = self.progress.row + 1
+            rows, times = states[1:last], ends[1:last]
+            if last <= limit:
+                rows, times = rows.copy(), times.copy()
+        if not self._words[_GOING_AT]:
+            self.started = self.y.copy()
+            self._words[_GOING_AT] = 1
+        if last > 1 and status == RUNNING:
+            self._begun[...] = rows[-1, : len(self._begun)]
+        return status, times, rows
+
+
+def _unwound(y: FloatArray, low: FloatArray, angles: list[int]) -> FloatArray:
+    """Subtract whole turns from large angles of a state y (n,), and return how many; `low` gets the rounding errors."""
+    whole = np.trunc(y[angles] / _TURN)
+    turns = np.where(np.abs(whole) > _MOST_TURNS, whole - np.sign(whole) * _FEWEST_TURNS, 0.0)
+    wrapped = y[angles] - turns * _TURN_HIGH
+    rest = turns * _TURN_LOW
+    y[angles] = wrapped - rest
+    low[angles] += (wrapped - y[angles]) - rest
+    return turns
+
+
+_Block = tuple[FloatArray, FloatArray, FloatArray | None]
+"""Times (k,), what the steps put out there (k, width) or states (k, n), and the turns (n,) that angles made before."""
+
+
+@final
+class _Record:
+    """The record of a run: its steps or the states at the requested times, and the series if requested.
+
+    Where the state jumps at a stop, series and steps end in the state before it. Requested times have that behind it,
+    as have steps where the stops of the problem say so.
+    """
+
+    def __init__(self, problem: IntegrationProblem, order: int) -> None:
+        self.problem, self.order = problem, order
+        self.steps, self.end, self.wound = 0, float(problem.t0), False
+        self.start = np.asarray(problem.y0, dtype=float)
+        self.blocks: list[_Block] = []
+        self.samples: list[_Block] = []
+        self.behind: list[tuple[NDArray[np.intp], FloatArray]] = []
+
+    def add(self, times: FloatArray, rows: FloatArray, turns: FloatArray | None) -> None:
+        """Add a block of steps, less some turns (n,)."""
+        if not len(times):
+            return
+        problem, n, place, behind = self.problem, len(self.problem.y0), self.steps, None
+        if problem.stops is not None:
+            times, rows, behind = _parted(times, rows, n)
+        start, self.end = self.end, float(times[-1])
+        self.steps += len(times)
+        if problem.t_eval is not None:
+            requested, low, high = problem.t_eval, min(start, self.end), max(start, self.end)
+            inside = requested[(requested >= low) & (requested <= high) & (requested != start)]
+            series = _Series(self.order, self._direction, [(times, rows, None)], n)
+            found = PiecewisePolynomial(np.append(start, times), series)(inside)
+            for number, state in zip(*behind, strict=True) if behind is not None else ():
+                found[inside == times[number]] = state
+            self.samples.append((inside, found, turns))
+        elif behind is not None and problem.stops is not None and problem.stops.behind:
+            self.behind.append((behind[0] + 1 + place, behind[1]))
+        if problem.dense:
+            self.blocks.append((times, rows, turns))
+        elif problem.t_eval is None:
+            self.blocks.append((times, rows[:, :n].copy(), turns))
+
+    @property
+    def _direction(self) -> float:
+        return 1.0 if self.problem.t1 >= self.problem.t0 else -1.0
+
+    def solution(self, status: Status) -> Solution:
+        """Return the solution of a run that ended with `status`."""
+        problem, n = self.problem, len(self.problem.y0)
+        count = 1 + sum(len(times) for times, _, _ in self.blocks)
+        knots, wrapped = np.empty(count), np.empty((count, n))
+        knots[0], wrapped[0], place = problem.t0, self.start, 1
+        for times, rows, _ in self.blocks:
+            knots[place : place + len(times)], wrapped[place : place + len(times)] = times, rows[:, :n]
+            place += len(times)
+        for numbers, states in self.behind:
+            wrapped[numbers] = states
+        parts = self.blocks
+        t = knots.copy() if problem.dense else knots
+        if problem.t_eval is not None:
+            parts, first = self.samples, problem.t_eval[problem.t_eval == problem.t0]
+            t = np.concatenate([first, *(times for times, _, _ in parts)])
+            wrapped = np.concatenate([np.tile(self.start, (len(first), 1)), *(states for _, states, _ in parts)])
+        y = self._turned(wrapped, parts) if self.wound else wrapped
+        dense = None
+        if problem.dense and self.blocks:
+            dense = PiecewisePolynomial(knots, _Series(self.order, self._direction, self.blocks, n))
+        elif problem.dense:
+            constant = self.start.reshape(1, 1, n).copy()
+            dense = PiecewisePolynomial(np.full(2, float(problem.t0)), constant)
+        return Solution(
+            status=status,
+            t=t,
+            y=y,
+            steps=self.steps,
+            rejected=0,
+            evaluations=self.steps,
+            dense=dense,
+            wrapped=wrapped if self.wound else None,
+            end=self.end,
+        )
+
+    @staticmethod
+    def _turned(wrapped: FloatArray, parts: list[_Block]) -> FloatArray:
+        """Return states with the turns that angles had made before the parts of the record, the last of the states."""
+        y = wrapped.copy()
+        place = len(wrapped) - sum(len(times) for times, _, _ in parts)
+        for times, _, turns in parts:
+            if turns is not None:
+                y[place : place + len(times)] += turns * _TURN
+            place += len(times)
+        return y
+
+
+def _parted(
+    times: FloatArray, rows: FloatArray, n: int
+) -> tuple[FloatArray, FloatArray, tuple[NDArray[np.intp], FloatArray] | None]:
+    """Return the steps among rows, and behind which of these (m,) a stop gave which states (m, n)."""
+    jumps = np.flatnonzero((rows[:, n] == 0.0) & (np.diff(times, prepend=np.nan) == 0.0))
+    if not len(jumps):
+        return times, rows, None
+    steps = np.ones(len(times), np.bool_)
+    steps[jumps] = False
+    return times[steps], rows[steps], (jumps - 1 - np.arange(len(jumps)), rows[jumps, :n])
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Series:
+    """Coefficients of the polynomials of steps, computed on demand from the outputs of the steps."""
+
+    order: int
+    direction: float
+    blocks: list[_Block]
+    n: int
+
+    def __call__(self) -> FloatArray:
+        """Return coefficients (steps, order + 1, n) in the fraction of the step, continuous at the knots."""
+        parts = [self._coefficients(rows, turns) for _, rows, turns in self.blocks]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _coefficients(self, rows: FloatArray, turns: FloatArray | None) -> FloatArray:
+        n, raw = self.n, rows[:, self.n + 2 :].reshape(len(rows), self.n, self.order + 1)
+        sizes = rows[:, n] * self.direction  # differences of late knots have lost digits
+        with np.errstate(over="ignore", invalid="ignore"):
+            powers = sizes[:, np.newaxis] ** np.arange(self.order + 1)
+            series: FloatArray = np.ascontiguousarray((raw * powers[:, np.newaxis, :]).transpose(0, 2, 1))
+        if not np.all(np.isfinite(powers[:, -1])):  # of steps so long that their other terms are zero
+            series[raw.transpose(0, 2, 1) == 0.0] = 0.0
+        end_in(rows[:, :n], series)
+        if turns is not None:
+            series[:, 0] += turns * _TURN
+        return series

@@ -1,0 +1,423 @@
+"""`CompiledModel`: the result of `dalembert.compile_model`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from html import escape
+from types import MethodType
+from typing import TYPE_CHECKING, Any, cast, final
+
+from ..arrays import FloatArray
+from ..codegen import backend_named
+from ..codegen.base import Capability, Engine
+from ..errors import CapabilityError, OptionError, list_names, unknown_name
+from ..ir.program import Layout, representative
+from ..mechanics.equations import EquationsOfMotion
+from ..once import derived_property, once_property
+from ..options import CompileOptions
+from ..pipeline import Compiled, SeveralModes, Stages, compile_scene
+from ..runs.capabilities import require
+from ..runs.engines import engine_of
+from ..scene import Scene
+from ..starts import inputs as run_input
+from ..starts.symbol_assumptions import ROUNDING, ValueReader
+from ..values import tolerances
+from . import derivatives, evaluation, motions, states, sweeps, traced
+from .derived import Derived
+from .variants import Variants
+
+if TYPE_CHECKING:
+    from ..codegen.base import FunctionEngine, TracedEngine
+    from ..contacts.contact_laws import Mode
+    from ..phases.mode_models import ModeModels
+    from ..runs.run_check import RunCheck
+    from ..scene.model import ControllerModel
+    from ..scene.symbol_table import InputSymbol
+
+_MOST_CHOSEN = 64
+"""Tolerances for which the method that "auto" takes is remembered."""
+
+
+@final
+class _OfOneMode:
+    """Method that models with several modes do not have: their `__getattr__` says so."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function, self.__doc__ = function, function.__doc__
+
+    def __get__(self, model: CompiledModel | None, owner: type) -> Any:
+        if model is None:
+            return self.function
+        if model.modes is not None:
+            raise AttributeError
+        return MethodType(self.function, model)
+
+
+@final
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class CompiledModel:
+    """A scene compiled for one backend in one formulation.
+
+    It holds what was compiled and does not change. Its methods are functions over it, in this package.
+    Models of equal programs are equal: compiled code that JAX keeps for one serves the other.
+
+    A scene whose contacts change between sliding, sticking and being open has a model for each mode, made when it is
+    needed (`mode`), and no stages of its own. Its `mass_matrix`, `forcing` (without the forces of the contacts) and
+    `constraint_jacobian` (of the constraints that hold whatever the contacts do) are the same in all modes.
+    `accelerations` are those of the mode that a state decides, and `linearize` is that of this mode alone.
+
+    Attributes
+    ----------
+    layout : Layout
+        Names of everything that arrays hold; with contacts that change, the state is coordinates, rates and first-order
+        states.
+    equations : EquationsOfMotion
+        The equations of the scene, in a mode those of the mode.
+    options : CompileOptions
+        Options of the compilation.
+    inputs, controllers : tuple
+        Inputs and controllers of the scene.
+    variants : Variants
+        Other models of the scene that runs need, compiled on demand, and kept.
+    modes : ModeModels or None
+        Models of the modes; None for a scene whose contacts do not change, and for a mode. Then there are, too:
+    stages : Stages
+        Every object of the pipeline, from the scene to the rendered module.
+    engine : Engine
+        The loaded module: compiled kernels, and integrators that call them.
+    method_descriptions : mapping of str to str
+        Integration methods by name, each with one line of description.
+    dropped : tuple of int
+        Constraints that are not enforced, because they follow from the others around the start of a run.
+    derived : Derived
+        Kernels and facts that are derived on demand, and kept.
+    """
+
+    equations: EquationsOfMotion
+    layout: Layout
+    options: CompileOptions
+    inputs: tuple[InputSymbol, ...]
+    controllers: tuple[ControllerModel, ...]
+    variants: Variants
+    modes: ModeModels | None
+    stages: Stages
+    engine: Engine
+    method_descriptions: Mapping[str, str]
+    dropped: tuple[int, ...]
+    derived: Derived
+    _chosen: dict[tuple[float, float, bool], str]
+
+    parameter_vector = states.parameter_vector
+    initial_values = states.initial_values
+    state = states.state
+    expand = _OfOneMode(states.expand)
+    assemble = states.assemble
+    mass_matrix = evaluation.mass_matrix
+    forcing = evaluation.forcing
+    constraint_jacobian = evaluation.constraint_jacobian
+    accelerations = evaluation.accelerations
+    simulate = motions.simulate
+    sweep = sweeps.sweep
+    prepare = motions.prepare
+    compare_formulations = _OfOneMode(motions.compare_formulations)
+    sensitivity = derivatives.sensitivity
+    linearize = derivatives.linearize
+    trim = derivatives.trim
+    solve_fn = traced.solve_fn
+
+    def __init__(self, source: Stages | ModeModels, variants: Variants, **of_one_mode: Any) -> None:
+        """Initialise a model of modes, or of stages with `engine`, `method_descriptions`, `dropped` and `derived`."""
+        if isinstance(source, Stages):
+            about: dict[str, Any] = {"stages": source, "modes": None, "_chosen": {}}
+            layout, options = source.program.layout, source.options
+        else:
+            about, layout, options = {"modes": source}, source.layout, source.several.options
+        equations = source.equations
+        about |= {"equations": equations, "layout": layout, "options": options, "variants": variants}
+        given = {"inputs": equations.symbols.inputs, "controllers": equations.controllers}
+        self.__dict__.update(about | given | of_one_mode)
+
+    @classmethod
+    def of(cls, compiled: Compiled | SeveralModes, dropped: tuple[int, ...] = ()) -> CompiledModel:
+        """Return the model of a scene that went through all stages, or of one with several modes."""
+        if isinstance(compiled, SeveralModes):
+            from ..phases.mode_models import ModeModels  # imported where there are contacts, because it takes a while
+
+            return cls(ModeModels(compiled, cls.of), Variants(compiled, (), cls.of))
+        stages = compiled.stages
+        derived, variants = Derived(stages, compiled.engine), Variants(stages, dropped, cls.of)
+        engine = engine_of(compiled, derived.start)
+        engine.accept_as_static(cls)
+        about = {"method_descriptions": compiled.methods, "dropped": dropped, "derived": derived}
+        return cls(stages, variants, engine=engine, **about)
+
+    @once_property
+    def for_segments(self) -> CompiledModel:
+        """The model for parts of runs that end where functions of time break, and between acts of controllers."""
+        about = {name: getattr(self, name) for name in ("method_descriptions", "dropped", "derived")}
+        variants = Variants(self.stages, self.dropped, lambda *compiled: CompiledModel.of(*compiled).for_segments)
+        stages = replace(self.stages, program=replace(self.stages.program, conditions=None))
+        return CompiledModel(stages, variants, engine=self.engine.for_segments, **about)
+
+    # -- the modes of contacts -------------------------------------------------------------
+
+    @property
+    def contacts(self) -> tuple[str, ...]:
+        """Names of the contacts of the scene."""
+        derivation = self.stages.derivation if self.modes is None else self.modes.several.derivation
+        return tuple(contact.name for contact in derivation.equations.contacts)
+
+    def mode(self, **states: str) -> CompiledModel:
+        """Return the model of one mode: an ordinary one, without events; the model itself where it has one mode.
+
+        Parameters
+        ----------
+        **states : str
+            For each contact "slip", "stick", "closed" or "open"; contacts that are left out slip, or are closed.
+            Directions of slip are further parameters of the model, see ``layout.parameters``.
+
+        Raises
+        ------
+        OptionError
+            For contacts that do not exist, and states that they do not have.
+        """
+        unknown = [name for name in states if name not in self.contacts]
+        if unknown:
+            raise OptionError(
+                f"no contact is called {list_names(map(repr, unknown))}; known: {list_names(self.contacts)}"
+            )
+        mode = []
+        for i, contact in enumerate(self.contacts):
+            able = (cast("Mode", self.stages.mode)[i],) if self.modes is None else self.modes.automaton.states(i)
+            state = states.get(contact, able[0])
+            if state not in able:
+                raise OptionError(f"contact {contact!r} cannot be {state!r}; it can be: {list_names(able)}")
+            mode.append(state)
+        return self if self.modes is None else self.modes.model(tuple(mode))
+
+    def __getattr__(self, name: str) -> Any:
+        hint, known = "", name in CompiledModel.__annotations__ or hasattr(CompiledModel, name)
+        if known and not name.startswith("_") and self.__dict__.get("modes") is not None:
+            hint = (
+                f" of its own, because its contacts change what it is; ask the model of one mode, such as"
+                f" model.mode().{name}, or model.mode({self.contacts[0]}='open').{name}"
+            )
+        raise AttributeError(f"a {type(self).__name__} has no {name!r}{hint}")
+
+    # -- what was compiled -----------------------------------------------------------------
+
+    @derived_property
+    def checks(self) -> tuple[RunCheck, ...]:
+        """What runs of the model are checked for."""
+        from ..runs.run_checks import run_checks
+
+        return run_checks(self)
+
+    @property
+    def name(self) -> str:
+        """Name of the scene."""
+        return self.equations.name
+
+    @property
+    def backend(self) -> str:
+        """Name of the backend."""
+        return self.options.backend
+
+    @property
+    def formulation(self) -> str:
+        """Name of the formulation; with several modes the requested one, and each mode has its own."""
+        return self.stages.program.formulation if self.modes is None else self.options.formulation
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Integration methods of the backend, other than "auto"; those that serve every mode compiled so far."""
+        if self.modes is None:
+            return tuple(self.method_descriptions)
+        every = [model.methods for model in self.modes.compiled.values()]
+        return tuple(name for name in every[0] if all(name in methods for methods in every))
+
+    @property
+    def note(self) -> str:
+        """Which constraints are not enforced and why; nothing where all are."""
+        labels = [self.layout.constraints[i] for i in self.dropped]
+        if not labels:
+            return ""
+        return f"not enforced, because it follows from the others around the start: {'; '.join(labels)}"
+
+    @property
+    def source(self) -> str:
+        """The generated code that runs by default, by "auto" at the default tolerances; of all modes so far."""
+        if self.modes is None:
+            return self.stages.rendered.source
+        every = self.modes.compiled.items()
+        return "\n\n".join(f"# mode {self.modes.named(mode)}\n\n{model.source}" for mode, model in every)
+
+    @_OfOneMode
+    def source_of(self, method: str = "auto", rtol: float = 1e-8, atol: float = 1e-10) -> str:
+        """Return the generated code that `simulate` runs by a method at some tolerances.
+
+        Raises
+        ------
+        OptionError
+            For a method that the backend does not have, or tolerances that are not positive.
+        """
+        rtol, atol = tolerances(rtol, atol)
+        return self.engine.source_of(self.choose_method(method, rtol, atol), rtol, atol) or self.source
+
+    def choose_method(self, method: Any, rtol: float, atol: float, *, many: bool = False) -> str:
+        """Return the method that a run takes, checked; `many` says whether it is to run many cases at once.
+
+        Raises
+        ------
+        OptionError
+            For a method that the model does not have, with those that it has.
+        """
+        if isinstance(method, str) and method == "auto":
+            key = rtol, atol, many
+            found = self._chosen.get(key)
+            if found is None:
+                if len(self._chosen) >= _MOST_CHOSEN:
+                    self._chosen.clear()
+                found = self._chosen[key] = self.engine.automatic(self.methods, rtol, atol, many=many)
+            return found
+        if isinstance(method, str) and method in self.method_descriptions:
+            return method
+        why = backend_named(self.backend).refusal(self.stages.program, str(method))
+        if why:
+            raise OptionError(f"{why}. Take one of: {list_names(['auto', *self.methods])}")
+        raise OptionError(
+            unknown_name("method", str(method), ["auto", *self.methods]) + f" (of the backend {self.backend!r})"
+        )
+
+    @property
+    def kernels(self) -> Any:
+        """The generated kernels as functions of numba, by name, for people's own compiled code (backend "numba").
+
+        ``prepare(p, c)`` computes constants c (``layout.constants``,) from parameters p (n_p,), ``rhs(t, y, c, out)``
+        the rate of the state, and so on: see `source`. numba compiles each when it is first called.
+
+        Raises
+        ------
+        CapabilityError
+            For another backend, for scenes whose functions of time a run takes piece by piece, and for several modes.
+        """
+        if self.modes is not None:
+            raise CapabilityError(f"{self.name!r} has kernels for each mode of its contacts: see mode(...).kernels")
+        require(self.backend, self.stages.program, Capability.KERNEL_FUNCTIONS)
+        return cast("FunctionEngine", self.engine).functions
+
+    @property
+    def vector_field(self) -> Callable[[Any, Any, Any], Any]:
+        """``vector_field(t, y, args)``: dy/dt (n_y,) of the state y (n_y,) at parameters args (n_p,), for JAX programs.
+
+        It is traced, and made for ``diffrax.ODETerm``. The components are those of ``layout.state`` and
+        ``layout.parameters``; `state` and `parameter_vector` make such arrays. Fields of equal models are equal.
+
+        Raises
+        ------
+        CapabilityError
+            For a backend other than "jax".
+        OptionError
+            When called with a state or parameters of another length.
+        """
+        require(self.backend, self.stages.program, Capability.VECTOR_FIELD)
+        return cast("TracedEngine", self.engine).vector_field
+
+    @property
+    def functions(self) -> Any:
+        """Pure functions of (t, y, p) that JAX traces, vectorises and differentiates, for the backend "jax".
+
+        They are `expand`, `outputs`, `energy`, `mass_matrix`, `forcing`, `constraint_jacobian`, `accelerations` and
+        `project`; t is a time, y (n_y,) a state, p a mapping of parameters and inputs to scalars, or an array as of
+        `parameter_vector`.
+
+        Raises
+        ------
+        CapabilityError
+            For a backend other than "jax".
+        """
+        require(self.backend, self.stages.program, Capability.STATE_FUNCTIONS)
+        return cast("TracedEngine", self.engine).state_functions
+
+    def explain(self, *, passes: bool = False, formulations: bool = False) -> str:
+        """Return, in a few lines, what was chosen and why, what was left out, and operation counts.
+
+        With contacts that change it says so of every mode compiled so far.
+
+        Parameters
+        ----------
+        passes : bool
+            Whether to list the passes that made the program, each with its time in all kernels and the operations that
+            it removed from each. Passes on steps of integrators, which are made when a run needs them, are not among
+            them.
+        formulations : bool
+            Whether to count the operations of a right-hand side in every formulation, which derives them. Otherwise
+            nothing is derived or compiled.
+        """
+        from .explain import explain
+
+        return explain(self, passes=passes, formulations=formulations)
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (isinstance(other, CompiledModel) and self._identity == other._identity)
+
+    def __hash__(self) -> int:
+        return hash(self._identity[1:])
+
+    @once_property
+    def _identity(self) -> tuple[Any, ...]:
+        """The parts that decide whether models are equal: then compiled code of one serves the other."""
+        if self.modes is not None:
+            return id(self), id(self)
+        program = representative(self.stages.program)
+        return program, hash(program), self.backend, self.dropped, self.stages.kept
+
+    def __repr__(self) -> str:
+        about = self.formulation if self.modes is None else f"contacts {list_names(self.contacts)}"
+        return f"<CompiledModel {self.name!r}: {about}, {self.backend}>"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(self.explain())}</pre>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        if self.modes is not None:
+            return _compiled_again, (self.modes.several.scene, self.options)
+        return _compiled_again, (self.stages.scene, self.options, self.stages.mode, self.stages.kept)
+
+    # -- what functions over models read ---------------------------------------------------
+
+    @once_property
+    def read_parameters(self) -> ValueReader:
+        """The reader of parameters by name."""
+        layout = self.layout
+        return ValueReader(lambda given: run_input.parameter_values(layout, given), layout.aliases, layout.assumptions)
+
+    @once_property
+    def read_initial(self) -> ValueReader:
+        """The reader of initial values by name."""
+        layout = self.layout
+        return ValueReader(
+            lambda given: run_input.given_values(layout, given), layout.aliases, layout.assumptions, ROUNDING
+        )
+
+    def monitors(self, c: FloatArray, t: FloatArray, x: FloatArray) -> dict[str, FloatArray]:
+        """Return the first integrals along a motion, as arrays (n_t,) by name.
+
+        Parameters
+        ----------
+        c : ndarray (n_c,) or (n_t, n_c)
+            Constants.
+        t, x : ndarray (n_t,), (n_t, 2 n_q + n_z)
+            Times [s]; coordinates, rates and first-order states.
+        """
+        from ..starts.monitors import conserved
+
+        return conserved(self.stages.program, self.derived.invariants, c, t, x)
+
+
+def _compiled_again(
+    scene: Scene, options: CompileOptions, mode: Mode | None = None, kept: tuple[str, ...] = ()
+) -> CompiledModel:
+    """Return the model of a scene that has left the process, in one of the modes of its contacts."""
+    return CompiledModel.of(compile_scene(scene, options, mode, kept=kept))

@@ -1,0 +1,231 @@
+"""Motions of cases with contacts, one or many, run to their ends by the loop over phases."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from ..contacts.contact_cases import ADDED, UNDECIDED, contact_cases
+from ..contacts.phase_stops import no_stops
+from ..contacts.phase_tables import JUMPS, NOT_STARTED, CaseSamples, CaseTable, case_numbers
+from ..events.event_rules import last_instants
+from ..lanes.cases import BlockResult
+from ..methods.status import RUNNING, Status
+from ..results.sweep_states import NO_MODE, States
+from .output_values import OutputValues
+from .phases import PhaseExecutor
+from .runner_choice import RunnerChoice
+from .stops import Stops
+from .velocity_jumps import EventJumps
+
+_BROKEN = np.isin(np.arange(max(Status) + 2), (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.MAX_STEPS))
+"""Whether a run with a status may have ended in Painleve's paradox, by status; the last is for RUNNING, which is -1."""
+
+
+_LINES = 256
+"""Phases after which a run that is recorded returns to Python."""
+
+
+@final
+class CaseRuns:
+    """Cases that are run from their starts to their ends, and what is recorded of them.
+
+    A single run is one case whose phases and steps are recorded, a prepared run one case without records that begins
+    again and again in the same memory, a sweep many cases.
+
+    Parameters
+    ----------
+    choice : RunnerChoice
+        The runners of the modes.
+    count : int
+        Number of cases.
+    threads : int
+        0 for one case that runs in the thread that calls, and may begin again and again.
+    t_eval : ndarray (m,) or None
+        Times of samples [s].
+    origin : float
+        Time from which times are counted [s].
+
+    Attributes
+    ----------
+    cases : ContactCases
+        The cases as they are.
+    samples : States
+        Samples, case by case.
+    log : ndarray (n_lines, n)
+        Beginnings of the phases of a case that is recorded.
+    executor : PhaseExecutor
+    """
+
+    def __init__(
+        self,
+        choice: RunnerChoice,
+        count: int = 1,
+        *,
+        threads: int = 0,
+        t_eval: FloatArray | None = None,
+        origin: float = 0.0,
+    ) -> None:
+        self.choice, layout, lines = choice, choice.modes.layout, _LINES if choice.recorded else 0
+        k, n, n_p = len(choice.modes.equations.contacts), len(layout.variables), len(layout.parameters)
+        times = np.empty(0) if t_eval is None else np.ascontiguousarray(t_eval, np.float64)
+        t, x, p = np.zeros(count), np.zeros((count, n)), np.zeros((count, n_p))
+        self.cases = contact_cases(t, x, p, t, k, len(layout.states))
+        self.samples = samples = States.empty(count * len(times), n, ADDED * k)
+        self.log, self.numbers = np.empty((lines, 2 + ADDED * k + n)), case_numbers(count)
+        self.occurred, self.totals = choice.reductions.at_start(count)
+        none = np.zeros(0, np.int64)
+        self._table = CaseTable(
+            t0=np.zeros(count),
+            t1=np.zeros(count),
+            cases=self.cases,
+            numbers=self.numbers,
+            occurred=self.occurred,
+            totals=self.totals,
+            order=none,
+            turn=none,
+            t_eval=times,
+            t_last=last_instants(times, origin),
+            samples=CaseSamples(samples.t, samples.x, samples.added, samples.mode, samples.history),
+            log=self.log,
+            stops=no_stops(),
+            carried=np.zeros((0, 0)),
+        )
+        self.executor = PhaseExecutor(choice, self._table, threads)
+        changing = () if threads else (*self.cases, *self.numbers, self.occurred)
+        self._before_map: tuple[FloatArray, NDArray[np.int64]] | None = None
+        self._initial = [(values, values.copy()) for values in changing]
+
+    def begin(
+        self,
+        t0: float | FloatArray,
+        t1: float | FloatArray,
+        x: FloatArray,
+        p: FloatArray,
+        stops: Stops | None = None,
+        first_step: float | None = None,
+    ) -> None:
+        """Begin the cases, whose modes are to be selected.
+
+        Parameters
+        ----------
+        t0, t1 : float or ndarray (k,)
+            Spans [s].
+        x : ndarray (k, 2 n_q + n_z) or (2 n_q + n_z,)
+            Coordinates, rates and first-order states.
+        p : ndarray (k, n_p) or (n_p,)
+            Parameters of the scene.
+        stops : Stops or None
+            Times at which the cases stop.
+        first_step : float or None
+            Size of the first step of one case that is recorded; None where it is to be chosen.
+        """
+        for values, first in self._initial:
+            values[...] = first
+        cases, table, self._before_map = self.cases, self._table, None
+        cases.t[...] = table.t0[...] = t0
+        table.t1[...], cases.span[...] = t1, t1 - t0
+        cases.x[...], cases.p[...] = x, p
+        self.numbers.state[...], self.numbers.runner[...] = RUNNING, NOT_STARTED
+        self.executor.begin(None if stops is None else stops.table)
+        self.choice.begin(first_step)
+
+    @property
+    def status(self) -> Status:
+        """The status with which the only case ended."""
+        return Status(int(self.numbers.state[0]))
+
+    def running(self) -> NDArray[np.intp]:
+        """Return the cases that have not ended."""
+        return np.flatnonzero(self.numbers.state == RUNNING)
+
+    def run(
+        self,
+        jumps: EventJumps | None = None,
+        *,
+        together: int | None = None,
+        paused: Callable[[], None] | None = None,
+        jumped: Callable[[], None] | None = None,
+        advance: Callable[[int], object] | None = None,
+    ) -> None:
+        """Run the cases to their ends.
+
+        Parameters
+        ----------
+        jumps : EventJumps, optional
+            Maps of the state by events.
+        together : int, optional
+            Cases that run before `advance` is called; all by default.
+        paused : function, optional
+            Called whenever the loop has returned.
+        jumped : function, optional
+            Called when states have jumped.
+        advance : function, optional
+            Called with the number of cases that have ended since its last call.
+        """
+        try:
+            while len(running := self.running()):
+                self.executor.run(running[:together], paused)
+                if paused is not None:
+                    paused()
+                jumping = np.flatnonzero((self.numbers.state == RUNNING) & (self.numbers.runner == JUMPS))
+                if len(jumping):
+                    assert jumps is not None
+                    self._jump(jumps, jumping)
+                    if jumped is not None:
+                        jumped()
+                if advance is not None:
+                    advance(len(running) - len(self.running()))
+        finally:
+            self._mark_refused_maps()
+            self._mark_paradoxes()
+
+    def _jump(self, jumps: EventJumps, some: NDArray[np.intp]) -> None:
+        """Map the states of cases in which events have occurred that do so, and begin a phase anew in each."""
+        x, modes = self._before_map = self._before_map or (np.full_like(self.cases.x, np.nan), self.cases.number.copy())
+        x[some], modes[some] = self.cases.x[some], self.cases.number[some]
+        self.numbers.state[some] = jumps.apply(self.cases, self.occurred, some)
+        ended = some[self.numbers.state[some] != RUNNING]
+        self.numbers.phases[ended] -= self.cases.passed[ended] != 0.0
+        self.numbers.runner[some] = NOT_STARTED
+
+    def _mark_refused_maps(self) -> None:
+        """Distinguish states that contacts refuse after a map from those at starts; such a map does not take place."""
+        if self._before_map is not None:
+            x, modes = self._before_map
+            some = np.flatnonzero((self.cases.status == Status.INITIAL_STATE) & np.isfinite(x).any(axis=1))
+            self.numbers.state[some] = int(Status.EVENT_STATE)
+            self.cases.x[some], self.cases.number[some] = x[some], modes[some]
+
+    def _mark_paradoxes(self) -> None:
+        """Distinguish failures near Painleve's paradox from others."""
+        broken = np.flatnonzero(_BROKEN[self.numbers.state])
+        if len(broken):
+            values = OutputValues(self.choice.modes, self.cases.p)
+            jammed = values.jammed(self.states(broken))
+            self.numbers.state[broken[jammed]] = int(Status.CONTACT_IMPOSSIBLE)
+
+    def interrupt(self) -> None:
+        """Set the status of cases that an interrupt has stopped, or kept from running, and NaN for their results."""
+        some, numbers = self.running(), self.numbers
+        numbers.state[some], numbers.steps[some], numbers.phases[some] = int(Status.INTERRUPTED), 0, 0
+        self.cases.t[some] = np.nan
+        self.drop_results(some)
+        self.occurred[some] = BlockResult.at_start(len(some), self.occurred.shape[1] // 3, ())[0]
+
+    def drop_results(self, some: NDArray[np.intp]) -> None:
+        """Set NaN for the results of some cases."""
+        samples, width = self.samples, len(self.samples.t) // max(len(self.numbers.state), 1)
+        rows = (some[:, np.newaxis] * width + np.arange(width)).ravel()
+        self.cases.x[some], self.cases.number[some] = np.nan, UNDECIDED
+        samples.t[rows], samples.x[rows], samples.mode[rows] = np.nan, np.nan, NO_MODE
+
+    def states(self, some: NDArray[np.intp]) -> States:
+        """Return the states of some cases as they are."""
+        cases = self.cases
+        about = cases.number[some], self.numbers.history[some], cases.added[some]
+        return States(cases.t[some], cases.x[some], some, *about)

@@ -1,0 +1,155 @@
+"""Rank margins of constraints: smooth event functions that vanish where the Jacobian loses rank.
+
+The Gram determinant of the rows J_i of the constraint Jacobian, over the squares of their lengths s_i, is at most some
+times the square of the smallest singular value. The singular value itself, or what follows it more closely, dips too
+narrowly for the points at which a step is looked at; the determinant is as smooth as the Jacobian. A row that vanishes
+is not to hide it: s_i^2 = |J_i|^2 + 0.01 sum |J_k|^2 / n + |T dJ_i/dt|^2, with a time T that is short beside the runs.
+
+Where a motion with an error passes beside a place where rank is lost, the determinant falls no further than the error
+allows. So the turn of the Jacobian by the correction of the positions onto the constraints is watched too, against the
+least share of a pivot (`dalembert.runs.singular`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+from ..ir.graph import Graph
+from ..ir.kernel import Kernel
+from ..ir.node import Node
+from ..mechanics.equations import VelocityGroup
+from ..transforms.derivatives import tangents
+from ..transforms.linear import Matrix, SingularMatrix, factorize, matvec, transpose
+from ..transforms.lower_kernels import lower_kernel
+from .base import ReducedSystem
+
+_OTHERS = 1e-2
+_SHORT, _STEP = 1e-2, 1024.0
+"""A time [s], and the factor from one such time to the next: runs of ordinary duration have the first."""
+
+_LEVELS = (1e-3, 1e-6, 1e-9, 1e-12)
+"""A determinant that is small all along falls below the next of them where rank is lost."""
+
+_TURN = 0.05
+"""Turn of the Jacobian by a correction, over the share, from which on a case is looked at."""
+
+_TINY = 1e-300
+
+
+def short_time(duration: float) -> float:
+    """Return a time that is short beside runs of a duration, in whatever unit: 0.01 for all from 1/1024 to 1024."""
+    return _SHORT * _STEP ** int(math.log(duration, _STEP)) if 0.0 < duration < math.inf else _SHORT
+
+
+def rank_margins(system: ReducedSystem, short: float) -> dict[str, Node]:
+    """Return functions of coordinates, rates and time by name, one of which changes its sign where rank is lost.
+
+    `short` is a time in which no row changes by much, unless it vanishes (`short_time`).
+
+    None where the Jacobian is constant along motions, or of less than full rank whatever the state.
+    """
+    equations, graph = system.equations, system.equations.graph
+    rows = [row.jacobian for i, row in enumerate(equations.constraints) if i not in system.left_out]
+    flow = dict(zip(equations.q, equations.qdot, strict=True)) | {equations.time: graph.one}
+    flow |= equations.state_flow
+    gram = [[graph.sum(a * b for a, b in zip(x, y, strict=True)) for y in rows] for x in rows]
+    mean = graph.node(_OTHERS / len(rows)) * graph.sum(gram[i][i] for i in range(len(rows)))
+    try:
+        pivots = factorize(graph, gram).pivots
+    except SingularMatrix:
+        return {}
+    share = graph.one
+    for pivot in pivots:
+        share = share * pivot
+    for i, row in enumerate(rows):
+        rates = tangents(graph, row, flow)
+        share = share / (gram[i][i] + mean + graph.node(short * short) * graph.sum(rate * rate for rate in rates))
+    if graph.freed_of(share, list(equations.moving)) is not None:
+        return {}
+    levels = {f"Gram determinant less {level:g}": share - graph.node(level) for level in _LEVELS}
+    return levels | _turn_margin(system, rows, gram, mean)
+
+
+def _turn_margin(system: ReducedSystem, rows: Sequence[Sequence[Node]], gram: Matrix, mean: Node) -> dict[str, Node]:
+    """Return a function that is negative where corrections of positions turn the Jacobian by as much as its share.
+
+    It is multiplied by the square of a pivot, without which it would dip too narrowly.
+    """
+    equations, graph = system.equations, system.equations.graph
+    tiny = graph.node(_TINY)
+    positions = [row.position for i, row in enumerate(equations.constraints) if i not in system.left_out]
+    residual = [graph.zero if position is None else position for position in positions]
+    solved = factorize(graph, gram, lambda pivot, diagonal, row: graph.call("max", pivot, tiny))
+    step = matvec(graph, transpose(rows), solved.solve(residual))
+    flow = dict(zip(equations.q, step, strict=True))
+    turns = [graph.sum(turn * turn for turn in tangents(graph, row, flow)) for row in rows]
+    if all(turn.is_zero for turn in turns):
+        return {}
+    sizes = [gram[i][i] + mean + tiny for i in range(len(rows))]
+    turned = graph.sum(turn / size for turn, size in zip(turns, sizes, strict=True))
+    pivots = list(zip(solved.order, solved.pivots, strict=True))
+    share, least = (
+        graph.one / graph.sum(factors[row] / pivot for row, pivot in pivots)
+        for factors in (sizes, [graph.one] * len(rows))
+    )
+    return {"turn of the Jacobian": (share - graph.node(_TURN**-2) * turned) * least * least}
+
+
+# Distance of three orientation angles from gimbal lock.
+#
+# The angular velocity is rows . rates; the determinant of the rows is sin(theta) or cos(theta) for rotations about
+# axes of coordinates, and vanishes where two of the angles turn the frame about the same line.
+
+
+@final
+@dataclass(frozen=True)
+class Gimbals:
+    """The angles of a system that may lock.
+
+    Attributes
+    ----------
+    kernel : Kernel
+        Of (t, y, c), y being the state and c beginning with the parameters: one determinant for each group of angles.
+    angles : tuple of tuple of str
+        The names of the three angles of each group.
+    decisive : tuple of str
+        The angle that each determinant depends on; empty where it depends on more.
+    """
+
+    kernel: Kernel
+    angles: tuple[tuple[str, ...], ...]
+    decisive: tuple[str, ...]
+
+
+def gimbals(system: ReducedSystem) -> Gimbals | None:
+    """Return the angles of a system that may lock, or None where there are none."""
+    equations = system.equations
+    symbols = equations.symbols
+    graph = Graph()  # a separate graph, so that the kernel depends on the system alone
+    q = graph.adopt(equations.q)
+    found: list[tuple[Node, tuple[str, ...], str]] = []
+    for group in equations.groups:
+        if group.angles:
+            node = _determinant(graph, group)
+            inside = [i for i, x in enumerate(q) if graph.freed_of(node, [x]) is None]
+            if inside:
+                names = tuple(symbols.coordinates[i] for i in group.coordinates)
+                found.append((node, names, symbols.coordinates[inside[0]] if len(inside) == 1 else ""))
+    if not found:
+        return None
+    values = {a: b for a, b in zip(q, graph.adopt(system.coordinates), strict=True) if a is not b}
+    nodes = graph.substitute([node for node, _, _ in found], values)
+    inputs: dict[Node, tuple[str, int | None]] = {graph.input(symbols.time): ("t", None)}
+    inputs |= {graph.input(name): ("c", i) for i, name in enumerate(symbols.parameters)}
+    inputs |= {node: ("y", i) for i, node in enumerate(graph.adopt(system.inputs))}
+    kernel = lower_kernel(graph, "gimbals", nodes, inputs, arguments=("t", "y", "c"))
+    return Gimbals(kernel, tuple(names for _, names, _ in found), tuple(name for _, _, name in found))
+
+
+def _determinant(graph: Graph, group: VelocityGroup) -> Node:
+    a, b, c = (graph.adopt(row) for row in group.choices[0].rows)
+    cross = [a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3] for i in range(3)]
+    return graph.sum(x * y for x, y in zip(cross, c, strict=True))

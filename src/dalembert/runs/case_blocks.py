@@ -1,0 +1,278 @@
+"""Blocks of cases in threads, each of which runs its blocks in lanes."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..codegen.base import Engine
+from ..codegen.runs import CaseRun
+from ..interrupts import STOPPED, check, stopped_by
+from ..lanes.cases import BlockResult
+from ..methods.status import Status
+from ..once import once
+from ..progress import meter
+from .case_settings import Settings
+from .cases import Cases, single_problem
+
+if TYPE_CHECKING:
+    from concurrent.futures import ThreadPoolExecutor
+
+_SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
+_BLOCKS_PER_THREAD = 8
+
+_LARGEST_SHARE, _SHARES_PER_THREAD = 64, 64
+_LARGEST_PART = 1 << 16
+_BETWEEN_LOOKS = 0.1
+_MOST_THREADS = 4096
+
+
+def fitted(engine: Engine, cases: Cases, settings: Settings) -> Settings:
+    """Return the settings with another method where the first, the middle or the last case shows need of it."""
+    if not cases.program.layout.state:
+        return settings
+    for i in sorted({0, cases.count // 2, cases.count - 1}):
+        problem = single_problem(cases, settings, i)
+        if problem is None:
+            continue
+        method, why = engine.fit(problem, settings.method)
+        if method != settings.method:
+            return replace(settings, method=method, note=f"case {i} is {why}")
+    return settings
+
+
+def run_cases(engine: Engine, cases: Cases, settings: Settings, stop: bool = False) -> BlockResult:
+    """Run cases, in threads where the engine supports it, and return all results; to `stop`, none is run.
+
+    A case that fails is a status; an interrupt keeps what is finished, and the others are INTERRUPTED.
+    """
+    count, samples = cases.count, 0 if settings.t_eval is None else len(settings.t_eval)
+    watch, n = settings.watch, len(cases.program.layout.state)
+    result = BlockResult.empty(count, n, samples, 0 if watch is None else watch.reported)
+    if watch is not None:
+        result = replace(result, totals=np.full((count, len(watch.plan)), np.nan))
+    result.ends[:, 1] = float(Status.INTERRUPTED)
+    if stop:
+        return _interrupted(result)
+    threads = settings.threads if engine.parallel else 1
+    # reductions need the constants of all cases of a part, and these may have long lists of stops: parts are limited
+    length = _LARGEST_BLOCK * threads if engine.cuts else max(1, count) if watch is None else _LARGEST_PART
+    share = min(_LARGEST_SHARE, max(1, min(count, length) // (threads * _SHARES_PER_THREAD)))
+    for part in _slices(count, length):
+        size = part.stop - part.start
+        run = None if samples else _columns_run(engine, cases, settings, part, result[part], share)
+        if run is None:
+            _in_blocks(engine, cases, settings, result, threads)
+            return result
+        if not run_shared(run, size, max(1, min(threads, -(-size // share))), settings.progress):
+            _interrupted(result)
+            break
+    for block in _slices(count, _LARGEST_BLOCK):
+        _check_results(cases, settings, block, result)
+    return result
+
+
+def _slices(count: int, length: int) -> list[slice]:
+    """Return so many cases in parts of some length."""
+    return [slice(first, min(first + length, count)) for first in range(0, count, length)]
+
+
+def _interrupted(result: BlockResult) -> BlockResult:
+    """Set NaN for the results of cases that an interrupt has stopped, or kept from running."""
+    result.refuse(result.ends[:, 1] == float(Status.INTERRUPTED), Status.INTERRUPTED)
+    return result
+
+
+def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> None:
+    """Run all cases, block by block."""
+    count = cases.count
+    share = 1 if engine.whole_blocks else threads * _BLOCKS_PER_THREAD
+    length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-count // share)))
+    stopping = threading.Event()
+
+    def run_block(block: slice) -> int:
+        with stopped_by(stopping):
+            check()
+            try:
+                _run_block(engine, cases, settings, block, result[block])
+                _check_results(cases, settings, block, result)
+            except KeyboardInterrupt:  # its events and totals are not written yet, and nothing is checked
+                result.ends[block, 1] = float(Status.INTERRUPTED)
+                raise
+        return block.stop - block.start
+
+    with meter(count, settings.progress) as advance, _workers(threads, stopping) as each:
+        try:
+            for finished in each(run_block, _slices(count, length)):
+                advance(finished)
+        except KeyboardInterrupt:
+            stopping.set()
+    if stopping.is_set():
+        _interrupted(result)
+
+
+@once
+def _pool() -> ThreadPoolExecutor:
+    """Return threads that are kept: starting them takes longer than a hundred cases.
+
+    There are as many as sweeps that run at the same time need, so that none waits for another.
+    """
+    from concurrent.futures import ThreadPoolExecutor
+
+    return ThreadPoolExecutor(_MOST_THREADS, thread_name_prefix="dalembert")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # a forked process has none of them
+
+
+def run_shared(run: CaseRun, count: int, threads: int, progress: bool) -> bool:
+    """Run the work in threads; return whether all cases have ended. Few cases need no thread."""
+    if threads == 1 and count <= _SMALLEST_BLOCK and not progress and run.stop is None:
+        whole = True
+        try:
+            run.work()
+        except KeyboardInterrupt:
+            whole = False
+        run.finish()
+        return whole
+    from concurrent.futures import wait
+
+    pool = _pool()
+    workers = [pool.submit(run.work) for _ in range(threads)]
+    shown, whole = 0, True
+    with meter(count, progress) as advance:
+        try:
+            while wait(workers, _BETWEEN_LOOKS if progress or os.name == "nt" else None).not_done:
+                begun = min(int(run.turn[0]), count)
+                advance(begun - shown)
+                shown = begun
+            advance(count - shown)
+        except KeyboardInterrupt:
+            whole = False
+            while True:
+                run.turn[0] = STOPPED
+                if run.stop is not None:
+                    run.stop()
+                if not wait(workers, _BETWEEN_LOOKS).not_done:
+                    break
+    for worker in workers:
+        worker.result()
+    run.finish()
+    return whole
+
+
+def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, here: BlockResult) -> None:
+    """Run one block of cases and write their results; cases that cannot start are left out.
+
+    The totals of the results are the reductions.
+    """
+    if _swept(engine, cases, settings, block, here):
+        return
+    ready, status = cases.block(block, settings, exact=not engine.whole_blocks)
+    watch, good = settings.watch, status < 0
+    if watch is None and not len(cases.program.layout.state):  # the constraints prescribe the motion
+        here.ends[:] = np.column_stack([ready.spans[:, 1], np.where(good, float(Status.SUCCESS), status), 0.0 * status])
+        return
+    done = here
+    if watch is not None:
+        happened, totals = BlockResult.at_start(len(status), len(watch.events), watch.kinds)
+        done = replace(here, happened=happened, totals=totals)
+    if np.all(good):
+        engine.integrate_block(ready, settings.method, done)
+    else:
+        done.y[~good] = np.nan
+        done.ends[~good] = np.column_stack([ready.spans[~good, 0], status[~good], np.zeros(int(np.sum(~good)))])
+    if np.any(good) and not np.all(good):
+        rest = None if ready.inputs is None else ready.inputs.part(np.flatnonzero(good), len(good))
+        carried = None if ready.carried is None else ready.carried[good]
+        part = replace(ready, y=ready.y[good], c=ready.c[good], spans=ready.spans[good], inputs=rest, carried=carried)
+        some = done[good]
+        engine.integrate_block(part, settings.method, some)
+        done[good] = some
+        if ready.carried is not None:
+            ready.carried[good] = carried
+    if watch is not None:
+        first = done.happened[:, 1::3]
+        here.happened[:] = done.happened[:, : 3 * watch.reported]
+        still = cases.program.conditions is None and cases.records is None
+        c = ready.c if still else cases.constants_at(block, done.ends[:, :1])
+        here.totals[:] = watch.reduced(ready.spans, done.ends, done.y, c, done.totals, first)
+        watch.conclude(done.ends, done.happened)
+
+
+def _check_results(cases: Cases, settings: Settings, block: slice, result: BlockResult) -> None:
+    """Check the results of a block of cases, where the settings have a check."""
+    if settings.judge is not None and len(cases.program.layout.state):
+        settings.judge(settings.method, cases.block(block, settings)[0], result[block])
+
+
+def _swept(engine: Engine, cases: Cases, settings: Settings, block: slice, here: BlockResult) -> bool:
+    """Run one block of cases where the engine makes them itself; return whether that is so."""
+    run = _columns_run(engine, cases, settings, block, here, len(here.y))
+    if run is None:
+        return False
+    run.work()
+    run.finish()
+    return True
+
+
+def _columns_run(
+    engine: Engine, cases: Cases, settings: Settings, block: slice, here: BlockResult, share: int
+) -> CaseRun | None:
+    """Return the run of a block of cases that the engine makes itself, None where that is not its way.
+
+    The totals of the results are the reductions.
+    """
+    columns, watch, count = cases.columns(block, settings), settings.watch, len(here.y)
+    if watch is None and settings.t_eval is None:
+        return engine.sweeper(columns, settings.method, here, np.empty((0, 0)), share)
+    reduces = watch is not None and bool(watch.plan)
+    constants = np.empty((count, cases.program.layout.constants) if reduces or watch is None else (0, 0))
+    done = here
+    if watch is not None:
+        happened, totals = BlockResult.at_start(count, len(watch.events), watch.kinds)
+        done = replace(here, happened=happened, totals=totals)
+    run = engine.sweeper(columns, settings.method, done, constants, share)
+    if run is None or watch is None:
+        return run
+
+    def finish() -> None:
+        run.finish()
+        here.happened[:] = done.happened[:, : 3 * watch.reported]
+        if reduces:
+            spans = np.stack([np.broadcast_to(column, count) for column in columns.spans], axis=1)
+            along = columns.constants_at
+            c = constants if along is None else along(done.ends[:, :1])
+            here.totals[:] = watch.reduced(spans, done.ends, done.y, c, done.totals, done.happened[:, 1::3])
+        watch.conclude(done.ends, done.happened)
+
+    return replace(run, finish=finish)
+
+
+Each = Callable[[Callable[[slice], int], list[slice]], Iterable[int]]
+
+
+@contextmanager
+def _workers(threads: int, stopping: threading.Event) -> Iterator[Each]:
+    """Yield a function that runs blocks and gives the size of each as it is finished; an interrupt stops them all."""
+    if threads == 1:
+        yield map
+        return
+    from concurrent.futures import ThreadPoolExecutor, as_completed
+
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            yield lambda run, blocks: (
+                task.result() for task in as_completed([pool.submit(run, block) for block in blocks])
+            )
+        except BaseException:
+            stopping.set()
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise

@@ -1,0 +1,329 @@
+"""Cases of a sweep: parameters, initial values and spans as given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from ..errors import UnknownNameError, ValueInputError, list_names, unknown_name
+from ..ir.interpret import interpret, interpret_rows
+from ..ir.program import DIRECTION, Layout, Program, decay_rate_among, directed_rates
+from ..lanes.cases import CaseBlock, CaseColumns
+from ..methods.status import Status
+from ..reduction.starting import Start
+from ..results.cases import CaseSet, case_set
+from ..starts import inputs
+from ..starts.input_values import GivenInputs
+from ..starts.symbol_assumptions import ROUNDING, contradicts, refuse_contradictions
+from ..steps.problem import IntegrationProblem
+from ..stops.breakpoints import CaseBreaks
+from ..stops.input_records import InputRecords
+from ..values import array_of, traced_note
+from .case_settings import Settings
+
+
+@final
+class Cases:
+    """Parameters, initial values and spans of all cases, as given: one value for all, or one a case."""
+
+    def __init__(
+        self,
+        program: Program,
+        start: Callable[[Iterable[str]], Start],
+        t_span: Any,
+        initial: Mapping[Any, Any],
+        parameters: Mapping[Any, Any],
+        given: GivenInputs | None = None,
+    ) -> None:
+        layout = program.layout
+        self.program = program
+        self.records = None if given is None else given.records(layout, program.knot_sides)
+        self.initial = _columns("initial value", initial, layout.initial, layout.aliases)
+        inputs.refuse_inputs(layout, parameters)
+        self.parameters = _columns("parameter", parameters, layout.parameters, layout.aliases)
+        for name, value in layout.defaults.items():
+            self.parameters.setdefault(name, np.array([value]))
+        missing = [name for name in layout.parameters if name not in self.parameters]
+        if missing:
+            raise UnknownNameError(
+                f"missing parameters: {list_names(missing)}. The scene needs: {list_names(layout.given)}."
+            )
+        first, last = spans_of(t_span)
+        self.span = {"start": first, "end": last}
+        self.count = self._count()
+        self.refused = self._refused()
+        self._begin = first if self.refused is None else np.where(self.refused, np.nan, first)  # NaN is not run
+        self._values = {**self.initial}
+        if np.any(last < first):
+            self._values[DIRECTION] = np.where(last < first, -1.0, 1.0)
+        self.start = start(self._values)
+
+    @property
+    def duration(self) -> float:
+        """Duration of the longest run [s]."""
+        return float(np.max(np.abs(self.span["end"] - self.span["start"])))
+
+    def _count(self) -> int:
+        known = {*self.program.layout.given, *self.initial, *self.span}  # others are parameters of inputs
+        lengths = {
+            f"{kind} {name}" if name in known else f"input {name.rpartition(' of ')[2]}": len(values)
+            for kind, table in (("parameter", self.parameters), ("initial", self.initial), ("t_span", self.span))
+            for name, values in table.items()
+            if len(values) != 1
+        }
+        if len(set(lengths.values())) > 1:
+            listed = "; ".join(f"{name}: {length}" for name, length in lengths.items())
+            raise ValueInputError(f"the arrays of a sweep must have one length, that of its cases; given are {listed}")
+        return next(iter(lengths.values()), 1)
+
+    def _refused(self) -> NDArray[np.bool_] | None:
+        """Return which cases (k,) have values that their symbols exclude, None where there are none.
+
+        Values for all cases are refused at once.
+        """
+        layout, whole = self.program.layout, np.zeros(self.count, bool)
+        for table, rounding in ((self.parameters, 0.0), (self.initial, ROUNDING)):
+            one = {name: float(values[0]) for name, values in table.items() if len(values) == 1}
+            refuse_contradictions(layout.assumptions, one, rounding)
+            for name, values in table.items():
+                if name in layout.assumptions:
+                    whole |= contradicts(layout.assumptions[name], values, rounding)
+        return whole if np.any(whole) else None
+
+    def constants(self, block: slice) -> FloatArray:
+        """Return the constants c (k, n_c) of a block of cases."""
+        count = len(range(*block.indices(self.count)))
+        names = self.program.layout.parameters
+        p = np.empty((count, len(names)))
+        for i, column in enumerate(self.parameters_of(block).values()):
+            p[:, i] = column
+        self._decide(p, block)
+        return inputs.prepare_rows(self.program, p)
+
+    def parameters_of(self, block: slice) -> dict[str, FloatArray]:
+        """Return the columns (1,) or (k,) of parameters of a block of cases by name, as their runs take them."""
+        columns = {name: _part(self.parameters[name], block) for name in self.program.layout.parameters}
+        rate = decay_rate_among(columns)
+        if rate is not None:
+            backward = _part(self.span["end"], block) < _part(self.span["start"], block)
+            columns[rate] = directed_rates(columns[rate], backward)
+        return columns
+
+    def _decide(self, p: FloatArray, block: slice) -> None:
+        """Set conditions in parameters p (k, n_p) to those of the first segment of each case."""
+        conditions = self.program.conditions
+        if conditions is None or not conditions.decides:
+            return
+        t0, t1 = (np.broadcast_to(_part(self.span[end], block), len(p)) for end in ("start", "end"))
+        conditions.decide_at(p, CaseBreaks.of(conditions, p, t0, t1).middles(np.arange(len(p)), t0))
+
+    def constants_at(self, block: slice, t: FloatArray) -> FloatArray:
+        """Return the constants (k m, n_c) of a block of cases at times (k, m) of each."""
+        count, width = t.shape
+        c, conditions = self.constants(block), self.program.conditions
+        t0, t1 = (np.broadcast_to(_part(self.span[end], block), count) for end in ("start", "end"))
+        each = np.repeat(np.arange(count), width)
+        if conditions is None or not conditions.decides:
+            rows = np.repeat(c, width, axis=0)
+        else:
+            p = c[:, : len(self.program.layout.parameters)]
+            breaks = CaseBreaks.of(conditions, p, t0, t1)
+            p = np.repeat(p, width, axis=0)
+            conditions.decide_at(p, breaks.middles(each, t.ravel()))
+            rows = inputs.prepare_rows(self.program, p)
+        records = self._records_of(block)
+        if records is not None:
+            forward, last = (t1 >= t0)[each], t.ravel() == t1[each]
+            records.write(rows, t.ravel(), each, forward != last)
+        return rows
+
+    def _records_of(self, block: slice) -> InputRecords | None:
+        """Return the inputs with knots of a block of cases, None without any."""
+        return None if self.records is None else self.records.part(block, self.count)
+
+    def starts(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return states y (k, n_y), constants c (k, n_c), times t (k,) and statuses of all cases, as `block` does."""
+        settings = Settings(None, "", 1.0, 1.0, np.inf, 1, 1, False)
+        block, status = self.block(slice(0, self.count), settings, exact=True)
+        return block.y, block.c, block.spans[:, 0], status
+
+    def columns(self, block: slice, settings: Settings) -> CaseColumns:
+        """Return a block of cases as they were given."""
+        t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
+        return CaseColumns(
+            len(range(*block.indices(self.count))),
+            (_part(self._begin, block), _part(self.span["end"], block)),
+            tuple(self.parameters_of(block).values()),
+            tuple(_part(self._values[name], block) for name in self.start.given),
+            self.start,
+            t_eval,
+            settings.rtol,
+            settings.atol,
+            settings.max_step,
+            settings.max_steps,
+            settings.watch,
+            self._records_of(block),
+            carried=None if settings.carried is None else settings.carried[block],
+            constants_at=partial(self.constants_at, block) if self._changing else None,
+        )
+
+    @property
+    def _changing(self) -> bool:
+        """Whether constants change along runs."""
+        conditions = self.program.conditions
+        return self.records is not None or (conditions is not None and conditions.decides)
+
+    def block(self, block: slice, settings: Settings, *, exact: bool = False) -> tuple[CaseBlock, FloatArray]:
+        """Return a block of cases ready to run, and the status of those that cannot (k,), -1 for the others.
+
+        With `exact` each starts from the very bits of the case alone, whose sines are not those of arrays.
+        """
+        c = self.constants(block)
+        count, size = len(c), len(self.program.layout.state)
+        spans = np.empty((count, 2))
+        spans[:, 0], spans[:, 1] = _part(self._begin, block), _part(self.span["end"], block)
+        given = self._given(block, count)
+        out = interpret_rows(self.start.kernel, spans[:, 0], given, c)
+        finite = _finite_rows(c) & _finite_rows(spans) & _finite_rows(given)
+        if exact:
+            self._refine(c, spans[:, 0], given, out, np.flatnonzero(finite & _finite_rows(out)))
+        checks = out[:, size:]
+        started = _finite_rows(out)
+        for residual, tolerance in zip(checks.T[::2], checks.T[1::2], strict=True):
+            started &= np.abs(residual) <= tolerance
+        status = np.where(started, -1.0, float(Status.INITIAL_STATE))
+        status[~finite] = float(Status.NON_FINITE)
+        if self.refused is not None:
+            status[self.refused[block]] = float(Status.ASSUMPTION)
+        t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
+        y = np.ascontiguousarray(out[:, :size])
+        return CaseBlock(
+            y,
+            c,
+            spans,
+            t_eval,
+            settings.rtol,
+            settings.atol,
+            settings.max_step,
+            settings.max_steps,
+            settings.watch,
+            self._records_of(block),
+            None if settings.carried is None else settings.carried[block],
+        ), status
+
+    def _given(self, block: slice, count: int) -> FloatArray:
+        """Return the given initial values (count, n) of a block of cases, in the order of the start."""
+        given = np.empty((count, len(self.start.given)))
+        for i, name in enumerate(self.start.given):
+            given[:, i] = _part(self._values[name], block)
+        return given
+
+    def lost_pivots(self, block: slice) -> NDArray[np.bool_]:
+        """Return in which cases of a block (k,) the formulation divides a constraint by something that vanishes."""
+        c = self.constants(block)
+        t = np.broadcast_to(_part(self._begin, block), (len(c),))
+        checks = interpret_rows(self.start.kernel, t, self._given(block, len(c)), c)[
+            :, len(self.program.layout.state) :
+        ]
+        lost = np.zeros(len(c), bool)
+        for i, (kind, _) in enumerate(self.start.labels):
+            if kind == "pivots":
+                lost |= ~(checks[:, 2 * i] <= checks[:, 2 * i + 1])
+        return lost
+
+    def _refine(self, c: FloatArray, t: FloatArray, given: FloatArray, out: FloatArray, some: NDArray[np.intp]) -> None:
+        """Write constants and starts of some cases as they are made for each alone."""
+        parameters = len(self.program.layout.parameters)
+        for i in some:
+            c[i] = interpret(self.program.kernel("prepare"), {"p": c[i, :parameters].tolist()})
+            out[i] = interpret(self.start.kernel, {"t": float(t[i]), "y": given[i].tolist(), "c": c[i].tolist()})
+
+
+def spans_of(t_span: Any) -> tuple[FloatArray, FloatArray]:
+    """Return starts and ends, (k,) or (1,), of the cases of a sweep.
+
+    Raises
+    ------
+    ValueInputError
+        For what are no numbers or arrays.
+    """
+    try:
+        first, last = (np.array(array_of(t), ndmin=1, order="C") for t in t_span)
+    except (TypeError, ValueError) as error:
+        message = f"t_span must be start and end, numbers or arrays, not {t_span!r}{traced_note(error)}"
+        raise ValueInputError(message) from None
+    return first, last
+
+
+def _columns(
+    kind: str, given: Mapping[Any, Any], known: tuple[str, ...], aliases: Mapping[str, str]
+) -> dict[str, FloatArray]:
+    """Return arrays (k,) or (1,) by name; numbers that are not finite are left for the status of their case.
+
+    They are copies: results are evaluated from them later, whatever the caller does with the arrays given.
+    """
+    if not isinstance(given, Mapping):
+        raise ValueInputError(f"{kind}s must be a mapping of names or symbols to numbers or arrays, not {given!r}")
+    columns: dict[str, FloatArray] = {}
+    unknown, wrong = [], []
+    for key, value in given.items():
+        name = aliases.get(str(key), str(key))
+        if name not in known:
+            unknown.append(unknown_name(kind, str(key), known))
+            continue
+        if name in columns:
+            unknown.append(f"{kind} {name!r} is given twice")
+        try:
+            columns[name] = np.array(array_of(value), ndmin=1, order="C")
+        except ValueError as reason:
+            wrong.append(f"{name} = {value!r} {reason}")
+            continue
+        if columns[name].ndim != 1:
+            wrong.append(f"{name} has shape {columns[name].shape}; one value a case is needed")
+    if unknown:
+        raise UnknownNameError("\n".join(unknown))
+    if wrong:
+        raise ValueInputError("; ".join(wrong))
+    return columns
+
+
+def _finite_rows(values: FloatArray) -> NDArray[np.bool_]:
+    """Return which rows hold nothing but finite numbers; a product does that much faster than sums of short rows."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        finite = np.isfinite(values @ np.ones(values.shape[1]))
+    large = np.flatnonzero(~finite)  # or a sum of finite numbers that is not
+    finite[large] = np.isfinite(values[large]).all(axis=1)
+    return np.asarray(finite)
+
+
+def _part(values: FloatArray, block: slice) -> FloatArray:
+    return values if len(values) == 1 else values[block]
+
+
+def single_problem(cases: Cases, settings: Settings, number: int) -> IntegrationProblem | None:
+    """Return a case alone, or None where it cannot start."""
+    block, status = cases.block(slice(number, number + 1), settings)
+    if not len(status) or status[0] >= 0:
+        return None
+    return block.problem(0)
+
+
+def with_grid(
+    layout: Layout, grid: CaseSet, initial: Mapping[Any, Any], parameters: Mapping[Any, Any]
+) -> tuple[dict[Any, Any], dict[Any, Any]]:
+    """Return initial values and parameters with the columns of a grid, each where it belongs."""
+    grid = case_set(grid)
+    initial, parameters = dict(initial), dict(parameters)
+    for name, column in grid.columns().items():
+        home = parameters if name in layout.parameters else initial
+        if name not in (*layout.parameters, *layout.initial):
+            raise UnknownNameError(unknown_name("axis", name, (*layout.given, *layout.initial)))
+        if any(layout.aliases.get(str(key), str(key)) == name for key in home):
+            raise ValueInputError(f"{name!r} is an axis of the grid and is given beside it; give it once")
+        home[name] = column
+    return initial, parameters

@@ -1,0 +1,226 @@
+"""Runs that end where their constraints lose rank, or where constraints that were left out no longer follow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..errors import list_names
+from ..ir.interpret import interpret_rows
+from ..ir.program import Program
+from ..lanes.cases import BlockResult, CaseBlock
+from ..methods.status import Status
+from ..reduction.base import ReducedSystem
+from ..starts.constraint_rank import indeterminate
+from ..starts.state_sizes import coordinate_sizes
+from ..steps.problem import IntegrationProblem, Solution
+from ..stops.segments import Constants, constants_at
+from .run_check import EndedRun, RunCheck
+from .sampling import NoInstants
+from .singular import checked_run, cut, searched, vanishing_choice
+
+if TYPE_CHECKING:
+    from ..model.model import CompiledModel
+
+
+# Runs without constraints that follow from others: ended where they no longer follow, or no longer are enforced.
+#
+# What holds around the start of a run need not hold everywhere. The constraints that are enforced may lose rank where
+# all together do not: of a parallelogram, the difference of the heights at which its cranks end, where these are
+# level. And a constraint that was left out may be violated.
+
+_LEAST, _ERRORS = 1e-6, 1e3
+"""Least violation of a constraint that is more than an error of the run, as a share of its terms, and in tolerances."""
+
+
+def ended_where_left_out_matter(
+    program: Program, reduced: ReducedSystem, problem: IntegrationProblem, solution: Solution, c: Constants
+) -> tuple[Solution, str]:
+    """Return a run ended before constraints that were left out need to be enforced, and a note on where that is."""
+    if not reduced.unproven or (len(solution.t) == 0 and solution.dense is None):
+        return solution, ""
+    kept = [i for i in range(len(program.layout.constraints)) if i not in reduced.left_out]
+    lost = vanishing_choice(program, solution, c, kept)
+    broken = _first_violation(program, reduced.unproven, problem, solution, c)
+    forward = 1.0 if problem.t1 >= problem.t0 else -1.0
+    ends = [end for end in (lost and (lost[0], _lost(program, reduced, kept, lost, c)), broken) if end]
+    if not ends:
+        return solution, ""
+    t, note = min(ends, key=lambda end: forward * end[0])
+    return cut(solution, t, (problem.t0, problem.t1)), note
+
+
+def _lost(
+    program: Program, reduced: ReducedSystem, kept: Sequence[int], where: tuple[float, FloatArray], c: Constants
+) -> str:
+    t, y = where
+    layout, times = program.layout, np.array([t])
+    x = interpret_rows(program.kernel("expand"), times, y[np.newaxis], constants_at(c, times))[0]
+    place = ", ".join(f"{name} = {x[i]:.6g}" for i, name in enumerate(layout.coordinates))
+    enforced, others = (list_names(layout.constraints[i] for i in rows) for rows in (kept, reduced.unproven))
+    return (
+        f"at t = {t:.6g} ({place}) the enforced constraints {enforced} come to lose rank that they have together with"
+        f" {others}, not enforced because it followed from them around the start: write the closed loop with fewer"
+        " constraints that are independent everywhere (of a parallelogram, the difference of two angles), or end the"
+        " time span before"
+    )
+
+
+def _first_violation(
+    program: Program, rows: Sequence[int], problem: IntegrationProblem, solution: Solution, c: Constants
+) -> tuple[float, str] | None:
+    """Return the first time at which a constraint that is not enforced is violated by more than errors of the run.
+
+    Positions are measured by what the coordinates add to a constraint, rates by what the rates add to it.
+    """
+    t = solution.t if solution.dense is None else solution.dense.knots
+    y = solution.y if solution.dense is None else solution.dense(t)
+    c = constants_at(c, t)
+    x = interpret_rows(program.kernel("expand"), t, y, c)
+    n, holonomic = len(program.layout.coordinates), program.layout.holonomic
+    jacobians = np.abs(interpret_rows(program.kernel("constraint_jacobian"), t, x, c).reshape(len(x), -1, n))
+    first = coordinate_sizes(program, t[:1], x[:1], c if c.ndim == 1 else c[:1])[0]
+    tolerance = max(_ERRORS * (problem.rtol + problem.atol), _LEAST)
+    positions = tolerance * np.maximum(np.max(np.abs(x[:, :n]), axis=0), first)
+    rates = tolerance * np.max(np.abs(x[:, n : 2 * n]), axis=0) + _ERRORS * problem.atol * first
+    found: list[tuple[float, str]] = []
+    for row in rows:
+        kernel, limits = ("position_residual", positions) if row < holonomic else ("velocity_residual", rates)
+        left = np.abs(interpret_rows(program.kernel(kernel), t, x, c)[:, row])
+        wrong = np.flatnonzero(left > np.max(jacobians[:, row] @ limits))
+        if len(wrong):
+            label = program.layout.constraints[row]
+            note = f"at t = {t[wrong[0]]:.6g} {label} no longer follows from the others, as it did around the start"
+            found.append((float(t[wrong[0]]), note))
+    forward = 1.0 if problem.t1 >= problem.t0 else -1.0
+    return min(found, key=lambda end: forward * end[0], default=None)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ConstraintCheck(RunCheck):
+    """The constraints that a model enforces and that may lose rank, and those left out that need not follow from them.
+
+    Runs whose formulation does not project are searched for losses of rank that they have crossed, others are looked at
+    where they failed.
+    """
+
+    model: CompiledModel
+    enforced: Sequence[int]
+    reduced: ReducedSystem
+
+    @classmethod
+    def of(cls, model: CompiledModel) -> ConstraintCheck | None:
+        """Return the check of a model; None where its constraints are independent everywhere."""
+        enforced, reduced = model.derived.enforced, model.stages.reduced
+        return cls(model, enforced, reduced) if enforced or reduced.unproven else None
+
+    def before(self, problem: IntegrationProblem) -> IntegrationProblem:
+        """See `RunCheck.before`: between steps too it is found out whether constraints that were left out follow."""
+        return replace(problem, dense=True) if self.reduced.unproven else problem
+
+    def after(self, run: EndedRun) -> tuple[Solution, str]:
+        """See `RunCheck.after`."""
+        program, solution, c, notes = self.model.stages.program, run.solution, run.constants, []
+        if self.enforced:
+            if solution.status is not Status.SINGULAR_CONFIGURATION:
+                solution, where = checked_run(program, solution, c, self.enforced, run.steps, run.span)
+                notes.append(where)
+            problem = run.problem
+            notes.append(indeterminate(program, problem.t0, problem.y0, problem.constants))
+        if self.reduced.unproven:
+            solution, broken = ended_where_left_out_matter(program, self.reduced, run.problem, solution, c)
+            notes += [self.model.note, broken]
+        return solution, "; ".join(text for text in notes if text)
+
+    @property
+    def _ranked(self) -> bool:
+        """Whether the cases of sweeps are searched for a rank that the constraints lose."""
+        return bool(self.enforced and self.model.layout.state) and searched(self.model.stages.program)
+
+    def guards(self, method: str) -> bool:
+        """See `RunCheck.guards`: the cases of "radau" run alone in any case, and are all looked at."""
+        return self._ranked and method != "radau"
+
+    def after_cases(self, method: str, block: CaseBlock, done: BlockResult) -> None:
+        """See `RunCheck.after_cases`: cases that came near a lost rank, or failed, run alone once more.
+
+        Where constraints were left out that followed from others around the start, all do. Samples behind the place are
+        NaN, as are reductions, and events are not reported.
+        """
+        if not (self._ranked or self.reduced.unproven):
+            return
+        from ..events.event_code import SUSPECT
+
+        marked = done.ends[:, 1] <= SUSPECT
+        done.ends[marked, 1] = SUSPECT - done.ends[marked, 1]
+        looked = [Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED]
+        if method == "radau" or self.reduced.unproven:
+            looked += [Status.SUCCESS, Status.EVENT, Status.MAX_STEPS]
+        started = np.all(np.isfinite(np.hstack([block.y, block.c, block.spans])), axis=1)
+        for i in np.flatnonzero(started & (marked | np.isin(done.ends[:, 1], looked))):
+            for bounded in (
+                (False, True) if marked[i] else (False,)
+            ):  # as a single run, then with the steps of the sweep
+                problem = replace(block.problem(int(i), dense=True), bounded=bounded)
+                with suppress(NoInstants):  # such a case has not run
+                    if _ended_alone(self.model, method, block, done, int(i), problem):
+                        break
+
+
+def _ended_alone(
+    model: CompiledModel, method: str, block: CaseBlock, done: BlockResult, i: int, problem: IntegrationProblem
+) -> bool:
+    """Run case i alone, and end it if it met a singular configuration; return whether it did."""
+    c, before = model.engine.constants_along(problem), 0
+    for solution in _alone(model, method, block, problem):
+        ended = _ended(model, block, problem, solution, c)
+        if ended is not None:
+            forward = 1.0 if problem.t1 >= problem.t0 else -1.0
+            steps = max(1, int(np.sum((solution.t - ended) * forward <= 0.0)))
+            status = float(Status.SINGULAR_CONFIGURATION)
+            done.y[i], done.ends[i] = solution.y[steps - 1], (solution.t[steps - 1], status, before + steps - 1)
+            done.samples[i, (block.t_eval - ended) * forward > 0.0] = np.nan
+            done.totals[i] = np.nan
+            done.happened[i] = np.nan
+            done.happened[i, ::3] = 0.0
+            return True
+        before += len(solution.t) - 1
+    return False
+
+
+def _ended(
+    model: CompiledModel, block: CaseBlock, problem: IntegrationProblem, solution: Solution, c: Constants
+) -> float | None:
+    """Return the last time before a singular configuration in a run, or a part of one; None where it met none."""
+    program, forward = model.stages.program, 1.0 if problem.t1 >= problem.t0 else -1.0
+    requested = block.t_eval[(block.t_eval - solution.t[-1]) * forward <= 0.0]
+    requested = requested[(requested - solution.t[0]) * forward >= 0.0]
+    times = forward * np.union1d(forward * solution.t, forward * requested)
+    states = solution.y if solution.dense is None else solution.dense(times)
+    found = replace(solution, t=times, y=states)
+    if model.derived.enforced:
+        found, _ = checked_run(program, found, c, model.derived.enforced, solution, (problem.t0, problem.t1))
+    if found.status is not Status.SINGULAR_CONFIGURATION:
+        part = replace(problem, t0=float(solution.t[0]), y0=solution.y[0])
+        found, _ = ended_where_left_out_matter(program, model.stages.reduced, part, found, c)
+    return float(found.t[-1]) if found.status is Status.SINGULAR_CONFIGURATION else None
+
+
+def _alone(model: CompiledModel, method: str, block: CaseBlock, problem: IntegrationProblem) -> Iterator[Solution]:
+    """Yield a case of a block with its continuous output, and with its events where it has any.
+
+    Without constraints that need not follow everywhere it comes in parts: beyond the place where these matter, steps
+    may become very small.
+    """
+    engine, watch = model.engine, block.watch
+    if watch is not None and watch.reported:
+        return iter([engine.integrate_watched(problem, method, watch)[0]])
+    if model.stages.reduced.unproven:
+        return engine.step_blocks(problem, method)
+    return iter([engine.integrate(problem, method)])

@@ -1,0 +1,304 @@
+"""The checks of runs: all there are, which of them a model has, and how they are applied.
+
+A further check is a class in a module of its own and a line in `CHECKS`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+from ..errors import OptionError, list_names
+from ..ir.interpret import interpret_rows
+from ..ir.kernel import Kernel
+from ..ir.program import Program
+from ..ir.tables import Table, table_of
+from ..lanes.cases import BlockResult, CaseBlock
+from ..methods.status import Status
+from ..reduction.margins import Gimbals, gimbals
+from ..scene.orientation import with_quaternions
+from ..scene.scene import Scene
+from ..starts.constraint_rank import row_lengths
+from ..starts.state_sizes import distance_sizes
+from ..steps.problem import IntegrationProblem, Solution
+from ..stops.segments import Constants, constants_at
+from ..transforms.passes import EliminateDeadCode
+from .constraint_check import ConstraintCheck
+from .run_check import EndedRun, RunCheck
+from .singular import cut
+
+if TYPE_CHECKING:
+    from ..model.model import CompiledModel
+
+
+# Runs that meet the singularity of three angles: they end there, and say which angle has which value.
+#
+# Where constraints or other bodies make the motion regular at such an attitude, there is no warning: what counts is
+# whether the mass matrix on the directions that the constraints leave free is singular there.
+
+_NEAR = 0.05
+"""Determinant below which a run that failed is taken to have failed for it."""
+
+_NOTHING, _DEPENDENT = 1e-12, 1e-9
+"""Determinant that counts as zero, and share of a constraint below which it follows from others."""
+
+_FAILED = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED, Status.MAX_STEPS)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class GimbalCheck(RunCheck):
+    """The angles of a program that may lock."""
+
+    program: Program
+    found: Gimbals
+    scene: Scene
+
+    @classmethod
+    def of(cls, model: CompiledModel) -> GimbalCheck | None:
+        """Return the check of a model; None where no angles can lock."""
+        found = gimbals(model.stages.reduced)
+        return None if found is None else cls(model.stages.program, found, model.stages.scene)
+
+    def after(self, run: EndedRun) -> tuple[Solution, str]:
+        """See `RunCheck.after`: a run ends before the first attitude at which its angles are singular."""
+        solution, steps, c = run.solution, run.steps, run.constants
+        if len(steps.t) == 0:
+            return solution, ""
+        failed = steps.status in _FAILED
+        values = interpret_rows(self.found.kernel, steps.t, steps.y, constants_at(c, steps.t))
+        place, group = _first(values, failed=failed)
+        if place < 0:
+            return solution, ""
+        where, value = (float(steps.t[place]), steps.y[place]), float(values[place, group])
+        if not _singular(self.program, self.found, group, where, c, value):
+            return solution, ""
+        ended = replace(solution, status=Status.SINGULAR_COORDINATES)
+        if not (failed and place == len(steps.t) - 1):
+            where = _located(self.found, group, steps, place, values, c), steps.y[place]
+            ended = cut(solution, where[0], run.span, Status.SINGULAR_COORDINATES)
+        return ended, f"{_where(self.program, self.found, group, where, c, value)}; {_remedy(self.scene)}"
+
+    def after_cases(self, method: str, block: CaseBlock, done: BlockResult) -> None:
+        """See `RunCheck.after_cases`: the angles of a case locked by a sign that changed, or an end near zero."""
+        status = done.ends[:, 1]
+        first = interpret_rows(self.found.kernel, block.spans[:, 0], block.y, block.c)
+        last = interpret_rows(self.found.kernel, done.ends[:, 0], done.y, block.c)
+        ran = np.isin(status, (Status.SUCCESS, Status.EVENT))
+        with np.errstate(invalid="ignore"):
+            turned = np.any(first * last < 0.0, axis=1) & ran
+            stopped = np.any(np.abs(last) < _NEAR, axis=1) & np.isin(status, _FAILED)
+        met = np.flatnonzero(turned | stopped)
+        if not len(met):
+            return
+        i = int(met[0])  # what is singular in one case is so in all
+        group = int(np.argmin(first[i] * last[i])) if turned[i] else int(np.nanargmin(np.abs(last[i])))
+        c, where = block.c[i if len(block.c) > 1 else 0], (float(done.ends[i, 0]), done.y[i])
+        if _singular(self.program, self.found, group, where, c, float(last[i, group])):
+            status[met] = float(Status.SINGULAR_COORDINATES)
+
+
+def _located(found: Gimbals, group: int, steps: Solution, place: int, values: FloatArray, c: Constants) -> float:
+    """Return when a determinant vanishes before a step's end: by continuous output, else on a straight line."""
+    low, high = float(steps.t[place - 1]), float(steps.t[place])
+    before, after = abs(float(values[place - 1, group])), abs(float(values[place, group]))
+    if steps.dense is None or before == 0.0 or after == 0.0:
+        return low + (high - low) * (before / (before + after) if before + after else 0.0)
+    sign = np.sign(values[place - 1, group])
+    for _ in range(50):
+        t = np.array([0.5 * (low + high)])
+        if interpret_rows(found.kernel, t, steps.dense(t), constants_at(c, t))[0, group] * sign > 0.0:
+            low = float(t[0])
+        else:
+            high = float(t[0])
+    return high
+
+
+def _first(values: FloatArray, *, failed: bool) -> tuple[int, int]:
+    """Return the place after the first change of sign, or the end of a run that failed near zero; -1 for none."""
+    if not len(values):
+        return -1, 0
+    signs = np.where(np.abs(values) < _NOTHING, 0.0, np.sign(values))
+    for place in range(1, len(values)) if np.any(signs != signs[0]) else ():
+        for group in range(values.shape[1]):
+            if signs[place, group] != signs[place - 1, group] and np.isfinite(values[place, group]):
+                return place, group
+    if failed:
+        group = int(np.nanargmin(np.abs(values[-1]))) if np.any(np.isfinite(values[-1])) else 0
+        if abs(values[-1, group]) < _NEAR:
+            return len(values) - 1, group
+    return -1, 0
+
+
+def _singular(
+    program: Program, found: Gimbals, group: int, where: tuple[float, FloatArray], c: Constants, value: float
+) -> bool:
+    """Return whether the mass matrix on the free directions is singular where the angle next to a state locks."""
+    layout, times = program.layout, np.array([where[0]])
+    n = len(layout.coordinates)
+    c = constants_at(c, times)
+    x = interpret_rows(program.kernel("expand"), times, where[1][np.newaxis], c)
+    x[:, n : 2 * n] = 0.0
+    if found.decisive[group]:
+        place = layout.coordinates.index(found.decisive[group])
+        x[0, place] = _lock(float(x[0, place]), value)
+        value = 0.0
+    mass = interpret_rows(program.kernel("mass_matrix"), times, x, c).reshape(n, n)
+    free = np.eye(n)
+    if layout.constraints:
+        rows = interpret_rows(program.kernel("constraint_jacobian"), times, x, c).reshape(-1, n)
+        if not np.all(np.isfinite(rows)):
+            return True
+        sizes = distance_sizes(program, where[0], x[0], c if c.ndim == 1 else c[0])
+        lengths = row_lengths(program, times, x, c, range(len(rows)))[0]
+        _, shares, directions = np.linalg.svd(rows * sizes / lengths[:, np.newaxis])
+        free = directions[int(np.sum(shares > _DEPENDENT)) :] * sizes
+    if not np.all(np.isfinite(mass)) or not len(free):
+        return len(free) > 0
+    scale = np.sqrt(np.maximum(np.diag(mass), 1e-300))
+    free = np.linalg.qr((free * scale).T)[0].T
+    inner = (free / scale) @ mass @ (free / scale).T
+    return bool(np.linalg.eigvalsh(inner)[0] <= 4.0 * value * value + 1e-10)
+
+
+def _lock(angle: float, value: float) -> float:
+    """Return the angle next to one at which its determinant, the sine or cosine of it up to its sign, vanishes."""
+    half = 0.0 if abs(abs(math.sin(angle)) - abs(value)) < abs(abs(math.cos(angle)) - abs(value)) else 0.5
+    return math.pi * (round(angle / math.pi - half) + half)
+
+
+def _where(
+    program: Program, found: Gimbals, group: int, where: tuple[float, FloatArray], c: Constants, value: float
+) -> str:
+    """Return which angle has which value, and when."""
+    layout, (t, y) = program.layout, where
+    times = np.array([t])
+    x = interpret_rows(program.kernel("expand"), times, y[np.newaxis], constants_at(c, times))[0]
+    listed = [found.decisive[group]] if found.decisive[group] else list(found.angles[group])
+    angles = {name: float(x[layout.coordinates.index(name)]) for name in listed}
+    if found.decisive[group]:
+        angles = {name: _lock(angle, value) for name, angle in angles.items()}
+    places = ", ".join(f"{name} = {_angle(angle)}" for name, angle in angles.items())
+    others = [name for name in found.angles[group] if name not in listed]
+    turned = f", where {list_names(others)} turn the body about the same line" if others else ""
+    return f"gimbal lock at t = {t:.6g}: {places}{turned}"
+
+
+def _angle(value: float) -> str:
+    """Return an angle as a multiple of pi/2 where it is near one."""
+    quarters = round(value / (math.pi / 2))
+    if abs(value - quarters * math.pi / 2) > _NEAR:
+        return f"{value:.6g}"
+    if quarters % 2 == 0:
+        return {0: "0", 1: "pi", -1: "-pi"}.get(quarters // 2, f"{quarters // 2} pi")
+    return {1: "pi/2", -1: "-pi/2"}.get(quarters, f"{quarters} pi/2")
+
+
+def _remedy(scene: Scene) -> str:
+    """Return the remedy for angles that lock in a scene."""
+    try:
+        with_quaternions(scene)
+    except OptionError:
+        return "declare the attitude with dalembert.free_orientation, or choose angles that are regular there"
+    return 'compile_model(scene, orientation="quaternion") passes it'
+
+
+# Runs that end where the argument of a table leaves its knots: the status that says so, and which table it is.
+
+_FAILED_AT_KNOT = (Status.STEP_TOO_SMALL, Status.NON_FINITE)
+_NEAR_KNOT = 1e-6
+"""Share of its range by which the argument of a table may be within where a step that leaves it has failed."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class TableCheck(RunCheck):
+    """The tables in the rates that have values within their knots only, and the kernel of their arguments."""
+
+    tables: tuple[Table, ...]
+    arguments: Kernel
+
+    @classmethod
+    def of(cls, model: CompiledModel) -> TableCheck | None:
+        """Return the check of a model; None where every table goes on beyond its knots."""
+        rhs = model.stages.program.kernel("rhs")
+        found = {
+            line.args[0]: table_of(float(line.args[1]))
+            for line in rhs.body
+            if line.op == "piece" and table_of(float(line.args[1])).bounded
+        }
+        if not found:
+            return None
+        arguments = EliminateDeadCode()(replace(rhs, name="table_arguments", outputs=tuple(found)))
+        return cls(tuple(found.values()), arguments)
+
+    def after(self, run: EndedRun) -> tuple[Solution, str]:
+        """See `RunCheck.after`: a run that failed at an end of a table has the status that says so."""
+        solution, problem = run.solution, run.problem
+        if solution.status not in _FAILED_AT_KNOT:
+            return solution, ""
+        t, y = (solution.t[-1], solution.y[-1]) if len(solution.t) else (problem.t0, problem.y0)
+        if solution.end is not None and solution.last is not None:
+            t, y = solution.end, solution.last
+        times = np.array([float(t)])
+        values, met = self._outside(times, y[np.newaxis], constants_at(run.constants, times))
+        places = np.flatnonzero(met[0])
+        if not len(places):
+            return solution, ""
+        table, x = self.tables[places[0]], values[0, places[0]]
+        where = (
+            f"the knots of the table {table.name!r} go from {table.first:.9g} to {table.last:.9g}, and its argument"
+            f" left them at {x:.9g} at t = {float(t):.9g}"
+        )
+        return replace(solution, status=Status.OUTSIDE_TABLE), where
+
+    def after_cases(self, method: str, block: CaseBlock, done: BlockResult) -> None:
+        """See `RunCheck.after_cases`."""
+        failed = np.isin(done.ends[:, 1], _FAILED_AT_KNOT)
+        if np.any(failed):
+            _, met = self._outside(done.ends[:, 0], done.y, block.c)
+            done.ends[failed & np.any(met, axis=1), 1] = float(Status.OUTSIDE_TABLE)
+
+    def _outside(self, t: FloatArray, y: FloatArray, c: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return the arguments (k, n) at times (k,) and states, and which are at an end of the knots or beyond."""
+        values = interpret_rows(self.arguments, t, y, c)
+        low = np.array([table.first + _NEAR_KNOT * (table.last - table.first) for table in self.tables])
+        high = np.array([table.last - _NEAR_KNOT * (table.last - table.first) for table in self.tables])
+        with np.errstate(invalid="ignore"):
+            return values, (values <= low) | (values >= high)
+
+
+CHECKS = (TableCheck, GimbalCheck, ConstraintCheck)
+"""In this order: the first that ends a run says why."""
+
+
+def run_checks(model: CompiledModel) -> tuple[RunCheck, ...]:
+    """Return the checks that runs of a model need."""
+    found = (check.of(model) for check in CHECKS)
+    return tuple(check for check in found if check is not None)
+
+
+def checked(
+    model: CompiledModel, problem: IntegrationProblem, method: str, solution: Solution
+) -> tuple[Solution, list[str]]:
+    """Return a run, ended where a check finds that it should have been, and notes on that."""
+    if not model.checks:
+        return solution, []
+    run, notes = EndedRun(model, problem, method, solution), []
+    for check in model.checks:
+        found, note = check.after(run)
+        notes.append(note)
+        if found.status is not solution.status:
+            return found, notes
+    return solution, notes
+
+
+def checked_cases(model: CompiledModel, method: str, block: CaseBlock, done: BlockResult) -> None:
+    """End the cases of a block that should have ended."""
+    for check in model.checks:
+        check.after_cases(method, block, done)

@@ -1,0 +1,85 @@
+"""Jumps of the forces of a scene along which a run that used up its steps slides."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..errors import list_names
+from ..ir.interpret import interpret_rows
+from ..methods.status import Status
+from ..reduction.event_functions import event_functions
+from ..scene.actuators import straight_parts
+from ..scene.force_jumps import force_jumps
+from ..steps.problem import Solution
+from ..stops.segments import Constants, constants_at
+
+if TYPE_CHECKING:
+    from ..model.model import CompiledModel
+
+
+_LAST, _OTHERS = 100, 200
+"""Steps at the end of a run that are looked at, and how many of the others give the scale."""
+_NEAR = 1e-3
+"""Share of its largest distance from a jump within which a motion stays that slides along it."""
+_CROSSINGS = 4
+"""Steps for each crossing of a jump, at most, of a motion that slides along it."""
+
+
+def slid_along(model: CompiledModel, solution: Solution, c: Constants) -> str:
+    """Return along which jumps a run slid that used up its steps, and what helps; "" for none."""
+    if solution.status is not Status.MAX_STEPS:
+        return ""
+    t = solution.t if solution.dense is None else solution.dense.knots
+    jumps = force_jumps(model.stages.scene)
+    if not jumps or len(t) <= _LAST:
+        return ""
+    chosen = np.union1d(np.linspace(0, len(t) - 1, _OTHERS).astype(int), np.arange(len(t) - _LAST, len(t)))
+    times = np.asarray(t)[chosen]
+    y = solution.y[chosen] if solution.dense is None else solution.dense(times)
+    arguments = [jump.argument for jump in jumps]
+    kernel = event_functions(model.stages.scene, model.stages.reduced, arguments, "jump", moving=False).values
+    values = interpret_rows(kernel, times, y, constants_at(c, times))
+    met = [jump.text for jump, column in zip(jumps, values.T, strict=True) if _holds(column, jump.places)]
+    if not met:
+        return ""
+    return (
+        f"the last {_LAST} steps, {abs(times[-1] - times[-_LAST]):.2g} s, stay where {list_names(met)}"
+        f" {'changes' if len(met) == 1 else 'change'}: the motion slides along this jump, which more steps do"
+        " not pass. Replace it by a steep smooth function, such as tanh, and dry friction by a CoulombFriction"
+    )
+
+
+def _holds(values: FloatArray, places: FloatArray) -> bool:
+    """Return whether values (k,) of an argument, the last `_LAST` of steps in a row, stay where a force jumps."""
+    if not np.all(np.isfinite(values)):
+        return False
+    distances = values - places[np.argmin(np.abs(places - values[-1]))]
+    last = distances[-_LAST:]
+    crossings = np.count_nonzero(np.diff(np.sign(last)))
+    return bool(np.max(np.abs(last)) < _NEAR * np.max(np.abs(distances)) or crossings * _CROSSINGS >= _LAST)
+
+
+# Actuators whose pathway has length zero where a run ended.
+
+_NOTHING = 1e-12
+"""Share of its largest length in a run at which a part of a pathway counts as zero."""
+
+
+def lost_directions(model: CompiledModel, solution: Solution, c: Constants) -> str:
+    """Return which pathways of actuators have the length zero where the rates of a run are not finite, "" for none."""
+    scene = model.stages.scene
+    if solution.status != Status.NON_FINITE or not scene.actuators or not len(solution.t):
+        return ""
+    parts = straight_parts(scene)
+    lengths = [length for _, _, length in parts]
+    kernel = event_functions(scene, model.stages.reduced, lengths, "pathway", moving=False).values
+    found = np.abs(interpret_rows(kernel, solution.t, solution.y, constants_at(c, solution.t)))
+    lost = [
+        f"{name} has no direction, because {ends} are at the same place"
+        for (name, ends, _), length, largest in zip(parts, found[-1], np.max(found, axis=0), strict=True)
+        if length <= _NOTHING * largest
+    ]
+    return f"at t = {solution.t[-1]:.6g} {'; '.join(lost)}" if lost else ""

@@ -1,0 +1,295 @@
+"""Simulation of many cases of a compiled model, each with its own steps and status."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..errors import InitialStateError, OptionError, ValueInputError
+from ..lanes.cases import BlockResult
+from ..methods.status import Status
+from ..options import SweepOptions, tighter
+from ..results.cases import CaseSet
+from ..results.sweep import Sweep, SweepStatistics
+from ..results.sweep_states import NO_MODE, ProgramStates
+from ..starts import inputs
+from ..starts.constraint_choice import divisible_model, independent_model
+from ..starts.constraint_rank import unlike
+from ..starts.invariant_projection import keeping_model, kept_values, refuse_jumps
+from ..starts.symbol_assumptions import warn_of_motion
+from .case_blocks import fitted, run_cases
+from .case_settings import Settings, common_settings
+from .cases import Cases, single_problem, spans_of, with_grid
+from .elapsed import begins_elsewhere, elapsed_times, far, in_elapsed_time, offset_columns
+from .gains import give_gains
+from .reductions import reduction_table, with_event_parameters
+from .run_checks import checked_cases
+from .simulate import NO_ESTIMATE
+
+if TYPE_CHECKING:
+    from ..model.model import CompiledModel
+
+Given = Mapping[Any, Any]
+
+
+def sweep_cases(
+    model: CompiledModel, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
+) -> Sweep:
+    """Return the results of many cases; see `CompiledModel.sweep`."""
+    model = with_event_parameters(model, parameters, options.events, options.reduce, options.grid)
+    run_model: Callable[..., Sweep] = sweep_in_own_time
+    if model.modes is not None:
+        from ..phases.given_values import run_cases as run_contact_cases
+
+        run_model = run_contact_cases
+    starts, lasts = spans_of(t_span)
+    if options.inputs is not None:
+        options.inputs.refuse_span(starts, lasts)
+        parameters = options.inputs.case_parameters(parameters, starts, lasts)
+    together = len(starts) == len(lasts) == 1
+    if not begins_elsewhere(starts, lasts) or not (together or options.t_eval is None):
+        return run_model(model, t_span, initial, parameters, options)
+    other, events, reduce = in_elapsed_time(model, starts, lasts, options.events, options.reduce)
+    if other is None:
+        return run_model(model, t_span, initial, parameters, options)
+    times = options.t_eval
+    since = None if times is None else elapsed_times(float(starts[0]), float(lasts[0]), times)
+    given = _with_offset_columns(model, other, t_span, initial, parameters, options.grid)
+    near = ~far(starts, lasts) if other is not model else np.zeros(1, bool)
+    begins = np.where(near, np.nan, starts) - starts  # NaN is not run
+    start = 0.0 if since is None else float(starts[0])
+    own = replace(options, t_eval=since, origin=start, events=events, reduce=reduce)
+    if options.inputs is not None:
+        own = replace(own, inputs=options.inputs.counted_from(starts))
+        given = own.inputs.case_parameters(given, begins, lasts - starts)
+    run = run_model(other, (begins, lasts - starts), initial, given, own)
+    table = reduction_table(options.reduce, model.layout.aliases)
+    crossings = [name for name, each in table.items() if each.kind == "first crossing"]
+    run = run.counted_from(starts, times, model.layout.parameters, crossings)
+    if not np.any(near):
+        return run
+    rest = run_model(model, (np.where(near, starts, np.nan), lasts), initial, parameters, options)
+    return run.with_cases(np.broadcast_to(near, len(run)), rest, starts)
+
+
+def _with_offset_columns(
+    model: CompiledModel,
+    other: CompiledModel,
+    t_span: tuple[Any, Any],
+    initial: Given,
+    parameters: Given,
+    grid: CaseSet | None,
+) -> Given:
+    """Return parameters with those that another model of the scene has for the start of each case."""
+    offsets = other.equations.symbols.offsets
+    if not offsets:
+        return parameters
+    whole = (initial, parameters) if grid is None else with_grid(model.layout, grid, initial, parameters)
+    reader = model if model.modes is None else model.modes.model(model.modes.closed_mode)
+    cases = Cases(reader.stages.program, reader.derived.start, t_span, *whole)
+    return {**parameters, **offset_columns(offsets, cases.span["start"], cases.parameters)}
+
+
+def sweep_in_own_time(
+    model: CompiledModel,
+    t_span: tuple[Any, Any],
+    initial: Given,
+    parameters: Given,
+    options: SweepOptions,
+    carried: FloatArray | None = None,
+    times: FloatArray | None = None,
+) -> Sweep:
+    """Return the results of many cases of a model without contacts, in the time of the model.
+
+    For runs that are parts of others, `carried` (k, n_events) are signs of events (`CaseColumns.carried`), and `times`
+    (n_t,) those to record of all of these others.
+    """
+    if options.project_invariants is not False:
+        refuse_jumps(options.events, model.layout.aliases)
+        model, further = _keeping_cases(model, options.project_invariants, t_span, initial, parameters, options.grid)
+        options, parameters = replace(options, project_invariants=False), {**parameters, **further}
+    begin = time.perf_counter()
+    if options.grid is not None:
+        initial, parameters = with_grid(model.layout, options.grid, initial, parameters)
+    model, cases, settings = _model_and_cases(model, t_span, initial, parameters, options, begin)
+    settings = replace(settings, carried=carried, t_eval=settings.t_eval if times is None else times)
+    if options.fits:
+        settings = fitted(model.engine, cases, settings)
+    if any(check.guards(settings.method) for check in model.checks):
+        watch = model.derived.events(options.events, options.reduce, ranks=cases.duration)
+        settings = replace(settings, watch=watch)
+    give_gains(model.engine, cases, settings, parameters)
+    axes = {} if options.grid is None else options.grid.axes
+    settings = _unlike_left_out(model, cases, settings)
+    if model.checks:
+        settings = replace(settings, judge=partial(checked_cases, model))
+    run = _results(model, cases, settings, run_cases(model.engine, cases, settings), axes, begin)
+    if not options.error_estimate:
+        return run
+    options = tighter(options)
+    method = model.choose_method(options.method, options.rtol, options.atol, many=True)
+    method = options.method_chosen(NO_MODE, method)
+    finer = replace(settings, rtol=options.rtol, atol=options.atol, method=method)
+    if options.fits:
+        finer = fitted(model.engine, cases, finer)
+    begin, stop = time.perf_counter(), bool(np.any(run.status == Status.INTERRUPTED))
+    return run.with_twin(_results(model, cases, finer, run_cases(model.engine, cases, finer, stop), axes, begin))
+
+
+def _keeping_cases(
+    model: CompiledModel,
+    requested: Any,
+    t_span: tuple[Any, Any],
+    initial: Given,
+    parameters: Given,
+    grid: CaseSet | None,
+) -> tuple[CompiledModel, dict[str, FloatArray]]:
+    """Return the model that keeps first integrals after every step, and its further parameters for all cases."""
+    if grid is not None:
+        initial, parameters = with_grid(model.layout, grid, initial, parameters)
+    program = model.stages.program
+    cases = Cases(program, model.derived.start, t_span, initial, parameters)
+    y, c, t, status = cases.starts()
+    able = np.flatnonzero(status < 0)
+    if not len(able):
+        raise ValueInputError("project_invariants: no case of the sweep can start, so that nothing is to be kept")
+    first = able[0]
+    keeper, names = keeping_model(model, requested, c[first], float(t[first]), y[first])
+    return keeper, kept_values(names, program, model.derived.invariants, c, t, y)
+
+
+def _model_and_cases(
+    model: CompiledModel,
+    t_span: tuple[Any, Any],
+    initial: Given,
+    parameters: Given,
+    options: SweepOptions,
+    begin: float,
+) -> tuple[CompiledModel, Cases, Settings]:
+    """Return the model that cases take, without constraints that depend on others at the first start, and what it runs.
+
+    Raises
+    ------
+    OptionError, ValueInputError
+        For options that make no sense with these cases, or with each other.
+    """
+    while True:
+        method = model.choose_method(options.method, options.rtol, options.atol, many=True)
+        method = options.method_chosen(NO_MODE, method)
+        inputs.warn_below_floor(options.rtol, options.atol, model.stages.program, method)
+        cases = Cases(model.stages.program, model.derived.start, t_span, initial, parameters, options.inputs)
+        able = _divisible_cases(model, cases)
+        if able is model:
+            settings = _settings(model, cases, options, method)
+            able = _independent_cases(model, cases, settings, begin)
+            if able is model:
+                return model, cases, settings
+        model = able
+
+
+def _settings(model: CompiledModel, cases: Cases, options: SweepOptions, method: str) -> Settings:
+    """Return the common settings of all cases, checked.
+
+    Raises
+    ------
+    OptionError, ValueInputError
+        For options that make no sense with these cases, or with each other.
+    """
+    settings = common_settings(cases, options, method)
+    watch = model.derived.events(options.events, options.reduce)
+    if watch is not None and options.error_estimate:
+        raise OptionError(NO_ESTIMATE)
+    return replace(settings, watch=watch)
+
+
+def _divisible_cases(model: CompiledModel, cases: Cases) -> CompiledModel:
+    """Return the model without the constraints whose pivots vanish in every case.
+
+    Where it vanishes in some cases only, those have a status.
+    """
+    if not model.stages.reduced.pivots or not np.any(cases.lost_pivots(slice(0, 1))):
+        return model
+    if not np.all(cases.lost_pivots(slice(0, cases.count))):
+        return model
+    initial, parameters = ({n: float(v[0]) for n, v in t.items()} for t in (cases.initial, cases.parameters))
+    try:
+        return divisible_model(model, float(cases.span["start"][0]), initial, parameters)
+    except (InitialStateError, ValueInputError):
+        return model
+
+
+def _independent_cases(model: CompiledModel, cases: Cases, settings: Settings, begin: float) -> CompiledModel:
+    """Return the model that enforces no constraint which follows from others around the first start."""
+    if not model.derived.enforced:
+        return model
+    tried = (single_problem(cases, settings, i) for i in range(cases.count))
+    first = next((problem for problem in tried if problem is not None), None)
+    able = model if first is None else independent_model(model, first, settings.method, begin)
+    return able if isinstance(able, type(model)) else model
+
+
+def _unlike_left_out(model: CompiledModel, cases: Cases, settings: Settings) -> Settings:
+    """Return settings that do not run cases in which other constraints follow from others than in the first."""
+    enforced, dropped = model.derived.enforced, model.dropped
+    rows = sorted({*enforced, *dropped})
+    if dropped and not enforced:  # `minimal` enforces all others
+        rows = list(range(len(model.layout.constraints)))
+    if cases.count < 2 or len(rows) < 2 or not model.layout.state:
+        return settings
+    block, status = cases.block(slice(0, cases.count), settings)
+    different = unlike(model.stages.program, block.spans[:, 0], block.y, block.c, rows, lost=bool(dropped))
+    different &= status < 0
+    count = int(np.sum(different))
+    if not count:
+        return settings
+    note = (
+        f"in {count} of {cases.count} cases other constraints follow from each other around the start than in the"
+        " first: these were not run; give them a sweep of their own"
+    )
+    return replace(settings, apart=different, note="; ".join(text for text in (settings.note, note) if text))
+
+
+def _results(
+    model: CompiledModel,
+    cases: Cases,
+    settings: Settings,
+    done: BlockResult,
+    axes: Mapping[str, FloatArray],
+    begin: float,
+) -> Sweep:
+    """Return the results of all cases; the run time counts from `begin`."""
+    if settings.apart is not None:
+        done.refuse(settings.apart, Status.SINGULAR_CONFIGURATION)
+    if cases.refused is not None:
+        done.refuse(cases.refused, Status.ASSUMPTION)
+    statistics = SweepStatistics(
+        method=settings.method,
+        threads=settings.threads,
+        steps=int(done.ends[:, 2].sum()),
+        compile_seconds=model.stages.compile_seconds,
+        run_seconds=time.perf_counter() - begin,
+        note=settings.note,
+        rtol=settings.rtol,
+        atol=settings.atol,
+        methods={(NO_MODE, settings.rtol): settings.method},
+    )
+    samples = None if settings.t_eval is None else done.samples
+    varied, program = (cases.initial, cases.parameters), model.stages.program
+    t_eval, about = settings.t_eval, (program.name, program.formulation, program.layout, varied)
+    states = ProgramStates(program, cases.constants_at, done.ends[:, 0], done.y, samples, t_eval)
+    run = Sweep(*about, done.ends, t_eval, axes, statistics, states)
+    watched = (*model.layout.coordinates, *model.layout.states)
+    warn_of_motion(model.layout.assumptions, watched, run.t, run._final)
+    watch = settings.watch
+    return run if watch is None else run.with_events(watch.labels, done.happened, list(watch.plan), done.totals)
+
+
+def runs_unchecked(model: CompiledModel) -> bool:
+    """Whether a sweep is nothing but a run of the engine: no choice at the start, no check of the results."""
+    return bool(model.layout.state) and not model.checks

@@ -1,1 +1,0 @@
-"""Compiled models and their runs."""

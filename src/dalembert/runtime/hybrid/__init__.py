@@ -1,1 +1,0 @@
-"""Motions in phases: friction that sticks and slips, contacts that open and close."""

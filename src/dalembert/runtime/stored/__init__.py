@@ -1,1 +1,0 @@
-"""Sweeps that are computed in parts and kept in a store, which a later call completes."""

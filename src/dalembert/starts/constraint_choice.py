@@ -1,0 +1,76 @@
+"""Choice of the constraints that a run enforces: those that depend on each other around its start are dropped."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..methods.status import Status
+from ..results.parts import Part
+from ..results.trajectory import RunStatistics, Trajectory
+from ..steps.problem import IntegrationProblem
+from . import inputs
+from .constraint_rank import nearly_redundant, redundant, singular_start
+from .initial_states import initial_state, pivots_vanish, vanishing_pivots
+
+if TYPE_CHECKING:
+    from ..model.model import CompiledModel
+
+
+def independent_model(
+    model: CompiledModel, problem: IntegrationProblem, method: str, begin: float
+) -> CompiledModel | Trajectory:
+    """Return the model that enforces no constraint which follows from others around the start of a problem.
+
+    Where only the start itself is singular, return the run that ends there.
+    """
+    enforced, program = model.derived.enforced, model.stages.program
+    if not enforced:
+        return model
+    where = (program, problem.t0, problem.y0, problem.constants, enforced)
+    found = redundant(*where)
+    note = singular_start(*where) if found is None else nearly_redundant(*where) if found else ""
+    if found is not None and not note:
+        return model.variants.without_constraints(found) if found else model
+    statistics = RunStatistics(method, 0, 0, 0, 0.0, time.perf_counter() - begin, note)
+    times = np.array([problem.t0]) if problem.t_eval is None else problem.t_eval[problem.t_eval == problem.t0]
+    states = np.repeat(problem.y0[np.newaxis], len(times), axis=0)
+    about = None, problem.t0, model.stages.scene, model.monitors
+    part = Part(program, problem.constants, times, states, *about)
+    return Trajectory((part,), Status.SINGULAR_CONFIGURATION, statistics)
+
+
+def divisible_model(
+    model: CompiledModel, t0: float, initial: Mapping[Any, Any], parameters: Mapping[Any, Any]
+) -> CompiledModel:
+    """Return the model without the constraints that this one divides by something that vanishes at the parameters.
+
+    Raises
+    ------
+    InitialStateError
+        Where one of them does not follow from the others there.
+    """
+    if not model.stages.reduced.pivots:
+        return model
+    p = model.parameter_vector(parameters)
+    values = model.initial_values(initial)
+    labels = vanishing_pivots(model.derived.start(values), t0, values, p)
+    if not labels:
+        return model
+    names = model.layout.constraints
+    fewer = model.variants.without_constraints([names.index(label) for label in labels])
+    further = divisible_model(fewer, t0, initial, parameters)
+    if further is not fewer:
+        return further
+    program, rows, left_out = fewer.stages.program, range(len(names)), fewer.stages.reduced.left_out
+    c = inputs.constants(program, p)
+    y = initial_state(fewer.derived.start(values), t0, values, c, program)
+    rest = [i for i in rows if i not in left_out]
+    found = redundant(program, t0, y, c, rows)
+    follow = found is not None and len(found) == len(left_out) and redundant(program, t0, y, c, rest) == ()
+    if not follow:
+        raise pivots_vanish(model.stages.program, p, labels)
+    return fewer

@@ -1,0 +1,331 @@
+"""The adaptive loop of Radau IIA of order 5, for stiff systems and for index-2 systems with multipliers.
+
+Source of the method, of its Newton iteration, error estimate and step control: E. Hairer, G. Wanner, Solving Ordinary
+Differential Equations II, section IV.8; of the predictive control: K. Gustafsson, ACM Transactions on Mathematical
+Software 20 (1994) 496-517.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, final
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..methods.collocation import NODES
+from ..methods.status import RUNNING, Status
+from ..methods.step_constants import LARGEST_GROWTH, LARGEST_REDUCTION, SAFETY
+from ..subset.addresses import NO_CODE, OwnedAddress
+from ..subset.arguments import Address
+from ..subset.compiled_subset import compiled_subset, exp, log, sqrt
+from .implicit_stages import between, estimate, first_step, keep_polynomial, scale_of, write_polynomial
+from .newton import (
+    BROKEN,
+    CONVERGED,
+    MAX_ITERATIONS,
+    ROWS,
+    SLOPE,
+    NewtonWorkspace,
+    Z,
+    evaluate_jacobian,
+    factor_matrices,
+    newton,
+    newton_workspace,
+    predict,
+)
+from .packed_tableaus import POINT
+from .problem import IntegrationProblem, Solution
+from .recorded_runs import (
+    Run,
+    Settings,
+    all_finite,
+    begin_status,
+    block_is_full,
+    evaluate,
+    pass_first_stops,
+    passes_stop,
+    pending,
+    planned_step,
+    project,
+    proposed_after,
+    record,
+    record_behind,
+    retry,
+    status_of,
+)
+from .run_blocks import run_in_blocks, settings_of, solution
+from .step_control import ACCEPTED, error_test, growth_limit
+
+DEGREE = 3
+
+_RATE_TO_KEEP_JACOBIAN, _GROWTH_TO_KEEP_FACTORS = 1e-3, 1.2
+"""Rate of convergence up to which the Jacobian is kept, and growth up to which a step keeps its size and factors."""
+
+_SMALLEST_PREVIOUS = 1e-2
+"""Least error norm that the predictive controller remembers of a step."""
+
+_UNIT = 2.2e-16
+"""Rounding in the tolerance and the rate of Newton's iteration, two digits of it as in RADAU5."""
+
+
+class Addresses(NamedTuple):
+    """Addresses of kernels, see `ImplicitCode`."""
+
+    rhs: Address
+    jacobian: Address
+    tangent: Address
+    position: Address
+    velocity: Address
+    knots: Address
+    multipliers: Address
+
+
+@final
+@dataclass(frozen=True)
+class ImplicitCode:
+    """Compiled code: the loop of this module, and what it calls; 0 for what there is not.
+
+    Kernels have the arguments of a step (`dalembert.transforms.taylor.STEP_ARGUMENTS`). Either ``jacobian``, which
+    writes the derivatives of ``rhs`` row by row, or ``tangent``, which writes its derivative along the second half
+    of a state of twice the length, must be there. ``multipliers`` gives components without rates behind stops;
+    ``states`` counts the first-order states, the last with rates.
+    """
+
+    loop: Callable[..., int]
+    rhs: OwnedAddress
+    jacobian: OwnedAddress
+    tangent: OwnedAddress
+    position: OwnedAddress = NO_CODE
+    velocity: OwnedAddress = NO_CODE
+    knots: OwnedAddress = NO_CODE
+    multipliers: OwnedAddress = NO_CODE
+    states: int = 0
+
+
+class ImplicitArguments(NamedTuple):
+    """Arguments of the loop."""
+
+    codes: Addresses
+    settings: Settings
+    workspace: NewtonWorkspace
+    run: Run
+
+
+def integrate(code: ImplicitCode, problem: IntegrationProblem, multipliers: FloatArray | None = None) -> Solution:
+    """Integrate a problem with Radau IIA of order 5.
+
+    Parameters
+    ----------
+    code
+        The loop and the kernels.
+    problem
+        The problem; its arrays are copied.
+    multipliers
+        Initial values (k,) of components without rates, which the kernels take after those of the state.
+
+    Returns
+    -------
+    Solution
+        Of the state alone. Numerical failure is its status, never an exception.
+    """
+    y0 = np.concatenate([problem.y0, [] if multipliers is None else multipliers])
+    work = np.zeros((ROWS, len(y0)))
+    work[0] = y0
+    projections = code.position, code.velocity
+    codes = Addresses(code.rhs, code.jacobian, code.tangent, *projections, code.knots, code.multipliers)
+    paired = len(problem.y0) - code.states
+    settings, space = settings_of(problem, DEGREE), newton_workspace(len(y0), paired)
+
+    def loop(run: Run) -> int:
+        return code.loop(ImplicitArguments(codes, settings, space, run))
+
+    status, run, pieces = run_in_blocks(loop, problem, settings, work)
+    return solution(problem, status, run, pieces)
+
+
+@compiled_subset
+def LOOP(arguments: ImplicitArguments) -> int:
+    """Take steps until the end, or until a block of rows is full; return the status, `RUNNING` for the latter."""
+    codes, settings, space, run = arguments.codes, arguments.settings, arguments.workspace, arguments.run
+    progress, status = run.progress, RUNNING
+    if progress.evaluations == 0:
+        status = begin_status(settings, _begin(codes, settings, run))
+    while status == RUNNING and not block_is_full(progress):
+        status = _attempt(codes, settings, space, run)
+    return status
+
+
+@compiled_subset
+def _begin(codes: Addresses, settings: Settings, run: Run) -> bool:
+    """Evaluate the first slope and choose the first step; return whether the former is finite."""
+    progress, span = run.progress, abs(settings.t1 - settings.t0)
+    progress.previous, progress.rate, progress.known_rate = _SMALLEST_PREVIOUS, 1.0, 1.0
+    if pass_first_stops(settings, run):
+        _solve_multipliers(codes, settings, run, 0)
+    evaluate(codes.rhs, settings.t0, run, 0, SLOPE)
+    run.progress.evaluations += 1
+    if not all_finite(run.work, 0, SLOPE):
+        return False
+    if progress.size == 0.0 and span > 0.0:
+        limit = min(span, settings.max_step)
+        progress.size = first_step(run.work, 0, settings.kept, span, limit, settings.rtol, settings.atol)
+    return True
+
+
+@compiled_subset
+def _limited(quotient: float) -> float:
+    """Return the divisor of the step size, within the limits of growth and reduction."""
+    return max(1.0 / LARGEST_GROWTH, min(1.0 / LARGEST_REDUCTION, quotient))
+
+
+@compiled_subset
+def _shrinkage(error: float, iterations: int) -> float:
+    """Return the divisor of the next step size for the error of this step; larger after slow iterations."""
+    share = (2 * MAX_ITERATIONS + 1) / (2 * MAX_ITERATIONS + iterations)
+    return _limited(sqrt(sqrt(error)) / (SAFETY * share))
+
+
+@compiled_subset
+def _predicted(quotient: float, h: float, last: float, error: float, previous: float) -> float:
+    """Return the divisor of the next step size for an error that changes as it last did (predictive control)."""
+    return max(quotient, _limited(last / abs(h) * sqrt(sqrt(error * error / previous)) / SAFETY))
+
+
+@compiled_subset
+def _increments(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: Run, h: float) -> tuple[int, int]:
+    """Solve for the increments of a step; return how that ended, and the iterations."""
+    progress, rtol = run.progress, settings.rtol
+    y, t, kept = progress.row, progress.t, settings.kept
+    if progress.fresh == 0 and progress.rate > _RATE_TO_KEEP_JACOBIAN:
+        evaluate_jacobian(codes.jacobian, codes.tangent, t, run, y, space)
+        progress.fresh, progress.factored = 1, 0.0
+    if progress.factored != h:
+        progress.factored = h if factor_matrices(h, kept, space) else 0.0
+    # Newton stops where its error does not show in the estimate of the step's.
+    tolerance = max(10.0 * _UNIT / max(rtol, 1e-14), min(0.03, sqrt(max(rtol, 1e-14))))
+    scale_of(run.work, y, kept, space.paired, h, rtol, settings.atol, tolerance)
+    if progress.factored != h:
+        return BROKEN, 0
+    predict(run.work, progress.ratio * abs(h))
+    # without a polynomial that predicts the stages, the first correction is the whole of the increments
+    known_rate = 1.0 if progress.ratio == 0.0 else exp(0.8 * log(max(progress.known_rate, _UNIT)))
+    outcome, iterations, rate = newton(codes.rhs, t, h, kept, run, y, space, tolerance, known_rate)
+    progress.evaluations += 3 * iterations
+    if iterations > 1:
+        known_rate = rate / (1.0 - rate) if rate < 0.99 else 1.0
+    progress.rate, progress.known_rate = rate, known_rate
+    return outcome, iterations
+
+
+@compiled_subset
+def _diverged(settings: Settings, run: Run, h: float, outcome: int) -> int:
+    """Retry with a new Jacobian or, where it is new already, with a smaller step; return the status."""
+    progress = run.progress
+    progress.known_rate = progress.rate = 1.0
+    if run.progress.fresh == 0:
+        run.progress.rejected += 1
+        return status_of(settings, run.progress)
+    progress.ratio = 0.0
+    return retry(settings, run, 0.5 * abs(h), Status.NON_FINITE if outcome == BROKEN else Status.STEP_TOO_SMALL)
+
+
+@compiled_subset
+def _error(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: Run, h: float, y_new: int) -> float:
+    """Return the norm of the error of a step over the tolerances."""
+    progress, work = run.progress, run.work
+    y, kept, rtol, atol = progress.row, settings.kept, settings.rtol, settings.atol
+    careful = progress.retried != 0 or progress.steps == 0
+    error, more = estimate(codes.rhs, progress.t, h, kept, run, y, y_new, space, rtol, atol, careful)
+    progress.evaluations += more
+    if progress.last_size != 0.0:
+        error = max(error, between(work, y, y_new, kept, abs(h) / progress.last_size, rtol, atol))
+    return error
+
+
+@compiled_subset
+def _test_step(codes: Addresses, settings: Settings, run: Run, error: float, t_new: float, y_new: int) -> int:
+    """Test the error of a step, project its end and evaluate the slope there; return the result of the test."""
+    outcome = error_test(error)
+    if outcome != ACCEPTED:
+        return outcome
+    outcome = Status.PROJECTION_FAILED
+    if project(codes.position, codes.velocity, settings, t_new, run, y_new):
+        evaluate(codes.rhs, t_new, run, y_new, SLOPE)
+        outcome = ACCEPTED if all_finite(run.work, y_new, SLOPE) else Status.NON_FINITE
+        run.progress.evaluations += 1
+    if outcome != ACCEPTED:
+        evaluate(codes.rhs, run.progress.t, run, run.progress.row, SLOPE)
+        run.progress.evaluations += 1
+    return outcome
+
+
+@compiled_subset
+def _attempt(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: Run) -> int:
+    """Attempt a step, and accept or reject it; return the status."""
+    progress, work = run.progress, run.work
+    y, y_new = progress.row, 1 - progress.row
+    h, t_new = planned_step(settings, run, codes.knots)
+    proposed = progress.size
+    outcome, iterations = _increments(codes, settings, space, run, h)
+    if outcome != CONVERGED:
+        return _diverged(settings, run, h, outcome)
+    for m in range(work.shape[1]):
+        work[y_new, m] = work[y, m] + work[Z + 2, m]
+    error = _error(codes, settings, space, run, h, y_new)
+    outcome = _test_step(codes, settings, run, error, t_new, y_new)
+    quotient = _shrinkage(error if error < np.inf else 1e4, iterations)
+    if outcome != ACCEPTED:
+        if error <= 1.0:
+            quotient = 1.0 / LARGEST_REDUCTION
+        progress.ratio = 0.0
+        return retry(settings, run, abs(h) / max(quotient, 1.0 / SAFETY), outcome)
+    keep_polynomial(work)
+    piece = progress.steps - progress.begun if settings.dense else 0
+    if settings.dense or pending(run, t_new):
+        write_polynomial(work, y, y_new, run.pieces, piece, settings.kept)
+        run.pieces[piece, 0] = t_new
+    status = record(codes.position, codes.velocity, settings, run, piece, y_new, t_new)
+    if progress.last_size != 0.0:
+        quotient = _predicted(quotient, h, progress.last_size, error, progress.previous)
+    growth = min(1.0 / quotient, growth_limit(progress.retried != 0))
+    slow = progress.rate > _RATE_TO_KEEP_JACOBIAN
+    if progress.unlimited != 0.0:
+        progress.size = proposed_after(run, abs(h) * growth)
+    elif slow or growth < 1.0 or growth > _GROWTH_TO_KEEP_FACTORS or t_new == progress.end:
+        progress.size = abs(h) * growth
+    progress.last_size, progress.previous, progress.ratio = abs(h), max(error, _SMALLEST_PREVIOUS), 1.0 / abs(h)
+    if progress.unlimited != 0.0:  # the polynomial of so short a step does not predict a longer one
+        progress.ratio = progress.last_size = 0.0
+    progress.retried = progress.fresh = 0
+    if passes_stop(settings, run, status):
+        _begin_piece(codes, settings, run, y_new, t_new, proposed)
+    record_behind(settings, run)
+    return status
+
+
+@compiled_subset
+def _begin_piece(codes: Addresses, settings: Settings, run: Run, y: int, t: float, proposed: float) -> None:
+    """Discard the Jacobian and the predictions from the last steps, which are those of the motion before the stop."""
+    progress = run.progress
+    _solve_multipliers(codes, settings, run, y)
+    evaluate(codes.rhs, t, run, y, SLOPE)
+    progress.evaluations += 1
+    progress.size = max(progress.size, proposed)  # the stop cut the step, not its error
+    progress.rate = progress.known_rate = 1.0
+    progress.ratio = progress.last_size = 0.0
+    progress.previous = _SMALLEST_PREVIOUS
+
+
+@compiled_subset
+def _solve_multipliers(codes: Addresses, settings: Settings, run: Run, y: int) -> None:
+    """Compute the components without rates of a state behind a stop, where there are any."""
+    if codes.multipliers == 0:
+        return
+    evaluate(codes.multipliers, run.progress.t, run, y, POINT)
+    for m in range(settings.kept, run.work.shape[1]):
+        run.work[y, m] = run.work[POINT, m - settings.kept]
+
+
+assert NODES[2] == 1.0

@@ -1,0 +1,201 @@
+"""The language of compiled loops: Python that `dalembert.codegen.subset` translates, and calls of machine code.
+
+To Python itself a loop is an ordinary function, only a slow one. The functions below mean the same in both, to the last
+bit; so do those of Python that the translator supports. Doubles are those of NumPy, which follow IEEE 754
+where Python's own raise exceptions (a division by zero, an overflow).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable
+from fractions import Fraction
+from operator import index
+from threading import Lock
+from typing import Any, TypeVar, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+F = TypeVar("F", bound=Callable[..., object])
+
+PLAIN_LOOPS: dict[int, Callable[[int], int]] = {}
+"""Loops that run as plain Python instead of the code at an address (`dalembert.codegen.llvm.loops`), for good."""
+
+_ADDRESSES = (ctypes.c_int64,) * 5
+_CODE, _TEST = ctypes.CFUNCTYPE(None, *_ADDRESSES), ctypes.CFUNCTYPE(ctypes.c_int64, *_ADDRESSES)
+_FOREIGN = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
+_TAKING = Lock()
+_TARGET = {"fused": True}
+
+
+def compiled_subset(function: F) -> F:
+    """Mark a function as one that `dalembert.codegen.subset` translates: it allocates nothing."""
+    function.compiled_subset = True  # type: ignore[attr-defined]
+    return function
+
+
+def row(matrix: NDArray[Any], number: int) -> int:
+    """Return the address of a row of a C-contiguous matrix of doubles or integers; the matrix must stay alive."""
+    if not 0 <= number < max(matrix.shape[0], 1):
+        raise IndexError(f"{getattr(matrix, 'name', 'the matrix')} of shape {matrix.shape} has no row {number}")
+    return int(matrix.__array_interface__["data"][0]) + number * matrix.shape[1] * 8
+
+
+def flat(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a C-contiguous matrix of doubles as one column, a view of the same memory."""
+    return matrix.reshape(-1, 1)
+
+
+def call_code(address: int, t: int, y: int, c: int, s: int, out: int) -> None:
+    """Call the code at ``address`` with five addresses of doubles."""
+    _CODE(address)(t, y, c, s, out)
+
+
+def call_test(address: int, t: int, y: int, c: int, s: int, out: int) -> int:
+    """Call the code at ``address`` with five addresses of doubles; return the integer that it returns."""
+    if address in PLAIN_LOOPS:
+        return PLAIN_LOOPS[address](t)
+    return int(_TEST(address)(t, y, c, s, out))
+
+
+def call_c(address: int, argument: int) -> int:
+    """Call the C function at ``address`` with an address or an integer, and return what it returns."""
+    return int(_FOREIGN(address)(argument))
+
+
+def element(address: int, index: int) -> np.float64:
+    """Return the double at an index from an address."""
+    return np.float64(ctypes.c_double.from_address(address + 8 * index).value)
+
+
+def prefetch(address: int, index: int) -> None:
+    """Prefetch the memory at an index from an address, which need not be valid: nothing is read."""
+
+
+def lowest(bits: int) -> int:
+    """Return the place of the lowest bit that is set in an integer, which is not 0."""
+    return (bits & -bits).bit_length() - 1
+
+
+def take(array: NDArray[np.int64], amount: int) -> int:
+    """Add to the first element of an array of integers, which threads share; return the former value.
+
+    What a thread wrote before is seen by those that find its change.
+    """
+    with _TAKING:
+        before = int(array[0])
+        array[0] = before + amount
+    return before
+
+
+def tell_target(*, fused: bool) -> None:
+    """Set whether machine code rounds `fma` once, so that plain Python does the same."""
+    _TARGET["fused"] = fused
+
+
+def fma(a: float, b: float, c: float) -> float:
+    """Return a * b + c, rounded once; on targets without an instruction for it, rounded twice."""
+    plain = a * b + c
+    if not _TARGET["fused"] or not (math.isfinite(a) and math.isfinite(b)):
+        return plain
+    if not math.isfinite(c):
+        return c
+    exact = Fraction(float(a)) * Fraction(float(b)) + Fraction(float(c))
+    if exact == 0:
+        return plain  # with the sign that it has: whatever cancels is exact
+    try:
+        found = float(exact)
+    except OverflowError:
+        found = math.inf if exact > 0 else -math.inf
+    return np.float64(found if exact > 0 else -abs(found))
+
+
+def square(x: float) -> float:
+    """Return x * x."""
+    return x * x
+
+
+def sqrt(x: float) -> float:
+    """Return the square root of a double, NaN for a negative one."""
+    return np.float64(math.nan if x < 0.0 else math.sqrt(x))
+
+
+def exp(x: float) -> float:
+    """Return the exponential of a double by the C library, infinity where it is too large."""
+    try:
+        return np.float64(math.exp(x))
+    except OverflowError:
+        return np.float64(math.inf)
+
+
+def log(x: float) -> float:
+    """Return the logarithm of a double by the C library: minus infinity of 0, NaN of a negative number."""
+    if x <= 0.0:
+        return np.float64(-math.inf if x == 0.0 else math.nan)
+    return np.float64(math.log(x))
+
+
+# Arrays with bounds checks, for loops that run as plain Python.
+
+
+@final
+class CheckedArray:
+    """An array as compiled loops use it: indices are never negative, nor past the end.
+
+    Attributes
+    ----------
+    array : ndarray
+    name : str
+        Of the field of the arguments, with the indices of a part.
+
+    Raises
+    ------
+    IndexError
+        For an index outside the array; the message names it.
+    """
+
+    __slots__ = ("array", "name")
+
+    def __init__(self, array: NDArray[Any], name: str) -> None:
+        self.array, self.name = array, name
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Length along each dimension."""
+        return self.array.shape
+
+    @property
+    def size(self) -> int:
+        """Number of elements."""
+        return self.array.size
+
+    @property
+    def __array_interface__(self) -> dict[str, Any]:
+        return self.array.__array_interface__
+
+    def reshape(self, *shape: int) -> CheckedArray:
+        """Return a view of another shape."""
+        return CheckedArray(self.array.reshape(*shape), self.name)
+
+    def __getitem__(self, key: int | tuple[int, ...]) -> Any:
+        """Return an element, a double as NumPy's and others as Python's, or the part at fewer indices."""
+        place = self._place(key)
+        found = self.array[place]
+        if len(place) < self.array.ndim:
+            return CheckedArray(found, f"{self.name}[{', '.join(map(str, place))}]")
+        return found if isinstance(found, np.float64) else found.item()
+
+    def __setitem__(self, key: int | tuple[int, ...], value: Any) -> None:
+        place = self._place(key)
+        if len(place) < self.array.ndim:
+            raise TypeError(f"{self.name} has {self.array.ndim} dimensions: one element is written at a time")
+        self.array[place] = value
+
+    def _place(self, key: int | tuple[int, ...]) -> tuple[int, ...]:
+        place = tuple(index(number) for number in key) if isinstance(key, tuple) else (index(key),)
+        shape = self.array.shape
+        if len(place) > len(shape) or not all(0 <= n < length for n, length in zip(place, shape, strict=False)):
+            raise IndexError(f"{self.name}[{', '.join(map(str, place))}] is outside the array, of shape {shape}")
+        return place
