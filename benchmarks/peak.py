@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from dalembert.codegen.llvm.assembly import Compiled, compile_object, load_object
+from dalembert.codegen.llvm.assembly import LoadedCode, compile_object, load_object
 from dalembert.codegen.llvm.target import fma_name, native_lanes
 from dalembert.transforms.recurrences import recurrences
 from dalembert.transforms.taylor import order_at, step_kernel
@@ -52,7 +52,7 @@ done:
 
 
 @cache
-def _code(chains: int) -> Compiled:
+def _code(chains: int) -> LoadedCode:
     return load_object(compile_object(_assembly(chains)))
 
 

@@ -42,7 +42,7 @@ class Derivatives:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Point:
+class LinearPoint:
     """A program at time t, state y (n_y,) and constants c (n_c,).
 
     Derivatives by parameters are zeros where `parameters` is False, which saves their time. Constraints `left_out`
@@ -94,7 +94,7 @@ class LinearEquations:
     constraints: Derivatives
     holonomic: int
     coordinates: int
-    point: Point
+    point: LinearPoint
 
     def outputs(self, names: Sequence[str]) -> Derivatives:
         """Return components of x, of the formulation's state, coordinates, rates and compiled outputs, by name."""
@@ -123,7 +123,7 @@ class LinearEquations:
         return self.point.derivatives(kernel, self.point.y).through(self.formulation_state())
 
 
-def scene_equations(point: Point, x: FloatArray | None = None) -> LinearEquations:
+def scene_equations(point: LinearPoint, x: FloatArray | None = None) -> LinearEquations:
     """Return the equations in coordinates, rates and first-order states x (n,), by default those of the state."""
     layout = point.program.layout
     n = len(layout.coordinates)
@@ -146,7 +146,7 @@ def scene_equations(point: Point, x: FloatArray | None = None) -> LinearEquation
     return LinearEquations(names, x, _stacked(parts, len(x), count), constraints, len(positions), n, point)
 
 
-def own_equations(point: Point) -> LinearEquations:
+def own_equations(point: LinearPoint) -> LinearEquations:
     """Return the equations in the state of `minimal`, which only unit quaternions constrain."""
     rates = point.derivatives("rhs", point.y)
     constraints = point.derivatives("project_position", point.y)

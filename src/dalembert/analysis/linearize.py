@@ -26,7 +26,7 @@ from ..starts.input_values import expanded_at, input_places
 from ..starts.segment_constants import at_time
 from ..starts.state_sizes import distance_sizes
 from ..values import listed, option
-from .linear_equations import LinearEquations, Point, own_equations, scene_equations
+from .linear_equations import LinearEquations, LinearPoint, own_equations, scene_equations
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
@@ -55,7 +55,7 @@ def linearize(
 
 def regular_point(
     model: CompiledModel, t: float, initial: Mapping[Any, Any], parameters: Mapping[Any, Any]
-) -> tuple[CompiledModel, Point]:
+) -> tuple[CompiledModel, LinearPoint]:
     """Return a model whose constraints are independent at given values, and this point.
 
     Its inputs have their knots at t.
@@ -83,12 +83,12 @@ def regular_point(
     return able, point
 
 
-def _point(model: CompiledModel, t: float, values: Mapping[str, float], p: FloatArray) -> Point:
+def _point(model: CompiledModel, t: float, values: Mapping[str, float], p: FloatArray) -> LinearPoint:
     """Return a model at initial values by name and parameters (n_p,)."""
     program = model.stages.program
     c = at_time(program, run_input.constants(program, p), t)
     y = initial_state(model.derived.start(values), t, values, c, program)
-    return Point(program, model.derived.partials, t, y, c, left_out=model.stages.reduced.left_out)
+    return LinearPoint(program, model.derived.partials, t, y, c, left_out=model.stages.reduced.left_out)
 
 
 def output_names(layout: Layout, given: Iterable[Any]) -> list[str]:
@@ -103,7 +103,7 @@ def output_names(layout: Layout, given: Iterable[Any]) -> list[str]:
     return run_input.resolve_names("output", given, known, layout.aliases)
 
 
-def _equations(point: Point, chosen: Sequence[str] | None) -> LinearEquations:
+def _equations(point: LinearPoint, chosen: Sequence[str] | None) -> LinearEquations:
     """Return the equations in coordinates and rates, or in the formulation's state where its speeds are chosen.
 
     Angular velocities that a start may be given in, with unit quaternions, are taken where the formulation has them.
@@ -138,7 +138,7 @@ class IndependentStates:
     shift: FloatArray
 
 
-def independent_states(point: Point, chosen: Sequence[str] | None) -> IndependentStates:
+def independent_states(point: LinearPoint, chosen: Sequence[str] | None) -> IndependentStates:
     """Return independent components of the state at a point.
 
     Parameters
@@ -172,7 +172,7 @@ def independent_states(point: Point, chosen: Sequence[str] | None) -> Independen
     return IndependentStates(equations, free, tangent, -across @ g_p)
 
 
-def _linearized(point: Point, chosen: Sequence[str] | None, outputs: Sequence[str] | None) -> Linearization:
+def _linearized(point: LinearPoint, chosen: Sequence[str] | None, outputs: Sequence[str] | None) -> Linearization:
     """Return the linearisation at a point; errors and arguments as for `independent_states`.
 
     `outputs` are names of the rows of C; None takes the independent components.

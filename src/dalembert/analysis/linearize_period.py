@@ -31,7 +31,7 @@ from .linearize import independent_states, output_names, regular_point
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
-    from .linear_equations import Point
+    from .linear_equations import LinearPoint
 
 _RTOL, _ATOL = 1e-12, 1e-14
 _WITH_MULTIPLIERS = 100.0
@@ -89,7 +89,7 @@ def _with(inputs: GivenInputs | None, parameters: Mapping[Any, Any], t: float) -
     return parameters if inputs is None else inputs.parameters(parameters, t)
 
 
-def _period(model: CompiledModel, point: Point, t: float) -> _Period:
+def _period(model: CompiledModel, point: LinearPoint, t: float) -> _Period:
     """Return the period of all controllers of a model, whose constants are those of a point.
 
     Raises
@@ -140,7 +140,7 @@ class _Map:
     def __init__(
         self,
         model: CompiledModel,
-        point: Point,
+        point: LinearPoint,
         period: _Period,
         inputs: GivenInputs | None,
         states: Sequence[str] | None,

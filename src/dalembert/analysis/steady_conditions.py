@@ -15,7 +15,7 @@ from ..runs.partials import Partials
 from ..starts.inputs import prepare_rows
 from ..starts.segment_constants import at_time
 from ..starts.state_sizes import AT_REST, coordinate_sizes
-from .linear_equations import LinearEquations, Point, scene_equations
+from .linear_equations import LinearEquations, LinearPoint, scene_equations
 from .newton import Units
 
 _RANK = 1e-9
@@ -124,7 +124,7 @@ class SteadyConditions:
         x, p = self.values(z)
         c = self.constants(p)
         y = self.partials.value("initial", self.t, x, c)
-        return scene_equations(Point(self.program, self.partials, self.t, y, c, parameters), x), p
+        return scene_equations(LinearPoint(self.program, self.partials, self.t, y, c, parameters), x), p
 
     def equations(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the residuals (m,) of all conditions at free values z (n,), and their derivatives (m, n)."""

@@ -177,7 +177,7 @@ def _weigh(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
 
 
 @compiled_subset
-def _joined(pick: Candidates, cases: ContactCases, case: int, begins: bool) -> tuple[bool, bool, bool]:
+def _what_is_known(pick: Candidates, cases: ContactCases, case: int, begins: bool) -> tuple[bool, bool, bool]:
     """Return whether signs of reactions are known, a contact that was open touches, and rates may have to be held."""
     known, meets, closing = begins, False, False
     for i in range(pick.kind.size):
@@ -291,7 +291,7 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
     if _learn(system, pick, cases, case, begins):
         cases.status[case] = strike(system, pick, cases, case)
         return cases.status[case] == _SUCCESS
-    known, meets, closing = _joined(pick, cases, case, begins)
+    known, meets, closing = _what_is_known(pick, cases, case, begins)
     load_accelerations(system)
     _weigh(system, pick, cases, case)
     cases.status[case] = select_mode(system, pick, known, meets)

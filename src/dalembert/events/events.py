@@ -58,7 +58,7 @@ def run_with_events(
     """
     room = _ROOM
     while True:
-        run = _Run(step_blocks, problem, watch, events, constants, loop, carried, room)
+        run = _SearchedRun(step_blocks, problem, watch, events, constants, loop, carried, room)
         found = run.case()
         if found is not None:
             return found
@@ -66,7 +66,7 @@ def run_with_events(
 
 
 @final
-class _Run:
+class _SearchedRun:
     """One integration in progress."""
 
     def __init__(

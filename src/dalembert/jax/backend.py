@@ -45,7 +45,7 @@ from .pointwise import StateFunctions, VectorField
 from .prepared import Final, final_function, prepared_run
 from .pure import Solve, register_static
 from .runs.compiling import LARGEST_FUSED, compiled
-from .runs.kernels import Kernels
+from .runs.kernels import ArrayKernels
 from .runs.precision import double_precision
 from .runs.series import TaylorIntegrator
 from .runs.solvers import Integrator
@@ -73,7 +73,7 @@ class JaxEngine(Engine):
             program = replace(program, conditions=program.conditions.deciding())
         self._program = program
         self._sizes = {kernel.name: len(kernel.outputs) for kernel in program}
-        self.kernels = Kernels(program, namespace)
+        self.kernels = ArrayKernels(program, namespace)
         self._batched = {
             name: compiled(jax.vmap(self.kernels[name], (0, 0, None)), len(program.kernel(name).body))
             for name in self.kernels.names

@@ -18,7 +18,7 @@ from ..transforms.recurrences import Recurrences
 from ..transforms.taylor import order_at, scale_floor, step_kernel
 from .pieces import constants_of_segments, pieces_of
 from .runs.compiling import LARGEST_FUSED, compiled
-from .runs.kernels import Kernels
+from .runs.kernels import ArrayKernels
 from .runs.precision import double_precision
 from .runs.run_data import Limits
 from .runs.runs import Runs
@@ -45,7 +45,7 @@ class BlockSweeps:
         Returns the recurrences of Taylor steps.
     """
 
-    def __init__(self, program: Program, kernels: Kernels, series: Callable[[], Recurrences]) -> None:
+    def __init__(self, program: Program, kernels: ArrayKernels, series: Callable[[], Recurrences]) -> None:
         self._program, self._kernels, self._recurrences = program, kernels, series
         self._runners: dict[tuple[str, int, bool], Callable[..., Any]] = {}
 

@@ -12,7 +12,7 @@ from .breaks import traced_breaks
 from .feedback_kernels import FeedbackKernels
 from .pieces import place_of
 from .run_inputs import Given, feedback_kernels, run_inputs
-from .runs.kernels import Kernels
+from .runs.kernels import ArrayKernels
 from .runs.run_constants import RunConstants
 from .runs.run_data import middles
 
@@ -56,7 +56,13 @@ class Courses:
     """
 
     def __init__(
-        self, program: Program, kernels: Kernels, inputs: tuple[InputSymbol, ...], max_steps: int, *, in_elapsed: bool
+        self,
+        program: Program,
+        kernels: ArrayKernels,
+        inputs: tuple[InputSymbol, ...],
+        max_steps: int,
+        *,
+        in_elapsed: bool,
     ) -> None:
         self._program, self._kernels, self._inputs = program, kernels, inputs
         self._max_steps, self._in_elapsed = max_steps, in_elapsed

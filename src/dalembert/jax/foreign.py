@@ -32,7 +32,7 @@ from ..ir.program import Program
 from ..methods.step_constants import ANY_START
 from ..once import computed_once, once
 from ..processors import available_threads
-from .runs.derivatives import Record
+from .runs.derivatives import StepsRecord
 from .runs.mesh_axes import varying_alike, varying_like
 from .runs.run_data import Limits
 
@@ -102,8 +102,8 @@ class ForeignRuns:
         return wide and all(kind in kinds for kind in types) and foreign_interface() is not None and not debugging()
 
     def __call__(
-        self, limits: Limits, room: int, traced: Callable[..., Record], cases: int, t: Any, y: Any, c: Any
-    ) -> Record:
+        self, limits: Limits, room: int, traced: Callable[..., StepsRecord], cases: int, t: Any, y: Any, c: Any
+    ) -> StepsRecord:
         """Return the results of runs, for `Motion`, with rows of times, first states and constants.
 
         There is one row for each case, or one for all. `traced` does the same in a traced loop, for rows of all cases.
@@ -118,7 +118,7 @@ class ForeignRuns:
         taken = jnp.zeros((cases, 0, shape.width))
         if records:
             taken = records[0].reshape(cases, shape.room, shape.width)
-        return Record(jnp.max(count, initial=0.0).astype(int), taken, end, reached, status, steps, attempts)
+        return StepsRecord(jnp.max(count, initial=0.0).astype(int), taken, end, reached, status, steps, attempts)
 
 
 @final

@@ -15,7 +15,7 @@ from ..codegen.rendering import program_variables, render
 from ..ir.program import Program
 from ..once import once
 from ..version import __version__
-from .runs.kernels import Kernels
+from .runs.kernels import ArrayKernels
 
 
 def rendered_module(program: Program) -> RenderedModule:
@@ -31,6 +31,6 @@ def loaded(rendered: RenderedModule) -> Mapping[str, Any]:
 
 
 @once
-def kernels_of(program: Program) -> Kernels:
+def kernels_of(program: Program) -> ArrayKernels:
     """Return the kernels of a program, rendered and loaded once."""
-    return Kernels(program, loaded(rendered_module(program)))
+    return ArrayKernels(program, loaded(rendered_module(program)))

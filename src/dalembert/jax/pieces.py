@@ -25,12 +25,12 @@ from .foreign import ForeignRuns
 from .kernels import compile_kernel
 from .runs.adjoint import InTurn
 from .runs.compiling import LARGEST_FUSED
-from .runs.kernels import Function, Kernels, OnArrays
+from .runs.kernels import ArrayKernels, Function, OnArrays
 from .runs.lanes import Sides, TaylorAttempts
 from .runs.pairs import PairAttempts
 from .runs.projection import CORRECTIONS, Projections, Rows
 from .runs.run_constants import RunConstants
-from .runs.run_data import Pieces, Stepping
+from .runs.run_data import RunPieces, Stepping
 from .step_derivatives import PairSteps, WholeSteps, implicit_ends, series_ends
 
 _BY_NAME = {tableau.name: tableau for tableau in TABLEAUS}
@@ -51,20 +51,20 @@ _SHORT = 50
 
 @once
 def pieces_of(
-    program: Program, kernels: Kernels, method: str, order: int, constants: RunConstants | None = None
-) -> Pieces:
+    program: Program, kernels: ArrayKernels, method: str, order: int, constants: RunConstants | None = None
+) -> RunPieces:
     """Return the pieces of a method for a program, made once; see `pieces_with`."""
     return pieces_with(program, kernels, method, order, constants)
 
 
 def pieces_with(
     program: Program,
-    kernels: Kernels,
+    kernels: ArrayKernels,
     method: str,
     order: int,
     constants: RunConstants | None,
     feedback: FeedbackKernels | None = None,
-) -> Pieces:
+) -> RunPieces:
     """Return the pieces of a method for a program.
 
     `order` is that of Taylor steps; `constants` are those of a run that has more than the program takes; inputs may be
@@ -105,12 +105,12 @@ def _taylor_pieces(
     projections: Callable[[Any], Projections],
     constants: RunConstants,
     sides: tuple[Sides | None, Sides | None],
-) -> Pieces:
+) -> RunPieces:
     """Return the pieces of Taylor steps that depend on the method."""
     known = recurrences(program.kernel("rhs"), step_growth_limited=program.nonanalytic)
     step, limited = step_kernel(known, order, dense=False), known.step_growth_limited
     series = _series(series_kernel(known, order))
-    return Pieces(
+    return RunPieces(
         one=TaylorAttempts(_step_of_one(looped(step)), step_growth_limited=limited, sides=sides[0]),
         one_projections=_corrections(program, lambda name: _on_one_row(looped(program.kernel(name), JAX))),
         many=TaylorAttempts(compile_kernel(step), step_growth_limited=limited, sides=sides[1]),
@@ -122,13 +122,13 @@ def _taylor_pieces(
 
 def _pair_pieces(
     program: Program,
-    kernels: Kernels,
+    kernels: ArrayKernels,
     tableau: Tableau,
     projections: Callable[[Any], Projections],
     constants: RunConstants,
     feedback: FeedbackKernels | None,
     sides: tuple[Sides | None, Sides | None],
-) -> Pieces:
+) -> RunPieces:
     """Return the pieces of a Runge-Kutta pair that depend on the method."""
 
     def one_row(kernel: Function) -> Function:
@@ -159,7 +159,7 @@ def _pair_pieces(
     else:
         steps = PairSteps(in_steps, tableau, projections, in_turn, constants)
     pair = partial(PairAttempts, tableau=tableau, moved=moved, operations=length)
-    return Pieces(
+    return RunPieces(
         one=pair(rates, knots=limits[0], sides=sides[0]),
         one_projections=whole,
         many=pair(rows(compile_kernel(rhs, JAX)), knots=limits[1], sides=sides[1]),
@@ -194,7 +194,7 @@ def _moved_by(program: Program) -> tuple[int, ...]:
     return tuple(sorted(index for index in loads if index is not None and index != place))
 
 
-def _of_one(program: Program, kernels: Kernels, name: str) -> OnArrays:
+def _of_one(program: Program, kernels: ArrayKernels, name: str) -> OnArrays:
     """Return a kernel of one case: as it is, or in blocks where it is long."""
     kernel = program.kernel(name)
     return looped(kernel, JAX) if len(kernel.body) > _LARGEST_AT_ONCE else kernels[name]
@@ -205,7 +205,9 @@ def _on_one_row(kernel: OnArrays) -> Function:
     return lambda t, y, c: (kernel(t, y[0], c[0]),)
 
 
-def _sides(program: Program, kernels: Kernels, feedback: FeedbackKernels | None) -> tuple[Sides | None, Sides | None]:
+def _sides(
+    program: Program, kernels: ArrayKernels, feedback: FeedbackKernels | None
+) -> tuple[Sides | None, Sides | None]:
     """Return moves of states at breaks, of one case and of many; None where there are none."""
     if program.knot_sides is None:
         return None, None
@@ -256,7 +258,7 @@ def _sides_of_many(kernel: Function, n: int) -> Sides:
     return sides
 
 
-def _knots_of_one(program: Program, kernels: Kernels) -> Function:
+def _knots_of_one(program: Program, kernels: ArrayKernels) -> Function:
     """Return the limits of steps at knots of tables for one case on a row."""
     limits = _of_one(program, kernels, "knots")
     return lambda t, y, c: tuple(limits(t, y[0], c[0]))

@@ -17,18 +17,18 @@ from ..steps.problem import IntegrationProblem
 from ..transforms.taylor import scale_floor
 from .runs.compiling import compiled
 from .runs.precision import double_precision
-from .runs.run_data import Limits, Pieces
+from .runs.run_data import Limits, RunPieces
 from .runs.runs import Runs
 
 if TYPE_CHECKING:
     from ..codegen.llvm.admission import Admission
-    from .runs.kernels import Kernels
+    from .runs.kernels import ArrayKernels
 
 Final = Callable[[Any, Any], Any]
 _STATUSES = {int(status): status for status in Status}
 
 
-def final_function(pieces: Pieces, kernels: Kernels, operations: int) -> Final:
+def final_function(pieces: RunPieces, kernels: ArrayKernels, operations: int) -> Final:
     """Return the compiled function (state and p, numbers of the problem) -> the final state and the status.
 
     Each is one array: every other costs a run a microsecond or more. `operations` is the length of the code of a step.

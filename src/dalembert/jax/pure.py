@@ -28,12 +28,12 @@ from .pieces import SERVED, pieces_of, pieces_with
 from .records import register_samples
 from .run_inputs import Given, failed, inputs_of, refuse_given
 from .runs.derivatives import Steps
-from .runs.kernels import Kernels, stacked
+from .runs.kernels import ArrayKernels, stacked
 from .runs.mesh_axes import laid_on_mesh, mesh_of, varying_alike
-from .runs.motion import Motion
+from .runs.motion import TracedMotion
 from .runs.precision import process_precision
 from .runs.run_constants import RunConstants
-from .runs.run_data import Limits, Path, Pieces, Reached, middles
+from .runs.run_data import Limits, Path, Reached, RunPieces, middles
 from .runs.starts import started
 from .single import require_single, warn_below_single, warn_of_rounded_knots, with_tolerances
 from .solved import Dense, Solved, States, raise_failure
@@ -258,15 +258,15 @@ class Solve:
         """The options with the tolerances that a run takes in this process."""
         return with_tolerances(self._options, process_precision())
 
-    def _traced_motion(self, constants: RunConstants | None, feedback: FeedbackKernels | None = None) -> Motion:
+    def _traced_motion(self, constants: RunConstants | None, feedback: FeedbackKernels | None = None) -> TracedMotion:
         """Return runs by the method and its limits."""
         options = self._effective
         rtol, atol = options.tolerances
         least = max(atol, process_precision().smallest_scale)
         limits = Limits(rtol, least, scale_floor(rtol, atol), options.max_step, options.max_steps)
-        return Motion(self._pieces(constants, feedback), limits)
+        return TracedMotion(self._pieces(constants, feedback), limits)
 
-    def _pieces(self, constants: RunConstants | None, feedback: FeedbackKernels | None) -> Pieces:
+    def _pieces(self, constants: RunConstants | None, feedback: FeedbackKernels | None) -> RunPieces:
         """Return the pieces of the method, for runs whose constants are those of the program or others."""
         options = self._effective
         order = order_at(*options.tolerances) if options.method == "taylor" else 0
@@ -301,12 +301,12 @@ def _(message: str, values: Any, tangents: Any) -> Any:
 
 
 @once
-def _elapsed(program: Program) -> Kernels:
+def _elapsed(program: Program) -> ArrayKernels:
     """Return the kernels of a program in the time since the start of a run."""
     counted = in_elapsed_time(program)
     if counted is program:
         return kernels_of(program)
-    return Kernels(counted, {kernel.name: compile_kernel(kernel, JAX) for kernel in counted})
+    return ArrayKernels(counted, {kernel.name: compile_kernel(kernel, JAX) for kernel in counted})
 
 
 @once

@@ -25,7 +25,7 @@ from .pieces import EXPLICIT
 from .records import COLUMNS, knots_of, out_of_reach, polynomials, with_knots
 from .runs.kernels import stacked
 from .runs.precision import precision_of
-from .runs.run_constants import InputTable, RunConstants
+from .runs.run_constants import RunConstants, TracedInputs
 from .runs.traced import is_traced
 
 Given = dict[str, Samples | Feedback]
@@ -138,7 +138,7 @@ class RunInputs(NamedTuple):
     run: Any
     breaks: Any
     moved: Any
-    pieces: tuple[tuple[InputTable, Any], ...]
+    pieces: tuple[tuple[TracedInputs, Any], ...]
     wrong: Any
 
     def at_times(self, rows: Any) -> Any:
@@ -182,7 +182,7 @@ def run_inputs(
         record, (begin, stop) = records[name], COLUMNS[records[name].kind]
         knots = knots_of(known[name], record)
         rows = polynomials(knots, record)
-        table = InputTable(end, len(record.t), stop - begin, where + begin)
+        table = TracedInputs(end, len(record.t), stop - begin, where + begin)
         at = rows[_ahead(table, knots, t)]
         pieces.append((table, at))
         tables.append(table)
@@ -246,7 +246,7 @@ def _of_some(function: Callable[..., Any], first: int, last: int) -> Callable[..
     return lambda t, q, qdot, weights: function(t, q, qdot, weights[first:last])
 
 
-def _ahead(table: InputTable, knots: Any, t: Any) -> Any:
+def _ahead(table: TracedInputs, knots: Any, t: Any) -> Any:
     """Return the numbers of the polynomials at the times t (n_t,) of a run: at a knot, that ahead."""
     before = jnp.searchsorted(*jax.lax.stop_gradient((knots, t)), side="left")
     at_end = (t == t[-1]) & (t[0] != t[-1])  # where nothing is ahead any more

@@ -100,7 +100,7 @@ class StepCode:
             work = self.workspaces.pop()
         except IndexError:
             work = _Workspace(self, problem)
-        call, record = self.loop.call, _Record(problem, self.order)
+        call, record = self.loop.call, _RunRecord(problem, self.order)
         # what happens at stops reads angles, and not modulo a turn
         turns, angles = None, [] if stops is not None and stops.actions else list(self.angles)
         status, size = RUNNING if work.begin(problem) else int(Status.NON_FINITE), FIRST_BLOCK
@@ -229,7 +229,7 @@ _Block = tuple[FloatArray, FloatArray, FloatArray | None]
 
 
 @final
-class _Record:
+class _RunRecord:
     """The record of a run: its steps or the states at the requested times, and the series if requested.
 
     Where the state jumps at a stop, series and steps end in the state before it. Requested times have that behind it,

@@ -10,7 +10,7 @@ from ..ir.graph import Graph
 from ..ir.kernel import Kernel
 from ..ir.node import Node
 from ..ir.program import Layout, Program
-from ..reduction.base import decided
+from ..reduction.base import condition_kernels
 from ..reduction.knot_starts import knot_sides
 from ..reduction.reactions import shared_reactions
 from ..transforms.conditions import decide
@@ -79,7 +79,7 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
         system.notes,
         equations.nonanalytic,
         equations.load_energy.incomplete(equations.name),
-        decided(equations),
+        condition_kernels(equations),
     )
     return PROGRAM_PASSES(unprepared, records)
 

@@ -24,7 +24,7 @@ from ..transforms.antiderivatives import Antiderivatives
 from . import kinematics as vec
 from .equations import ConstraintRow
 from .kinematics import Kinematics
-from .loads_at_rest import Load, LoadReader
+from .loads_at_rest import LoadAtRest, LoadReader
 from .manifold import agree_on_manifold
 
 _TOGETHER = 4
@@ -104,9 +104,9 @@ class _Search(LoadReader):
 
     # -- loads that belong together -------------------------------------------------------
 
-    def parts(self, loads: Sequence[Load]) -> list[LoadPart]:
+    def parts(self, loads: Sequence[LoadAtRest]) -> list[LoadPart]:
         """Return the loads with potentials; where one alone has none, neighbours are tried together, then others."""
-        found: list[tuple[list[Load], LoadPart]] = []
+        found: list[tuple[list[LoadAtRest], LoadPart]] = []
         start = 0
         while start < len(loads):
             count, part = 1, self.part(loads[start : start + 1])
@@ -119,7 +119,7 @@ class _Search(LoadReader):
             start += count
         return [part for _, part in self._regrouped(found)]
 
-    def _regrouped(self, found: list[tuple[list[Load], LoadPart]]) -> list[tuple[list[Load], LoadPart]]:
+    def _regrouped(self, found: list[tuple[list[LoadAtRest], LoadPart]]) -> list[tuple[list[LoadAtRest], LoadPart]]:
         """Join loads without a potential, by pairs and then all of them, where that has one."""
         rest = [item for item in found if item[1].potential is None]
         groups = [[a, b] for i, a in enumerate(rest) for b in rest[i + 1 :]] if len(rest) <= _PAIRED else []
@@ -132,7 +132,7 @@ class _Search(LoadReader):
                 found = [item for item in found if item not in group] + [(members, joined)]
         return found
 
-    def part(self, loads: Sequence[Load], known: Sequence[Node] = ()) -> LoadPart:
+    def part(self, loads: Sequence[LoadAtRest], known: Sequence[Node] = ()) -> LoadPart:
         """Return the part of some loads; `known` are candidates for its potential, tried before others."""
         g = self.graph
         powers = tuple(g.sum(load.powers[i] for load in loads) for i in range(len(self.q)))
@@ -169,7 +169,7 @@ class _Search(LoadReader):
 
     # -- candidates -----------------------------------------------------------------------
 
-    def _candidates(self, loads: Sequence[Load], powers: Sequence[Node]) -> Iterator[Node]:
+    def _candidates(self, loads: Sequence[LoadAtRest], powers: Sequence[Node]) -> Iterator[Node]:
         """Yield potentials that loads may have."""
         ways = [self._by_components, self._by_distance, self._by_components_between]
         if self._integrable(powers):
@@ -182,7 +182,7 @@ class _Search(LoadReader):
             if found is not None:
                 yield found
 
-    def _by_components(self, loads: Sequence[Load], powers: Sequence[Node]) -> Node | None:
+    def _by_components(self, loads: Sequence[LoadAtRest], powers: Sequence[Node]) -> Node | None:
         """Return V of forces whose components on the root frame are functions of that component of the position."""
         placed = [(load.force, load.position) for load in loads if load.force is not None and load.position is not None]
         return self._of_components(placed) if len(placed) == len(loads) else None
@@ -201,7 +201,7 @@ class _Search(LoadReader):
                 total = total - found
         return total
 
-    def _by_distance(self, loads: Sequence[Load], powers: Sequence[Node]) -> Node | None:
+    def _by_distance(self, loads: Sequence[LoadAtRest], powers: Sequence[Node]) -> Node | None:
         """Return V of two opposite forces along the line between their points, by the distance."""
         opposite = self._opposite(loads)
         if opposite is None:
@@ -211,7 +211,7 @@ class _Search(LoadReader):
         found = Antiderivatives(self.graph, self.moving).along(vec.dot(force, d) / distance, distance)
         return None if found is None else -found
 
-    def _by_components_between(self, loads: Sequence[Load], powers: Sequence[Node]) -> Node | None:
+    def _by_components_between(self, loads: Sequence[LoadAtRest], powers: Sequence[Node]) -> Node | None:
         """Return V of two opposite forces whose components are functions of those of the vector between their points.
 
         Such are the forces of springs that resist displacements in all directions.
@@ -219,7 +219,7 @@ class _Search(LoadReader):
         opposite = self._opposite(loads)
         return None if opposite is None else self._of_components([opposite])
 
-    def _opposite(self, loads: Sequence[Load]) -> tuple[Components, Components] | None:
+    def _opposite(self, loads: Sequence[LoadAtRest]) -> tuple[Components, Components] | None:
         """Return the first of two opposite forces, and its point's position relative to the other's."""
         if len(loads) != 2 or any(load.force is None or load.position is None for load in loads):
             return None
@@ -227,7 +227,7 @@ class _Search(LoadReader):
         assert first is not None and second is not None and place is not None and other is not None
         return (first, vec.subtract(place, other)) if vec.is_zero(vec.add(first, second)) else None
 
-    def _by_inner_value(self, loads: Sequence[Load], powers: Sequence[Node]) -> Node | None:
+    def _by_inner_value(self, loads: Sequence[LoadAtRest], powers: Sequence[Node]) -> Node | None:
         """Return V of power coefficients that are parallel to the gradient of a value: the simplest one found."""
         tool = Antiderivatives(self.graph, self.moving)
         still = Antiderivatives(self.graph, self.q)
@@ -258,7 +258,7 @@ class _Search(LoadReader):
                 return False
         return True
 
-    def _distances(self, loads: Sequence[Load]) -> list[Node]:
+    def _distances(self, loads: Sequence[LoadAtRest]) -> list[Node]:
         """Return the distance of two points of forces, and its square."""
         placed = [load.position for load in loads if load.position is not None]
         if len(loads) != 2 or len(placed) != 2:
@@ -267,7 +267,7 @@ class _Search(LoadReader):
         square = vec.dot(d, d)
         return [square, self.graph.call("sqrt", square)]
 
-    def _by_coordinates(self, loads: Sequence[Load], powers: Sequence[Node]) -> Node | None:
+    def _by_coordinates(self, loads: Sequence[LoadAtRest], powers: Sequence[Node]) -> Node | None:
         """Return V by antiderivatives along one coordinate after the other."""
         if any(power.deps & x.deps for power in powers for x in (*self.timing, *self.states)):
             return None

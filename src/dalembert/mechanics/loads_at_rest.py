@@ -15,7 +15,7 @@ from .kinematics import Kinematics, Pose
 
 @final
 @dataclass(frozen=True)
-class Load:
+class LoadAtRest:
     """A load at zero rates.
 
     Attributes
@@ -59,7 +59,7 @@ class LoadReader:
         """Return nodes with all rates zero; ``ZeroDivisionError`` where they have no value there."""
         return tuple(self.graph.substitute(list(nodes), dict.fromkeys(self.rates, self.graph.zero)))
 
-    def load(self, action: Action) -> Load:
+    def load(self, action: Action) -> LoadAtRest:
         """Return a force or a torque with its power coefficients."""
         kinematics, zero = self.kinematics, vec.zero(self.graph)
         if action.kind == "body force":
@@ -76,18 +76,18 @@ class LoadReader:
         vector = self._vector(given)
         rest = self._without_rates(vector)
         if rest is None:
-            return Load(action.name, (self.graph.zero,) * len(self.q), True)
+            return LoadAtRest(action.name, (self.graph.zero,) * len(self.q), True)
         still: Components = (rest[0], rest[1], rest[2])
         rates = any(a is not b for a, b in zip(vector, still, strict=True))
         screw = (still, zero) if action.kind == "force" else (zero, still)
         if action.at is None:
-            return Load(action.name, self._powers(pose, screw), rates)
+            return LoadAtRest(action.name, self._powers(pose, screw), rates)
         force = self._without_rates(self._on_root(action.force))
         place = None if force is None else self._place(action.at)
         on_root = None if force is None else (force[0], force[1], force[2])
-        return Load(action.name, self._powers(pose, screw), rates, on_root, place)
+        return LoadAtRest(action.name, self._powers(pose, screw), rates, on_root, place)
 
-    def _on_body(self, action: Action) -> Load:
+    def _on_body(self, action: Action) -> LoadAtRest:
         """Return a force on a body, at a point that need not be fixed on it."""
         kinematics = self.kinematics
         assert action.target is not None and action.at is not None
@@ -99,17 +99,19 @@ class LoadReader:
             arm = self._vector(kinematics.between(body.centre, action.at, pose.frame))
         rest = self._without_rates(given)
         if rest is None:
-            return Load(action.name, (self.graph.zero,) * len(self.q), True)
+            return LoadAtRest(action.name, (self.graph.zero,) * len(self.q), True)
         still: Components = (rest[0], rest[1], rest[2])
         rates = any(a is not b for a, b in zip(given, still, strict=True))
-        return Load(action.name, self._powers(pose, (still, vec.cross(arm, still))), rates)
+        return LoadAtRest(action.name, self._powers(pose, (still, vec.cross(arm, still))), rates)
 
-    def named(self, name: str, powers: Sequence[Node]) -> Load:
+    def named(self, name: str, powers: Sequence[Node]) -> LoadAtRest:
         """Return a load of which only the power coefficients are known."""
         whole = self.adopt(powers)
         still = self._without_rates(whole)
         zero = (self.graph.zero,) * len(self.q)
-        return Load(name, still or zero, still is None or any(a is not b for a, b in zip(whole, still, strict=True)))
+        return LoadAtRest(
+            name, still or zero, still is None or any(a is not b for a, b in zip(whole, still, strict=True))
+        )
 
     def _without_rates(self, nodes: Sequence[Node]) -> tuple[Node, ...] | None:
         mask = sum(rate.deps for rate in self.rates)

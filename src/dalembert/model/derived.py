@@ -12,7 +12,7 @@ from ..codegen.base import Engine
 from ..ir.program import DIRECTION
 from ..once import DERIVING, BoundedTable, derived_once, derived_property
 from ..pipeline import Stages
-from ..reduction.invariants import Candidates, candidates
+from ..reduction.invariants import InvariantCandidates, candidates
 from ..reduction.jumps import has_jumps
 from ..reduction.starting import Start, starting
 from ..runs.partials import Partials
@@ -143,6 +143,6 @@ class Derived:
         return dependence(self._stages.reduced)
 
     @derived_property
-    def invariants(self) -> Candidates:
+    def invariants(self) -> InvariantCandidates:
         """First integrals that may be conserved."""
         return candidates(self._stages.equations)

@@ -15,7 +15,7 @@ from ..contacts.phase_tables import JUMPS, NOT_STARTED, CaseSamples, CaseTable, 
 from ..events.event_rules import last_instants
 from ..lanes.cases import BlockResult
 from ..methods.status import RUNNING, Status
-from ..results.sweep_states import NO_MODE, States
+from ..results.sweep_states import NO_MODE, SweepStates
 from .output_values import OutputValues
 from .phases import PhaseExecutor
 from .runner_choice import RunnerChoice
@@ -75,7 +75,7 @@ class CaseRuns:
         times = np.empty(0) if t_eval is None else np.ascontiguousarray(t_eval, np.float64)
         t, x, p = np.zeros(count), np.zeros((count, n)), np.zeros((count, n_p))
         self.cases = contact_cases(t, x, p, t, k, len(layout.states))
-        self.samples = samples = States.empty(count * len(times), n, ADDED * k)
+        self.samples = samples = SweepStates.empty(count * len(times), n, ADDED * k)
         self.log, self.numbers = np.empty((lines, 2 + ADDED * k + n)), case_numbers(count)
         self.occurred, self.totals = choice.reductions.at_start(count)
         none = np.zeros(0, np.int64)
@@ -224,8 +224,8 @@ class CaseRuns:
         self.cases.x[some], self.cases.number[some] = np.nan, UNDECIDED
         samples.t[rows], samples.x[rows], samples.mode[rows] = np.nan, np.nan, NO_MODE
 
-    def states(self, some: NDArray[np.intp]) -> States:
+    def states(self, some: NDArray[np.intp]) -> SweepStates:
         """Return the states of some cases as they are."""
         cases = self.cases
         about = cases.number[some], self.numbers.history[some], cases.added[some]
-        return States(cases.t[some], cases.x[some], some, *about)
+        return SweepStates(cases.t[some], cases.x[some], some, *about)

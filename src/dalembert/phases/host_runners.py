@@ -40,7 +40,7 @@ _WORDS, _COUNT = len(kind_of(SweepArguments).words), place_of(SweepArguments, "s
 
 
 @final
-class HostRunner:
+class HostMode:
     """A mode, what is watched in it, and a method.
 
     Parameters

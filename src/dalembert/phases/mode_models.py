@@ -24,7 +24,7 @@ from ..mechanics.equations import EquationsOfMotion, Guard
 from ..once import derived_once, derived_property
 from ..pipeline import Compiled, SeveralModes, compile_mode
 from ..reduction.admission import admission_of_variables
-from ..reduction.base import decided
+from ..reduction.base import condition_kernels
 from ..reduction.event_functions import coordinates_kernel
 from ..reduction.sampling_kernels import SampledVariables, SamplingKernels, sampling_kernels
 from ..runs.impulses import Impulses, impulses_of
@@ -134,7 +134,7 @@ class ModeModels:
     @cached_property
     def conditions(self) -> Conditions | None:
         """The conditions on time alone, in the parameters of the scene."""
-        return decided(self.equations)
+        return condition_kernels(self.equations)
 
     @derived_property
     def admission(self) -> AdmissionCode | None:

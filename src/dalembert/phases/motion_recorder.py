@@ -21,7 +21,7 @@ from ..methods.status import Status
 from ..options import SimulateOptions
 from ..results.trajectory import Trajectory
 from .case_runs import CaseRuns
-from .host_runners import HostRunner
+from .host_runners import HostMode
 from .mode_runners import ModeRunner
 from .request import MotionRequest
 from .runner_choice import RunnerChoice
@@ -62,7 +62,7 @@ class RecordedPhase:
     mode: Mode
     x: FloatArray
     added: FloatArray
-    runner: ModeRunner | HostRunner | None = None
+    runner: ModeRunner | HostMode | None = None
     rows: list[FloatArray] = field(default_factory=list)
     runs: list[Trajectory] = field(default_factory=list)
     occurrences: FloatArray = field(default_factory=lambda: np.empty((0, OCCURRENCE)))
@@ -115,7 +115,7 @@ class MotionRecorder:
         self.note = ""
         self._phases: list[RecordedPhase] = []
         self._rows: list[tuple[ModeRunner, FloatArray]] = []
-        self._runs: list[tuple[HostRunner, Trajectory]] = []
+        self._runs: list[tuple[HostMode, Trajectory]] = []
         self._occurrences: list[FloatArray] = []
 
     def run(self, request: MotionRequest[SimulateOptions], stops: Stops | None) -> list[RecordedPhase]:
@@ -147,7 +147,7 @@ class MotionRecorder:
                 self._phases.append(RecordedPhase(t, t, mode, x=line[2 + width :], added=line[2 : 2 + width]))
             numbers.logged[0] = 0
         for runner, call in zip(runners, calls, strict=False):
-            if isinstance(runner, HostRunner):
+            if isinstance(runner, HostMode):
                 self._runs += [(runner, run) for run in runner.runs]
                 runner.runs.clear()
                 continue

@@ -22,7 +22,7 @@ from ..lanes.cases import BlockResult
 from ..methods.status import Status
 from ..results.parts import ENERGIES
 from ..results.shared_loads import output_rows, shared_outputs
-from ..results.sweep_states import States
+from ..results.sweep_states import SweepStates
 from ..runs.reductions import Reduction
 from ..starts import inputs
 from .mode_models import ModeModels
@@ -57,7 +57,7 @@ class OutputValues:
     stops: Stops | None = None
     ends: tuple[FloatArray, NDArray[np.bool_]] | None = None
 
-    def __call__(self, key: str, states: States) -> FloatArray:
+    def __call__(self, key: str, states: SweepStates) -> FloatArray:
         """Return something by name at states (k,)."""
         layout = self.modes.layout
         name, names = layout.aliases.get(key, key), layout.variables
@@ -82,7 +82,7 @@ class OutputValues:
             values[here] = output_rows(program, part.t, y, c)[:, column]
         return values
 
-    def jammed(self, states: States) -> NDArray[np.bool_]:
+    def jammed(self, states: SweepStates) -> NDArray[np.bool_]:
         """Return at which states (k,) sliding friction hardly determines the reactions."""
         found = np.zeros(len(states.t), np.bool_)
         for number in np.unique(states.mode[states.mode >= 0]):
@@ -91,7 +91,7 @@ class OutputValues:
                 found[here] = ~(self("uniqueness of reactions", states.part(here)) > JAMMED)
         return found
 
-    def state(self, number: int, states: States) -> tuple[CompiledModel, FloatArray, FloatArray]:
+    def state(self, number: int, states: SweepStates) -> tuple[CompiledModel, FloatArray, FloatArray]:
         """Return the model of a mode by number, and states (k, n_y) and constants (k, n_c) of it at states in it."""
         mode = self.modes.automaton.mode(number)
         model = self.modes.serving(mode)
@@ -99,7 +99,7 @@ class OutputValues:
         c = inputs.prepare_rows(program, self._rows(mode, states))
         return model, interpret_rows(program.kernel("initial"), states.t, states.x, c), c
 
-    def _rows(self, mode: Mode, states: States) -> FloatArray:
+    def _rows(self, mode: Mode, states: SweepStates) -> FloatArray:
         """Return the parameters (k, n_p) of a mode's model at some states."""
         layout = self.modes.serving(mode).layout
         own = {name: self.p[states.case, i] for i, name in enumerate(self.modes.layout.parameters)}
@@ -170,7 +170,7 @@ class PhaseReductions:
     def results(
         self,
         value: OutputValues,
-        last: States,
+        last: SweepStates,
         begin: FloatArray,
         status: NDArray[np.int64],
         about: tuple[FloatArray, FloatArray],

@@ -15,10 +15,10 @@ from ..contacts.phase_tables import NO_RUNNER, CaseTable
 from ..errors import ValueInputError
 from ..options import StepOptions
 from ..runs.case_blocks import fitted
-from ..runs.case_settings import Settings
+from ..runs.case_settings import CaseSettings
 from ..runs.cases import Cases
 from ..runs.sweep import runs_unchecked
-from .host_runners import HostRunner
+from .host_runners import HostMode
 from .mode_models import ModeModels
 from .mode_runners import FEWEST_ROWS, GatheredRows, ModeRunner
 from .output_values import PhaseReductions
@@ -66,7 +66,7 @@ class RunnerChoice:
         self.modes, self.options, self.reductions, self.recorded = modes, options, reductions, recorded
         self.rows = FEWEST_ROWS if recorded else 0
         self.gathered = GatheredRows.of(modes.layout, modes.equations.contacts)
-        self.runners: list[ModeRunner | HostRunner] = []
+        self.runners: list[ModeRunner | HostMode] = []
         self.served = np.zeros(0, np.int64)
         self.parallel, self.compile_seconds = modes.engine().parallel, 0.0
         self._requested = [
@@ -148,7 +148,7 @@ class RunnerChoice:
                 self.runners.append(ModeRunner(number, mode, model, *about))
             else:
                 others = events, self.reductions, method, self.options, self._take_first_step, self._left
-                self.runners.append(HostRunner(self.modes, number, *others))
+                self.runners.append(HostMode(self.modes, number, *others))
         return self._places[key]
 
     def _method(self, number: int, cases: Cases | None, *, compiled: bool) -> str:
@@ -162,7 +162,7 @@ class RunnerChoice:
         if not self._fits or cases is None:
             return method if compiled else own.method
         limits = own.rtol, own.atol, own.max_step, own.max_steps
-        return fitted(model.engine, cases, Settings(None, method, *limits, threads=1, progress=False)).method
+        return fitted(model.engine, cases, CaseSettings(None, method, *limits, threads=1, progress=False)).method
 
     def _first_cases(self, mode: Mode, table: CaseTable, some: NDArray[np.intp]) -> Cases | None:
         """Return the first, the middle and the last of some cases; None where a symbol excludes a value of theirs."""

@@ -12,7 +12,7 @@ from ..arrays import FloatArray
 from ..codegen.host_code import columns_at, host_code
 from ..contacts.phase_stops import BEFORE_START, PhaseStops
 from ..ir.conditions import NO_CONDITIONS
-from ..reduction.sampling_kernels import Action
+from ..reduction.sampling_kernels import SamplingAction
 from ..runs.sampling import Sampling
 from ..runs.stop_lists import stop_lists
 from ..starts.input_values import GivenInputs
@@ -102,13 +102,13 @@ def stops_of(
     return Stops(table, breaks, None if records is None else given, bad)
 
 
-def _places(sampling: Sampling, action: Action) -> tuple[int, ...]:
+def _places(sampling: Sampling, action: SamplingAction) -> tuple[int, ...]:
     """Return which variables a controller sets."""
     names = sampling.layout.state
     return action.places or tuple(names.index(name) for name in (*action.inputs, *action.states))
 
 
-def _action_code(modes: ModeModels, sampling: Sampling, action: Action) -> OwnedAddress:
+def _action_code(modes: ModeModels, sampling: Sampling, action: SamplingAction) -> OwnedAddress:
     """Return code of what a controller sets; that of a Python function is for a case that is alone."""
     engine = modes.engine()
     if action.kernel is not None:

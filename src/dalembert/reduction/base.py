@@ -205,7 +205,7 @@ def solve_inertia(
 # Conditions on time and parameters as kernels.
 
 
-def decided(equations: EquationsOfMotion) -> Conditions | None:
+def condition_kernels(equations: EquationsOfMotion) -> Conditions | None:
     """Return the conditions of equations as kernels, None where there are none."""
     if not equations.conditions:
         return None

@@ -133,7 +133,7 @@ def _range(node: Node) -> FreeArgument:
 
 @final
 @dataclass(frozen=True)
-class Candidates:
+class InvariantCandidates:
     """Functions that may be first integrals.
 
     Attributes
@@ -160,7 +160,7 @@ class Candidates:
     free: tuple[FreeArgument, ...]
 
 
-def candidates(equations: EquationsOfMotion) -> Candidates:
+def candidates(equations: EquationsOfMotion) -> InvariantCandidates:
     """Return the functions of a scene that may be first integrals."""
     symbols = equations.symbols
     graph = Graph()  # a graph of its own, so that the kernels depend on the scene alone
@@ -193,7 +193,7 @@ def candidates(equations: EquationsOfMotion) -> Candidates:
         places = {node: ("y", i) for i, node in enumerate((*q, *qdot, *states, *further))}
         return lower_kernel(graph, name, outputs, inputs | places, arguments=("t", "y", "c"))
 
-    return Candidates(
+    return InvariantCandidates(
         tuple(each.name for each in found),
         tuple(certain),
         kernel("invariants", nodes),

@@ -44,7 +44,7 @@ def drop_independent(graph: Graph, nodes: Sequence[Node], inputs: Sequence[Node]
 
 @final
 @dataclass(frozen=True)
-class _Motion:
+class _SpeedEquations:
     """Rates of the state: of the kept coordinates, of the speeds, q_ddot, and the factors of the inertia."""
 
     coordinate_rates: tuple[Node, ...]
@@ -53,7 +53,7 @@ class _Motion:
     factors: Factorization | None = None
 
 
-def _kane(equations: EquationsOfMotion, p: Parametrization) -> _Motion:
+def _kane(equations: EquationsOfMotion, p: Parametrization) -> _SpeedEquations:
     """Project the equations of motion on the free directions: S^T M S u_dot = S^T (forcing - M (S_dot u + s_dot))."""
     graph, size = equations.graph, len(equations.q)
     plain = p.coordinates == equations.q and p.rates == equations.qdot
@@ -86,7 +86,7 @@ def _kane(equations: EquationsOfMotion, p: Parametrization) -> _Motion:
         drop_independent(graph, speed_rates, equations.q)
         moved = matvec(graph, basis, speed_rates)
         accelerations = tuple(a + b for a, b in zip(moved, bias, strict=True))
-    return _Motion(tuple(p.rates[i] for i in p.kept), tuple(speed_rates), accelerations, factors)
+    return _SpeedEquations(tuple(p.rates[i] for i in p.kept), tuple(speed_rates), accelerations, factors)
 
 
 @final

@@ -20,7 +20,7 @@ _ARGUMENTS = ("t", "y", "c")
 
 @final
 @dataclass(frozen=True)
-class Action:
+class SamplingAction:
     """Actions of one controller at an instant.
 
     Attributes
@@ -59,7 +59,7 @@ class SamplingKernels:
         Names of parameters that periods or offsets depend on.
     """
 
-    actions: tuple[Action, ...]
+    actions: tuple[SamplingAction, ...]
     times: Kernel
     moved: tuple[str, ...]
 
@@ -130,7 +130,7 @@ def sampling_kernels(system: ReducedSystem | SampledVariables, wrt: Sequence[str
             columns += tangents(graph, nodes, seeds | seeds_of(graph, w, symbols), GUARDED)
         whole = (*own, *(size * (1 + k) + i for k in range(len(wrt)) for i in own))
         kernel = lower_kernel(graph, "sampling", columns, inputs, arguments=_ARGUMENTS) if names else None
-        actions.append(Action(item.name, whole, kernel, item.function, item.states, item.inputs))
+        actions.append(SamplingAction(item.name, whole, kernel, item.function, item.states, item.inputs))
     periods = graph.adopt([item.period for item in equations.controllers])
     offsets = graph.adopt([item.offset for item in equations.controllers])
     times = lower_kernel(graph, "sampling_times", [*periods, *offsets], inputs, arguments=_ARGUMENTS)

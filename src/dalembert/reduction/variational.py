@@ -19,7 +19,7 @@ from ..transforms.derivatives import GUARDED, tangents
 from ..transforms.lower_kernels import lower_kernel
 from ..transforms.pipelines import PROGRAM_PASSES
 from ..transforms.step_limits import step_limits
-from .base import ReducedSystem, decided
+from .base import ReducedSystem, condition_kernels
 
 # Derivatives by values of inputs: the weight of a value as a function of time.
 #
@@ -150,7 +150,7 @@ class _Variational:
         )
         equations = system.equations
         name = f"{equations.name}, varied"
-        conditions, nonanalytic = decided(equations), equations.nonanalytic
+        conditions, nonanalytic = condition_kernels(equations), equations.nonanalytic
         return PROGRAM_PASSES(
             Program(name, system.formulation, layout, tuple(kernels), (), nonanalytic, conditions=conditions)
         )

@@ -25,7 +25,7 @@ _BLOCK = 8192
 
 @final
 @dataclass(frozen=True, eq=False)
-class States:
+class SweepStates:
     """States of cases: times (k,), variables (k, 2 n_q + n_z), the numbers of their cases and modes (-1: none).
 
     Modes are numbered as `HybridAutomaton` does. `history` (k,) is a number that tells apart the modes
@@ -40,15 +40,15 @@ class States:
     added: FloatArray
 
     @classmethod
-    def empty(cls, count: int, size: int, added: int) -> States:
+    def empty(cls, count: int, size: int, added: int) -> SweepStates:
         """Return memory for states, of so many variables and parameters that contacts add."""
         case, mode, history = np.arange(count), np.full(count, -1), np.zeros(count, np.int64)
         t, x = np.full(count, np.nan), np.full((count, size), np.nan)
         return cls(t, x, case, mode, history, np.zeros((count, added)))
 
-    def part(self, some: NDArray[np.intp]) -> States:
+    def part(self, some: NDArray[np.intp]) -> SweepStates:
         """Return some of them."""
-        return States(*(values[some] for values in self.arrays()))
+        return SweepStates(*(values[some] for values in self.arrays()))
 
     def arrays(self) -> list[NDArray[Any]]:
         """Return all arrays."""
@@ -74,9 +74,9 @@ class ContactStates:
         Number of phases of each motion.
     """
 
-    last: States
-    samples_of_cases: States | None
-    value: Callable[[str, States], FloatArray]
+    last: SweepStates
+    samples_of_cases: SweepStates | None
+    value: Callable[[str, SweepStates], FloatArray]
     contacts: Sequence[str]
     words: dict[int, Mapping[str, str]]
     phases: NDArray[np.int64]

@@ -18,7 +18,7 @@ from ..lanes.cases import BlockResult
 from ..methods.status import Status
 from ..once import once
 from ..progress import meter
-from .case_settings import Settings
+from .case_settings import CaseSettings
 from .cases import Cases, single_problem
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ _BETWEEN_LOOKS = 0.1
 _MOST_THREADS = 4096
 
 
-def fitted(engine: Engine, cases: Cases, settings: Settings) -> Settings:
+def fitted(engine: Engine, cases: Cases, settings: CaseSettings) -> CaseSettings:
     """Return the settings with another method where the first, the middle or the last case shows need of it."""
     if not cases.program.layout.state:
         return settings
@@ -47,7 +47,7 @@ def fitted(engine: Engine, cases: Cases, settings: Settings) -> Settings:
     return settings
 
 
-def run_cases(engine: Engine, cases: Cases, settings: Settings, stop: bool = False) -> BlockResult:
+def run_cases(engine: Engine, cases: Cases, settings: CaseSettings, stop: bool = False) -> BlockResult:
     """Run cases, in threads where the engine supports it, and return all results; to `stop`, none is run.
 
     A case that fails is a status; an interrupt keeps what is finished, and the others are INTERRUPTED.
@@ -89,7 +89,7 @@ def _interrupted(result: BlockResult) -> BlockResult:
     return result
 
 
-def _in_blocks(engine: Engine, cases: Cases, settings: Settings, result: BlockResult, threads: int) -> None:
+def _in_blocks(engine: Engine, cases: Cases, settings: CaseSettings, result: BlockResult, threads: int) -> None:
     """Run all cases, block by block."""
     count = cases.count
     share = 1 if engine.whole_blocks else threads * _BLOCKS_PER_THREAD
@@ -168,7 +168,7 @@ def run_shared(run: CaseRun, count: int, threads: int, progress: bool) -> bool:
     return whole
 
 
-def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, here: BlockResult) -> None:
+def _run_block(engine: Engine, cases: Cases, settings: CaseSettings, block: slice, here: BlockResult) -> None:
     """Run one block of cases and write their results; cases that cannot start are left out.
 
     The totals of the results are the reductions.
@@ -207,13 +207,13 @@ def _run_block(engine: Engine, cases: Cases, settings: Settings, block: slice, h
         watch.conclude(done.ends, done.happened)
 
 
-def _check_results(cases: Cases, settings: Settings, block: slice, result: BlockResult) -> None:
+def _check_results(cases: Cases, settings: CaseSettings, block: slice, result: BlockResult) -> None:
     """Check the results of a block of cases, where the settings have a check."""
     if settings.judge is not None and len(cases.program.layout.state):
         settings.judge(settings.method, cases.block(block, settings)[0], result[block])
 
 
-def _swept(engine: Engine, cases: Cases, settings: Settings, block: slice, here: BlockResult) -> bool:
+def _swept(engine: Engine, cases: Cases, settings: CaseSettings, block: slice, here: BlockResult) -> bool:
     """Run one block of cases where the engine makes them itself; return whether that is so."""
     run = _columns_run(engine, cases, settings, block, here, len(here.y))
     if run is None:
@@ -224,7 +224,7 @@ def _swept(engine: Engine, cases: Cases, settings: Settings, block: slice, here:
 
 
 def _columns_run(
-    engine: Engine, cases: Cases, settings: Settings, block: slice, here: BlockResult, share: int
+    engine: Engine, cases: Cases, settings: CaseSettings, block: slice, here: BlockResult, share: int
 ) -> CaseRun | None:
     """Return the run of a block of cases that the engine makes itself, None where that is not its way.
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True, eq=False)
-class Settings:
+class CaseSettings:
     """Options that all cases have in common."""
 
     t_eval: FloatArray | None
@@ -41,7 +41,7 @@ class Settings:
     carried: FloatArray | None = None
 
 
-def common_settings(cases: Cases, options: SweepOptions, method: str) -> Settings:
+def common_settings(cases: Cases, options: SweepOptions, method: str) -> CaseSettings:
     """Return the settings of a sweep by a method, checked as those of a single run are.
 
     Raises
@@ -65,7 +65,7 @@ def common_settings(cases: Cases, options: SweepOptions, method: str) -> Setting
         **limits,
     )
     threads = available_threads() if options.threads is None else options.threads
-    return Settings(times, method, **limits, threads=threads, progress=options.progress)
+    return CaseSettings(times, method, **limits, threads=threads, progress=options.progress)
 
 
 def _finite(times: FloatArray) -> float:

@@ -24,7 +24,7 @@ from ..steps.problem import IntegrationProblem
 from ..stops.breakpoints import CaseBreaks
 from ..stops.input_records import InputRecords
 from ..values import array_of, traced_note
-from .case_settings import Settings
+from .case_settings import CaseSettings
 
 
 @final
@@ -148,11 +148,11 @@ class Cases:
 
     def starts(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return states y (k, n_y), constants c (k, n_c), times t (k,) and statuses of all cases, as `block` does."""
-        settings = Settings(None, "", 1.0, 1.0, np.inf, 1, 1, False)
+        settings = CaseSettings(None, "", 1.0, 1.0, np.inf, 1, 1, False)
         block, status = self.block(slice(0, self.count), settings, exact=True)
         return block.y, block.c, block.spans[:, 0], status
 
-    def columns(self, block: slice, settings: Settings) -> CaseColumns:
+    def columns(self, block: slice, settings: CaseSettings) -> CaseColumns:
         """Return a block of cases as they were given."""
         t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
         return CaseColumns(
@@ -178,7 +178,7 @@ class Cases:
         conditions = self.program.conditions
         return self.records is not None or (conditions is not None and conditions.decides)
 
-    def block(self, block: slice, settings: Settings, *, exact: bool = False) -> tuple[CaseBlock, FloatArray]:
+    def block(self, block: slice, settings: CaseSettings, *, exact: bool = False) -> tuple[CaseBlock, FloatArray]:
         """Return a block of cases ready to run, and the status of those that cannot (k,), -1 for the others.
 
         With `exact` each starts from the very bits of the case alone, whose sines are not those of arrays.
@@ -305,7 +305,7 @@ def _part(values: FloatArray, block: slice) -> FloatArray:
     return values if len(values) == 1 else values[block]
 
 
-def single_problem(cases: Cases, settings: Settings, number: int) -> IntegrationProblem | None:
+def single_problem(cases: Cases, settings: CaseSettings, number: int) -> IntegrationProblem | None:
     """Return a case alone, or None where it cannot start."""
     block, status = cases.block(slice(number, number + 1), settings)
     if not len(status) or status[0] >= 0:

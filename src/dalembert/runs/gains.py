@@ -16,7 +16,7 @@ from ..starts import inputs
 from ..steps.problem import IntegrationProblem, Solution
 
 if TYPE_CHECKING:
-    from .case_settings import Settings
+    from .case_settings import CaseSettings
     from .cases import Cases
 
 _PILOT_STEPS = 24
@@ -57,7 +57,7 @@ def with_gains(program: Program, run: Run, problem: IntegrationProblem, given: M
     return replace(problem, constants=constants(_gain_for(problem, constants(0.0), run)))
 
 
-def give_gains(engine: Engine, cases: Cases, settings: Settings, given: Mapping[Any, Any]) -> None:
+def give_gains(engine: Engine, cases: Cases, settings: CaseSettings, given: Mapping[Any, Any]) -> None:
     """Give all cases the gains that the first one would get alone, where the formulation has any left out."""
     out = _left_out(cases.program.layout, given)
     if not out:

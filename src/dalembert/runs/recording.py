@@ -15,7 +15,7 @@ from ..stops.segments import Constants
 
 
 @final
-class Record:
+class StepRecording:
     """Gathers blocks of steps with continuous output to one solution without."""
 
     def __init__(self, program: Program, problem: IntegrationProblem, c: Constants) -> None:

@@ -15,7 +15,7 @@ from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Layout, Program
 from ..methods.step_constants import SMALLEST_OF_TIME
-from ..reduction.sampling_kernels import Action, SamplingKernels
+from ..reduction.sampling_kernels import SamplingAction, SamplingKernels
 from ..scene.elapsed import START
 from ..steps.problem import SamplingClock
 from ..stops.stops import StopAction
@@ -126,7 +126,7 @@ class Sampling:
         """Whether laws are Python functions, which must be called once an instant."""
         return any(action.function is not None for action in self.kernels.actions)
 
-    def _stop_action(self, action: Action) -> StopAction:
+    def _stop_action(self, action: SamplingAction) -> StopAction:
         if action.function is None:
             return StopAction(action.places, action.kernel)
         places = tuple(self.layout.state.index(name) for name in (*action.inputs, *action.states))
@@ -136,7 +136,7 @@ class Sampling:
 
         return StopAction(places, function=landing)
 
-    def called(self, action: Action, t: float, y: FloatArray, c: FloatArray) -> FloatArray:
+    def called(self, action: SamplingAction, t: float, y: FloatArray, c: FloatArray) -> FloatArray:
         """Return a state (n_y,) with the values that a Python function sets."""
         layout, n, x = self.layout, len(self.layout.coordinates), y
         if self.expand is not None:

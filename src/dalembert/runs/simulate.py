@@ -23,7 +23,7 @@ from ..starts.segment_constants import starting_constants
 from ..starts.symbol_assumptions import warn_of_motion
 from ..steps.problem import IntegrationProblem, Solution, prescribed
 from .gains import with_gains
-from .recording import Record
+from .recording import StepRecording
 from .run_checks import checked
 from .run_notes import lost_directions, slid_along
 from .singular import checked_run, searched
@@ -67,7 +67,11 @@ def special_run(
 def _searched(model: CompiledModel, problem: IntegrationProblem, method: str) -> tuple[Solution, str]:
     """Integrate one problem without continuous output, ended where it crosses a lost rank, and a note on that."""
     program, enforced = model.stages.program, model.derived.enforced
-    record, where, span = Record(program, problem, model.engine.constants_along(problem)), "", (problem.t0, problem.t1)
+    record, where, span = (
+        StepRecording(program, problem, model.engine.constants_along(problem)),
+        "",
+        (problem.t0, problem.t1),
+    )
     for part in model.engine.step_blocks(replace(problem, t_eval=None, dense=True), method):
         found, where = checked_run(program, part, model.engine.constants_along(problem), enforced, part, span)
         record.add(found)

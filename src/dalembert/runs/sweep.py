@@ -24,7 +24,7 @@ from ..starts.constraint_rank import unlike
 from ..starts.invariant_projection import keeping_model, kept_values, refuse_jumps
 from ..starts.symbol_assumptions import warn_of_motion
 from .case_blocks import fitted, run_cases
-from .case_settings import Settings, common_settings
+from .case_settings import CaseSettings, common_settings
 from .cases import Cases, single_problem, spans_of, with_grid
 from .elapsed import begins_elsewhere, elapsed_times, far, in_elapsed_time, offset_columns
 from .gains import give_gains
@@ -171,7 +171,7 @@ def _model_and_cases(
     parameters: Given,
     options: SweepOptions,
     begin: float,
-) -> tuple[CompiledModel, Cases, Settings]:
+) -> tuple[CompiledModel, Cases, CaseSettings]:
     """Return the model that cases take, without constraints that depend on others at the first start, and what it runs.
 
     Raises
@@ -193,7 +193,7 @@ def _model_and_cases(
         model = able
 
 
-def _settings(model: CompiledModel, cases: Cases, options: SweepOptions, method: str) -> Settings:
+def _settings(model: CompiledModel, cases: Cases, options: SweepOptions, method: str) -> CaseSettings:
     """Return the common settings of all cases, checked.
 
     Raises
@@ -224,7 +224,7 @@ def _divisible_cases(model: CompiledModel, cases: Cases) -> CompiledModel:
         return model
 
 
-def _independent_cases(model: CompiledModel, cases: Cases, settings: Settings, begin: float) -> CompiledModel:
+def _independent_cases(model: CompiledModel, cases: Cases, settings: CaseSettings, begin: float) -> CompiledModel:
     """Return the model that enforces no constraint which follows from others around the first start."""
     if not model.derived.enforced:
         return model
@@ -234,7 +234,7 @@ def _independent_cases(model: CompiledModel, cases: Cases, settings: Settings, b
     return able if isinstance(able, type(model)) else model
 
 
-def _unlike_left_out(model: CompiledModel, cases: Cases, settings: Settings) -> Settings:
+def _unlike_left_out(model: CompiledModel, cases: Cases, settings: CaseSettings) -> CaseSettings:
     """Return settings that do not run cases in which other constraints follow from others than in the first."""
     enforced, dropped = model.derived.enforced, model.dropped
     rows = sorted({*enforced, *dropped})
@@ -258,7 +258,7 @@ def _unlike_left_out(model: CompiledModel, cases: Cases, settings: Settings) -> 
 def _results(
     model: CompiledModel,
     cases: Cases,
-    settings: Settings,
+    settings: CaseSettings,
     done: BlockResult,
     axes: Mapping[str, FloatArray],
     begin: float,

@@ -15,7 +15,7 @@ from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..mechanics.equations import EquationsOfMotion
 from ..reduction.invariant_projection import TIME_SCALE, initial_name
-from ..reduction.invariants import Candidates, why_not
+from ..reduction.invariants import InvariantCandidates, why_not
 from ..values import listed
 from . import inputs
 from .initial_states import initial_state
@@ -60,7 +60,7 @@ def kept_names(
     requested: Any,
     equations: EquationsOfMotion,
     program: Program,
-    found: Candidates,
+    found: InvariantCandidates,
     c: FloatArray,
     t: float,
     y: FloatArray,
@@ -112,7 +112,7 @@ def _listed(requested: Any) -> list[str]:
     return [str(name) for name in given if name is not None]
 
 
-def refuse_unknown(requested: Any, found: Candidates) -> None:
+def refuse_unknown(requested: Any, found: InvariantCandidates) -> None:
     """Refuse names of first integrals that a scene cannot have.
 
     Raises
@@ -150,7 +150,7 @@ def case_by_case(kernel: Kernel, t: FloatArray, y: FloatArray, c: FloatArray) ->
 def kept_values(
     names: Iterable[str],
     program: Program,
-    found: Candidates,
+    found: InvariantCandidates,
     c: FloatArray,
     t: FloatArray,
     y: FloatArray,
@@ -175,7 +175,10 @@ def kept_values(
 
 
 def _refuse_changing(
-    names: list[str], program: Program, found: Candidates, moves: np.ndarray[tuple[int, int], np.dtype[np.bool_]]
+    names: list[str],
+    program: Program,
+    found: InvariantCandidates,
+    moves: np.ndarray[tuple[int, int], np.dtype[np.bool_]],
 ) -> None:
     lost = {name: np.flatnonzero(moves[:, found.names.index(name)]) for name in names}
     told = [

@@ -11,7 +11,7 @@ from ..errors import InitialStateError
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import WIDTH, Program, coefficient_places
-from ..reduction.invariants import Candidates
+from ..reduction.invariants import InvariantCandidates
 from .assembly import assembled
 from .state_sizes import coordinate_sizes
 
@@ -28,7 +28,7 @@ _STILL = 1e-9
 
 
 def conserved(
-    program: Program, found: Candidates, c: FloatArray, t: FloatArray, x: FloatArray
+    program: Program, found: InvariantCandidates, c: FloatArray, t: FloatArray, x: FloatArray
 ) -> dict[str, FloatArray]:
     """Return the first integrals along a motion t (n_t,) as arrays (n_t,) by name.
 
@@ -45,7 +45,7 @@ def conserved(
 
 
 def changing(
-    program: Program, found: Candidates, c: FloatArray, t: FloatArray, y: FloatArray, rows: Rows
+    program: Program, found: InvariantCandidates, c: FloatArray, t: FloatArray, y: FloatArray, rows: Rows
 ) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
     """Return which candidates change (k, n) in which cases, from starts at t (k,) in y (k, n_y) with c (k, n_c).
 
@@ -74,7 +74,7 @@ def changing(
 
 
 def _still(
-    program: Program, found: Candidates, c: FloatArray, t: FloatArray, x: FloatArray
+    program: Program, found: InvariantCandidates, c: FloatArray, t: FloatArray, x: FloatArray
 ) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     """Return which candidates do not change in any of the random states."""
     layout, random = program.layout, np.random.default_rng(1)

@@ -30,7 +30,7 @@ from .packed_tableaus import PackedTableau, packed_tableau
 from .problem import IntegrationProblem, Solution
 from .recorded_runs import (
     Run,
-    Settings,
+    RunSettings,
     all_finite,
     begin_status,
     block_is_full,
@@ -52,7 +52,7 @@ _STOPPED = RUNNING - 1
 """Value that the loop returns in place of a status where it stopped a run that is held up by stability."""
 
 
-class Addresses(NamedTuple):
+class ExplicitAddresses(NamedTuple):
     """Addresses of the right-hand side, the projections and the limits at knots of tables; 0 where there is none."""
 
     rhs: Address
@@ -86,9 +86,9 @@ class StiffnessStop:
 class ExplicitArguments(NamedTuple):
     """Arguments of the loop."""
 
-    codes: Addresses
+    codes: ExplicitAddresses
     tableau: PackedTableau
-    settings: Settings
+    settings: RunSettings
     run: Run
 
 
@@ -114,7 +114,7 @@ def integrate(
         Numerical failure is its status, never an exception. `StiffnessStop` where the run was stopped.
     """
     settings, packed = settings_of(problem, tableau.degree, stop_if_stiff=stop_if_stiff), packed_tableau(tableau)
-    n, codes = settings.kept, Addresses(code.rhs, code.position, code.velocity, code.knots)
+    n, codes = settings.kept, ExplicitAddresses(code.rhs, code.position, code.velocity, code.knots)
     work = np.zeros((packed.first + packed.total, -(-n // LANES) * LANES))
     work[0, :n] = problem.y0
 
@@ -140,7 +140,7 @@ def LOOP(arguments: ExplicitArguments) -> int:
 
 
 @compiled_subset
-def _begin(codes: Addresses, tableau: PackedTableau, settings: Settings, run: Run) -> bool:
+def _begin(codes: ExplicitAddresses, tableau: PackedTableau, settings: RunSettings, run: Run) -> bool:
     """Evaluate the first stage and choose the first step; return whether the former is finite."""
     t0, t1, progress = settings.t0, settings.t1, run.progress
     run.progress.previous = SMALLEST_PREVIOUS
@@ -160,7 +160,13 @@ def _begin(codes: Addresses, tableau: PackedTableau, settings: Settings, run: Ru
 
 @compiled_subset
 def _test_step(
-    codes: Addresses, tableau: PackedTableau, settings: Settings, run: Run, error: float, t_new: float, y_new: int
+    codes: ExplicitAddresses,
+    tableau: PackedTableau,
+    settings: RunSettings,
+    run: Run,
+    error: float,
+    t_new: float,
+    y_new: int,
 ) -> int:
     """Test the error of a step, project its end and evaluate the stage there; return the result of the test."""
     outcome = error_test(error)
@@ -176,7 +182,7 @@ def _test_step(
 
 
 @compiled_subset
-def _attempt(codes: Addresses, tableau: PackedTableau, settings: Settings, run: Run) -> int:
+def _attempt(codes: ExplicitAddresses, tableau: PackedTableau, settings: RunSettings, run: Run) -> int:
     """Attempt a step, and accept or reject it; return the status."""
     progress, work, n = run.progress, run.work, settings.kept
     y, y_new, t = progress.row, 1 - progress.row, progress.t

@@ -39,7 +39,7 @@ from .packed_tableaus import POINT
 from .problem import IntegrationProblem, Solution
 from .recorded_runs import (
     Run,
-    Settings,
+    RunSettings,
     all_finite,
     begin_status,
     block_is_full,
@@ -70,7 +70,7 @@ _UNIT = 2.2e-16
 """Rounding in the tolerance and the rate of Newton's iteration, two digits of it as in RADAU5."""
 
 
-class Addresses(NamedTuple):
+class ImplicitAddresses(NamedTuple):
     """Addresses of kernels, see `ImplicitCode`."""
 
     rhs: Address
@@ -107,8 +107,8 @@ class ImplicitCode:
 class ImplicitArguments(NamedTuple):
     """Arguments of the loop."""
 
-    codes: Addresses
-    settings: Settings
+    codes: ImplicitAddresses
+    settings: RunSettings
     workspace: NewtonWorkspace
     run: Run
 
@@ -134,7 +134,7 @@ def integrate(code: ImplicitCode, problem: IntegrationProblem, multipliers: Floa
     work = np.zeros((ROWS, len(y0)))
     work[0] = y0
     projections = code.position, code.velocity
-    codes = Addresses(code.rhs, code.jacobian, code.tangent, *projections, code.knots, code.multipliers)
+    codes = ImplicitAddresses(code.rhs, code.jacobian, code.tangent, *projections, code.knots, code.multipliers)
     paired = len(problem.y0) - code.states
     settings, space = settings_of(problem, DEGREE), newton_workspace(len(y0), paired)
 
@@ -158,7 +158,7 @@ def LOOP(arguments: ImplicitArguments) -> int:
 
 
 @compiled_subset
-def _begin(codes: Addresses, settings: Settings, run: Run) -> bool:
+def _begin(codes: ImplicitAddresses, settings: RunSettings, run: Run) -> bool:
     """Evaluate the first slope and choose the first step; return whether the former is finite."""
     progress, span = run.progress, abs(settings.t1 - settings.t0)
     progress.previous, progress.rate, progress.known_rate = _SMALLEST_PREVIOUS, 1.0, 1.0
@@ -194,7 +194,9 @@ def _predicted(quotient: float, h: float, last: float, error: float, previous: f
 
 
 @compiled_subset
-def _increments(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: Run, h: float) -> tuple[int, int]:
+def _increments(
+    codes: ImplicitAddresses, settings: RunSettings, space: NewtonWorkspace, run: Run, h: float
+) -> tuple[int, int]:
     """Solve for the increments of a step; return how that ended, and the iterations."""
     progress, rtol = run.progress, settings.rtol
     y, t, kept = progress.row, progress.t, settings.kept
@@ -220,7 +222,7 @@ def _increments(codes: Addresses, settings: Settings, space: NewtonWorkspace, ru
 
 
 @compiled_subset
-def _diverged(settings: Settings, run: Run, h: float, outcome: int) -> int:
+def _diverged(settings: RunSettings, run: Run, h: float, outcome: int) -> int:
     """Retry with a new Jacobian or, where it is new already, with a smaller step; return the status."""
     progress = run.progress
     progress.known_rate = progress.rate = 1.0
@@ -232,7 +234,9 @@ def _diverged(settings: Settings, run: Run, h: float, outcome: int) -> int:
 
 
 @compiled_subset
-def _error(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: Run, h: float, y_new: int) -> float:
+def _error(
+    codes: ImplicitAddresses, settings: RunSettings, space: NewtonWorkspace, run: Run, h: float, y_new: int
+) -> float:
     """Return the norm of the error of a step over the tolerances."""
     progress, work = run.progress, run.work
     y, kept, rtol, atol = progress.row, settings.kept, settings.rtol, settings.atol
@@ -245,7 +249,9 @@ def _error(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: Ru
 
 
 @compiled_subset
-def _test_step(codes: Addresses, settings: Settings, run: Run, error: float, t_new: float, y_new: int) -> int:
+def _test_step(
+    codes: ImplicitAddresses, settings: RunSettings, run: Run, error: float, t_new: float, y_new: int
+) -> int:
     """Test the error of a step, project its end and evaluate the slope there; return the result of the test."""
     outcome = error_test(error)
     if outcome != ACCEPTED:
@@ -262,7 +268,7 @@ def _test_step(codes: Addresses, settings: Settings, run: Run, error: float, t_n
 
 
 @compiled_subset
-def _attempt(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: Run) -> int:
+def _attempt(codes: ImplicitAddresses, settings: RunSettings, space: NewtonWorkspace, run: Run) -> int:
     """Attempt a step, and accept or reject it; return the status."""
     progress, work = run.progress, run.work
     y, y_new = progress.row, 1 - progress.row
@@ -306,7 +312,7 @@ def _attempt(codes: Addresses, settings: Settings, space: NewtonWorkspace, run: 
 
 
 @compiled_subset
-def _begin_piece(codes: Addresses, settings: Settings, run: Run, y: int, t: float, proposed: float) -> None:
+def _begin_piece(codes: ImplicitAddresses, settings: RunSettings, run: Run, y: int, t: float, proposed: float) -> None:
     """Discard the Jacobian and the predictions from the last steps, which are those of the motion before the stop."""
     progress = run.progress
     _solve_multipliers(codes, settings, run, y)
@@ -319,7 +325,7 @@ def _begin_piece(codes: Addresses, settings: Settings, run: Run, y: int, t: floa
 
 
 @compiled_subset
-def _solve_multipliers(codes: Addresses, settings: Settings, run: Run, y: int) -> None:
+def _solve_multipliers(codes: ImplicitAddresses, settings: RunSettings, run: Run, y: int) -> None:
     """Compute the components without rates of a state behind a stop, where there are any."""
     if codes.multipliers == 0:
         return

@@ -17,7 +17,7 @@ from .projection import project_row
 from .step_control import next_step, smallest_step, status_after
 
 
-class Settings(NamedTuple):
+class RunSettings(NamedTuple):
     """The numbers of a problem, of whose components the first ``kept`` are recorded, by polynomials of a ``degree``.
 
     ``first_step`` is 0 where it is to be chosen; runs with ``stop_if_stiff`` stop where
@@ -106,7 +106,7 @@ def evaluate(code: int, t: float, run: Run, y: int, out: int) -> None:
 
 
 @compiled_subset
-def project(position: int, velocity: int, settings: Settings, t: float, run: Run, y: int) -> bool:
+def project(position: int, velocity: int, settings: RunSettings, t: float, run: Run, y: int) -> bool:
     """Project a row of the work onto the constraints, if there are any; return whether that succeeded."""
     work, before, rtol, atol = run.work, run.progress.row, settings.rtol, settings.atol
     return project_row(
@@ -124,13 +124,13 @@ def all_finite(work: FloatArray, first: int, second: int) -> bool:
 
 
 @compiled_subset
-def begin_status(settings: Settings, finite: bool) -> int:
+def begin_status(settings: RunSettings, finite: bool) -> int:
     """Return the status of a run before its first step."""
     return status_after(settings.t0 == settings.t1, 0.0, settings.max_steps) if finite else Status.NON_FINITE
 
 
 @compiled_subset
-def status_of(settings: Settings, progress: Progress) -> int:
+def status_of(settings: RunSettings, progress: Progress) -> int:
     """Return the status of a run after an attempt."""
     return status_after(progress.t == settings.t1, progress.steps + progress.rejected, settings.max_steps)
 
@@ -142,7 +142,7 @@ def block_is_full(progress: Progress) -> bool:
 
 
 @compiled_subset
-def planned_step(settings: Settings, run: Run, knots: int) -> tuple[float, float]:
+def planned_step(settings: RunSettings, run: Run, knots: int) -> tuple[float, float]:
     """Return the next step, with its sign, and where it ends; `knots` is the kernel of its limits at knots of tables.
 
     Where a knot cuts the step, ``progress.unlimited`` keeps the proposed size; it is 0 where none does.
@@ -160,7 +160,7 @@ def planned_step(settings: Settings, run: Run, knots: int) -> tuple[float, float
 
 
 @compiled_subset
-def pass_first_stops(settings: Settings, run: Run) -> bool:
+def pass_first_stops(settings: RunSettings, run: Run) -> bool:
     """Take the stops at the start, record the state behind them, and set where the first steps must end.
 
     Return whether there are any.
@@ -182,7 +182,7 @@ def pass_first_stops(settings: Settings, run: Run) -> bool:
 
 
 @compiled_subset
-def passes_stop(settings: Settings, run: Run, status: int) -> bool:
+def passes_stop(settings: RunSettings, run: Run, status: int) -> bool:
     """Return whether the step just accepted ends at a stop, be it a knot of an input; it is passed then.
 
     Of a run that has used up its steps only knots are passed: another run may continue it.
@@ -198,7 +198,7 @@ def passes_stop(settings: Settings, run: Run, status: int) -> bool:
 
 
 @compiled_subset
-def _limit_at_knots(settings: Settings, run: Run, knots: int) -> float:
+def _limit_at_knots(settings: RunSettings, run: Run, knots: int) -> float:
     """Return the largest size of a step from the present state that knots of tables allow."""
     t, out = run.progress.t, row(run.knot, 0)
     run.clock[0, 0] = t
@@ -217,7 +217,7 @@ def proposed_after(run: Run, size: float) -> float:
 
 
 @compiled_subset
-def retry(settings: Settings, run: Run, size: float, failure: int) -> int:
+def retry(settings: RunSettings, run: Run, size: float, failure: int) -> int:
     """Reject a step, to try another of some size; return the status, which is the failure where that is too small."""
     progress = run.progress
     progress.rejected += 1
@@ -236,7 +236,7 @@ def pending(run: Run, t_new: float) -> bool:
 
 
 @compiled_subset
-def record(position: int, velocity: int, settings: Settings, run: Run, piece: int, y_new: int, t_new: float) -> int:
+def record(position: int, velocity: int, settings: RunSettings, run: Run, piece: int, y_new: int, t_new: float) -> int:
     """Accept a step and record its requested states, by its polynomial where one is `pending`; return the status."""
     progress, t, projected = run.progress, run.progress.t, True
     while pending(run, t_new):
@@ -255,7 +255,7 @@ def record(position: int, velocity: int, settings: Settings, run: Run, piece: in
 
 
 @compiled_subset
-def record_behind(settings: Settings, run: Run) -> None:
+def record_behind(settings: RunSettings, run: Run) -> None:
     """Record the state at the end of a step where that is a requested time, and behind a stop where steps hold it."""
     progress = run.progress
     _record_at(run, progress.t, progress.row)

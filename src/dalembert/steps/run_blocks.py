@@ -14,15 +14,15 @@ from ..stops.stops import table_of
 from ..subset.addresses import NO_CODE
 from .dense_output import PiecewisePolynomial
 from .problem import IntegrationProblem, Solution
-from .recorded_runs import Progress, Run, Settings
+from .recorded_runs import Progress, Run, RunSettings
 
 _WITH_STOPS = 8
 """How much longer the first block of a run with stops is: each of them ends a step, and each call packs their table."""
 
 
-def settings_of(problem: IntegrationProblem, degree: int, *, stop_if_stiff: bool = False) -> Settings:
+def settings_of(problem: IntegrationProblem, degree: int, *, stop_if_stiff: bool = False) -> RunSettings:
     """Return the settings of a problem."""
-    return Settings(
+    return RunSettings(
         float(problem.t0),
         float(problem.t1),
         float(problem.rtol),
@@ -40,7 +40,7 @@ def settings_of(problem: IntegrationProblem, degree: int, *, stop_if_stiff: bool
 
 
 def run_in_blocks(
-    loop: Callable[[Run], int], problem: IntegrationProblem, settings: Settings, work: FloatArray
+    loop: Callable[[Run], int], problem: IntegrationProblem, settings: RunSettings, work: FloatArray
 ) -> tuple[int, Run, list[FloatArray]]:
     """Call a loop until its run has ended.
 
@@ -82,7 +82,7 @@ def run_in_blocks(
     return status, run._replace(rows=recorded), pieces
 
 
-def _begun(problem: IntegrationProblem, settings: Settings, work: FloatArray) -> Run:
+def _begun(problem: IntegrationProblem, settings: RunSettings, work: FloatArray) -> Run:
     """Return a run before its first step, whose rows are for the requested times."""
     n, constants = settings.kept, np.array(problem.constants, dtype=np.float64).reshape(-1, 1)
     t_eval = np.array(() if problem.t_eval is None else problem.t_eval, dtype=np.float64)

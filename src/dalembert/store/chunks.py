@@ -16,7 +16,7 @@ from ..runs.cases import Cases, spans_of
 from ..runs.reductions import with_event_parameters
 from ..runs.sweep import sweep_cases
 from ..starts.input_values import GivenInputs, read_inputs
-from .request import Part, Request
+from .request import CasePart, Request
 from .store import Columns, Store
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class SweptModel:
         about = parameters, options.events, options.reduce, options.grid
         return SweptModel(with_event_parameters(self.model, *about))
 
-    def run(self, part: Part, options: SweepOptions) -> Sweep:
+    def run(self, part: CasePart, options: SweepOptions) -> Sweep:
         """Return the results of a part, its leading cases among them.
 
         Raises
@@ -84,7 +84,7 @@ class SweptModel:
         part = request.part(request.count - 1, request.count, [0, request.count // 2])
         return dict(self.run(part, options).stats.methods)
 
-    def inputs(self, part: Part) -> GivenInputs | None:
+    def inputs(self, part: CasePart) -> GivenInputs | None:
         """Return the inputs of the cases of a part."""
         return read_inputs(self.model.layout, self.model.inputs, part.inputs, many=True)
 
@@ -139,18 +139,18 @@ class ChunkJob:
         first = chunk * self.store.rows * self.request.row
         return first, min(first + self.store.rows * self.request.row, self.request.count)
 
-    def given(self, chunk: int) -> Part:
+    def given(self, chunk: int) -> CasePart:
         """Return the arrays of a chunk."""
         return self.request.given(*self.cases(chunk), self.leaders)
 
-    def run(self, chunk: int, given: Part, threads: int) -> None:
+    def run(self, chunk: int, given: CasePart, threads: int) -> None:
         """Compute a chunk from its arrays, and write it."""
         part = self.request.completed(given, *self.cases(chunk), self.leaders)
         results = results_of(self.model, part, replace(self.options, threads=threads))
         self.store.write(chunk, self.request, columns_of(results, self.request))
 
 
-def results_of(model: SweptModel, part: Part, options: SweepOptions) -> xarray.Dataset:
+def results_of(model: SweptModel, part: CasePart, options: SweepOptions) -> xarray.Dataset:
     """Return the results of a part, without its leading cases."""
     found = model.run(part, options)
     results = found.to_xarray()

@@ -28,7 +28,7 @@ from ..options import SweepOptions
 from ..pipeline import Compiled, SeveralModes, Stages
 from .chunks import ChunkJob, LostCluster, Outcomes, SweptModel
 from .description import difference, digest_of, machine
-from .request import Part, Request
+from .request import CasePart, Request
 from .store import Store
 
 if TYPE_CHECKING:
@@ -215,7 +215,7 @@ def _watch(client: Any) -> Event:
 # -- in the processes of a cluster -----------------------------------------------------------------
 
 
-def _run_remotely(wanted: Mapping[str, str], text: bytes, chunk: int, given: Part) -> None:
+def _run_remotely(wanted: Mapping[str, str], text: bytes, chunk: int, given: CasePart) -> None:
     """Compute a chunk in a process of a cluster."""
     different = difference(wanted, machine(wanted))
     if different:

@@ -24,7 +24,7 @@ _HASHED = 1 << 20
 
 @final
 @dataclass(frozen=True, eq=False)
-class Part:
+class CasePart:
     """Arguments of `CompiledModel.sweep` for some cases, before them `leaders`, which decide for all.
 
     What a sweep decides once for all cases, it decides by the first that can start, and the like. With these before
@@ -74,11 +74,11 @@ class Request:
         """Cases that share a place on the first axis."""
         return int(np.prod(self.shape[1:], dtype=int))
 
-    def part(self, first: int, last: int, leaders: Sequence[int]) -> Part:
+    def part(self, first: int, last: int, leaders: Sequence[int]) -> CasePart:
         """Return the arguments for the cases `leaders`, followed by the cases from number `first` up to `last`."""
         return self.completed(self.given(first, last, leaders), first, last, leaders)
 
-    def given(self, first: int, last: int, leaders: Sequence[int]) -> Part:
+    def given(self, first: int, last: int, leaders: Sequence[int]) -> CasePart:
         """Return the arguments without those that grids and random cases determine."""
         some = _ranges(first, last, leaders)
         initial, parameters = (
@@ -88,9 +88,9 @@ class Request:
         inputs = None
         if self.inputs is not None:
             inputs = {key: _rows(value, some) for key, value in self.inputs.items()}
-        return Part(len(leaders), (begin, end), initial, parameters, inputs)
+        return CasePart(len(leaders), (begin, end), initial, parameters, inputs)
 
-    def completed(self, part: Part, first: int, last: int, leaders: Sequence[int]) -> Part:
+    def completed(self, part: CasePart, first: int, last: int, leaders: Sequence[int]) -> CasePart:
         """Return the arguments with those that grids and random cases determine."""
         some, varied = _ranges(first, last, leaders), dict[str, Any]()
         if isinstance(self.cases, CaseSampler):

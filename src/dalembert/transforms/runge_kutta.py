@@ -50,7 +50,7 @@ def _straight(name: str, rhs: Kernel, parts: Parts, knots: Kernel | None = None)
 
 @final
 @dataclass(frozen=True)
-class Pieces:
+class AttemptPieces:
     """An attempt or a start in pieces, for a right-hand side too large to be inlined in every stage.
 
     Attributes
@@ -88,7 +88,9 @@ class Pieces:
         return self.slopes if self.knots is None else self.slopes + len(self.knots.outputs)
 
 
-def attempt_pieces(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool, knots: Kernel | None = None) -> Pieces:
+def attempt_pieces(
+    rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool, knots: Kernel | None = None
+) -> AttemptPieces:
     """Return the attempt of `attempt_kernel` in pieces; together they compute the same bits."""
 
     def make(limits: tuple[str, str] | None = None) -> Attempt:
@@ -97,14 +99,14 @@ def attempt_pieces(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool,
     return _pieces("attempt", rhs, make) if knots is None else _pieces("attempt", rhs, make, knots)
 
 
-def start_pieces(rhs: Kernel, tableau: Tableau, *, carried: bool) -> Pieces:
+def start_pieces(rhs: Kernel, tableau: Tableau, *, carried: bool) -> AttemptPieces:
     """Return the start of `start_kernel` in pieces; together they compute the same bits."""
     return _pieces("start", rhs, lambda limits: Start(rhs, tableau, carried=carried))
 
 
 def _pieces(
     name: str, rhs: Kernel, make: Callable[[tuple[str, str] | None], Parts], knots: Kernel | None = None
-) -> Pieces:
+) -> AttemptPieces:
     n, limits = len(rhs.outputs), None if knots is None else ("limit_forward", "limit_backward")
     slopes = (make(limits).stages()[-1] + 1) * n
     moved = tuple(sorted({load.index for load in rhs.loads if load.array == "y" and load.index is not None}))
@@ -128,7 +130,7 @@ def _pieces(
         replace(load, index=places[load.index]) if load.array == "y" and load.index is not None else load
         for load in rhs.loads
     )
-    return Pieces(
+    return AttemptPieces(
         name=name,
         rhs=replace(PRODUCT_FUSION(rhs), loads=loads),
         moved=moved,

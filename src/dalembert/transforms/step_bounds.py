@@ -119,7 +119,7 @@ def _over_step(
         names = [f"a_{m}_{k}_" for k in range(shape.degree + 1)]
         loads += [Load(name, "y", shape.first + m * (shape.degree + 1) + k) for k, name in enumerate(names)]
         loads.append(Load(f"end_{m}_", "y", m))
-        series[m] = _joined(lines, list(names), h if shape.in_time else 1.0, f"end_{m}_")
+        series[m] = _ended_in_state(lines, list(names), h if shape.in_time else 1.0, f"end_{m}_")
     evaluate = inlined(lines, values)
     width = max(used, default=-1) + 1
     rows: list[list[Operand]] = []
@@ -138,7 +138,7 @@ def _over_step(
     return STEP_PASSES(kernel)
 
 
-def _joined(lines: Lines, terms: list[Operand], scale: Operand, end: Operand) -> list[Operand]:
+def _ended_in_state(lines: Lines, terms: list[Operand], scale: Operand, end: Operand) -> list[Operand]:
     """Return coefficients in the fraction of the step, made to end in the state that it ended in."""
     power: Operand = 1.0
     scaled: list[Operand] = []

@@ -22,7 +22,7 @@ from ...subset.addresses import OwnedAddress
 from ...subset.arguments import address_of
 from ...transforms.taylor import STEP_ARGUMENTS
 from ..runs import Final
-from .assembly import Compiled, assembly, load_object, object_code
+from .assembly import LoadedCode, assembly, load_object, object_code
 from .lane_printer import with_tables
 
 _DRIFT = 1e-4
@@ -60,7 +60,7 @@ class AdmissionCode:
         self.sizes, self.count, self.slack = sizes, len(kernel.outputs), 1.0 if projected else _DRIFT / TOLERANCE
 
     @once_property
-    def _loaded(self) -> Compiled:
+    def _loaded(self) -> LoadedCode:
         name = f"admission_{hashlib.sha256(repr(self._kernel).encode()).hexdigest()[:16]}"
         text = [("admission", self._kernel)]
         return load_object(object_code(self._folder, name, lambda: with_tables(assembly(text, 1))))

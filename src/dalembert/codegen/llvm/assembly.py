@@ -122,7 +122,7 @@ def _compiled(source: str, shape: Shape) -> tuple[Any, Any]:
 
 
 @final
-class Compiled:
+class LoadedCode:
     """Loaded object code, which lives as long as an address of it."""
 
     def __init__(self, engine: Any) -> None:
@@ -138,14 +138,14 @@ class Compiled:
             return OwnedAddress(self._engine.get_function_address(name), self._engine)
 
 
-def load_object(*codes: bytes) -> Compiled:
+def load_object(*codes: bytes) -> LoadedCode:
     """Return object code made by `compile_object`, ready to be called; several objects may call each other."""
     with _ENTERED:
         engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine(2))
         for code in codes:
             engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         engine.finalize_object()
-        return Compiled(engine)
+        return LoadedCode(engine)
 
 
 # Cache of object code on disk.

@@ -14,7 +14,7 @@ from ...ir.kernel import Kernel
 from ...ir.program import Program
 from ...methods.tableau import Tableau
 from ...transforms.recurrences import Recurrences
-from ...transforms.runge_kutta import Pieces, attempt_kernel, attempt_pieces, start_kernel, start_pieces
+from ...transforms.runge_kutta import AttemptPieces, attempt_kernel, attempt_pieces, start_kernel, start_pieces
 from ...transforms.taylor import step_kernel
 from ..compiled_backend import CompiledBackend
 from ..library import Code, KernelLibrary
@@ -71,7 +71,7 @@ def attempt_assembly(
     return render("llvm/attempt_calls.ll.j2", variables)
 
 
-def _chain_variables(pieces: Pieces, n: int) -> dict[str, Any]:
+def _chain_variables(pieces: AttemptPieces, n: int) -> dict[str, Any]:
     """Return names and sizes of the function that calls the pieces in turn; `n` is the length of the state."""
     clock = len(pieces.moved)
     return {

@@ -6,7 +6,7 @@ from ...methods.step_constants import SMALLEST_OF_REST, SMALLEST_OF_TIME
 from ...once import once
 from ...subset.addresses import OwnedAddress
 from ..rendering import render
-from .assembly import Compiled
+from .assembly import LoadedCode
 from .loops import library_code
 from .target import bits, constant, suffix, vector
 
@@ -34,7 +34,7 @@ def advance_lanes_assembly(lanes: int) -> str:
 
 
 @once
-def _advance_code(lanes: int) -> Compiled:
+def _advance_code(lanes: int) -> LoadedCode:
     return library_code(f"advance_lanes_{lanes}", lambda: advance_lanes_assembly(lanes))
 
 
@@ -64,7 +64,7 @@ def check_inputs_assembly(lanes: int) -> str:
 
 
 @once
-def _check_code(lanes: int) -> Compiled:
+def _check_code(lanes: int) -> LoadedCode:
     return library_code(f"check_inputs_{lanes}", lambda: check_inputs_assembly(lanes))
 
 

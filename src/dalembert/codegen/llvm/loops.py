@@ -26,12 +26,12 @@ from ...version import __version__
 from ..cache import digest_of, directory
 from ..host_code import host_code
 from ..rendering import generator_digest
-from .assembly import Compiled, Shape, load_object, object_code
+from .assembly import LoadedCode, Shape, load_object, object_code
 from .target import target
 
 DEBUG_VARIABLE = "DALEMBERT_DEBUG"
 
-_PERMANENT: list[Compiled] = []
+_PERMANENT: list[LoadedCode] = []
 """Code of no scene, which is never unloaded, whatever caches forget."""
 
 
@@ -84,7 +84,7 @@ def toolchain() -> str:
     return f"{__version__} {python} {llvmlite.__version__}"
 
 
-def library_code(name: str, text: Callable[[], str], shape: Shape = "straight") -> Compiled:
+def library_code(name: str, text: Callable[[], str], shape: Shape = "straight") -> LoadedCode:
     """Return code that is independent of scenes, compiled from a module of assembly once per installation.
 
     It stays loaded for the life of the process.
@@ -109,7 +109,7 @@ class Loop:
         return found
 
     @once_property
-    def _code(self) -> Compiled:
+    def _code(self) -> LoadedCode:
         def text() -> str:
             from ..subset import loop_assembly
 

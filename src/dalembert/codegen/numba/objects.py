@@ -21,7 +21,7 @@ import numba
 from ...errors import OptionError
 from ...once import once
 from ..cache import read_kept, write_kept
-from ..llvm.assembly import Compiled, compile_object, load_object
+from ..llvm.assembly import LoadedCode, compile_object, load_object
 from ..llvm.target import target
 from . import texts
 from .texts import table_definitions
@@ -41,7 +41,7 @@ def numba_version() -> str:
     return version("numba")
 
 
-def load_functions(folder: Path | None, name: str, text: Callable[[], str], functions: Sequence[str]) -> Compiled:
+def load_functions(folder: Path | None, name: str, text: Callable[[], str], functions: Sequence[str]) -> LoadedCode:
     """Return functions of a module of Python as machine code: from `folder` where it is there, else compiled and kept.
 
     Parameters

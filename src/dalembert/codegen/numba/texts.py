@@ -12,7 +12,7 @@ from ...ir.program import Program
 from ...ir.tables import table_of
 from ...methods.tableau import Tableau
 from ...transforms.recurrences import Recurrences
-from ...transforms.runge_kutta import Pieces, attempt_kernel, attempt_pieces, start_kernel, start_pieces
+from ...transforms.runge_kutta import AttemptPieces, attempt_kernel, attempt_pieces, start_kernel, start_pieces
 from ...transforms.taylor import step_kernel
 from ..llvm.target import target
 from ..printers import NUMBA
@@ -137,7 +137,7 @@ def entries(functions: Sequence[tuple[str, str]]) -> str:
     return render("numba/entries.ll.j2", {"entries": named})
 
 
-def _chain(pieces: Pieces, n: int) -> dict[str, Any]:
+def _chain(pieces: AttemptPieces, n: int) -> dict[str, Any]:
     """Return the variables of the function that calls the pieces in turn."""
     return {
         "name": pieces.name,

@@ -43,11 +43,11 @@ def integrate(rhs: Function, jacobian: Function, problem: IntegrationProblem, mu
         Of the state alone. Numerical failure is its status.
     """
     with np.errstate(all="ignore"):
-        return _Run(rhs, jacobian, problem, multipliers).solution()
+        return _ReferenceRun(rhs, jacobian, problem, multipliers).solution()
 
 
 @final
-class _Run:
+class _ReferenceRun:
     def __init__(self, rhs: Function, jacobian: Function, problem: IntegrationProblem, multipliers: FloatArray) -> None:
         self.rhs, self.jacobian, self.problem = rhs, jacobian, problem
         self.kept = len(problem.y0)

@@ -55,13 +55,13 @@ def integrate(kernels: Kernels, method: str, problem: IntegrationProblem) -> Sol
     """
     _check(kernels, method)
     with np.errstate(all="ignore"):
-        return _Run(kernels, method, problem).solution()
+        return _SteppedRun(kernels, method, problem).solution()
 
 
 def step_blocks(kernels: Kernels, method: str, problem: IntegrationProblem) -> Iterator[Solution]:
     """Integrate a problem step by step; each yields what it added, the last the status of the whole."""
     _check(kernels, method)
-    run = _Run(kernels, method, problem)
+    run = _SteppedRun(kernels, method, problem)
     y0 = np.array(problem.y0, dtype=np.float64)
     run.begin(y0)
     statuses = run.statuses(y0)
@@ -89,7 +89,7 @@ def _check(kernels: Kernels, method: str) -> None:
 
 @final
 @dataclass
-class _Run:
+class _SteppedRun:
     """One integration in progress."""
 
     kernels: Kernels

@@ -15,7 +15,7 @@ import numpy as np
 from jax import lax
 
 from ...methods.tableau import Tableau
-from .derivatives import Over, Record
+from .derivatives import Over, StepsRecord
 from .mesh_axes import varying_like
 from .products import product
 
@@ -41,7 +41,7 @@ class Pull(Protocol):
 class _Rows:
     """Steps to go back over: the attempts of a run, and behind them those to requested times, where there are any."""
 
-    record: Record
+    record: StepsRecord
     given: tuple[Any, ...]
     end: Any
     over: Over | None = None
@@ -138,7 +138,7 @@ class InTurn:
         return ends
 
     def __call__(
-        self, record: Record, c: Any, given: tuple[Any, ...], end: Any, over: tuple[Any, ...] = ()
+        self, record: StepsRecord, c: Any, given: tuple[Any, ...], end: Any, over: tuple[Any, ...] = ()
     ) -> tuple[Any, Any]:
         """Return the cotangents of the first state (n_y,) and of the constants (n_c,).
 
@@ -157,7 +157,7 @@ class InTurn:
         ahead, memory, _ = self._through(rows, end, c)
         return (jnp.where(record.count > 0, ahead, end) if over else ahead), self.pulling().sums(memory)
 
-    def starts(self, record: Record, c: Any, over: Over, cotangents: Any) -> tuple[Any, Any]:
+    def starts(self, record: StepsRecord, c: Any, over: Over, cotangents: Any) -> tuple[Any, Any]:
         """Return the cotangents of the starts of steps to times (n_t, n_y), those of one attempt summed, and of c."""
         alone = _Rows(record._replace(count=0), (), record.end, over, cotangents, _firsts(over))
         _, memory, (starts, _) = self._through(alone, record.end, c)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol, final
 import jax
 import jax.numpy as jnp
 
-from .derivatives import CHUNK, Linear, Over, Record, Steps, Turns, pulled, pushed
+from .derivatives import CHUNK, Linear, Over, Steps, StepsRecord, Turns, pulled, pushed
 from .linear_maps import LinearMap, apply
 from .mesh_axes import stack
 from .projection import Rows
@@ -35,7 +35,7 @@ class Course(NamedTuple):
     Attributes
     ----------
     count, taken, end : Array (), (room, 2 + n_y), (n_y,)
-        As in `Record`.
+        As in `StepsRecord`.
     at, begins, sizes : Array (n_t,)
         The attempts that pass over requested times, by number; when these began, and how far they go to the times.
     c : Array (n_c,)
@@ -51,9 +51,9 @@ class Course(NamedTuple):
     c: Any
 
     @property
-    def record(self) -> Record:
+    def record(self) -> StepsRecord:
         """The run as a record."""
-        return Record(self.count.astype(int), self.taken, self.end, jnp.nan, jnp.nan)
+        return StepsRecord(self.count.astype(int), self.taken, self.end, jnp.nan, jnp.nan)
 
 
 @final

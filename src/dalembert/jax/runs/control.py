@@ -44,7 +44,7 @@ class Control(NamedTuple):
 
 
 @final
-class Controller(diffrax.AbstractAdaptiveStepSizeController):
+class StepController(diffrax.AbstractAdaptiveStepSizeController):
     """diffrax's PI controller, with three more reasons to reject or to stop.
 
     A step that leaves the finite numbers is rejected; a step that is rejected although it cannot be made smaller
@@ -83,7 +83,7 @@ class Controller(diffrax.AbstractAdaptiveStepSizeController):
         )
         self.norm = self.inner.norm
 
-    def wrap(self, direction: Any) -> Controller:
+    def wrap(self, direction: Any) -> StepController:
         """See diffrax; nothing here depends on the direction of time."""
         return self
 

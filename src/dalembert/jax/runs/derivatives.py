@@ -23,7 +23,7 @@ CHUNK = 16
 
 
 @final
-class Record(NamedTuple):
+class StepsRecord(NamedTuple):
     """Record of a run: the number of attempts (), the attempts (room, 2 + n_y), and its end.
 
     Of each attempt that is when it started, its size, and the state there. The room is a multiple of `CHUNK`. Rejected
@@ -89,11 +89,11 @@ class Turns(Protocol):
     def ends(self, over: Over, states: Any, c: Any) -> Any:
         """Return the ends (n_t, n_y) of steps from states (n_t, n_y), by constants (n_c,)."""
 
-    def starts(self, record: Record, c: Any, over: Over, cotangents: Any) -> tuple[Any, Any]:
+    def starts(self, record: StepsRecord, c: Any, over: Over, cotangents: Any) -> tuple[Any, Any]:
         """Return the cotangents of the starts of steps to times (n_t, n_y), those of one attempt summed, and of c."""
 
     def __call__(
-        self, record: Record, c: Any, given: tuple[Any, ...], end: Any, over: tuple[Any, ...] = ()
+        self, record: StepsRecord, c: Any, given: tuple[Any, ...], end: Any, over: tuple[Any, ...] = ()
     ) -> tuple[Any, Any]:
         """Return the result of `pulled` for a run with steps to requested times.
 
@@ -157,7 +157,7 @@ def jacobians(function: Any, y: Rows) -> Any:
 
 
 def pushed(
-    linear: Linear, record: Record, c: Any, dy: Any, dc: Any, *, keep: bool, sources: Any = None
+    linear: Linear, record: StepsRecord, c: Any, dy: Any, dc: Any, *, keep: bool, sources: Any = None
 ) -> tuple[Any, Any]:
     """Return the change of the states at the starts of attempts (room, n_y) and at the end (n_y,).
 
@@ -200,7 +200,7 @@ def pushed(
 
 def pulled(
     linear: Linear,
-    record: Record,
+    record: StepsRecord,
     c: Any,
     given: tuple[Any, ...],
     end: Any,
@@ -250,7 +250,7 @@ def pulled(
     return (first, share, kept) if sources else (first, share)
 
 
-def _steps(linear: Linear, record: Record, first: Any, c: Any) -> Steps:
+def _steps(linear: Linear, record: StepsRecord, first: Any, c: Any) -> Steps:
     """Return CHUNK of the attempts of a run; where nothing moved, with a state that the run has been in."""
     taken = lax.dynamic_slice_in_dim(record.taken, first, CHUNK)
     h = taken[:, 1]

@@ -12,7 +12,7 @@ from typing import Any
 import jax.numpy as jnp
 from jax import lax
 
-from .derivatives import CHUNK, Record
+from .derivatives import CHUNK, StepsRecord
 from .mesh_axes import varying_like
 from .precision import precision_of
 from .projection import Rows
@@ -27,7 +27,9 @@ _ROUNDS = 2
 OnRows = Callable[[Any, Rows, Rows], Rows]
 
 
-def sure_until(decided: OnRows, rates: OnRows, constants: RunConstants, record: Record, c: Any, direction: Any) -> Any:
+def sure_until(
+    decided: OnRows, rates: OnRows, constants: RunConstants, record: StepsRecord, c: Any, direction: Any
+) -> Any:
     """Return up to which time a run went across no jump, infinity in its `direction` if it went across none.
 
     Parameters
@@ -76,7 +78,7 @@ def _apart(one: Any, other: Any) -> Any:
     return ~jnp.all(jnp.abs(one - other) <= precision_of(size).jump * size[:, None], axis=1)
 
 
-def _points(rates: OnRows, constants: RunConstants, record: Record, first: Any, c: Any) -> tuple[Any, Any]:
+def _points(rates: OnRows, constants: RunConstants, record: StepsRecord, first: Any, c: Any) -> tuple[Any, Any]:
     """Return times (2 CHUNK + 1,) and states there (2 CHUNK + 1, n_y): ends of steps, and their middles."""
     number = first + jnp.arange(CHUNK + 1)
     taken = record.taken[jnp.minimum(number, len(record.taken) - 1)]

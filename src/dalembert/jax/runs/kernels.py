@@ -31,7 +31,7 @@ def stacked(kernel: Function) -> OnArrays:
 
 
 @final
-class Kernels:
+class ArrayKernels:
     """The kernels of one program, on arrays.
 
     Parameters

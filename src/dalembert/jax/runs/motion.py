@@ -21,7 +21,7 @@ from .jumping import moved_until, sure_until
 from .linear_maps import apply
 from .mesh_axes import stack, vectorised
 from .projection import Rows
-from .run_data import Limits, Path, Pieces, Reached, places
+from .run_data import Limits, Path, Reached, RunPieces, places
 from .runs import Runs
 from .timed import At, Timed
 from .unknown import Known, OrNan
@@ -48,7 +48,7 @@ class _Full(NamedTuple):
 
 
 @final
-class Motion:
+class TracedMotion:
     """Runs of one method for one program, as functions that JAX differentiates and vectorises.
 
     Parameters
@@ -59,7 +59,7 @@ class Motion:
         How the steps are chosen.
     """
 
-    def __init__(self, pieces: Pieces, limits: Limits) -> None:
+    def __init__(self, pieces: RunPieces, limits: Limits) -> None:
         self._pieces = pieces
         self._runs = Runs(pieces, limits)
         self._room = -(-limits.max_steps // CHUNK) * CHUNK

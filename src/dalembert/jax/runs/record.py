@@ -15,7 +15,7 @@ from ...steps.projection import end_in, projected
 
 
 @final
-class Record:
+class BlockRecord:
     """Collects blocks, whose time is negated where the problem goes backward.
 
     Parameters

@@ -21,7 +21,7 @@ Reading = Callable[[Rows, Any, Any], Rows]
 
 @final
 @dataclass(frozen=True)
-class InputTable:
+class TracedInputs:
     """The record of an input among the constants of a run: knots (n,), then polynomials (n + 1, width).
 
     Knots are times since the start of the run, as its breaks are; the knots that polynomials count from are true times.
@@ -81,7 +81,7 @@ class RunConstants:
 
     place: int | None = None
     count: int = 0
-    tables: tuple[InputTable, ...] = ()
+    tables: tuple[TracedInputs, ...] = ()
     weights: int = 0
     weighted: bool = False
 
@@ -164,7 +164,7 @@ class RunConstants:
             given[table.place : table.place + table.width] = [found[..., i] for i in range(table.width)]
         return (*given, values[len(values) - self.weights :]) if self.weighted else tuple(given)
 
-    def _pieces(self, table: InputTable, c: Any, middles: Any, *, many: bool) -> Any:
+    def _pieces(self, table: TracedInputs, c: Any, middles: Any, *, many: bool) -> Any:
         """Return the number of the polynomial between any two breaks (n + 1,) or (n + 1, k)."""
         if not many:
             return table.piece(c[table.first : table.polynomials], middles)

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from .along import Differentiable
-from .derivatives import Record, Steps
+from .derivatives import Steps, StepsRecord
 from .lanes import Attempts, Function
 from .mesh_axes import vectorised
 from .projection import Projections, Rows
@@ -36,8 +36,8 @@ class Foreign(Protocol):
         ...
 
     def __call__(
-        self, limits: Limits, room: int, traced: Callable[..., Record], cases: int, t: Any, y: Any, c: Any
-    ) -> Record:
+        self, limits: Limits, room: int, traced: Callable[..., StepsRecord], cases: int, t: Any, y: Any, c: Any
+    ) -> StepsRecord:
         """Return the results of runs, with rows of times, first states and constants: one for each case, or for all.
 
         `traced` is a function of rows (t, y, c) of all cases that does so in a traced loop.
@@ -47,7 +47,7 @@ class Foreign(Protocol):
 
 @final
 @dataclass(frozen=True)
-class Pieces:
+class RunPieces:
     """A method, in the forms that a traced run needs.
 
     Attributes
@@ -103,7 +103,7 @@ class Reached(NamedTuple):
 
 @final
 class Path(NamedTuple):
-    """The attempts of a run, of which `count` were made, as in `Record`: what it takes to go along it again.
+    """The attempts of a run, of which `count` were made, as in `StepsRecord`: what it takes to go along it again.
 
     ``taken`` (room, 2 + n_y), ``end`` (n_y,), and the time ``reached``, in the direction of the run.
     """

@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 
 from ...methods.status import Status
-from .derivatives import Over, Record, Steps
+from .derivatives import Over, Steps, StepsRecord
 from .lanes import Batch
 from .mesh_axes import stack
 from .recording import course_of
 from .ruled import ruled
-from .run_data import Limits, Pieces, Reached, in_order, middles
+from .run_data import Limits, Reached, RunPieces, in_order, middles
 
 
 @final
@@ -28,7 +28,7 @@ class Runs:
         How the steps are chosen.
     """
 
-    def __init__(self, pieces: Pieces, limits: Limits) -> None:
+    def __init__(self, pieces: RunPieces, limits: Limits) -> None:
         self._pieces, self._limits = pieces, limits
 
     def _batch(self, t0: Any, t1: Any, y: Any, c: Any, breaks: Any) -> Batch:
@@ -38,65 +38,65 @@ class Runs:
             return batch
         return batch._replace(breaks=breaks, between=constants.reading(c, breaks, t0, t1))
 
-    def one(self, room: int, *given: Any) -> Record:
+    def one(self, room: int, *given: Any) -> StepsRecord:
         """Run one case at times t, from y, with c and breaks, as one of a batch where it is vectorised."""
         foreign = self._pieces.foreign
 
-        def cases(t: Any, y: Any, c: Any) -> Record:
+        def cases(t: Any, y: Any, c: Any) -> StepsRecord:
             if len(t) == 1:
                 found = self._alone(room, t[0], y[0], c[0])
-                return Record(found.count, *(value[jnp.newaxis] for value in found[1:]))
+                return StepsRecord(found.count, *(value[jnp.newaxis] for value in found[1:]))
             return self._many(room, t, y, c, jnp.zeros((len(t), 0)))
 
         @jax.custom_batching.custom_vmap
-        def one(t: Any, y: Any, c: Any, breaks: Any) -> Record:
+        def one(t: Any, y: Any, c: Any, breaks: Any) -> StepsRecord:
             if foreign is None or not foreign.serves:
                 return self._alone(room, t, y, c, breaks)
             found = foreign(self._limits, room, cases, 1, t[jnp.newaxis], y[jnp.newaxis], c[jnp.newaxis])
-            return Record(found.count, *(value[0] for value in found[1:]))
+            return StepsRecord(found.count, *(value[0] for value in found[1:]))
 
         @one.def_vmap
-        def _(size: int, batched: Any, *arguments: Any) -> tuple[Record, Record]:
-            each = Record(False, *[True] * 6)
+        def _(size: int, batched: Any, *arguments: Any) -> tuple[StepsRecord, StepsRecord]:
+            each = StepsRecord(False, *[True] * 6)
             if foreign is not None and foreign.serves:
                 own = (a if b else a[jnp.newaxis] for a, b in zip(arguments[:3], batched, strict=False))
                 return foreign(self._limits, room, cases, size, *own), each
             rows = [a if b else jnp.broadcast_to(a, (size, *a.shape)) for a, b in zip(arguments, batched, strict=True)]
             return self._many(room, *rows), each
 
-        found: Record = one(*ruled(*given))
+        found: StepsRecord = one(*ruled(*given))
         return found
 
-    def _alone(self, room: int, t: Any, y: Any, c: Any, breaks: Any = ()) -> Record:
+    def _alone(self, room: int, t: Any, y: Any, c: Any, breaks: Any = ()) -> StepsRecord:
         """Run one case in a loop of its own."""
         pieces, between = self._pieces, t if len(t) > 2 else t[:0]
         batch = self._batch(t[0], t[-1], (y,), c, breaks)._replace(c=pieces.steps.constants.split(c))
         count, taken, end = course_of(pieces.one, pieces.one_projections, room, batch, between)
-        return Record(count, taken, end.y[0], end.t, end.status.astype(float), end.steps, end.attempts)
+        return StepsRecord(count, taken, end.y[0], end.t, end.status.astype(float), end.steps, end.attempts)
 
-    def _many(self, room: int, *given: Any) -> Record:
+    def _many(self, room: int, *given: Any) -> StepsRecord:
         """Run cases in one loop; a batch of batches is one batch."""
         pieces = self._pieces
 
         @jax.custom_batching.custom_vmap
-        def many(t: Any, y: Any, c: Any, breaks: Any) -> Record:
+        def many(t: Any, y: Any, c: Any, breaks: Any) -> StepsRecord:
             between = t if t.shape[1] > 2 else t[:, :0]
             batch = self._batch(t[:, 0], t[:, -1], tuple(y.T), c, breaks.T)
             batch = batch._replace(c=pieces.steps.constants.split(c))
             count, taken, end = course_of(pieces.many, pieces.many_projections, room, batch, between.T)
             states = jnp.stack(end.y, axis=-1) if end.y else jnp.zeros((len(t), 0))
             status = end.status.astype(float)
-            return Record(count, jnp.moveaxis(taken, 2, 0), states, end.t, status, end.steps, end.attempts)
+            return StepsRecord(count, jnp.moveaxis(taken, 2, 0), states, end.t, status, end.steps, end.attempts)
 
         @many.def_vmap
-        def _(size: int, batched: Any, *arguments: Any) -> tuple[Record, Record]:
+        def _(size: int, batched: Any, *arguments: Any) -> tuple[StepsRecord, StepsRecord]:
             rows = [a if b else jnp.broadcast_to(a, (size, *a.shape)) for a, b in zip(arguments, batched, strict=True)]
             own = rows[0].shape[1]
             count, *rest = self._many(room, *(row.reshape(size * own, *row.shape[2:]) for row in rows))
             split = [value.reshape(size, own, *value.shape[1:]) for value in rest]
-            return Record(count, *split), Record(False, *[True] * 6)
+            return StepsRecord(count, *split), StepsRecord(False, *[True] * 6)
 
-        found: Record = many(*given)
+        found: StepsRecord = many(*given)
         return found
 
     def rates(self, t: Any, y: Any, c: Any, breaks: Any) -> Any:
@@ -126,7 +126,7 @@ class Runs:
 
         return alone(over, states, c, go)
 
-    def run(self, room: int, t: Any, y0: Any, c: Any, breaks: Any) -> tuple[Reached, Record, Any, Any]:
+    def run(self, room: int, t: Any, y0: Any, c: Any, breaks: Any) -> tuple[Reached, StepsRecord, Any, Any]:
         """Return the result of the run, its record, which times were reached, and the attempts that pass over them.
 
         Of these, the numbers, starts, and sizes to the times, where there are more than two (n_t,).
@@ -135,8 +135,8 @@ class Runs:
         return self._at_times(room, t, ordered, y0, c, self.one(room, t, y0, c, breaks))
 
     def _at_times(
-        self, room: int, t: Any, ordered: Any, y0: Any, c: Any, record: Record
-    ) -> tuple[Reached, Record, Any, Any]:
+        self, room: int, t: Any, ordered: Any, y0: Any, c: Any, record: StepsRecord
+    ) -> tuple[Reached, StepsRecord, Any, Any]:
         """Return the result of `run`, from the record of the run."""
         record = record._replace(status=jnp.where(ordered, record.status, float(Status.TIMES_IN_NO_ORDER)))
         forward = jnp.where(t[-1] >= t[0], 1.0, -1.0)

@@ -16,11 +16,11 @@ from ...steps.problem import IntegrationProblem, Solution
 from ...transforms.taylor import scale_floor
 from .compiling import compiled
 from .precision import double_precision
-from .record import Record
+from .record import BlockRecord
 from .step_limits import smallest_step
 
 if TYPE_CHECKING:
-    from .kernels import Kernels
+    from .kernels import ArrayKernels
 
 BLOCK_STEPS = 64
 """Steps in a block: the most that one call of the compiled function takes and returns."""
@@ -61,7 +61,7 @@ class _Block(NamedTuple):
 def _advance(
     step: Callable[..., Any],
     step_growth_limited: bool,
-    kernels: Kernels,
+    kernels: ArrayKernels,
     order: int,
     span: _Span,
     t: Any,
@@ -89,7 +89,7 @@ def _advance(
 
 
 def _after_step(
-    step: Callable[..., Any], step_growth_limited: bool, kernels: Kernels, span: _Span, block: _Block
+    step: Callable[..., Any], step_growth_limited: bool, kernels: ArrayKernels, span: _Span, block: _Block
 ) -> _Block:
     """Return a block with one step more, or with the status that ends the run."""
     n, order = len(block.state), block.increments.shape[1]
@@ -140,7 +140,7 @@ class TaylorIntegrator:
     """
 
     def __init__(
-        self, step: Callable[..., Any], kernels: Kernels, order: int, operations: int, *, step_growth_limited: bool
+        self, step: Callable[..., Any], kernels: ArrayKernels, order: int, operations: int, *, step_growth_limited: bool
     ) -> None:
         self._order = order
         self._kernels = kernels
@@ -148,7 +148,7 @@ class TaylorIntegrator:
 
     def __call__(self, problem: IntegrationProblem) -> Solution:
         """Integrate a problem; numerical failure is the solution's status, never an exception."""
-        record = Record(problem, np.eye(self._order), self._kernels.program)
+        record = BlockRecord(problem, np.eye(self._order), self._kernels.program)
         span = _Span(
             np.float64(problem.t0),
             np.float64(problem.t1),

@@ -25,14 +25,14 @@ from ...methods.step_constants import ANY_START
 from ...once import once
 from ...steps.problem import IntegrationProblem, Solution
 from .compiling import compiled
-from .control import Control, Controller
+from .control import Control, StepController
 from .precision import double_precision
 from .projected import projecting
-from .record import Record
+from .record import BlockRecord
 from .step_limits import limit_at_knots
 
 if TYPE_CHECKING:
-    from .kernels import Kernels
+    from .kernels import ArrayKernels
 
 BLOCK_STEPS = 256
 """Attempts in a block: the most that one call of the compiled function takes and returns."""
@@ -78,7 +78,7 @@ METHODS: Mapping[str, Method] = {
 
 
 @final
-class Settings(NamedTuple):
+class SolverSettings(NamedTuple):
     """The numbers of an integration problem, all traced. Time is negated where the problem goes backward."""
 
     direction: Any
@@ -117,13 +117,13 @@ class Block(NamedTuple):
     stages: Any
 
 
-def solver_for(kernels: Kernels, method: str) -> Any:
-    """Return the solver of a method, projecting where the program does; its ``args`` are `Settings`."""
+def solver_for(kernels: ArrayKernels, method: str) -> Any:
+    """Return the solver of a method, projecting where the program does; its ``args`` are `SolverSettings`."""
     solver = METHODS[method].solver
     if not kernels.projected:
         return solver
 
-    def project(t: Any, y: Any, before: Any, settings: Settings) -> Any:
+    def project(t: Any, y: Any, before: Any, settings: SolverSettings) -> Any:
         tolerances = ANY_START, settings.atol
         return kernels.project(settings.direction * t, y, settings.constants, before, tolerances)
 
@@ -136,26 +136,26 @@ oscillator is 30 times them (that of explicit methods once or twice), though its
 of Kvaerno's pair is that much too small."""
 
 
-def equation(kernels: Kernels, settings: Settings, solver: Any) -> tuple[Any, Controller]:
+def equation(kernels: ArrayKernels, settings: SolverSettings, solver: Any) -> tuple[Any, StepController]:
     """Return the differential equation forward in time, and the step size control of a solver."""
     rhs = kernels["rhs"]
 
-    def slope(t: Any, y: Any, settings: Settings) -> Any:
+    def slope(t: Any, y: Any, settings: SolverSettings) -> Any:
         return settings.direction * rhs(settings.direction * t, y, settings.constants)
 
     span = settings.t1 - settings.t0
     share = IMPLICIT_SHARE if isinstance(solver, diffrax.AbstractImplicitSolver) else 1.0
 
-    def limit(t: Any, y: Any, settings: Settings) -> Any:
+    def limit(t: Any, y: Any, settings: SolverSettings) -> Any:
         time = settings.direction * t
         return limit_at_knots(kernels["knots"](time, y, settings.constants), time, settings.direction)
 
     tolerances = share * settings.rtol, share * settings.atol
-    controller = Controller(*tolerances, settings.max_step, span, limit if "knots" in kernels else None)
+    controller = StepController(*tolerances, settings.max_step, span, limit if "knots" in kernels else None)
     return diffrax.ODETerm(slope), controller
 
 
-def _begin(kernels: Kernels, solver: Any, settings: Settings, y: Any, max_steps: Any) -> tuple[Point, Any]:
+def _begin(kernels: ArrayKernels, solver: Any, settings: SolverSettings, y: Any, max_steps: Any) -> tuple[Point, Any]:
     """Return the start, with the size of the first step, and whether its slope is finite."""
     term, controller = equation(kernels, settings, solver)
     t0, t1 = settings.t0, settings.t1
@@ -165,7 +165,7 @@ def _begin(kernels: Kernels, solver: Any, settings: Settings, y: Any, max_steps:
     return Point(t0, y, control._replace(attempts=max_steps)), finite
 
 
-def _advance(kernels: Kernels, solver: Any, settings: Settings, start: Point) -> Block:
+def _advance(kernels: ArrayKernels, solver: Any, settings: SolverSettings, start: Point) -> Block:
     """Take at most BLOCK_STEPS attempts from `start` towards the end of the span."""
     term, controller = equation(kernels, settings, solver)
     solution = diffrax.diffeqsolve(
@@ -217,8 +217,8 @@ def _weights(method: str) -> FloatArray:
     return np.asarray(np.linalg.solve(powers, samples / theta[:, np.newaxis]).T, dtype=np.float64)
 
 
-def _settings(problem: IntegrationProblem, direction: float) -> Settings:
-    return Settings(
+def _settings(problem: IntegrationProblem, direction: float) -> SolverSettings:
+    return SolverSettings(
         direction=np.float64(direction),
         t0=np.float64(direction * problem.t0),
         t1=np.float64(direction * problem.t1),
@@ -257,7 +257,7 @@ class Integrator:
         A name in `METHODS`.
     """
 
-    def __init__(self, kernels: Kernels, method: str) -> None:
+    def __init__(self, kernels: ArrayKernels, method: str) -> None:
         solver = solver_for(kernels, method)
         self._kernels, self._method = kernels, method
         operations = len(kernels.program.kernel("rhs").body)
@@ -267,7 +267,7 @@ class Integrator:
     def __call__(self, problem: IntegrationProblem) -> Solution:
         """Integrate a problem; numerical failure is the solution's status, never an exception."""
         projected = self._kernels.projected
-        record = Record(problem, _weights(self._method), self._kernels.program)
+        record = BlockRecord(problem, _weights(self._method), self._kernels.program)
         settings = _settings(problem, record.direction)
         with double_precision():
             start = self._begin(settings, np.array(problem.y0, dtype=np.float64), np.int64(problem.max_steps))
@@ -284,7 +284,7 @@ class Integrator:
         evaluations = _FIRST + record.blocks + METHODS[self._method].evaluations * attempts
         return record.solution(status, evaluations)
 
-    def _regular(self, settings: Settings, point: Point) -> bool:
+    def _regular(self, settings: SolverSettings, point: Point) -> bool:
         """Whether the right-hand side is finite where the run ended, so that the projection is what failed."""
         t, y, c = (np.asarray(value) for value in (settings.direction * point.t, point.y, settings.constants))
         slopes = interpret_rows(self._kernels.program.kernel("rhs"), t.reshape(1), y.reshape(1, -1), c)
