@@ -1,7 +1,7 @@
 """Step size control of all loops: limits, acceptance, growth, retries, and the status after a step.
 
 Generated Runge-Kutta attempts compute acceptance and growth themselves (`dalembert.transforms.runge_kutta`), and
-`dalembert.integrators.jax` mirrors what it needs; both take the constants of `dalembert.methods.step_constants`.
+`dalembert.jax.runs` mirrors what it needs; both take the constants of `dalembert.methods.step_constants`.
 """
 
 from __future__ import annotations
