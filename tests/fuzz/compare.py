@@ -272,14 +272,15 @@ class _Comparison:
         error = float(np.max(np.abs(ours - truth) / self.judge.sizes[:, 0]))
         return error if math.isfinite(error) else math.inf
 
-    def _judged(self, path: str, error: float, bound: float, what: str) -> bool:
-        """Take down an error; where it is too large, ask how sure the reference is of itself."""
+    def _judged(self, path: str, error: float, bound: float, what: str, unsure: float | None = None) -> bool:
+        """Take down an error; where it is too large, ask how sure the reference is of itself, unless that is given."""
         self.report.errors[path] = max(error, self.report.errors.get(path, 0.0))
         if error <= bound:
             if path not in self.report.paths:
                 self.report.add(path, "agree")
             return True
-        unsure = self.timed("reference", lambda: self.judge.uncertainty)
+        if unsure is None:
+            unsure = self.timed("reference", lambda: self.judge.uncertainty)
         if error <= max(bound, 300 * unsure) and error < 1e-2:
             self.report.add(path, "set aside", f"ill conditioned: error {error:.1e}, reference {unsure:.1e}")
         else:
@@ -356,11 +357,17 @@ class _Comparison:
         ours = np.array(
             [found.jacobian(key, variation.name)[-1] for key in (*names, *(f"{name}_dot" for name in names))]
         )
-        low, high = self.judge.motion.y[-1, :, 1], self.judge.motion.y[-1, :, 3]
-        truth = (high - low) / (variation.values[3] - variation.values[1])
-        error = float(np.max(np.abs(ours - truth)) / max(1.0, float(np.max(np.abs(truth)))))
+        error, unsure = _relative(ours, self.judge.quotient), None
         if self._jumps():
             self.report.add(path, "set aside" if error > 1e-5 else "agree", "derivative across a jump")
             return
-        kinks = any(kink.of_state for kink in self.judge.kinks)
-        self._judged(path, error, 1e-3 if kinks else 1e-5, "sensitivity")
+        bound = 1e-3 if any(kink.of_state for kink in self.judge.kinks) else 1e-5
+        if error > bound:
+            truth, unsure = self.timed("reference", lambda: self.judge.derivative)
+            error = _relative(ours, truth)
+        self._judged(path, error, bound, "sensitivity", unsure)
+
+
+def _relative(ours: Any, truth: Any) -> float:
+    """Return the largest error of derivatives, relative to the largest of them, one at least."""
+    return float(np.max(np.abs(ours - truth)) / max(1.0, float(np.max(np.abs(truth)))))

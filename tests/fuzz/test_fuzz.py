@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fuzz import compare
 from fuzz.compare import compared
 from fuzz.description import (
     GROUND,
@@ -52,6 +53,23 @@ def test_a_scene_that_differs_a_little_is_wrong(monkeypatch):
     monkeypatch.setattr("fuzz.compare.scene_of", lambda _: scene_of(other))
     report = compared(description)
     assert report.paths["auto"][0] == report.paths["auto accelerations"][0] == report.outcome == "WRONG"
+
+
+@pytest.mark.parametrize("change, outcome", [(0.0, "agree"), (2e-5, "WRONG")])
+def test_derivatives_of_ill_conditioned_motions_are_judged(change, outcome, monkeypatch, ill_conditioned):
+    """The load that is varied acts on a body that a constraint guides: all derivatives are zero."""
+    monkeypatch.setattr("fuzz.compare.Judge", lambda _: ill_conditioned)
+    own = compare._relative
+    monkeypatch.setattr("fuzz.compare._relative", lambda ours, truth: own(ours + change, truth))
+    report = compared(ill_conditioned.description)
+    assert np.max(np.abs(ill_conditioned.quotient)) > 1e-4
+    assert report.paths.pop("auto sensitivity")[0] == outcome
+    assert report.outcome == "agree"
+
+
+@pytest.fixture(scope="module")
+def ill_conditioned():
+    return Judge(generated(6517))
 
 
 def test_descriptions_are_data():

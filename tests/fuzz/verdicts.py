@@ -139,27 +139,57 @@ class Judge:
     @cached_property
     def stops(self) -> list[float]:
         """Times within the span at which the reference begins a new step."""
-        assert self.description.variation is not None
-        found = breaks(self.kinks, self.description.span, self.parameters(self.description.variation.values))
+        return self._stops(self._varied)
+
+    def _stops(self, varied: tuple[float, ...]) -> list[float]:
+        found = breaks(self.kinks, self.description.span, self.parameters(varied))
         t0, t1 = self.description.span
         return sorted({*found, *(t for t in self.description.stops if t0 < t < t1)})
 
-    def _motion(self, rtol: float) -> Motion:
+    @property
+    def _varied(self) -> tuple[float, ...]:
         assert self.description.variation is not None
-        varied = self.description.variation.values
-        return integrated(
-            self.reference, self.states(varied), self.parameters(varied), self.times, self.stops, rtol=rtol
-        )
+        return self.description.variation.values
+
+    def _motion(self, rtol: float, varied: tuple[float, ...]) -> Motion:
+        states, stops = self.states(varied), self._stops(varied)
+        return integrated(self.reference, states, self.parameters(varied), self.times, stops, rtol=rtol)
 
     @cached_property
     def motion(self) -> Motion:
         """The motions of all cases (4, 2 n, 5)."""
-        return self._motion(FINE)
+        return self._motion(FINE, self._varied)
+
+    @property
+    def quotient(self) -> Any:
+        """The central difference quotients (2 n,) of the states at the end by what is varied."""
+        low, high = self.motion.y[-1, :, 1], self.motion.y[-1, :, 3]
+        return (high - low) / (self._varied[3] - self._varied[1])
+
+    @cached_property
+    def derivative(self) -> tuple[Any, float]:
+        """The derivatives (2 n,) of the states at the end, and how far they may be off, of the largest, one at least.
+
+        What rounding leaves in the states is divided by the width of a difference, so that narrow ones are off where
+        the motion is ill conditioned. Differences of doubled widths are extrapolated, and of those the two next to
+        each other that agree best count.
+        """
+        width, most = self._varied[3] - self._varied[2], self._varied[4] - self._varied[2]
+        widths = [width * 2.0**k for k in range(int(np.log2(most / width)) + 1)]
+        motion = self._motion(FINE, tuple(self.middle[0] + side * h for h in widths for side in (-1, 1)))
+        if motion.failed:
+            return self.quotient, self.uncertainty
+        y = motion.y[-1]
+        quotients = (y[:, 1::2] - y[:, ::2]) / (2.0 * np.array(widths))
+        better = (4.0 * quotients[:, :-1] - quotients[:, 1:]) / 3.0
+        apart = np.abs(np.diff(better)).max(axis=0)
+        best = int(np.argmin(apart))
+        return better[:, best], float(apart[best]) / max(1.0, float(np.abs(better[:, best]).max()))
 
     @cached_property
     def uncertainty(self) -> float:
         """The difference to the motions at a thousand times the tolerance, relative to the size of the states."""
-        other = self._motion(COARSE)
+        other = self._motion(COARSE, self._varied)
         if self.motion.failed or other.failed:
             return np.inf
         return float(np.max(np.abs(other.y - self.motion.y) / self.sizes))
