@@ -14,7 +14,7 @@ from ..methods.step_constants import EPSILON
 from ..subset.arguments import IntVector, Matrix
 from ..subset.compiled_subset import compiled_subset, sqrt
 from .contact_cases import ADDED, REST, SIDE, UNDECIDED, ContactCases, set_mode
-from .contact_forces import compliance, load_accelerations, solve_mode
+from .contact_forces import compliance, load_accelerations, motionless, solve_mode
 from .contact_impacts import close_gaps, hold, moves_in_mode, strike
 from .contact_kinds import (
     approaches,
@@ -122,7 +122,8 @@ def _learn(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
             if pick.kind[i] == GRIPPED and system.width[i] == 1:
                 pick.given.along[i, 0] = cases.added[case, ADDED * i]
             if pick.kind[i] == GRIPPED and began_to_slip(system, cases, case, i):
-                pick.fired[i] = BREAK_UP if cases.added[case, ADDED * i] > 0.0 else BREAK_DOWN
+                if not motionless(system, system.constraints + system.first[i]):  # which turns back, at a dead centre
+                    pick.fired[i] = BREAK_UP if cases.added[case, ADDED * i] > 0.0 else BREAK_DOWN
         elif pick.kind[i] == FREE or pick.kind[i] == HOVERING:
             closes = arrives(system, cases, case, i)
             pick.kind[i] = touching(system, cases, case, i) if closes else FREE
