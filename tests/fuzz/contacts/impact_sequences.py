@@ -32,7 +32,13 @@ def impacts_in_turn(rows: Rows, before: Array, after: Array) -> bool:
     size = max(0.1, float(np.max(np.abs(before))))
     if rows.system.directions or rows.system.bilateral or np.max(np.abs(after - before)) <= EQUAL * size:
         return False
-    touching = [k for k in range(len(rows.gap)) if rows.gap[k] <= TOUCHING * (1.0 + size)]
+    near = sorted(gap for gap in rows.gap if gap <= TOUCHING * (1.0 + size))  # smaller ones are gaps near the origin
+    sets = [[k for k, gap in enumerate(rows.gap) if gap <= least] for least in near]
+    return any(_lead_to(rows, touching, before, after, size) for touching in reversed(sets))
+
+
+def _lead_to(rows: Rows, touching: list[int], before: Array, after: Array, size: float) -> bool:
+    """Return whether impacts of some contacts that touch lead from velocities to others."""
     waiting, seen = [before], 0
     while waiting and seen < MOST:
         v, seen = waiting.pop(), seen + 1
