@@ -9,6 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from .tables import entry as entry
+from .tables import piece as piece
+
 Function = Callable[[float], float]
 
 

@@ -55,4 +55,4 @@ def _expressions(scene: Scene) -> Iterator[Any]:
     for vector in vectors:
         for matrix, _ in getattr(vector, "args", ()):
             yield from matrix
-    yield from map(sp.sympify, (*scene.nonholonomic_constraints, *(rate for _, rate in scene.speeds)))
+    yield from map(sp.sympify, (*scene.nonholonomic_constraints, *(rate for _, rate in scene.states)))

@@ -175,7 +175,7 @@ def state_symbols(scene: Scene, coordinates: Sequence[Any], fault: Callable[[str
         if u in sampled:
             others.pop(str(u.func.__name__), None)
     good: dict[str, Any] = {}
-    for z in (*(z for z, _ in scene.speeds), *sampled):
+    for z in (*(z for z, _ in scene.states), *sampled):
         if not (isinstance(z, AppliedUndef) and z.args == (dynamicsymbols._t,)):
             fault(f"state {z!r} is not a function of time; {_TO_DO}")
             continue
@@ -207,7 +207,7 @@ def read_rates(
         Returns an expression that the motion depends on, at a place, as a node.
     """
     time = dynamicsymbols._t
-    written = dict.fromkeys(symbols, sp.S.Zero) | dict(scene.speeds)
+    written = dict.fromkeys(symbols, sp.S.Zero) | dict(scene.states)
     names = [rate_name(z.func.__name__) for z in symbols]
     mask, rates = reader.graph.mask(names), []
     for z in symbols:

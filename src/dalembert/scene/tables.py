@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import ExpressionError, OptionError, ValueInputError, list_names
 from ..ir.tables import Table, registered, value
+from ..ir.tables import array_value as array_value
 
 TABLE = "table_value"
 """Name of `dalembert.ir.tables.array_value` in generated text."""

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ..ir.tables import array_value
-from ..scene.tables import TABLE, TableFunction
+from ..scene.tables import TABLE, TableFunction, array_value
 
 _CALLS = {
     sp.sin: "sin",
