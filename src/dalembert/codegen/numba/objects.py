@@ -16,8 +16,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numba
-
 from ...errors import OptionError
 from ...once import once
 from ..cache import read_kept, write_kept
@@ -135,6 +133,8 @@ def configure_numba() -> None:
     OptionError
         Where numba's compilation is disabled.
     """
+    import numba
+
     chosen = target()
     if numba.config.DISABLE_JIT:
         raise OptionError(
@@ -147,5 +147,7 @@ def configure_numba() -> None:
 
 def serves_target() -> bool:
     """Return whether numba compiles for the processor of `target`, which is in the names of cached files."""
+    import numba
+
     _, processor, _ = numba.core.registry.cpu_target.target_context.codegen().magic_tuple()
     return bool(processor == target().cpu)
