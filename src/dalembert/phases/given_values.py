@@ -24,7 +24,8 @@ from ..results.sweep_states import ContactStates
 from ..results.trajectory import Trajectory
 from ..runs.case_settings import common_settings
 from ..runs.cases import Cases, with_grid
-from ..runs.reductions import moving_events, reduction_table
+from ..runs.event_parameters import moving_events
+from ..runs.reductions import reduction_table
 from ..runs.simulate import NO_ESTIMATE
 from ..starts import inputs
 from ..starts.symbol_assumptions import warn_of_motion

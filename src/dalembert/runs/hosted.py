@@ -21,7 +21,8 @@ from ..scene.expressions import symbols_called
 from ..scene.symbol_table import InputSymbol
 from ..stops.samples import Samples, samples
 from .elapsed import check_watched
-from .reductions import Reduction, reduction_table, watched_expressions
+from .event_parameters import watched_expressions
+from .reductions import Reduction, reduction_table
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
