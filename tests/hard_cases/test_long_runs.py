@@ -52,7 +52,7 @@ def test_energy_where_it_depends_on_angles_that_wind_up(name, formulation, end, 
     case = hard_case(name)
     times = np.linspace(0, end, 21)
     run = case.compile(formulation).simulate((0, end), case.initial, case.parameters, t_eval=times, **TIGHTEST)
-    assert np.max(np.abs(run.q)) > 100  # how far a chaotic one winds up depends on its steps
+    assert np.max(np.abs(run.q)) > 50  # more than the turns that angles keep; how far depends on its steps, if chaotic
     assert case.change(run) < bound
 
 
