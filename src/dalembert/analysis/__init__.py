@@ -1,4 +1,4 @@
-"""What is computed of runs and states: sensitivities, linearisations, equilibria, comparisons of formulations.
+"""Analyses of runs and states: sensitivities, linearisations, equilibria, comparisons of formulations.
 
 It imports `runs` and what stands above.
 """

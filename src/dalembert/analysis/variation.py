@@ -1,4 +1,4 @@
-"""Variational equations of a model: their program, and runs of it."""
+"""Variational equations of a model: their program, runs of it, and jumps across which they do not hold."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The content-addressed cache of generated modules.
+"""The content-addressed cache of generated modules, and the trust in its folders.
 
 A module has a folder of its own, named by its digest, for the code that is compiled of it. Files appear by an atomic
 rename, so that processes may share the cache. A file is used where nobody else can have written it
-(`dalembert.codegen.cache`) and its checksum, which covers the names of the file and its folder, is right; what is not
+(`folder_refusal`) and its checksum, which covers the names of the file and its folder, is right; what is not
 as it should be is rebuilt with a warning.
 """
 

@@ -1,4 +1,4 @@
-"""Rendering of the templates of generated code in `codegen_templates/`.
+"""Rendering of the templates of generated code in `codegen_templates/`, and the digest of all that makes code.
 
 A template owns the structure of a generated text. Python gives it names, numbers and printed lines, one line a string.
 A name that a template uses and Python does not give is an error.

@@ -1,4 +1,4 @@
-"""`HybridAutomaton`: modes, guards and transitions of a scene with contacts.
+"""`HybridAutomaton`: modes, guards and transitions of a scene with contacts, and its numbers at an instant.
 
 In a mode each contact is open or closed, and slips or sticks; the equations of a mode have no contacts any more. A mode
 ends where one of its guards falls through zero. The consequence is a row of `TRANSITIONS`; it ends in a selection

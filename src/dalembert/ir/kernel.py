@@ -93,7 +93,7 @@ class Kernel:
 
     @classmethod
     def parse(cls, text: str) -> Kernel:
-        """Return the kernel of which `text` is the text form; `dalembert.ir.kernel` checks it.
+        """Return the kernel of which `text` is the text form; `verify` checks it.
 
         Raises
         ------

@@ -123,7 +123,7 @@ class Layout:
     assumptions : mapping of str to tuple of str
         Name -> what its symbol was declared to be, such as "positive".
     inputs : tuple of str
-        Names of the inputs; each has parameters of its own (`dalembert.ir.program`).
+        Names of the inputs; each has parameters of its own (`hidden_parameters`).
     states : tuple of str
         Names of the first-order states, which are the last components of y.
     held : tuple of str

@@ -1,4 +1,4 @@
-"""Zero tests with a tolerance for decimals: pivots, rank, redundancy, consistency.
+"""Zero tests with a tolerance for decimals: pivots, rank, redundancy, consistency; and values at random points.
 
 Identity on the graph is exact, and so is the zero test of values of symbols and rationals. Decimal numbers are rounded
 before they reach the graph: 0.1 + 0.2 - 0.3 is 2.8e-17 there, and means zero. A value of decimals therefore counts as
@@ -191,7 +191,7 @@ def _operation(op: str, args: Sequence[Sized]) -> Sized:
 
 # Values of expressions at random points, for candidates and filters that are verified elsewhere.
 #
-# Zero tests that decide, up to the rounding of decimals, are in `dalembert.ir.zero_tests`.
+# What decides, up to the rounding of decimals, stands above.
 
 _DIFFERENCE = 1e-5
 _CANDIDATE_POINTS, _CANDIDATE_DRAWS = 3, 24

@@ -1,4 +1,4 @@
-"""Records of the steps of a case that runs alone, from which its trajectory is made."""
+"""Records of steps: of a case that runs alone, for its trajectory, and of many cases that XLA calls."""
 
 from __future__ import annotations
 

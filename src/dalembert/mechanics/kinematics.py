@@ -1,4 +1,4 @@
-"""Kinematic screws on the graph, propagated along the tree of poses in local components.
+"""Vectors and kinematic screws on the graph, propagated along the tree of poses in local components.
 
 A *pose* is a frame together with a reference point. The way from the origin to a pose is a
 chain of steps, each of which either rotates the frame or moves the point within the frame, so

@@ -1,4 +1,4 @@
-"""Check that joints can exert something on the constraints of a scene."""
+"""Checks that joints can exert something on constraints, and that slip velocities are those of friction."""
 
 from __future__ import annotations
 

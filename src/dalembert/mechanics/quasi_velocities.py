@@ -1,4 +1,4 @@
-"""Quasi-velocities that the frames of a scene offer.
+"""Quasi-velocities that the frames of a scene offer, those oriented by unit quaternions among them.
 
 Constraints and inertia are simple when velocities are resolved on the right frame: the speed
 of the sleigh's blade along the blade, the angular velocity of a sphere. Two kinds of groups are

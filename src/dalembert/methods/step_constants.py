@@ -1,4 +1,4 @@
-"""Constants of step size control and of projection, the same for every loop, generated step and backend.
+"""Constants of step size control, projection and events, the same for every loop, generated step and backend.
 
 Source: K. Gustafsson, ACM Transactions on Mathematical Software 17 (1991) 533-554; Hairer and Wanner, Solving
 Ordinary Differential Equations II, section IV.2, for the exponents.

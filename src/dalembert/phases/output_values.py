@@ -1,4 +1,4 @@
-"""Values by name at states of motions with contacts."""
+"""Values by name at states of motions with contacts, and reductions over all phases."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jumps of rates where prescribed velocities jump between two runs of a phase by Python."""
+"""Jumps of rates in phases: where prescribed velocities jump, and by events of users."""
 
 from __future__ import annotations
 

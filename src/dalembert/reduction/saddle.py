@@ -4,7 +4,7 @@ M q_ddot - J^T lam = forcing, J q_ddot = bias is solved by the sparse L D L^T of
 singular, M + J^T J takes its place; the solution is the same, and the sum is regular exactly when the dynamics on the
 free directions is. Where the constraints may depend on each other at some configurations, the pivots of J M^-1 J^T are
 guarded: a constraint that follows from those before it gets the multiplier 0 there, and the others hold it. So does
-one whose own row vanishes (`dalembert.reduction.saddle`).
+one whose own row vanishes (`_sizes_at_any_angle`).
 """
 
 from __future__ import annotations

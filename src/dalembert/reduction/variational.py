@@ -74,7 +74,7 @@ def variational(system: ReducedSystem, of: Sequence[str], wrt: Sequence[str]) ->
         Names of coordinates, rates, components of the state and requested outputs.
     wrt : sequence of str
         Names of parameters, and any others for initial values, on which the equations do not depend; "u" or "u[3]" is
-        a value of the input u, whose weight is another input of the program (`dalembert.reduction.variational`).
+        a value of the input u, whose weight is another input of the program (`weight_of`).
 
     Returns
     -------

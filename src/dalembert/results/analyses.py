@@ -1,4 +1,4 @@
-"""Equilibria and steady motions."""
+"""Results of analyses: equilibria and steady motions, sensitivities, comparisons of formulations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random cases of sweeps that are computed by their numbers, and never all at once."""
+"""Cases of sweeps: product grids, and random cases that are computed by their numbers, never all at once."""
 
 from __future__ import annotations
 

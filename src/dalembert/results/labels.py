@@ -1,4 +1,4 @@
-"""Labelled arrays of results, their attributes and units."""
+"""Labelled arrays of results, their attributes and units, and their texts for notebooks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The linearised motion about a state."""
+"""The linearised motion about a state, and the map of a sampled loop over one period."""
 
 from __future__ import annotations
 

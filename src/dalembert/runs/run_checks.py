@@ -1,4 +1,4 @@
-"""The checks of runs: all there are, which of them a model has, and how they are applied.
+"""The checks of runs: which of them a model has, how they are applied, and those of tables and of angles that lock.
 
 A further check is a class in a module of its own and a line in `CHECKS`.
 """

@@ -1,4 +1,4 @@
-"""Jumps of the forces of a scene along which a run that used up its steps slides."""
+"""Notes on runs that ended early: jumps along which they slide, and pathways of length zero."""
 
 from __future__ import annotations
 

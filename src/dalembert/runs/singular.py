@@ -1,4 +1,4 @@
-"""Singular configurations that a run meets."""
+"""Singular configurations that a run meets or has crossed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tree of frames or points of SymPy."""
+"""Trees of frames or points, and matrices of dyadics, of SymPy."""
 
 from __future__ import annotations
 

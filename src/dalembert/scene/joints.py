@@ -1,4 +1,4 @@
-"""Joints with unknown reactions, and components of positions as outputs."""
+"""Joints with unknown reactions, and requested outputs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check of constraints for kinks: [constraints on the graph] -> [faults].
+"""Checks of constraints for kinks, and of tables for smoothness: [constraints on the graph] -> [faults].
 
 Where the gradient of a holonomic constraint jumps in a configuration, as that of ``Abs(x) - y`` at x = 0, velocities
 that obey it would have to jump too: an impact without a law. So with coefficients of nonholonomic constraints. Whether

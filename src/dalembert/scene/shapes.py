@@ -1,4 +1,4 @@
-"""Shapes of bodies for pictures; they have no part in the motion."""
+"""Shapes of bodies for pictures, and their numbers; they have no part in the motion."""
 
 from __future__ import annotations
 

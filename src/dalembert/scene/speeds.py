@@ -1,4 +1,4 @@
-"""Generalized speeds: kinematic equations solved for them, and for the rates, on the graph."""
+"""Generalized speeds, their kinematic equations on the graph, and first-order states of a scene."""
 
 from __future__ import annotations
 

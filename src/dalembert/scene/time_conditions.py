@@ -1,4 +1,4 @@
-"""Conditions on time in expressions: decided at one time within a segment, and recorded."""
+"""Functions that can be compiled, and conditions on time: decided at one time within a segment, and recorded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Assumptions of symbols, such as positive, and the numbers that are given for them.
+"""Numbers given by name or symbol: their reading, and what their symbols are assumed to be, such as positive.
 
 SymPy simplifies with declared assumptions: sqrt(k**2) is k for a positive k before a scene is read. The equations are
 therefore wrong for numbers that the declarations exclude. Zero passes for what is positive or negative: it stands for

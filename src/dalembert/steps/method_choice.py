@@ -1,4 +1,4 @@
-"""Choice of the cheaper explicit method: Taylor series, or the Runge-Kutta pair of order 8(5,3) of Dormand and Prince.
+"""Choice of a method: the cheaper explicit one, Taylor series or DOP853, or an implicit one where a run is stiff.
 
 A Taylor step costs about order^2/2 multiply-adds for every product of varying factors, a Runge-Kutta step twelve
 evaluations; the one wins where the right-hand side is short or the tolerance tight, the other where it is long.
@@ -88,7 +88,7 @@ _STABLE = 0.3
 
 _PILOT_STEPS = 60
 _GAIN = 10.0
-"""How many explicit steps one implicit step must replace at least: it costs some five of them in small scenes."""
+"""Least number of explicit steps that one implicit step must replace: it costs some five of them in small scenes."""
 
 _EXPLICIT_STEPS = 300
 

@@ -1,4 +1,4 @@
-"""Projection of many states onto the constraints, each until it holds."""
+"""Projection of states onto the constraints, and polynomials of steps made to end in the projected states."""
 
 from __future__ import annotations
 

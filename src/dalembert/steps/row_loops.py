@@ -1,4 +1,4 @@
-"""Projection of recorded states onto the constraints, as many together as there are lanes."""
+"""Loops over rows: projections of recorded states, and kernels at many instants, in as many lanes as there are."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from .problem import IntegrationProblem, Solution
 from .recorded_runs import Progress, Run, RunSettings
 
 _WITH_STOPS = 8
-"""How much longer the first block of a run with stops is: each of them ends a step, and each call packs their table."""
+"""Factor by which the first block of a run with stops is longer: each ends a step, and each call packs their table."""
 
 
 def settings_of(problem: IntegrationProblem, degree: int, *, stop_if_stiff: bool = False) -> RunSettings:

@@ -1,4 +1,4 @@
-"""The language of compiled loops: Python that `dalembert.codegen.subset` translates, and calls of machine code.
+"""The language of compiled loops: Python that `dalembert.codegen.subset` translates, checked where it runs plain.
 
 To Python itself a loop is an ordinary function, only a slow one. The functions below mean the same in both, to the last
 bit; so do those of Python that the translator supports. Doubles are those of NumPy, which follow IEEE 754

@@ -1,4 +1,4 @@
-"""Action screws and power coefficients."""
+"""Screws, action screws and power coefficients."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The conditions for a joint to be ideal, from the partial kinematic screws that the constraints leave free."""
+"""Conditions for a joint to be ideal, from screws that constraints leave free, and Coulomb's law between unknowns."""
 
 from __future__ import annotations
 

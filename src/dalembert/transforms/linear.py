@@ -1,4 +1,4 @@
-"""Linear algebra on the graph, without operations on structural zeros and without expansion."""
+"""Linear algebra and quaternions on the graph, without operations on structural zeros and without expansion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ends of Taylor steps at knots of tables: [series of the argument] -> [size of the step].
+"""Ends of Taylor steps at knots of tables and zeros of square roots: [series of the argument] -> [size of the step].
 
 Within a piece a table is a polynomial, and so is the series of a step that begins there; beyond the knot it is another.
 A step therefore ends where the series of the argument leaves the piece that it began in. It is found by steps of

@@ -1,4 +1,4 @@
-"""Limits of steps that are no Taylor steps at knots of tables: [rates on the graph] -> [sizes of the next step].
+"""Limits of steps that are no Taylor steps: at knots of tables, at kinks and jumps, and at zeros of lengths.
 
 A step that begins before a knot shall end just before it, the next one just behind it. When an argument x meets the
 knot follows from its slope and its second derivative along the motion; the farther off, the less exactly, so that a

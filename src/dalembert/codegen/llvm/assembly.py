@@ -1,4 +1,4 @@
-"""Modules of LLVM assembly: kernels printed for any number of lanes, and their compilation by llvmlite.
+"""Modules of LLVM assembly: kernels printed for any number of lanes, compiled by llvmlite, and kept on disk.
 
 A kernel becomes ``void name(ptr, ..., ptr out)``, one pointer an argument; element i of an array is
 `lanes` doubles at offset i * lanes. Straight-line code needs none of LLVM's optimisation

@@ -1,4 +1,4 @@
-"""Advance of time for all lanes at once, for steps without samples, events and ends of cases."""
+"""Kernels for all lanes at once: advance of time in steps in which nothing else happens, check of initial values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Prepared runs: the memory of one case, and a call of machine code on it."""
+"""Prepared runs, and starts of single runs: the memory of one case, and a call of machine code on it."""
 
 from __future__ import annotations
 

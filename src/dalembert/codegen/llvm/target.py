@@ -1,4 +1,4 @@
-"""The instruction set and the number of lanes of compiled code."""
+"""The instruction set and the number of lanes of compiled code, and LLVM types for so many."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calls of kernels by SciPy's solvers: values that are not finite, and projection onto constraints."""
+"""SciPy's solvers beside their steps: calls of kernels, projection, the error norm, and continuous output."""
 
 from __future__ import annotations
 
