@@ -233,3 +233,18 @@ def rows_of(name: str, values: Any, size: int) -> FloatArray:
     if array.ndim not in (1, 2) or array.shape[-1] != size:
         raise ValueInputError(f"{name} must have shape ({size},) or (k, {size}), not {array.shape}")
     return array
+
+
+def monitors(model: CompiledModel, c: FloatArray, t: FloatArray, x: FloatArray) -> dict[str, FloatArray]:
+    """Return the first integrals along a motion, as arrays (n_t,) by name.
+
+    Parameters
+    ----------
+    c : ndarray (n_c,) or (n_t, n_c)
+        Constants.
+    t, x : ndarray (n_t,), (n_t, 2 n_q + n_z)
+        Times [s]; coordinates, rates and first-order states.
+    """
+    from ..starts.monitors import conserved
+
+    return conserved(model.stages.program, model.derived.invariants, c, t, x)

@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from html import escape
-from types import MethodType
 from typing import TYPE_CHECKING, Any, cast, final
 
-from ..arrays import FloatArray
-from ..codegen import backend_named
 from ..codegen.base import Capability, Engine
-from ..errors import CapabilityError, OptionError, list_names, unknown_name
+from ..errors import CapabilityError, list_names
 from ..ir.program import Layout, representative
 from ..mechanics.equations import EquationsOfMotion
 from ..once import derived_property, once_property
@@ -22,8 +19,8 @@ from ..runs.engines import engine_of
 from ..scene import Scene
 from ..starts import inputs as run_input
 from ..starts.symbol_assumptions import ROUNDING, ValueReader
-from ..values import tolerances
-from . import derivatives, evaluation, motions, states, sweeps, traced
+from . import choices, derivatives, evaluation, motions, states, sweeps, traced
+from .choices import OfOneMode
 from .derived import Derived
 from .variants import Variants
 
@@ -34,24 +31,6 @@ if TYPE_CHECKING:
     from ..runs.run_check import RunCheck
     from ..scene.model import ControllerModel
     from ..scene.symbol_table import InputSymbol
-
-_MOST_CHOSEN = 64
-"""Tolerances for which the method that "auto" takes is remembered."""
-
-
-@final
-class _OfOneMode:
-    """Method that models with several modes do not have: their `__getattr__` says so."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self.function, self.__doc__ = function, function.__doc__
-
-    def __get__(self, model: CompiledModel | None, owner: type) -> Any:
-        if model is None:
-            return self.function
-        if model.modes is not None:
-            raise AttributeError
-        return MethodType(self.function, model)
 
 
 @final
@@ -92,6 +71,8 @@ class CompiledModel:
         Constraints that are not enforced, because they follow from the others around the start of a run.
     derived : Derived
         Kernels and facts that are derived on demand, and kept.
+    chosen : dict
+        Methods that "auto" took, by `rtol`, `atol` and whether many cases ran at once.
     """
 
     equations: EquationsOfMotion
@@ -106,21 +87,25 @@ class CompiledModel:
     method_descriptions: Mapping[str, str]
     dropped: tuple[int, ...]
     derived: Derived
-    _chosen: dict[tuple[float, float, bool], str]
+    chosen: dict[tuple[float, float, bool], str]
 
+    mode = choices.mode
+    choose_method = choices.choose_method
+    source_of = OfOneMode(choices.source_of)
     parameter_vector = states.parameter_vector
     initial_values = states.initial_values
     state = states.state
-    expand = _OfOneMode(states.expand)
+    expand = OfOneMode(states.expand)
     assemble = states.assemble
     mass_matrix = evaluation.mass_matrix
     forcing = evaluation.forcing
     constraint_jacobian = evaluation.constraint_jacobian
     accelerations = evaluation.accelerations
+    monitors = evaluation.monitors
     simulate = motions.simulate
     sweep = sweeps.sweep
     prepare = motions.prepare
-    compare_formulations = _OfOneMode(motions.compare_formulations)
+    compare_formulations = OfOneMode(motions.compare_formulations)
     sensitivity = derivatives.sensitivity
     linearize = derivatives.linearize
     trim = derivatives.trim
@@ -129,7 +114,7 @@ class CompiledModel:
     def __init__(self, source: Stages | ModeModels, variants: Variants, **of_one_mode: Any) -> None:
         """Initialise a model of modes, or of stages with `engine`, `method_descriptions`, `dropped` and `derived`."""
         if isinstance(source, Stages):
-            about: dict[str, Any] = {"stages": source, "modes": None, "_chosen": {}}
+            about: dict[str, Any] = {"stages": source, "modes": None, "chosen": {}}
             layout, options = source.program.layout, source.options
         else:
             about, layout, options = {"modes": source}, source.layout, source.several.options
@@ -168,42 +153,8 @@ class CompiledModel:
         derivation = self.stages.derivation if self.modes is None else self.modes.several.derivation
         return tuple(contact.name for contact in derivation.equations.contacts)
 
-    def mode(self, **states: str) -> CompiledModel:
-        """Return the model of one mode: an ordinary one, without events; the model itself where it has one mode.
-
-        Parameters
-        ----------
-        **states : str
-            For each contact "slip", "stick", "closed" or "open"; contacts that are left out slip, or are closed.
-            Directions of slip are further parameters of the model, see ``layout.parameters``.
-
-        Raises
-        ------
-        OptionError
-            For contacts that do not exist, and states that they do not have.
-        """
-        unknown = [name for name in states if name not in self.contacts]
-        if unknown:
-            raise OptionError(
-                f"no contact is called {list_names(map(repr, unknown))}; known: {list_names(self.contacts)}"
-            )
-        mode = []
-        for i, contact in enumerate(self.contacts):
-            able = (cast("Mode", self.stages.mode)[i],) if self.modes is None else self.modes.automaton.states(i)
-            state = states.get(contact, able[0])
-            if state not in able:
-                raise OptionError(f"contact {contact!r} cannot be {state!r}; it can be: {list_names(able)}")
-            mode.append(state)
-        return self if self.modes is None else self.modes.model(tuple(mode))
-
     def __getattr__(self, name: str) -> Any:
-        hint, known = "", name in CompiledModel.__annotations__ or hasattr(CompiledModel, name)
-        if known and not name.startswith("_") and self.__dict__.get("modes") is not None:
-            hint = (
-                f" of its own, because its contacts change what it is; ask the model of one mode, such as"
-                f" model.mode().{name}, or model.mode({self.contacts[0]}='open').{name}"
-            )
-        raise AttributeError(f"a {type(self).__name__} has no {name!r}{hint}")
+        raise AttributeError(choices.missing(self, name))
 
     # -- what was compiled -----------------------------------------------------------------
 
@@ -252,43 +203,6 @@ class CompiledModel:
             return self.stages.rendered.source
         every = self.modes.compiled.items()
         return "\n\n".join(f"# mode {self.modes.named(mode)}\n\n{model.source}" for mode, model in every)
-
-    @_OfOneMode
-    def source_of(self, method: str = "auto", rtol: float = 1e-8, atol: float = 1e-10) -> str:
-        """Return the generated code that `simulate` runs by a method at some tolerances.
-
-        Raises
-        ------
-        OptionError
-            For a method that the backend does not have, or tolerances that are not positive.
-        """
-        rtol, atol = tolerances(rtol, atol)
-        return self.engine.source_of(self.choose_method(method, rtol, atol), rtol, atol) or self.source
-
-    def choose_method(self, method: Any, rtol: float, atol: float, *, many: bool = False) -> str:
-        """Return the method that a run takes, checked; `many` says whether it is to run many cases at once.
-
-        Raises
-        ------
-        OptionError
-            For a method that the model does not have, with those that it has.
-        """
-        if isinstance(method, str) and method == "auto":
-            key = rtol, atol, many
-            found = self._chosen.get(key)
-            if found is None:
-                if len(self._chosen) >= _MOST_CHOSEN:
-                    self._chosen.clear()
-                found = self._chosen[key] = self.engine.automatic(self.methods, rtol, atol, many=many)
-            return found
-        if isinstance(method, str) and method in self.method_descriptions:
-            return method
-        why = backend_named(self.backend).refusal(self.stages.program, str(method))
-        if why:
-            raise OptionError(f"{why}. Take one of: {list_names(['auto', *self.methods])}")
-        raise OptionError(
-            unknown_name("method", str(method), ["auto", *self.methods]) + f" (of the backend {self.backend!r})"
-        )
 
     @property
     def kernels(self) -> Any:
@@ -400,20 +314,6 @@ class CompiledModel:
         return ValueReader(
             lambda given: run_input.given_values(layout, given), layout.aliases, layout.assumptions, ROUNDING
         )
-
-    def monitors(self, c: FloatArray, t: FloatArray, x: FloatArray) -> dict[str, FloatArray]:
-        """Return the first integrals along a motion, as arrays (n_t,) by name.
-
-        Parameters
-        ----------
-        c : ndarray (n_c,) or (n_t, n_c)
-            Constants.
-        t, x : ndarray (n_t,), (n_t, 2 n_q + n_z)
-            Times [s]; coordinates, rates and first-order states.
-        """
-        from ..starts.monitors import conserved
-
-        return conserved(self.stages.program, self.derived.invariants, c, t, x)
 
 
 def _compiled_again(

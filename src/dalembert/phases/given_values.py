@@ -19,7 +19,8 @@ from ..methods.status import RUNNING, Status
 from ..options import SimulateOptions, SweepOptions, tighter
 from ..progress import meter
 from ..reduction.baumgarte import GAINS, Baumgarte
-from ..results.sweep import Sweep, SweepStatistics
+from ..results.statistics import SweepStatistics
+from ..results.sweep import Sweep
 from ..results.sweep_states import ContactStates
 from ..results.trajectory import Trajectory
 from ..runs.case_settings import common_settings

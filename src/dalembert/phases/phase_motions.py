@@ -18,7 +18,8 @@ from ..methods.status import Status
 from ..options import SimulateOptions
 from ..results.events import event_records
 from ..results.parts import Part
-from ..results.trajectory import RunStatistics, Trajectory
+from ..results.statistics import RunStatistics
+from ..results.trajectory import Trajectory
 from ..starts import inputs
 from ..starts.symbol_assumptions import warn_of_motion
 from ..steps.chaining import joined

@@ -15,7 +15,8 @@ from ..methods.status import Status
 from ..options import SimulateOptions
 from ..results.events import EventRecord, EventRecords
 from ..results.parts import Part, Phase
-from ..results.trajectory import RunStatistics, Trajectory
+from ..results.statistics import RunStatistics
+from ..results.trajectory import Trajectory
 from ..runs.simulate import simulate_in_own_time
 from .mode_models import ModeModels
 from .motion_recorder import RecordedPhase, recorder_of

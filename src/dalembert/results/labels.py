@@ -18,8 +18,9 @@ from ..version import __version__
 if TYPE_CHECKING:
     import xarray
 
-    from .sweep import Sweep, SweepStatistics
-    from .trajectory import RunStatistics, Trajectory
+    from .statistics import RunStatistics, SweepStatistics
+    from .sweep import Sweep
+    from .trajectory import Trajectory
 
 
 _OWN_NAMES = ("case", "time", "status", "steps", "t_end")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self, cast, final
 
 import numpy as np
@@ -30,51 +29,11 @@ from .labels import (
     xarray_package,
 )
 from .parts import ENERGIES
+from .statistics import CaseFailure, EventCounts, SweepStatistics
 from .sweep_states import ContactStates, ProgramStates
 
 if TYPE_CHECKING:
     import xarray
-
-
-@final
-@dataclass(frozen=True)
-class SweepStatistics:
-    """Cost of a sweep, and its tolerances, NaN where they are not known.
-
-    `note` says why "auto" took another method than it usually does, where it did. `methods` are those of each mode of
-    contacts by number, `NO_MODE` without contacts, and by `rtol`.
-    """
-
-    method: str
-    threads: int
-    steps: int
-    compile_seconds: float
-    run_seconds: float
-    note: str = ""
-    rtol: float = math.nan
-    atol: float = math.nan
-    methods: Mapping[tuple[int, float], str] = field(default_factory=dict, repr=False)
-
-
-@final
-@dataclass(frozen=True)
-class CaseFailure:
-    """A case that did not reach its end: its number, why, and the time it reached."""
-
-    case: int
-    status: Status
-    message: str
-    t: float
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class EventCounts:
-    """Number of times an event occurred in each case (n_case,), and first and last time [s], NaN where it did not."""
-
-    count: NDArray[np.int64]
-    first: FloatArray
-    last: FloatArray
 
 
 @final

@@ -2,53 +2,32 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self, final
+from typing import TYPE_CHECKING, Any, Self, cast, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
-from ..events.event_rules import last_instants
 from ..ir.program import Layout
 from ..methods.status import Status
-from ..methods.step_constants import RESOLUTION
 from ..values import times_of
 from . import labels, plots
 from .estimate import Estimated, NamedArrays, SamePhases
 from .events import EventRecords
 from .labels import ranges, summary
+from .other_times import own_times, rows_by_number, rows_of_phases
 from .parts import ENERGIES, Part, Phase, joined_variables
+from .statistics import RunStatistics
 
 if TYPE_CHECKING:
     from ..scene import Scene
     from ..stops.segments import Constants
 
 _NO_EVENTS = EventRecords()
-
-
-@final
-@dataclass(frozen=True)
-class RunStatistics:
-    """Cost of a run: accepted and rejected steps, evaluations of the right-hand side, seconds.
-
-    `note` says why "auto" took another method than it usually does, or where a run met a singular configuration; `rtol`
-    and `atol` are the tolerances, NaN where they are not known.
-    """
-
-    method: str
-    steps: int
-    rejected: int
-    evaluations: int
-    compile_seconds: float
-    run_seconds: float
-    note: str = ""
-    rtol: float = math.nan
-    atol: float = math.nan
 
 
 @final
@@ -247,8 +226,7 @@ class Trajectory(Estimated):
         known = self.phases[0].modes if self.phases else {}
         if contact not in known:
             raise OptionError(unknown_name("contact", contact, known))
-        words: NDArray[np.str_] = self._joined(lambda part: np.full(len(part.t), part.modes[contact]))
-        return words
+        return cast(NDArray[np.str_], self._joined(lambda part: np.full(len(part.t), part.modes[contact])))
 
     @property
     def constraint_violation(self) -> FloatArray:
@@ -256,14 +234,12 @@ class Trajectory(Estimated):
 
         Of an open contact it is the penetration.
         """
-        violation: FloatArray = self._joined(lambda part: part.violation)
-        return violation
+        return cast(FloatArray, self._joined(lambda part: part.violation))
 
     @property
     def velocity_violation(self) -> FloatArray:
         """Velocity residual of each constraint, (n_t, n_constraints); zero of an open contact."""
-        violation: FloatArray = self._joined(lambda part: part.velocity_violation)
-        return violation
+        return cast(FloatArray, self._joined(lambda part: part.velocity_violation))
 
     @cached_property
     def invariants(self) -> dict[str, FloatArray]:
@@ -311,41 +287,14 @@ class Trajectory(Estimated):
 
     def at_elapsed(self, times: FloatArray, origin: float, given: FloatArray | None = None) -> Trajectory:
         """Return a motion with phases at times (k,) since an origin, or at times as they were given."""
-        lasting = [*self._lasting]
-        if self._whole[-1] is not lasting[-1]:  # the state after an impact at the end
-            lasting.append(self._whole[-1])
-        first, last = lasting[0].span[0], lasting[-1].span[1]
-        forward = 1.0 if last >= first else -1.0
-        if np.any((times - last) * forward > 0.0) or np.any((times - first) * forward < 0.0):
-            start = self._begin or 0.0
-            raise OptionError(
-                f"times must lie within the span of the run, {start + first:.12g} to {start + last:.12g} s"
-            )
-        begins = np.array([part.span[0] for part in lasting]) * forward
-        place = np.clip(np.searchsorted(begins, times * forward, side="right") - 1, 0, len(begins) - 1)
-        until = last_instants(times, origin)
-        following = np.minimum(place + 1, len(begins) - 1)
-        begun = begins[following] - until * forward <= RESOLUTION * np.abs(begins[following])  # as `recorded_after`
-        place = np.where(begun, following, place)
-        inside = forward * np.maximum(times * forward, begins[place])  # of the phase that has begun by then
-        rows = [np.flatnonzero(place == number) for number in range(len(lasting))]
-        parts = [part(inside[some]) for part, some in zip(lasting, rows, strict=True) if len(some)]
-        parts = parts or [lasting[0].rows(np.arange(0))]
-        return self._of_parts(parts, times if given is None else given, np.argsort(np.concatenate(rows), kind="stable"))
+        parts, order = rows_of_phases(self._lasting, self._whole[-1], times, origin, self._begin or 0.0)
+        return self._of_parts(parts, times if given is None else given, order)
 
     def _own(self, times: FloatArray) -> FloatArray:
         """Return times since the start of the run, as known of recorded ones; rounding takes none out of it."""
         if self._begin is None:
             return times
-        own = times - self._begin
-        if len(self.t):
-            sign = 1.0 if self.t[-1] >= self.t[0] else -1.0
-            near = np.minimum(np.searchsorted(sign * self.t, sign * times), len(self.t) - 1)
-            own = np.where(self.t[near] == times, self.elapsed[near], own)
-        lasting = self._lasting
-        first, last = sorted((lasting[0].span[0], lasting[-1].span[1]))
-        inside = np.clip(own, first, last)
-        return np.where(np.abs(own - inside) <= 4.0 * np.spacing(np.abs(times)), inside, own)
+        return own_times(self._lasting, times, times - self._begin, self.t, self.elapsed)
 
     def at(self, t: FloatArray, y: FloatArray) -> Trajectory:
         """Return states y (k, n_y) of this motion, which has no phases, at times t (k,) of the model that ran."""
@@ -353,16 +302,8 @@ class Trajectory(Estimated):
 
     def rows(self, some: NDArray[np.intp]) -> Trajectory:
         """Return the motion at some of the recorded times, by number (k,)."""
-        sizes = [len(part.t) for part in self.parts]
-        ends = np.cumsum([0, *sizes])
-        rows = (np.arange(ends[-1]) if self._order is None else self._order)[some]
-        parts, order = [], []
-        for part, first, last in zip(self.parts, ends, ends[1:], strict=False):
-            mine = np.flatnonzero((first <= rows) & (rows < last))
-            order.append(mine)
-            parts.append(part.rows(rows[mine] - first))
-        back = np.argsort(np.concatenate(order), kind="stable")
-        return self._of_parts(parts, self.t[some], back)
+        parts, order = rows_by_number(self.parts, self._order, some)
+        return self._of_parts(parts, self.t[some], order)
 
     def _compared(self, twin: Trajectory) -> NamedArrays:
         return SamePhases(self, twin) if self.phases else twin

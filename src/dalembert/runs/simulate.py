@@ -15,7 +15,8 @@ from ..options import SimulateOptions, tighter
 from ..progress import enter_stage
 from ..results.events import event_records
 from ..results.parts import Part
-from ..results.trajectory import RunStatistics, Trajectory
+from ..results.statistics import RunStatistics
+from ..results.trajectory import Trajectory
 from ..starts import inputs
 from ..starts.constraint_choice import divisible_model, independent_model
 from ..starts.initial_states import directed, initial_state

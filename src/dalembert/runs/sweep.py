@@ -16,7 +16,8 @@ from ..lanes.cases import BlockResult
 from ..methods.status import Status
 from ..options import SweepOptions, tighter
 from ..results.cases import CaseSet
-from ..results.sweep import Sweep, SweepStatistics
+from ..results.statistics import SweepStatistics
+from ..results.sweep import Sweep
 from ..results.sweep_states import NO_MODE, ProgramStates
 from ..starts import inputs
 from ..starts.constraint_choice import divisible_model, independent_model

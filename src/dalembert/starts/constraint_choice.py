@@ -10,7 +10,8 @@ import numpy as np
 
 from ..methods.status import Status
 from ..results.parts import Part
-from ..results.trajectory import RunStatistics, Trajectory
+from ..results.statistics import RunStatistics
+from ..results.trajectory import Trajectory
 from ..steps.problem import IntegrationProblem
 from . import inputs
 from .constraint_rank import nearly_redundant, redundant, singular_start

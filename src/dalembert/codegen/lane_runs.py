@@ -1,0 +1,142 @@
+"""Runs of one program by the loop over lanes: of many cases, of one whose steps are recorded, of batches in XLA."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, final
+
+from ..arrays import FloatArray
+from ..events.event_code import EventCode
+from ..lanes.cases import BlockResult, CaseColumns
+from ..lanes.sweep_arguments import SweepKernels
+from ..lanes.workspace import EventKernels
+from ..once import BoundedTable, computed_once
+from ..options import DEFAULT_TOLERANCES
+from ..steps.problem import IntegrationProblem
+from ..subset.addresses import NO_CODE, OwnedAddress
+from .kernel_code import KernelCode
+from .library import KernelLibrary
+from .llvm.lane_kernels import advance_lanes, check_inputs
+from .llvm.sweeps import SweepShape, case_run
+from .runs import CaseRun
+from .steppers import Stepper, Steppers
+
+if TYPE_CHECKING:
+    from ..events.recorded_motion import RecordedCase
+    from .llvm.foreign_batch import ForeignCode, Interface
+    from .llvm.recorded import RecordedLane
+
+_MOST_LANES = 16
+"""Sets of events and tolerances of which the memory of single runs is kept."""
+
+
+@final
+class LaneRuns:
+    """Runs of one program in lanes, by explicit steps.
+
+    Parameters
+    ----------
+    library : KernelLibrary
+    code : KernelCode
+        Of the kernels of the program.
+    steppers : Steppers
+        Of the steps of the program.
+    """
+
+    def __init__(self, library: KernelLibrary, code: KernelCode, steppers: Steppers) -> None:
+        self._library, self._code, self._steppers = library, code, steppers
+        self._recorded_lanes: BoundedTable[tuple[EventCode, str, float, float], list[RecordedLane]]
+        self._recorded_lanes = BoundedTable(_MOST_LANES)
+
+    def _kernels(
+        self,
+        stepper: Stepper,
+        lanes: int,
+        *,
+        prepare: OwnedAddress = NO_CODE,
+        start: OwnedAddress = NO_CODE,
+        advance: bool = False,
+    ) -> SweepKernels:
+        """Return what the loop calls; where steps `advance`, those without projections are accepted in all lanes."""
+        projections = self._steppers.projections(lanes)
+        accept = advance_lanes(lanes) if advance and not any(projections) else NO_CODE
+        return SweepKernels(*stepper.codes, *projections, prepare, start, accept, check_inputs(lanes))
+
+    def cases(self, cases: CaseColumns, method: str, result: BlockResult, constants: FloatArray, share: int) -> CaseRun:
+        """Return a run of cases in lanes, refilled as cases end; see `Engine.sweeper`."""
+        watched = None if cases.watch is None or not cases.watch.along else cases.watch
+        n_times, lanes, sizes = len(cases.t_eval), self._library.lanes, self._code.sizes
+        each_step = cases.recorded > 0 or cases.part is not None
+        dense = n_times > 0 or watched is not None or each_step
+        with_series = 0
+        if watched is not None and watched.smooth and method == "taylor" and not any(self._steppers.projections(lanes)):
+            with_series = len(watched.events)
+        tolerances, series_of = (cases.rtol, cases.atol), watched if with_series else None
+        located = watched is not None and bool(watched.events)  # on polynomials of steps
+        stepper = self._steppers.stepper(method, tolerances, lanes, dense=dense, bounded=located, watched=series_of)
+        nothing_each_step = watched is None or (with_series > 0 and not n_times and not watched.kinds)
+        nothing_each_step = nothing_each_step and not cases.recorded and (watched is not None or not each_step)
+        assert cases.start is not None
+        prepare, start = self._library.prepare(lanes), self._library.start(cases.start, lanes)
+        if cases.inputs is not None:
+            cases = replace(cases, inputs=cases.inputs.compiled(lambda sides: self._library.kernel(sides.name, lanes)))
+        if cases.stops is not None:
+            cases = replace(cases, stops=self._code.of_stops(cases.stops, lanes))
+        of_step = sizes["rhs"], sizes["prepare"], stepper.degree, stepper.memory
+        return case_run(
+            self._kernels(stepper, lanes, prepare=prepare, start=start, advance=nothing_each_step),
+            SweepShape(lanes, *of_step, share, dense, with_series),
+            stepper.settings,
+            cases,
+            result,
+            constants,
+            self._steppers.events(watched, method, stepper, lanes, with_series),
+            watched is not None or each_step,
+        )
+
+    def watched_steps(self, problem: IntegrationProblem, method: str, watch: EventCode) -> tuple[Stepper, EventKernels]:
+        """Return the steps of single runs with events, and the events."""
+        stepper = self._steppers.stepper(method, (problem.rtol, problem.atol), 1, dense=True, bounded=True)
+        return stepper, self._steppers.events(watch, method, stepper, 1, 0, tested=False)
+
+    def recorded(
+        self, problem: IntegrationProblem, method: str, watch: EventCode, carried: FloatArray | None
+    ) -> RecordedCase:
+        """Return the records of a run with events, in one lane; see `Engine.recorded`."""
+        again = carried is None and problem.inputs is None and problem.first_step is None
+        kept: list[RecordedLane] = []
+        if again:
+            kept = computed_once(self._recorded_lanes, (watch, method, problem.rtol, problem.atol), list)
+        try:
+            lane = kept.pop()
+        except IndexError:
+            lane = self._recorded_lane(problem, method, watch, carried)
+        run = lane.run(problem)
+        if again:
+            kept.append(lane)
+        return run
+
+    def _recorded_lane(
+        self, problem: IntegrationProblem, method: str, watch: EventCode, carried: FloatArray | None
+    ) -> RecordedLane:
+        """Return the memory for runs like a problem."""
+        from .llvm.recorded import RecordedLane
+
+        stepper, events = self.watched_steps(problem, method, watch)
+        own = self._code.of_problem(problem)
+        kernels = self._kernels(stepper, 1, prepare=NO_CODE if own.stops is None else own.stops.prepare)
+        sizes = self._code.sizes["rhs"], len(problem.constants)
+        shape = SweepShape(1, *sizes, stepper.degree, stepper.memory, 1, dense=True)
+        return RecordedLane(kernels, shape, stepper, own, watch, events, carried)
+
+    def foreign_batch(
+        self, method: str, order: int, constants: int, interface: Interface, *, recorded: bool, alone: bool
+    ) -> ForeignCode:
+        """Return the handler of runs with so many constants that XLA calls; see `CompiledEngine.foreign_batch`."""
+        from .llvm.foreign_batch import BatchSizes, foreign_batch
+
+        lanes = 1 if alone else self._library.lanes
+        stepper = self._steppers.stepper(method, DEFAULT_TOLERANCES, lanes, dense=False, order=order)
+        kernels = self._kernels(stepper, lanes, advance=not recorded)
+        sizes = BatchSizes(lanes, self._code.sizes["rhs"], constants, stepper.memory, 2 + len(stepper.settings))
+        return foreign_batch(kernels, sizes, recorded, interface)

@@ -1,0 +1,109 @@
+"""The mode and the method that calls of a model take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import MethodType
+from typing import TYPE_CHECKING, Any, cast, final
+
+from ..codegen import backend_named
+from ..errors import OptionError, list_names, unknown_name
+from ..values import tolerances
+
+if TYPE_CHECKING:
+    from ..contacts.contact_laws import Mode
+    from .model import CompiledModel
+
+_MOST_CHOSEN = 64
+"""Tolerances for which the method that "auto" takes is remembered."""
+
+
+@final
+class OfOneMode:
+    """Method that models with several modes do not have: their `__getattr__` says so."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function, self.__doc__ = function, function.__doc__
+
+    def __get__(self, model: CompiledModel | None, owner: type) -> Any:
+        if model is None:
+            return self.function
+        if model.modes is not None:
+            raise AttributeError
+        return MethodType(self.function, model)
+
+
+def mode(model: CompiledModel, **states: str) -> CompiledModel:
+    """Return the model of one mode: an ordinary one, without events; the model itself where it has one mode.
+
+    Parameters
+    ----------
+    **states : str
+        For each contact "slip", "stick", "closed" or "open"; contacts that are left out slip, or are closed.
+        Directions of slip are further parameters of the model, see ``layout.parameters``.
+
+    Raises
+    ------
+    OptionError
+        For contacts that do not exist, and states that they do not have.
+    """
+    unknown = [name for name in states if name not in model.contacts]
+    if unknown:
+        raise OptionError(f"no contact is called {list_names(map(repr, unknown))}; known: {list_names(model.contacts)}")
+    chosen = []
+    for i, contact in enumerate(model.contacts):
+        able = (cast("Mode", model.stages.mode)[i],) if model.modes is None else model.modes.automaton.states(i)
+        state = states.get(contact, able[0])
+        if state not in able:
+            raise OptionError(f"contact {contact!r} cannot be {state!r}; it can be: {list_names(able)}")
+        chosen.append(state)
+    return model if model.modes is None else model.modes.model(tuple(chosen))
+
+
+def missing(model: CompiledModel, name: str) -> str:
+    """Return the message of an attribute that a model does not have, or only the models of its modes."""
+    hint, known = "", name in type(model).__annotations__ or hasattr(type(model), name)
+    if known and not name.startswith("_") and model.__dict__.get("modes") is not None:
+        hint = (
+            f" of its own, because its contacts change what it is; ask the model of one mode, such as"
+            f" model.mode().{name}, or model.mode({model.contacts[0]}='open').{name}"
+        )
+    return f"a {type(model).__name__} has no {name!r}{hint}"
+
+
+def source_of(model: CompiledModel, method: str = "auto", rtol: float = 1e-8, atol: float = 1e-10) -> str:
+    """Return the generated code that `simulate` runs by a method at some tolerances.
+
+    Raises
+    ------
+    OptionError
+        For a method that the backend does not have, or tolerances that are not positive.
+    """
+    rtol, atol = tolerances(rtol, atol)
+    return model.engine.source_of(choose_method(model, method, rtol, atol), rtol, atol) or model.source
+
+
+def choose_method(model: CompiledModel, method: Any, rtol: float, atol: float, *, many: bool = False) -> str:
+    """Return the method that a run takes, checked; `many` says whether it is to run many cases at once.
+
+    Raises
+    ------
+    OptionError
+        For a method that the model does not have, with those that it has.
+    """
+    if isinstance(method, str) and method == "auto":
+        key = rtol, atol, many
+        found = model.chosen.get(key)
+        if found is None:
+            if len(model.chosen) >= _MOST_CHOSEN:
+                model.chosen.clear()
+            found = model.chosen[key] = model.engine.automatic(model.methods, rtol, atol, many=many)
+        return found
+    if isinstance(method, str) and method in model.method_descriptions:
+        return method
+    why = backend_named(model.backend).refusal(model.stages.program, str(method))
+    if why:
+        raise OptionError(f"{why}. Take one of: {list_names(['auto', *model.methods])}")
+    raise OptionError(
+        unknown_name("method", str(method), ["auto", *model.methods]) + f" (of the backend {model.backend!r})"
+    )
