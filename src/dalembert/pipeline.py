@@ -16,7 +16,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar, final
 
 from .codegen import backend_named
-from .codegen.base import Engine, RenderedModule
+from .codegen.base import RenderedModule
+from .codegen.engine import Engine
 from .errors import EnergyWarning, OptionError, SceneError, list_names, warn_caller
 from .ir.program import Program
 from .lowering.programs import lower

@@ -12,7 +12,7 @@ import pytest
 from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
-from dalembert.codegen import base, kernel_code, steppers
+from dalembert.codegen import engine, kernel_code, steppers
 from dalembert.codegen import library as kernel_library
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
 from dalembert.codegen.llvm import assembly
@@ -176,7 +176,7 @@ def test_code_of_a_model_is_bounded(monkeypatch, what):
     """Each distinct event or reduction used to keep its code as long as the model lived, 0.2 MB."""
     monkeypatch.setattr(derived, "_MOST", 2)
     monkeypatch.setattr(steppers, "_MOST_EVENTS", 2)
-    for module in (base, kernel_code, kernel_library):
+    for module in (engine, kernel_code, kernel_library):
         monkeypatch.setattr(module, "MOST_FURTHER", 4)
     model, engines, counts = da.compile_model(da.scenes.chaplygin_sleigh()), Engines(monkeypatch), []
 

@@ -527,7 +527,7 @@ def test_events_and_reductions_in_lanes_between_knots(models: Any, method: str, 
 
 
 def test_watched_sweeps_under_samples_do_not_go_case_by_case(models: Any, monkeypatch: Any) -> None:
-    from dalembert.codegen.base import Engine
+    from dalembert.codegen.engine import Engine
 
     def refuse(*arguments: Any) -> None:
         raise AssertionError("case by case")

@@ -6,8 +6,8 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.codegen.base import Engine
 from dalembert.codegen.compiled_engine import CompiledEngine
+from dalembert.codegen.engine import Engine
 from dalembert.errors import ConstraintError
 from dalembert.methods.status import Status
 from dalembert.runs.stop_lists import segments_of_cases, stop_lists

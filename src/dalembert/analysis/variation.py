@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..codegen import backend_named
-from ..codegen.base import Engine
+from ..codegen.engine import Engine
 from ..errors import OptionError, UnknownNameError, list_names, unknown_name
 from ..ir.conditions import NARROW, Conditions
 from ..ir.interpret import interpret_rows

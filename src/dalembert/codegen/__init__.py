@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..errors import OptionError, unknown_name
-from .base import Backend, Engine, RenderedModule
+from .base import Backend, RenderedModule
+from .engine import Engine
 
 __all__ = ["BACKENDS", "Backend", "Engine", "RenderedModule", "backend_named"]
 

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import ClassVar
 
 from ..ir.program import Program
-from .base import Backend, Engine, RenderedModule
+from .base import Backend, RenderedModule
 from .cache import digest_of, module_folder
 from .compiled_engine import METHODS, CompiledEngine, default_source
+from .engine import Engine
 from .library import KernelLibrary
 from .llvm.loops import toolchain
 from .llvm.target import target

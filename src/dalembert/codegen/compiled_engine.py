@@ -20,7 +20,7 @@ from ..steps.problem import IntegrationProblem, Solution
 from ..stops.segments import constants_at
 from ..subset.addresses import NO_CODE, OwnedAddress
 from ..transforms.taylor import clipped_tolerance, order_at, order_for
-from .base import Engine
+from .engine import Engine
 from .kernel_code import KernelCode
 from .library import LARGEST_UNROLLED, KernelLibrary
 from .llvm.loops import loop_named

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..events.event_code import EventCode
     from ..events.recorded_motion import RecordedCase
     from ..lanes.workspace import EventKernels
-    from .base import Engine
+    from .engine import Engine
 
 LONGEST_BLOCK = 256
 """Attempts in the longest block of a run that may end early."""

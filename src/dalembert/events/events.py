@@ -54,7 +54,7 @@ def run_with_events(
     loop
         That of `dalembert.events.block_search`.
     carried : ndarray (n_events,) or None
-        See `dalembert.codegen.base.Engine.integrate_watched`.
+        See `dalembert.codegen.engine.Engine.integrate_watched`.
     """
     room = _ROOM
     while True:

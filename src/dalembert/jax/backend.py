@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..codegen.base import Backend, Capability, Engine, RenderedModule
+from ..codegen.base import Backend, Capability, RenderedModule
+from ..codegen.engine import Engine
 from ..codegen.host_runs import HostedRuns
 from ..codegen.runs import Prepared
 from ..codegen.step_blocks import growing_step_blocks

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, final
 
-from ..codegen.base import Engine
+from ..codegen.engine import Engine
 from ..ir.program import DIRECTION
 from ..once import DERIVING, BoundedTable, derived_once, derived_property
 from ..pipeline import Stages

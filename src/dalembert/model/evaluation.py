@@ -19,7 +19,7 @@ from ..stops.samples import Samples
 from ..values import array_of, common_rows, times_of
 
 if TYPE_CHECKING:
-    from ..codegen.base import TracedEngine
+    from ..codegen.engine import TracedEngine
     from .model import CompiledModel
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from html import escape
 from typing import TYPE_CHECKING, Any, cast, final
 
-from ..codegen.base import Capability, Engine
+from ..codegen.base import Capability
+from ..codegen.engine import Engine
 from ..errors import CapabilityError, list_names
 from ..ir.program import Layout, representative
 from ..mechanics.equations import EquationsOfMotion
@@ -25,7 +26,7 @@ from .derived import Derived
 from .variants import Variants
 
 if TYPE_CHECKING:
-    from ..codegen.base import FunctionEngine, TracedEngine
+    from ..codegen.engine import FunctionEngine, TracedEngine
     from ..contacts.contact_laws import Mode
     from ..phases.mode_models import ModeModels
     from ..runs.run_check import RunCheck

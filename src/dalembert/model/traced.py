@@ -17,7 +17,7 @@ from ..runs.capabilities import refuse_sampling
 from ..starts import inputs as run_input
 
 if TYPE_CHECKING:
-    from ..codegen.base import TracedEngine
+    from ..codegen.engine import TracedEngine
     from ..codegen.host_runs import HostedRuns
     from .model import CompiledModel
 

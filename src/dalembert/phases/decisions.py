@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..codegen.base import Engine
+from ..codegen.engine import Engine
 from ..codegen.llvm.loops import loop_named
 from ..contacts.automaton import HybridAutomaton
 from ..contacts.contact_cases import ContactCases, contact_cases

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..codegen.base import Engine
+from ..codegen.engine import Engine
 from ..codegen.llvm.admission import AdmissionCode
 from ..contacts.automaton import HybridAutomaton
 from ..contacts.contact_laws import OPEN, SLIP, Mode, mode_parameters

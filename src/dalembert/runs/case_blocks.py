@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..codegen.base import Engine
+from ..codegen.engine import Engine
 from ..codegen.runs import CaseRun
 from ..interrupts import STOPPED, check, stopped_by
 from ..lanes.cases import BlockResult

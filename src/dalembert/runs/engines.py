@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
-from ..codegen.base import Engine
+from ..codegen.engine import Engine
 from ..ir.program import Program
 from ..pipeline import Compiled
 from ..reduction.sampling_kernels import sampling_kernels

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import FloatArray
-from ..codegen.base import Engine
+from ..codegen.engine import Engine
 from ..ir.program import Layout, Program, along_run
 from ..reduction.baumgarte import GAINS
 from ..starts import inputs

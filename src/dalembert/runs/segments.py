@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..codegen.base import Engine
+from ..codegen.engine import Engine
 from ..codegen.runs import Final, Prepared, PreparedStates
 from ..ir.conditions import NO_CONDITIONS, Conditions
 from ..ir.program import Program

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import final
 
 from ..arrays import FloatArray
-from ..codegen.base import Engine
+from ..codegen.engine import Engine
 from ..codegen.runs import StartCode
 from ..once import once_property
 from ..reduction.starting import Start

@@ -189,7 +189,7 @@ def prescribed(problem: IntegrationProblem) -> Solution:
 
 
 def prescribed_blocks(problem: IntegrationProblem) -> Iterator[Solution]:
-    """Yield the solution of a problem without a state as one block; see `dalembert.codegen.base.Engine.step_blocks`."""
+    """Yield the solution of a problem without a state as one block (`dalembert.codegen.engine.Engine.step_blocks`)."""
     yield prescribed(problem)
 
 

@@ -15,8 +15,9 @@ from ...steps.method_choice import fitting
 from ...steps.problem import IntegrationProblem, Kernels, Solution
 from ...transforms.partials import jacobian_kernel
 from ...version import __version__
-from ..base import Backend, Engine, RenderedModule
+from ..base import Backend, RenderedModule
 from ..cache import digest_of, load_in_memory
+from ..engine import Engine
 from ..printers import NUMPY
 from ..rendering import program_variables, render
 
