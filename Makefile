@@ -9,18 +9,18 @@ export MPLBACKEND ?= Agg
 
 # What the processor decides: all of it, and the parts that `make test` runs for the least instruction set and for
 # those between it and the processor's own.
-LANES     := tests/integrators/test_lanes.py tests/runtime/test_interrupted_sweeps.py tests/system/test_outputs.py \
+LANES     := tests/lanes/test_lanes.py tests/runs/test_interrupted_sweeps.py tests/system/test_outputs.py \
              tests/codegen/test_vector_functions.py tests/codegen/test_advance_lanes.py
-SUBSET    := $(LANES) tests/integrators/test_methods.py tests/integrators/test_radau.py \
+SUBSET    := $(LANES) tests/methods/test_methods.py tests/steps/test_radau.py \
              tests/system/test_singular.py tests/system/test_contact_rounding.py tests/system/test_kinks.py \
              tests/system/test_sleigh_exact.py tests/system/test_sphere_exact.py tests/system/test_energy.py \
              tests/hard_cases/test_long_runs.py tests/transforms/test_taylor.py tests/codegen/test_check_inputs.py
-NUMERICAL := $(SUBSET) tests/codegen/test_loops.py tests/hard_cases tests/integrators tests/system tests/results \
-             tests/runtime/test_sweep.py tests/runtime/test_events.py tests/runtime/test_reductions.py \
-             tests/runtime/test_sweep_events.py
+NUMERICAL := $(SUBSET) tests/codegen/test_loops.py tests/hard_cases tests/methods tests/steps tests/lanes tests/loops \
+             tests/events tests/system tests/results tests/runs/test_sweep.py
 
 # What runs with the newest releases: the first test of each file, JAX's among them, for its first case.
-PART      := --first 1 tests/codegen tests/integrators tests/results tests/runtime
+PART      := --first 1 $(addprefix tests/,analysis codegen contacts events jax_backend lanes loops methods model \
+             options phases results runs starts steps stops store subset)
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:

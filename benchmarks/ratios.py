@@ -22,7 +22,6 @@ from typing import Any
 from batches import BATCHES
 from cases import END, PROBLEMS, Problem
 from chains import kane_planar_chain, planar_chain
-from contacts import WITH, WITHOUT, measure_contacts
 from contenders import own
 from exact import ROOT
 from measure import interleaved, machine
@@ -33,6 +32,7 @@ from sweeps import CASES, THREADS, own_sweep
 from sympy.core.cache import clear_cache
 
 import dalembert as da
+from contacts import WITH, WITHOUT, measure_contacts
 
 __all__ = ["FILE", "ratios"]
 

@@ -23,51 +23,51 @@ gc.set_threshold(50_000, 20, 20)
 LONG = (
     "textbook/test_agreement.py",
     "test_gallery.py",
-    "codegen/test_jax_pure.py",
-    "codegen/test_jax_derivatives.py",
-    "runtime/test_events.py",
+    "jax_backend/test_jax_pure.py",
+    "jax_backend/test_jax_derivatives.py",
+    "events/test_events.py",
     "fuzz/contacts/test_random_contacts.py",
-    "codegen/test_jax_devices.py",
-    "integrators/test_jax_lanes.py",
+    "jax_backend/test_jax_devices.py",
+    "jax_backend/test_jax_lanes.py",
     "system/test_friction.py",
-    "runtime/test_stored_sweeps.py",
+    "store/test_stored_sweeps.py",
     "hard_cases/test_motions.py",
     "test_documents.py",
     "codegen/test_numba_backend.py",
-    "codegen/test_jax_backend.py",
-    "codegen/test_jax_times.py",
-    "codegen/test_jax_second.py",
-    "codegen/test_jax_hosted.py",
-    "codegen/test_jax_foreign_batches.py",
+    "jax_backend/test_jax_backend.py",
+    "jax_backend/test_jax_times.py",
+    "jax_backend/test_jax_second.py",
+    "jax_backend/test_jax_hosted.py",
+    "jax_backend/test_jax_foreign_batches.py",
     "codegen/test_loops.py",
     "system/test_switch_departures.py",
     "system/test_knot_starts.py",
-    "codegen/test_jax_single.py",
+    "jax_backend/test_jax_single.py",
     "scene/test_orientation.py",
     "textbook/test_pages.py",
     "textbook/test_example_13_4_6.py",
     "system/test_singular.py",
     "codegen/test_rendering.py",
     "test_packaging.py",
-    "codegen/test_jax_agreement.py",
-    "codegen/test_jax_inputs.py",
-    "codegen/test_jax_jumps.py",
-    "runtime/test_invariant_projection.py",
+    "jax_backend/test_jax_agreement.py",
+    "jax_backend/test_jax_inputs.py",
+    "jax_backend/test_jax_jumps.py",
+    "starts/test_invariant_projection.py",
     "hard_cases/test_contacts.py",
-    "runtime/test_sensitivity.py",
+    "analysis/test_sensitivity.py",
     "hard_cases/test_long_runs.py",
 )
 
 
 @pytest.fixture(scope="module")
 def quick_xla():
-    """Compile the JAX programs of a file in a fraction of the time, to code that is slower (`codegen.jax_options`).
+    """Compile the JAX programs of a file in a fraction of the time, to code that is slower (`jax_backend.jax_options`).
 
     For ``pytest.mark.usefixtures``. The documents, the gallery, the tests of the whole system and those of calls that
     are eager, hosted or foreign leave XLA the options that users have.
     """
     try:
-        from codegen.jax_options import compiled_quickly
+        from jax_backend.jax_options import compiled_quickly
     except pytest.skip.Exception:  # there is no JAX
         yield
     else:

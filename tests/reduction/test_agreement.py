@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import dalembert as da
+from analysis.test_sensitivity import MOTIONS
 from dalembert.reduction import FORMULATIONS
-from runtime.test_sensitivity import MOTIONS
 
 T = np.linspace(0.0, 0.5, 6)
 BOUND = {"baumgarte": 1e-8, "ggl": 1e-8, "augmented": 1e-8}
