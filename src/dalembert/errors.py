@@ -125,7 +125,7 @@ class LoadWarning(UserWarning):
 
 
 class PrecisionWarning(UserWarning):
-    """A tolerance is below what double precision gives; the message names the floor."""
+    """A tolerance is below what double precision gives, or large against the motion; the message names another."""
 
 
 class StoredSweepWarning(UserWarning):

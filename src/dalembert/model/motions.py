@@ -15,6 +15,7 @@ from ..runs.capabilities import refuse_functions
 from ..runs.elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_from, with_offsets
 from ..runs.event_parameters import with_event_parameters
 from ..runs.simulate import simulate_in_own_time
+from ..runs.small_motions import warn_of_small_motion
 from ..starts.input_values import read_inputs
 from ..starts.inputs import span_of
 from ..values import tolerances
@@ -153,6 +154,7 @@ def simulate(
             show(run.t_end)
     else:
         run = run_model(model, span, initial, parameters, options)
+    warn_of_small_motion(run, options.rtol, options.atol)
     return run if elapsed is None else run.counted_from(t0, times, noted_from(run.stats.note, t0))
 
 

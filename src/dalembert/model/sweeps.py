@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import OptionError, nesting_named
 from ..options import StoreOptions, SweepOptions
 from ..runs.capabilities import refuse_functions
+from ..runs.small_motions import warn_of_small_cases
 from ..starts.input_values import read_inputs
 
 if TYPE_CHECKING:
@@ -146,7 +147,9 @@ def sweep(
             )
         from ..runs.sweep import sweep_cases
 
-        return sweep_cases(self, t_span, initial, parameters, options)
+        found = sweep_cases(self, t_span, initial, parameters, options)
+        warn_of_small_cases(found, options.rtol, options.atol)
+        return found
     where = StoreOptions(to=to, chunk=chunk, client=client, resume=resume, units=units)
     from ..store.sweep import stored_sweep
 
