@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from itertools import chain, combinations
 from typing import TYPE_CHECKING
@@ -19,7 +20,7 @@ TOUCHING = 1e-13
 """Gap, over the size of the motion, from which on contacts do not touch."""
 STILL, EQUAL = 1e-9, 2e-5
 """Of velocities, over their sizes: those that do not approach, and those that are equal."""
-MOST = 400
+MOST = 4000
 """Impacts that are tried."""
 
 
@@ -39,9 +40,9 @@ def impacts_in_turn(rows: Rows, before: Array, after: Array) -> bool:
 
 def _lead_to(rows: Rows, touching: list[int], before: Array, after: Array, size: float) -> bool:
     """Return whether impacts of some contacts that touch lead from velocities to others."""
-    waiting, seen = [before], 0
+    waiting, seen = deque([before]), 0  # short sequences first: every impact leaves a smaller one to be tried
     while waiting and seen < MOST:
-        v, seen = waiting.pop(), seen + 1
+        v, seen = waiting.popleft(), seen + 1
         for reached in _struck(rows, touching, v, STILL * size):
             if np.max(np.abs(reached - after)) <= EQUAL * size:
                 return True
