@@ -71,6 +71,7 @@ CASES = {
         [0.5, 2, 3, 4],
     ),
     "narrow": (sp.sign(sp.Float(1e-7) - sp.Abs(t - sp.Float(1.23))), (0, 3), {}, [1.23 - 1e-7, 1.23, 1.23 + 1e-7]),
+    "time cancels": (sp.Min(t - t / 2, (t + a) / 2, evaluate=False), (0, 3), {"a": -0.5}, []),
     "identity": (sp.sign(sp.sin(t) ** 2 + sp.cos(t) ** 2 - 1), (0, 3), {}, []),
 }
 

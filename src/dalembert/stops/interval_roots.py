@@ -106,6 +106,8 @@ class RootSearch:
             arguments = {"p": ParameterRows(self.p, row)}
             one, zero = np.ones_like(low), np.zeros_like(low)
             (whole,) = interpret(self.kernel, arguments | {"t": Interval(low, high, one, one)}, INTERVAL_OPERATIONS)
+            if not isinstance(whole, Interval):  # time cancels, as in t/2 < t - t/2 + a
+                return Interval(*(np.broadcast_to(v, low.shape) for v in (whole, whole, zero, zero))), zero
             point = Interval(middle, middle, zero, zero)
             (centre,) = interpret(self.kernel, arguments | {"t": point}, INTERVAL_OPERATIONS)
             half = 0.5 * (high - low)
