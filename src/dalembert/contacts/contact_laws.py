@@ -21,7 +21,7 @@ _ONSET = 0.05
 """Share of the rest speed in a plane within which slip that begins keeps the direction in which it begins."""
 
 
-_MARGIN, _BEGUN = 0.05, 5.0
+_MARGIN, _BEGUN = 0.5, 5.0
 """Multiples of the rest speed: by how much slip that begins may seem to go backwards, and from which it has begun."""
 
 
