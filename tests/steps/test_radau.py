@@ -7,6 +7,7 @@ import pytest
 
 from dalembert.codegen.llvm.loops import loop_named
 from dalembert.codegen.numpy import solvers
+from dalembert.codegen.numpy.methods import IMPLICIT
 from dalembert.methods import collocation as radau
 from dalembert.methods.status import Status
 from dalembert.steps import implicit_loop as implicit
@@ -158,7 +159,7 @@ def test_scipy_takes_a_generated_jacobian():
         out[:] = [0.0, 1.0, (-2.0 * y[0] * y[1] - 1.0) / c[0], (1.0 - y[0] * y[0]) / c[0]]
 
     problem = IntegrationProblem(t0=0.0, t1=1.0, y0=VAN_DER_POL_START, constants=np.array([1e-6]), rtol=1e-6, atol=1e-6)
-    for method in solvers.IMPLICIT:
+    for method in IMPLICIT:
         calls.clear()
         run = solvers.integrate(Kernels(van_der_pol, jacobian=jacobian), method, problem)
         assert run.success and calls

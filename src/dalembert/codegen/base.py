@@ -55,9 +55,6 @@ class Backend(ABC):
     """A way to print, load and integrate. Adding one is one module, one template folder, one registry line."""
 
     name: ClassVar[str]
-    methods: ClassVar[Mapping[str, str]]
-    """Integration methods by name, each with one line of description; the first is what "auto" takes."""
-
     for_stages: ClassVar[tuple[str, ...]] = ()
     """Methods of the backend that integrate systems of index 2."""
 
@@ -66,6 +63,11 @@ class Backend(ABC):
 
     capabilities: ClassVar[frozenset[Capability]] = frozenset()
     """Its abilities beyond simulation."""
+
+    @property
+    @abstractmethod
+    def methods(self) -> Mapping[str, str]:
+        """Integration methods by name, each with one line of description; the first is what "auto" takes."""
 
     def serving(self, program: Program) -> Mapping[str, str]:
         """Return the methods that can integrate a program.

@@ -5,17 +5,20 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import ClassVar
 
 from ..ir.program import Program
+from ..methods.pairs import PAIRS
 from .base import Backend, RenderedModule
 from .cache import digest_of, module_folder
-from .compiled_engine import METHODS, CompiledEngine, default_source
+from .compiled_engine import CompiledEngine, default_source
 from .engine import Engine
 from .library import KernelLibrary
 from .llvm.loops import toolchain
 from .llvm.target import target
 from .rendering import generator_digest
+
+_TAYLOR = "Taylor series of an order chosen by the tolerance (Jorba and Zou)"
+_RADAU = "implicit Runge-Kutta of order 5, for stiff scenes (Radau IIA; Hairer and Wanner)"
 
 
 class CompiledBackend(Backend):
@@ -23,7 +26,12 @@ class CompiledBackend(Backend):
 
     for_stages = ("radau",)
     series = ("taylor",)
-    methods: ClassVar[Mapping[str, str]] = METHODS
+
+    @property
+    def methods(self) -> Mapping[str, str]:
+        """See `Backend.methods`: Taylor steps, the pairs, and the implicit method."""
+        pairs = {name: pair.description for name, pair in PAIRS.items()}
+        return {"taylor": _TAYLOR, **pairs, "radau": _RADAU}
 
     @abstractmethod
     def library(self, program: Program, folder: Path | None) -> KernelLibrary:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple, final
 
 from ..lanes.workspace import EventKernels, no_events
+from ..methods.pairs import PAIRS
 from ..methods.step_constants import SMALLEST_SCALE
 from ..once import BoundedTable, computed_once
 from ..subset.addresses import NO_CODE, OwnedAddress
@@ -130,8 +131,10 @@ class Steppers:
 
 
 def pair_named(name: str, *, bounded: bool = False) -> Tableau:
-    """Return a Runge-Kutta pair by its name; imported here, because checking all pairs takes time."""
+    """Return a Runge-Kutta pair by its name, whose tableau is imported here."""
+    pair = PAIRS[name].tableau
+    if not bounded:
+        return pair
     from ..methods import tableaus
 
-    pair = next(tableau for tableau in tableaus.TABLEAUS if tableau.name == name)
-    return tableaus.bounded(pair) if bounded else pair
+    return tableaus.bounded(pair)

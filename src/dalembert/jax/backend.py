@@ -17,6 +17,7 @@ from ..codegen.step_blocks import growing_step_blocks
 from ..errors import MissingExtraError
 from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseBlock
+from ..methods.traced import TRACED
 from ..once import computed_once, once_property
 from ..options import SolveOptions
 from ..steps.problem import IntegrationProblem, Solution
@@ -204,12 +205,11 @@ class JaxBackend(Backend):
     name = "jax"
     series = ("taylor",)
     capabilities = frozenset({Capability.VECTOR_FIELD, Capability.STATE_FUNCTIONS, Capability.SOLVE_FUNCTION})
-    methods: ClassVar[Mapping[str, str]] = {
-        "dopri8": "explicit Runge-Kutta of order 8 (Prince and Dormand; diffrax, in sweeps DOP853)",
-        "tsit5": "explicit Runge-Kutta of order 5 (Tsitouras; diffrax, in sweeps a loop of our own)",
-        "taylor": "Taylor series, generated recurrences, order and step from the tolerance; what sweeps take",
-        "kvaerno5": "implicit Runge-Kutta of order 5, for stiff scenes (Kvaerno; diffrax, in sweeps a loop of our own)",
-    }
+
+    @property
+    def methods(self) -> Mapping[str, str]:
+        """See `Backend.methods`."""
+        return {name: method.description for name, method in TRACED.items()}
 
     def render(self, program: Program) -> RenderedModule:
         """See `Backend.render`."""

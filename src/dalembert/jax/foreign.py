@@ -30,6 +30,7 @@ from ..codegen.llvm.foreign_batch import Interface
 from ..codegen.llvm.loops import debugging
 from ..ir.program import Program
 from ..methods.step_constants import ANY_START
+from ..methods.traced import TRACED
 from ..once import computed_once, once
 from ..processors import available_threads
 from .runs.derivatives import StepsRecord
@@ -41,8 +42,6 @@ if TYPE_CHECKING:
 
 _Spec: Any = _PartitionSpec  # which has no types
 _Struct: Any = jax.ShapeDtypeStruct
-_COMPILED = {"dopri8": "dop853", "tsit5": "tsit5", "taylor": "taylor"}
-"""Methods of traced runs, and what compiled loops call them."""
 _NUMBERS = 5
 _PER_THREAD = 64
 """Cases below which a thread is not worth its start."""
@@ -238,7 +237,7 @@ def _handler(runs: ForeignRuns, recorded: bool, alone: bool) -> tuple[str, Forei
 
     def make() -> ForeignCode:
         engine: Any = backend.load(rendered, cache=True)
-        method = _COMPILED[runs.method]
+        method = TRACED[runs.method].compiled
         code: ForeignCode = engine.foreign_batch(method, runs.order, interface, recorded=recorded, alone=alone)
         ffi: Any = jax.ffi  # which has no types throughout
         ffi.register_ffi_target(name, ffi.pycapsule(ctypes.c_void_p(code.address)), platform="cpu")

@@ -13,8 +13,10 @@ import jax.numpy as jnp
 from ..codegen.printers import JAX, JAX_SERIES
 from ..ir.kernel import Kernel
 from ..ir.program import Program
+from ..methods import pairs
 from ..methods.tableau import Tableau
-from ..methods.tableaus import KVAERNO5, TABLEAUS
+from ..methods.tableaus import KVAERNO5
+from ..methods.traced import TRACED
 from ..once import once
 from ..transforms.nonsmooth import decisions, only_in_branches
 from ..transforms.recurrences import recurrences
@@ -33,8 +35,7 @@ from .runs.run_constants import RunConstants
 from .runs.run_data import RunPieces, Stepping
 from .step_derivatives import PairSteps, WholeSteps, implicit_ends, series_ends
 
-_BY_NAME = {tableau.name: tableau for tableau in TABLEAUS}
-EXPLICIT = {"dopri8": _BY_NAME["dop853"], "tsit5": _BY_NAME["tsit5"]}
+EXPLICIT = {name: pairs.PAIRS[m.compiled].tableau for name, m in TRACED.items() if m.compiled in pairs.PAIRS}
 PAIRS = {**EXPLICIT, "kvaerno5": KVAERNO5}
 """The pairs by their names here."""
 

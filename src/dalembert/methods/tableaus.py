@@ -1,4 +1,4 @@
-"""Runge-Kutta pairs; a new explicit one takes one tableau and one line in ``TABLEAUS``."""
+"""Tableaus of Runge-Kutta pairs; `dalembert.methods.pairs` names the explicit ones."""
 
 from dataclasses import replace
 
@@ -9,6 +9,7 @@ from dalembert.methods.tableau import Tableau, matrix_from_rows
 
 from ..arrays import FloatArray
 from ..once import once
+from .pairs import PAIRS
 
 
 def _dop853_dense() -> FloatArray:
@@ -156,7 +157,7 @@ oscillator is 30 times the tolerances (that of explicit methods once or twice), 
 
 KVAERNO5 = _kvaerno5()
 
-TABLEAUS = (TSIT5, DOP853)
+TABLEAUS = tuple(pair.tableau for pair in PAIRS.values())
 """The explicit pairs."""
 
 

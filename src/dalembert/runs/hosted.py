@@ -16,6 +16,7 @@ from ..events.event_code import Event, event_list
 from ..ir.program import coefficient_places
 from ..methods.status import Status
 from ..methods.step_constants import SMALLEST_OF_TIME
+from ..methods.traced import TRACED
 from ..options import SolveOptions
 from ..scene.expressions import symbols_called
 from ..scene.symbol_table import InputSymbol
@@ -58,13 +59,7 @@ def record_statuses(symbols: Sequence[InputSymbol], records: Mapping[str, Sample
 
 
 _BACKEND = "llvm"
-METHODS: Mapping[str, str] = {
-    "auto": "auto",
-    "dopri8": "dop853",
-    "tsit5": "tsit5",
-    "taylor": "taylor",
-    "kvaerno5": "radau",
-}
+METHODS: Mapping[str, str] = {"auto": "auto", **{name: method.compiled for name, method in TRACED.items()}}
 """Methods of the compiled loops, by those of traced runs."""
 
 

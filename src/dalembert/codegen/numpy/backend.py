@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, ClassVar, final
+from typing import Any, final
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from ..cache import digest_of, load_in_memory
 from ..engine import Engine
 from ..printers import NUMPY
 from ..rendering import program_variables, render
+from .methods import IMPLICIT, METHODS
 
 ArrayKernel = Callable[[float, FloatArray, FloatArray, FloatArray], None]
 
@@ -70,8 +71,6 @@ class NumpyEngine(Engine):
         return step_blocks(self._stepped(method), method, problem)
 
     def _stepped(self, method: str) -> Kernels:
-        from .solvers import IMPLICIT
-
         named = self._kernels
         jacobian = self._derivative("rhs") if method in IMPLICIT else None
         projections = named.get("project_position"), named.get("project_velocity")
@@ -127,13 +126,11 @@ class NumpyBackend(Backend):
 
     name = "numpy"
     for_stages = ("radau",)
-    methods: ClassVar[Mapping[str, str]] = {
-        "dop853": "explicit Runge-Kutta of order 8 (SciPy)",
-        "rk45": "explicit Runge-Kutta of order 5 (SciPy)",
-        "radau": "implicit Runge-Kutta of order 5, for stiff scenes (SciPy)",
-        "bdf": "backward differentiation, for stiff scenes (SciPy)",
-        "lsoda": "Adams or backward differentiation, chosen on the way (SciPy)",
-    }
+
+    @property
+    def methods(self) -> Mapping[str, str]:
+        """See `Backend.methods`: SciPy's."""
+        return {name: method.description for name, method in METHODS.items()}
 
     def render(self, program: Program) -> RenderedModule:
         """See `Backend.render`."""

@@ -6,6 +6,7 @@ every accepted step.
 
 from __future__ import annotations
 
+import pkgutil
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -21,12 +22,7 @@ from ...methods.step_constants import SMALLEST_SCALE
 from ...steps.problem import IntegrationProblem, Kernels, Solution
 from ...steps.projection import end_differences
 from .kernel_calls import KernelCalls, NonFiniteError, StepInterpolants
-
-METHODS = ("dop853", "rk45", "radau", "lsoda", "bdf")
-IMPLICIT = ("radau", "lsoda", "bdf")
-PROJECTABLE = ("dop853", "rk45", "radau")
-
-_ATTEMPT_EVALUATIONS = {"dop853": 12, "rk45": 6}
+from .methods import METHODS, PROJECTABLE
 
 
 def integrate(kernels: Kernels, method: str, problem: IntegrationProblem) -> Solution:
@@ -165,7 +161,7 @@ class _SteppedRun:
                 yield Status.NON_FINITE
 
     def _step_to_the_end(self, solver: Any) -> Iterator[Status]:
-        per_attempt = _ATTEMPT_EVALUATIONS.get(self.method, 0)
+        per_attempt = METHODS[self.method].attempt
         while solver.status == "running":
             if self.steps >= self.problem.max_steps:
                 yield Status.MAX_STEPS
@@ -259,22 +255,12 @@ class _SteppedRun:
         return StepInterpolants(np.array(self.knots), self.interpolants, np.array(self.corrections))
 
     def _solver(self, y0: FloatArray) -> Any:
-        from scipy import integrate as scipy_integrate  # SciPy takes long to import
-
-        from .kernel_calls import GuardedDOP853
-
-        classes: dict[str, Any] = {
-            "dop853": GuardedDOP853,
-            "rk45": scipy_integrate.RK45,
-            "radau": scipy_integrate.Radau,
-            "lsoda": scipy_integrate.LSODA,
-            "bdf": scipy_integrate.BDF,
-        }
         problem = self.problem
         span = abs(problem.t1 - problem.t0)
-        explicit = self.method in _ATTEMPT_EVALUATIONS
+        method = METHODS[self.method]
+        explicit = method.attempt > 0
         known = {} if explicit or self.kernels.jacobian is None else {"jac": self._calls.jacobian}
-        solver = classes[self.method](
+        solver = pkgutil.resolve_name(method.place)(
             self._calls.rhs if explicit or self.kernels.tables else self._calls.finite_rhs,
             problem.t0,
             y0,
