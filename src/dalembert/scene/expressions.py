@@ -22,7 +22,7 @@ from ..transforms.derivatives import tangents
 from .elapsed import ElapsedTime
 from .joints import Unknown
 from .tables import TableFunction, outside
-from .time_conditions import FUNCTIONS, RECIPROCALS, SUPPORTED, TimeConditions, is_exhaustive
+from .time_conditions import FUNCTIONS, JUMPING, RECIPROCALS, TimeConditions, is_exhaustive, supported
 
 _EXPONENT = 1_000_000
 
@@ -38,7 +38,7 @@ def short(expression: Any, width: int = 80) -> str:
         return "an expression that is nested deeply"
     except ValueError:  # Python refuses to print integers of more than 4,300 digits
         return "an expression with numbers of thousands of digits"
-    text = re.sub(r"(\w+)\(t\)", lambda found: found[0] if found[1] in SUPPORTED else found[1], text)
+    text = re.sub(r"(\w+)\(t\)", lambda found: found[0] if found[1] in supported() else found[1], text)
     return text if len(text) <= width else text[: width - 3] + "..."
 
 
@@ -282,15 +282,11 @@ class ExpressionReader:
             name = "min" if kind is sp.Min else "max"
             nodes = [self._read(arg) for arg in sorted(e.args, key=sp.default_sort_key)]
             return reduce(lambda a, b: self._operations.call(name, a, b), nodes)
-        if kind is sp.ceiling:
-            return -self._operations.call("floor", -self._read(e.args[0]))
+        if kind in JUMPING:
+            return JUMPING[kind](self._operations, *(self._read(arg) for arg in e.args))
         if kind is sp.Mod:
             number, period = (self._read(arg) for arg in e.args)
             return number - period * self._operations.call("floor", self._divide(number, period, e))
-        if kind is sp.Heaviside:
-            x, there = self._read(e.args[0]), self._read(e.args[1])
-            below, above = self._operations.call("less", x, g.zero), self._operations.call("less", g.zero, x)
-            return g.call("select", above, g.one, g.call("select", below, g.zero, there))
         if kind is sp.Piecewise:
             return self._piecewise(e)
         if e in (sp.true, sp.false):
@@ -305,7 +301,7 @@ class ExpressionReader:
         done = e.doit() if kind in (sp.Sum, sp.Product, sp.Integral) else e
         if done != e:
             return self._read(done)
-        return self.fault(f"{kind.__name__} cannot be compiled; functions known: {list_names(SUPPORTED)}")
+        return self.fault(f"{kind.__name__} cannot be compiled; functions known: {list_names(supported())}")
 
     def _piecewise(self, e: Any) -> Node:
         *some, (last, _) = e.args

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, final
 
 import sympy as sp
@@ -36,9 +36,7 @@ PULSE_OPERATIONS = ("exp", "tanh", "atan", "sinh", "cosh")
 """Smooth operations that may change within a short time."""
 DECIDED = ("abs", "sign", "floor", "min", "max", "less", "less_equal")
 """Operations with kinks or jumps."""
-_FURTHER = ["Heaviside", "Max", "Min", "Mod", "Piecewise", "ceiling", "cot", "csc", "sec", "sqrt"]
-SUPPORTED = tuple(sorted([f.__name__ for f in FUNCTIONS] + _FURTHER))
-"""Names of the functions that can be compiled."""
+_FURTHER = ["Max", "Min", "Mod", "Piecewise", "cot", "csc", "sec", "sqrt"]
 RECIPROCALS: dict[Any, tuple[str, str]] = {sp.cot: ("cos", "sin"), sp.sec: ("", "cos"), sp.csc: ("", "sin")}
 """Functions that are a quotient of two others: numerator, where it is not one, and denominator."""
 
@@ -76,12 +74,13 @@ class TimeConditions:
     """
 
     def __init__(self, graph: Graph, time: Node | None, parameters: Mapping[str, Any]) -> None:
-        self._graph, self._time, self._parameters = graph, time, parameters
+        self.graph = graph
+        self._time, self._parameters = time, parameters
         self.found: dict[Condition, None] = {}
 
     def call(self, op: str, *args: Node) -> Node:
         """Return an operation; one with kinks or jumps in time alone becomes a condition."""
-        graph = self._graph
+        graph = self.graph
         whole = graph.call(op, *args)
         if op in PULSE_OPERATIONS:
             self.record_pulse(op, args[0])
@@ -100,7 +99,7 @@ class TimeConditions:
     def record_pulse(self, op: str, node: Node, exponent: float = -1.0) -> None:
         """Record a narrow pulse of an operation on time alone, so that no step passes over it."""
         if self._time is not None and self._prescribed([node]):
-            found = narrow_conditions(self._graph, op, node, self._time, exponent)
+            found = narrow_conditions(self.graph, op, node, self._time, exponent)
             self.found |= dict.fromkeys(found)
 
     def _prescribed(self, nodes: Sequence[Node]) -> bool:
@@ -112,4 +111,26 @@ class TimeConditions:
         if not deps & self._time.deps:
             return False
         known = [*self._parameters, *([CONDITION_TIME] if decide(self.found) else [])]
-        return not deps & ~(self._time.deps | self._graph.mask(known))
+        return not deps & ~(self._time.deps | self.graph.mask(known))
+
+
+# Functions with jumps, made of these operations.
+
+
+def _ceiling(operations: TimeConditions, x: Node) -> Node:
+    return -operations.call("floor", -x)
+
+
+def _heaviside(operations: TimeConditions, x: Node, there: Node) -> Node:
+    graph = operations.graph
+    below, above = operations.call("less", x, graph.zero), operations.call("less", graph.zero, x)
+    return graph.call("select", above, graph.one, graph.call("select", below, graph.zero, there))
+
+
+JUMPING: dict[Any, Callable[..., Node]] = {sp.ceiling: _ceiling, sp.Heaviside: _heaviside}
+"""Functions of SymPy from operations and arguments; where they jump in time alone, runs stop."""
+
+
+def supported() -> tuple[str, ...]:
+    """Return the names of the functions that can be compiled, in order."""
+    return tuple(sorted([*(f.__name__ for f in (*FUNCTIONS, *JUMPING)), *_FURTHER]))
