@@ -112,6 +112,16 @@ class UnilateralContact:
         return str(self.normal) if self.name is None else self.name
 
 
+FRICTION_LAWS: dict[type, Callable[[Any], CoulombFriction]] = {CoulombFriction: lambda law: law}
+"""Laws of friction by their classes, each with the Coulomb law that it stands for; mu may depend on the state."""
+
+
+def coulomb_law(law: Any) -> CoulombFriction | None:
+    """Return the Coulomb law that a law of friction stands for; None for what is no law."""
+    found = FRICTION_LAWS.get(type(law))
+    return None if found is None else found(law)
+
+
 Read = Callable[[Any, str], "Node"]
 """Returns an expression that stands in some place, by its name, as a node."""
 
@@ -256,9 +266,10 @@ def read_contacts(
             **contacts.gap(contact, more, coordinates),
             "restitution": contacts.number(contact.restitution, f"restitution of contact {contact.label!r}", most=1.0),
         }
-    for law in scene.frictions:
-        if not isinstance(law, CoulombFriction):
-            contacts.faults.append(f"{law!r} is not a CoulombFriction")
+    for given in scene.frictions:
+        law = coulomb_law(given)
+        if law is None:
+            contacts.faults.append(f"{given!r} is not a {' or a '.join(law.__name__ for law in FRICTION_LAWS)}")
             continue
         normal = contacts.unknown(law.normal, f"the normal reaction of friction {law.label!r}")
         held = found.setdefault(normal, {"name": law.label, "normal": normal})

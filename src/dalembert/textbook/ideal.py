@@ -10,6 +10,7 @@ import sympy as sp
 
 from ..errors import ConstraintError, SceneError
 from ..scene import CoulombFriction, Joint
+from ..scene.contacts import coulomb_law
 from ..scene.identity import vanishes
 from .actions import Actions
 from .energy import readable
@@ -125,7 +126,7 @@ def single_unknowns(conditions: Sequence[Any]) -> list[Any]:
 
 def friction_forces(laws: Sequence[CoulombFriction]) -> set[str]:
     """Return the names of the unknowns that are friction forces."""
-    return {str(x) for law in laws for x in _parts(law.tangential)}
+    return {str(x) for law in map(coulomb_law, laws) if law is not None for x in _parts(law.tangential)}
 
 
 def friction_laws(actions: Actions) -> dict[Any, Any]:
@@ -141,7 +142,9 @@ def friction_laws(actions: Actions) -> dict[Any, Any]:
     """
     found: dict[Any, Any] = {}
     put = actions.geometry.put
-    for law in actions.scene.frictions:
+    for law in map(coulomb_law, actions.scene.frictions):
+        if law is None:  # of which the reader of the scene says so
+            continue
         forces = _parts(law.tangential)
         given = law.slip is not None
         slips = [readable(put(e)) for e in _parts(law.slip)] if given else [_slip(actions, x) for x in forces]
