@@ -21,8 +21,10 @@ from dalembert.results.trajectory import Trajectory
 ROOT = Path(__file__).parents[1]
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SHOWN = re.compile(r"^```python\n(?P<code>.*?)^```$(?:\n\n```text\n(?P<output>.*?)^```$)?", re.MULTILINE | re.DOTALL)
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-LINKED = [*PAGES, *sorted((ROOT / "docs" / "examples").glob("*.md"))]
+INSIDE = sorted((ROOT / "docs" / "inside").glob("*.md"))
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *INSIDE]
+LINKED = [*PAGES, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs" / "examples").glob("*.md"))]
+DESIGN = ROOT / "docs" / "design.md"
 INDENTED = re.compile(r"^( +)```python\n(.*?)^ +```$", re.MULTILINE | re.DOTALL)
 START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 
@@ -122,7 +124,7 @@ def _exists(name, sources):
 
 def test_names_on_the_design_pages_exist():
     """A dotted name there is that of a module, or of something that a module or class of the package has."""
-    pages = "\n".join(page.read_text() for page in sorted((ROOT / "docs").glob("design*.md")))
+    pages = "\n".join(page.read_text() for page in (DESIGN, *INSIDE))
     text = re.sub(r"^```.*?^```$", "", pages, flags=re.M | re.S)
     names = {name for name in re.findall(r"`(\w+(?:\.\w+)+)`", text) if not name.endswith((".py", ".md", ".json"))}
     sources = _sources()
@@ -134,12 +136,39 @@ def test_names_on_the_design_pages_exist():
 
 def _decisions():
     """Return the names in the second column of the table of decisions."""
-    section = (ROOT / "docs" / "design_runs.md").read_text().split("## Decisions\n")[1].split("\n## ")[0]
+    section = DESIGN.read_text().split("## Decisions\n")[1].split("\n## ")[0]
     rows = [line for line in section.splitlines() if line.startswith("|")][2:]
-    return {name for row in rows for name in re.findall(r"`([\w.]+)`", row.split("|")[2])}
+    found = set()
+    for row in rows:
+        module = ""
+        for name in re.findall(r"`([\w.]+)`", row.split("|")[2]):
+            if "." in name or name == "options":
+                module = name
+                found.add(name)
+            else:
+                found.add(f"{module}.{name}")
+    return found
+
+
+def test_the_reading_order_is_short():
+    """A dozen files of ordinary length explain the whole."""
+    section = DESIGN.read_text().split("## Reading order\n")[1]
+    files = re.findall(r"^\d+\. `([\w/]+\.py)`: ", section, re.M)
+    assert 8 <= len(files) <= 12
+    for file in files:
+        assert len((ROOT / "src" / "dalembert" / file).read_text().splitlines()) <= 330, file
+
+
+def test_pages_of_the_inside_are_short():
+    words = {page: len(page.read_text().split()) for page in (DESIGN, *INSIDE)}
+    assert words.pop(DESIGN) < 1000
+    assert all(count <= 350 for count in words.values()), words
+    packages = {path.name for path in (ROOT / "src" / "dalembert").iterdir()}
+    assert {page.stem for page in INSIDE} <= {name.removesuffix(".py") for name in packages}
 
 
 def test_the_table_of_decisions_names_what_there_is():
+    assert len(_decisions()) > 50
     for name in _decisions():
         pkgutil.resolve_name(f"dalembert.{name}")
 

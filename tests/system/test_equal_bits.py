@@ -1,4 +1,4 @@
-"""Results that are promised equal to the bit, and those that agree to rounding (the table in docs/design.md)."""
+"""Results that are promised equal to the bit, and those that agree to rounding (the table in docs/accuracy.md)."""
 
 import json
 import os
