@@ -4,10 +4,11 @@ import pytest
 
 import dalembert as da
 from codegen.ready_scenes import CONTACTS, assert_agreement
-from dalembert.codegen.compiled_engine import METHODS
+from dalembert.codegen import backend_named
 from dalembert.reduction import FORMULATIONS
 
 pytestmark = pytest.mark.matrix
+METHODS = tuple(backend_named("numba").methods)
 
 
 @pytest.mark.parametrize("run", ["simulate", "sweep"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
@@ -40,14 +40,6 @@ if TYPE_CHECKING:
     from .lane_runs import LaneRuns
     from .llvm.admission import Admission
     from .llvm.foreign_batch import ForeignCode, Interface
-
-METHODS: Mapping[str, str] = {
-    "taylor": "Taylor series of an order chosen by the tolerance (Jorba and Zou)",
-    "dop853": "explicit Runge-Kutta of order 8 (Hairer, Norsett and Wanner)",
-    "tsit5": "explicit Runge-Kutta of order 5 (Tsitouras)",
-    "radau": "implicit Runge-Kutta of order 5, for stiff scenes (Radau IIA; Hairer and Wanner)",
-}
-"""The methods of these backends by name, with descriptions."""
 
 
 @final
