@@ -21,8 +21,9 @@ _ONSET = 0.05
 """Share of the rest speed in a plane within which slip that begins keeps the direction in which it begins."""
 
 
-_MARGIN, _BEGUN = 0.5, 5.0
-"""Multiples of the rest speed: by how much slip that begins may seem to go backwards, and from which it has begun."""
+_MARGIN, _BEGUN = 0.2, 5.0
+"""Multiples of the rest speed, of ten tolerances: by how much slip that begins may seem to go backwards, which is the
+error of two steps, and from which it has begun."""
 
 
 def mode_parameters(contact: ContactRow, state: str = SLIP) -> tuple[str, str, str, str]:
