@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from ..errors import OptionError, SceneError
 from ..ir.graph import Graph
@@ -117,7 +118,10 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         power = powers(kinematics) if model.given is None else kane_powers(kinematics)
     forcing, reactions = _split(model, power.forcing)
     silent = () if model.lagrangian is not None else warn_of_silent_potential(kinematics, power, forcing)
-    holonomic = [_holonomic(kinematics, constraint) for constraint in model.holonomic]
+    gaps = {contact.constraint for contact in model.contacts}
+    holonomic = [
+        replace(_holonomic(kinematics, constraint), opens=i in gaps) for i, constraint in enumerate(model.holonomic)
+    ]
     nonholonomic = [_nonholonomic(kinematics, constraint) for constraint in model.nonholonomic]
     rows = (*holonomic, *nonholonomic)
     terms = [*(entry for row in power.mass_matrix for entry in row), *power.forcing]

@@ -35,6 +35,8 @@ class ConstraintRow:
     undecided : bool
         Whether its row depends on others at every state, as far as the rounding of decimals shows, by weights that
         vary: runs decide whether it follows from them.
+    opens : bool
+        Whether it holds while a contact is closed, which is decided by the size of its gap beside all lengths.
     """
 
     label: str
@@ -43,6 +45,7 @@ class ConstraintRow:
     drift: Node
     bias: Node
     undecided: bool = False
+    opens: bool = False
 
 
 @final

@@ -132,8 +132,7 @@ def _residuals(graph: Graph, equations: EquationsOfMotion, q: Sequence[Node], qd
     left = graph.substitute([*positions, *velocities], own)
     jacobian, drift = [graph.substitute(row, own) for row in jacobian], graph.substitute(drift, own)
     may = StartLimits(graph, equations, q, qdot)
-    limits = [may.position(value, row) for value, row in zip(left, jacobian[: len(positions)], strict=False)]
-    limits += [may.rate(row, value) for row, value in zip(jacobian, drift, strict=True)]
+    limits = may.of_constraints(positions, left, jacobian, drift)
     if late:
         limits = [a + b for a, b in zip(limits, late, strict=True)]
     return [node for pair in zip(left, limits, strict=True) for node in pair]

@@ -1,9 +1,15 @@
 """Limits for starts in any unit: what may be left of constraints, and by how much given values may change.
 
-Every residual is compared with the sizes of its own terms and of what the coordinates add to it. The size of an angle,
-or of a component of a quaternion, is one at least. That of every other coordinate is the largest of them at the
-start; where there are angles, it is at least the radius of gyration sqrt(sum M_ii of angles / sum M_ii of others).
-Where all of that is no more than rounding leaves of lengths in ordinary units, it is one.
+Every residual is compared with the sizes of its own terms: with their values, with what the coordinates add to them,
+and with what an angle, or a component of a quaternion, adds where it changes by one. A distant body in the same scene
+does not excuse what a small mechanism leaves open: the size of the whole scene enters by what rounding leaves of it,
+and by a small share where a constraint has no length besides its coordinates, which may all be zero. Only a constraint
+of a single coordinate that must vanish, and the gap of a contact, which is closed by its share of all lengths, are
+compared with that size itself.
+
+The size of the whole scene, for lengths, is the largest coordinate at the start that is one; where there are angles, it
+is at least the radius of gyration sqrt(sum M_ii of angles / sum M_ii of others). Where all of that is no more than
+rounding leaves of lengths in ordinary units, it is one.
 """
 
 from __future__ import annotations
@@ -14,7 +20,6 @@ from typing import final
 
 from ..ir.graph import Graph
 from ..ir.node import Node
-from ..ir.zero_tests import terms_of
 from ..mechanics.equations import EquationsOfMotion
 from ..scene.elapsed import START
 from ..scene.symbol_table import SymbolTable
@@ -39,6 +44,10 @@ _AT_REST = 1e-8
 _ROUNDED = 1e-12
 """Length up to which the largest of all lengths may be what rounding left of zero."""
 
+_HOMOGENEOUS, _ROUNDING = 1e-4, 1e-7
+"""Share of the size of the scene that a length counts as, at least, in a constraint: where that has no length besides
+several coordinates, and where it has. What `TOLERANCE` takes of the second is some spacings of doubles at that size."""
+
 _TINY = 1e-300
 
 _ULPS = 4.0
@@ -50,6 +59,31 @@ def left_by_rounding_of_start(graph: Graph, symbols: SymbolTable, nodes: Sequenc
     slopes = tangents(graph, nodes, {graph.input(symbols.time): graph.one})
     spacing = graph.node(_ULPS * 2.0**-52) * graph.input(START)
     return [graph.call("abs", slope * spacing) for slope in slopes]
+
+
+def magnitude_of(graph: Graph, node: Node) -> Node:
+    """Return the size of the terms of a value, to first order in what the terms of its factors leave.
+
+    The size of a sum is that of its terms together. That of a product is the size of one factor times the value of
+    the other, so that a factor whose terms cancel takes the size of the other with it. That of a sine is one.
+    """
+    done: dict[int, Node] = {}
+
+    def size(node: Node) -> Node:
+        a = [done[arg.index] for arg in node.args]
+        if node.op in ("add", "sub"):
+            return a[0] + a[1]
+        if node.op in ("mul", "div"):
+            one, other = (graph.call("abs", arg) for arg in node.args)
+            if node.op == "mul":
+                return graph.call("max", one * a[1], a[0] * other)
+            return graph.call("max", a[0], one * a[1] / other) / other
+        if node.op in ("sin", "cos"):
+            return graph.one
+        return a[0] if node.op == "neg" else graph.call("abs", node)
+
+    graph.visit([node], done, size)
+    return done[node.index]
 
 
 @final
@@ -69,6 +103,9 @@ class StartLimits:
     def __init__(self, graph: Graph, equations: EquationsOfMotion, q: Sequence[Node], qdot: Sequence[Node]) -> None:
         self.graph, self.q, self.qdot = graph, q, qdot
         self.angles = [name in equations.angles for name in equations.symbols.coordinates]
+        inputs = zip(graph.adopt(equations.q), self.angles, strict=True)
+        self.lengths = [x.deps for x, angle in inputs if not angle]
+        self.opens = [row.opens for row in equations.constraints]
         self.sizes = [graph.one] * len(q)
         if equations.constraints and not all(self.angles):
             length = self._length(equations)
@@ -105,20 +142,74 @@ class StartLimits:
         square = graph.call("max", inertia, graph.zero) / graph.call("select", heavy, mass, graph.one)
         return [graph.call("select", heavy, graph.call("sqrt", square), graph.zero)]
 
-    def position(self, residual: Node, row: Sequence[Node]) -> Node:
-        """Return the largest residual that is allowed in a holonomic constraint with a row of the Jacobian (n_q)."""
-        graph = self.graph
-        parts = [part for part in zip(row, self.q, self.sizes, strict=True) if not part[0].is_zero]
-        terms = [self._abs(slope) * graph.call("max", self._abs(x), size) for slope, x, size in parts]
-        return graph.node(TOLERANCE) * graph.sum([terms_of(graph, residual), *terms])
+    def of_constraints(
+        self, constraints: Sequence[Node], residuals: Sequence[Node], jacobian: Matrix, drift: Sequence[Node]
+    ) -> list[Node]:
+        """Return the largest residuals that are allowed, of holonomic constraints and then of all velocity constraints.
 
-    def rate(self, row: Sequence[Node], drift: Node) -> Node:
-        """Return the largest residual that is allowed in a velocity constraint, row . qdot + drift."""
+        Parameters
+        ----------
+        constraints : sequence of Node, length n_h
+            Holonomic constraints, of the coordinates.
+        residuals : sequence of Node, length n_h or more
+            They at the start.
+        jacobian : Matrix (n_c, n_q)
+            Of all velocity constraints at the start, of which those of the holonomic ones are the first.
+        drift : sequence of Node, length n_c
+            What velocity constraints are beside jacobian . qdot at the start.
+        """
+        rows = zip(residuals, jacobian, map(self._share, constraints, self.opens), strict=False)
+        limits = [self.graph.node(TOLERANCE) * self._terms(*row) for row in rows]
+        own = [self._share(*row) == _ROUNDING for row in zip(constraints, self.opens, strict=False)]
+        from_position = [limit if has else None for limit, has in zip(limits, own, strict=True)]
+        from_position += [None] * (len(jacobian) - len(limits))
+        return limits + [self._rate(*row) for row in zip(jacobian, drift, from_position, strict=True)]
+
+    def _share(self, constraint: Node, opens: bool) -> float:
+        """Return the share of the size of the scene that a length counts as, at least, in a constraint."""
+        if not opens and self._has_length(constraint):
+            return _ROUNDING
+        alone = sum(bool(x & constraint.deps) for x in self.lengths) == 1
+        return 1.0 if opens or alone else _HOMOGENEOUS
+
+    def _terms(self, residual: Node, row: Sequence[Node], share: float) -> Node:
+        """Return the size of the terms of a holonomic constraint."""
+        graph = self.graph
+        terms = [magnitude_of(graph, residual)]
+        for slope, x, size, angle in zip(row, self.q, self.sizes, self.angles, strict=True):
+            if not slope.is_zero:
+                least = size if angle else graph.node(share) * size
+                terms.append(self._abs(slope) * graph.call("max", self._abs(x), least))
+        return graph.sum(terms)
+
+    def _has_length(self, constraint: Node) -> bool:
+        """Return whether a constraint has terms that do not vanish with the coordinates that are lengths."""
+        graph = self.graph
+        lengths = reduce(lambda a, b: a | b, self.lengths, 0)
+        done: dict[int, Node] = {}
+
+        def has(node: Node) -> Node:
+            if not node.deps & lengths:
+                return graph.zero if node.is_zero else graph.one
+            parts = [done[arg.index] is graph.one for arg in node.args]
+            found = all(parts) if node.op == "mul" else parts[0] if node.op == "div" else any(parts)
+            return graph.one if found else graph.zero
+
+        graph.visit([constraint], done, has)
+        return done[constraint.index] is graph.one
+
+    def _rate(self, row: Sequence[Node], drift: Node, limit: Node | None) -> Node:
+        """Return the largest residual that is allowed in a velocity constraint, row . qdot + drift.
+
+        That of the holonomic constraint with a length from which it follows is `limit`: it may leave a share of it in a
+        unit of time. Others are compared with a share of the speed of the whole scene: their terms may all be zero.
+        """
         graph = self.graph
         parts = [part for part in zip(row, self.qdot, self.sizes, strict=True) if not part[0].is_zero]
-        terms = graph.sum([self._abs(drift), *(self._abs(slope * rate) for slope, rate, _ in parts)])
-        least = self.slow * graph.sum(self._abs(slope) * size for slope, _, size in parts)
-        return graph.node(TOLERANCE) * graph.call("max", terms, least)
+        terms = graph.node(TOLERANCE) * graph.sum([self._abs(drift), *(self._abs(a * rate) for a, rate, _ in parts)])
+        if limit is None:
+            limit = graph.node(TOLERANCE) * graph.sum(self._abs(slope) * size for slope, _, size in parts)
+        return graph.call("max", terms, self.slow * limit)
 
     def share(self, pivot: Node, rows: Matrix, place: int) -> Node:
         """Return the share of a value that was solved for, from its pivot; it is compared with `LEAST_SHARE`."""

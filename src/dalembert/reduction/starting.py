@@ -135,8 +135,7 @@ class _Starting:
         state = started.state
         may = StartLimits(self.graph, self.system.equations, self._at(self.q), self._at(self.qdot))
         jacobian = [self._at(row) for row in jacobian]
-        limits = [may.position(value, row) for value, row in zip(left, jacobian[: len(positions)], strict=False)]
-        limits += [may.rate(row, value) for row, value in zip(jacobian, self._at(drift), strict=True)]
+        limits = may.of_constraints(residual, left, jacobian, self._at(drift))
         if self.symbols.offsets:
             limits = [a + b for a, b in zip(limits, self._late([*residual, *velocity]), strict=True)]
         checks = [node for pair in zip(left, limits, strict=True) for node in pair]

@@ -55,7 +55,7 @@ def on_unit_sphere(equations: EquationsOfMotion) -> EquationsOfMotion:
     def row(old: ConstraintRow) -> ConstraintRow:
         position = None if old.position is None else moved([old.position])[0]
         drift, bias = moved([old.drift, old.bias])
-        return ConstraintRow(old.label, position, moved(old.jacobian), drift, bias)
+        return replace(old, position=position, jacobian=moved(old.jacobian), drift=drift, bias=bias)
 
     norms = {group.norm for group in held}
     return replace(
