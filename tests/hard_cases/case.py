@@ -15,7 +15,7 @@ import numpy as np
 
 import dalembert as da
 
-__all__ = ["HardCase", "reference"]
+__all__ = ["HardCase", "published_reference", "reference"]
 
 
 @final
@@ -124,10 +124,15 @@ class HardCase:
 
 
 @cache
-def _references() -> dict[str, Any]:
-    return json.loads(Path(__file__).with_name("references.json").read_text())
+def _references(file: str = "references.json") -> dict[str, Any]:
+    return json.loads(Path(__file__).with_name(file).read_text())
 
 
 def reference(name: str) -> Any:
     """Return an entry of ``references.json``: ``values`` as digits, and their ``source``."""
     return _references()[name]
+
+
+def published_reference(name: str) -> Any:
+    """Return an entry of ``published_references.json``, of the same form."""
+    return _references("published_references.json")[name]
