@@ -90,6 +90,42 @@ def test_jumps_accumulate():
     assert not rules.accumulates(SHORT_SPAN * span * RESOLUTION * ABOVE, 0.0, span, True, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("before", "direction", "value", "sign"),
+    [
+        (math.nan, 0, 1.0, 0.0),  # a motion begins
+        (0.0, 0, 1.0, 0.0),  # it was not known
+        (1.0, 0, -1.0, 1.0),  # what a stop has changed is seen as a change behind it
+        (-1.0, 1, 1.0, -1.0),
+        (1.0, 2, 3.0, -1.0),  # an armed event has the sign of its side
+        (1.0, -2, 3.0, 1.0),
+        (1.0, 2, 0.0, 0.0),  # and none where it is zero
+    ],
+)
+def test_signs_are_carried_over_stops(before, direction, value, sign):
+    assert rules.carried_sign(before, value, 1.0, 1e-15, 0.0, 1.0, direction) == sign
+
+
+@pytest.mark.parametrize("forward", [1.0, -1.0])
+def test_what_is_recorded_at_the_time_of_an_occurrence_is_the_motion_after_it(forward):
+    t, rounding = 3.0, 3.0 * RESOLUTION
+    assert rules.recorded_after(t, t, forward)
+    assert rules.recorded_after(t - forward * rounding * 0.9, t, forward)
+    assert not rules.recorded_after(t - forward * rounding * 1.1, t, forward)
+    assert rules.recorded_after(t + forward, t, forward)
+
+
+@pytest.mark.parametrize("start", [0.0, 1e9, -1e9])
+def test_the_last_instants_are_those_that_still_round_to_the_same_times(start):
+    elapsed = np.array([0.25, -0.25, 7.0])
+    last = rules.last_instants(elapsed, start)
+    np.testing.assert_array_equal(np.sign(last - elapsed), np.sign(elapsed) * (start != 0.0))
+    beyond = elapsed + (last - elapsed) * 1.01
+    if start:
+        np.testing.assert_array_equal(start + (elapsed + (last - elapsed) * 0.99), start + elapsed)
+        assert (start + beyond != start + elapsed).all()
+
+
 def test_halves_of_a_piece_come_in_the_order_of_time():
     space = event_workspace(no_events(), 1, 4, 1, 3, 1)
     assert push_halves(space, 1, 0.5, 1.0, 1.0) == 3
