@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -100,7 +101,10 @@ def _imports(name: str) -> set[Import]:
     return found
 
 
-IMPORTS = {one for name in MODULES if name for one in _imports(name)}
+@cache
+def _all_imports() -> frozenset[Import]:
+    """Return the imports of all modules, which are read once, and only where a test asks for them."""
+    return frozenset(one for name in MODULES if name for one in _imports(name))
 
 
 def _package(module: str) -> str:
@@ -113,7 +117,7 @@ def test_every_package_has_its_place():
 
 def test_packages_import_only_what_stands_before_them():
     wrong = []
-    for module, target, checked in sorted(IMPORTS):
+    for module, target, checked in sorted(_all_imports()):
         importer, imported = _package(module), _package(target)
         if importer == imported or (module, target) in EXCEPTIONS or (checked and target == MODEL):
             continue
@@ -127,7 +131,7 @@ def test_packages_import_only_what_stands_before_them():
 def test_no_modules_import_one_another_in_a_circle():
     """Imports that only type checkers see are left out: they name types in annotations."""
     following: dict[str, set[str]] = {name: set() for name in MODULES}
-    for module, target, checked in IMPORTS:
+    for module, target, checked in _all_imports():
         if not checked and (module, target) not in EXCEPTIONS and module != target:
             following[module].add(target)
     done: set[str] = set()
