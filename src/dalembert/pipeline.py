@@ -28,6 +28,7 @@ from .options import CompileOptions
 from .progress import enter_stage
 from .reduction import ReducedSystem, reduce
 from .reduction.baumgarte import with_fixed_gains
+from .reduction.dependent_rows import Redundancy
 from .scene import Scene
 from .scene.model import SceneModel
 from .scene.reading import read
@@ -130,6 +131,7 @@ def compile_scene(
     mode: Mode | None = None,
     without: tuple[int, ...] = (),
     kept: tuple[str, ...] = (),
+    redundancy: Redundancy | None = None,
 ) -> Compiled | SeveralModes:
     """Return a compiled scene or, for contacts with several modes of which none is chosen, the automaton of modes.
 
@@ -144,7 +146,7 @@ def compile_scene(
         mode = only_mode(contacts)
         if mode is None:
             return SeveralModes(scene, options, HybridAutomaton.of(copied(derivation.equations)), derivation)
-    return compile_equations(derivation, options, mode, without, kept, derivation.seconds)
+    return compile_equations(derivation, options, mode, without, kept, derivation.seconds, redundancy)
 
 
 @deriving
@@ -179,6 +181,7 @@ def compile_equations(
     without: tuple[int, ...] = (),
     kept: tuple[str, ...] = (),
     seconds: Mapping[str, float] | None = None,
+    redundancy: Redundancy | None = None,
 ) -> Compiled:
     """Return equations of motion compiled: the stages from the formulation on.
 
@@ -196,6 +199,8 @@ def compile_equations(
         First integrals that are kept at their initial values.
     seconds : mapping of str to float, optional
         Seconds of stages that were run for this compilation alone.
+    redundancy : Redundancy, optional
+        What a run found of constraints that are enforced together, though some follow from others.
     """
     names, watch = output_names(options.outputs), Stopwatch()
     watch.seconds.update(seconds or {})
@@ -212,7 +217,7 @@ def compile_equations(
     if switched:
         reduced = watch("reduce", lambda: switched_system(equations, whole, names))
     else:
-        reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, without))
+        reduced = watch("reduce", lambda: reduce(equations, options.formulation, names, without, redundancy))
     _refuse_names_of_the_state(derivation.model, reduced)
     if kept:
         from .reduction.invariant_projection import project_invariants

@@ -349,37 +349,34 @@ def swing(by_angles=False, backend="llvm"):
     "options",
     [
         {},
-        {"t_eval": [0, 0.3], "dense": False},
+        {"t_eval": [0, 0.3, 1], "dense": False},
         {"events": ["a_dot"]},
         {"method": "dop853", "rtol": 1e-12, "atol": 1e-14},
     ],
     ids=["steps", "samples", "events", "tight"],
 )
-def test_runs_end_where_enforced_constraints_lose_rank_that_all_have(backend, options):
-    """The crank is level after 0.376 s; beyond, what is enforced lets the cranks go where the loop does not."""
+def test_runs_pass_where_some_of_the_constraints_lose_rank_that_all_have(backend, options):
+    """The crank is level after 0.376 s, and one of the rows vanishes there."""
     if backend == "numpy" and "events" in options:
         pytest.skip("as the others")
     run = swing(backend=backend).simulate((0, 1), swinging(0.3), SWINGING, **options)
-    assert run.status is Status.SINGULAR_CONFIGURATION and 0.36 < run.t_end < 0.39
-    assert "come to lose rank that they have together with holonomic constraint" in run.message
+    expected = swing(True).simulate((0, 1), swinging(0.3), SWINGING, **options)
+    assert run.success and run.status is expected.status
+    assert "it follows from the others around the start: holonomic constraint" in run.message
+    assert run["a"][-1] == pytest.approx(expected["a"][-1], abs=1e-8)
     assert np.abs(run["a"] - run["b"]).max() < 1e-9
-    before = swing(backend=backend).simulate((0, 0.3), swinging(0.3), SWINGING, **options)
-    assert before.success
-    assert before["a"][-1] == pytest.approx(swing(True).simulate((0, 0.3), swinging(0.3), SWINGING)["a"][-1], abs=1e-8)
 
 
 @pytest.mark.parametrize("method", ["auto", "taylor", "radau"])
-def test_cases_of_sweeps_end_there_too(method):
+def test_cases_of_sweeps_pass_there_too(method):
     angles, options = np.array([0.2, 0.5, 1.4]), {"method": method, "reduce": {"last": da.final("a")}}
     times = np.array([0, 0.05, 0.5])
     sweep = swing().sweep((0, 0.5), swinging(angles, -1.0), SWINGING, t_eval=times, **options)
     expected = swing(True).sweep((0, 0.5), swinging(angles, -1.0), SWINGING, t_eval=times)
-    level = expected["a"][:, -1] < 0.0
-    assert level.tolist() == [True, True, False]
-    assert sweep.status.tolist() == [Status.SINGULAR_CONFIGURATION] * 2 + [Status.SUCCESS]
-    np.testing.assert_allclose(sweep["a"][~level], expected["a"][~level], atol=1e-7)
-    np.testing.assert_allclose(sweep["a"][:, :2], expected["a"][:, :2], atol=1e-7)
-    assert np.all(np.isnan(sweep["a"][level, -1])) and np.all(np.isnan(sweep.reduced["last"][level]))
+    assert (expected["a"][:, -1] < 0.0).tolist() == [True, True, False]
+    assert sweep.status.tolist() == [Status.SUCCESS] * 3
+    np.testing.assert_allclose(sweep["a"], expected["a"], atol=1e-7)
+    np.testing.assert_allclose(sweep.reduced["last"], expected["a"][:, -1], atol=1e-7)
 
 
 def test_the_rows_that_are_enforced_are_those_that_do_not_vanish_at_the_start():
@@ -392,11 +389,10 @@ def test_the_rows_that_are_enforced_are_those_that_do_not_vanish_at_the_start():
         np.testing.assert_allclose(found.A, expected.A, atol=1e-9)
 
 
-def test_derivatives_end_where_runs_do():
-    options = {"of": ["a"], "wrt": ["g"]}
-    found = swing().sensitivity((0, 3), swinging(0.3), SWINGING, **options)
-    assert found.status is Status.SINGULAR_CONFIGURATION and 0.36 < found.t[-1] < 0.39
-    found, expected = (s.sensitivity((0, 0.3), swinging(0.3), SWINGING, **options) for s in (swing(), swing(True)))
+@pytest.mark.parametrize("end", [0.3, 3])
+def test_derivatives_pass_there_too(end):
+    options = {"of": ["a"], "wrt": ["g"], "rtol": 1e-10, "atol": 1e-12}
+    found, expected = (s.sensitivity((0, end), swinging(0.3), SWINGING, **options) for s in (swing(), swing(True)))
     assert found.status is Status.SUCCESS
     assert found.jacobians[-1, 0, 0] == pytest.approx(expected.jacobians[-1, 0, 0], rel=1e-6)
 
@@ -406,13 +402,12 @@ def test_prepared_runs_that_start_with_dependent_constraints(backend):
     """After a few calls, starts are looked at by compiled code."""
     model = swing(backend=backend)
     p, y = model.parameter_vector(SWINGING), model.state(swinging(0.3), SWINGING)
-    short, long = model.prepare((0, 0.3)), model.prepare((0, 0.5))
-    expected = swing(True).simulate((0, 0.3), swinging(0.3), SWINGING)
+    run = model.prepare((0, 0.5))
+    expected = swing(True).simulate((0, 0.5), swinging(0.3), SWINGING)
     for _ in range(20 if backend == "llvm" else 1):
-        final = short(y, p)
-        assert short.status is Status.SUCCESS
+        final = run(y, p)
+        assert run.status is Status.SUCCESS
         np.testing.assert_allclose(final[:2], expected["a"][-1], atol=1e-8)
-        assert np.all(np.isnan(long(y, p))) and long.status is Status.SINGULAR_CONFIGURATION
 
 
 def test_prepared_runs_of_regular_loops_are_those_of_the_engine():
@@ -440,7 +435,7 @@ def test_decimals_and_symbols_decide_alike_on_more_constraints_than_coordinates(
     for length in (1, 0.774):
         model = da.compile_model(carried(length))
         run = model.simulate((0, 0.3), tilted, {"m": 1.0, "g": 9.81 * float(length)})
-        assert run.success and "not enforced" in run.message
+        assert run.success and "enforced together with the others" in run.message
         final[length] = run["a2"][-1]
     assert final[1] == pytest.approx(final[0.774], abs=1e-8)
 

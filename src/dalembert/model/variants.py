@@ -11,6 +11,7 @@ from ..options import CompileOptions
 from ..pipeline import Compiled, SeveralModes, Stages, compile_equations, compile_scene
 
 if TYPE_CHECKING:
+    from ..reduction.dependent_rows import Redundancy
     from ..scene import Scene
     from .model import CompiledModel
 
@@ -54,6 +55,14 @@ class Variants:
         kept = self._stages.kept
         return self._once("without", left_out, lambda: self._make(self._recompiled(left_out, kept), dropped))
 
+    def enforcing_all(self, redundancy: Redundancy) -> CompiledModel:
+        """Return the model that enforces together all constraints of which some follow from others."""
+        reduced = self._stages.reduced
+        proven = tuple(i for i in reduced.left_out if i not in reduced.unproven)
+        return self._once(
+            "together", (redundancy,), lambda: self._make(self._recompiled(proven, self._stages.kept, redundancy), ())
+        )
+
     def keeping_invariants(self, names: tuple[str, ...]) -> CompiledModel:
         """Return the model that keeps first integrals at their initial values.
 
@@ -81,8 +90,12 @@ class Variants:
         """Return the model of the scene with further parameters, which only events and reductions of runs contain."""
 
         def make() -> CompiledModel:
+            scene = self._scene.with_parameters(symbols)
+            if self._several is None and self._stages.reduced.redundancy is not None:
+                reduced = self._stages.reduced
+                return self._of_scene(scene, reduced.left_out, self._dropped, reduced.redundancy)
             left_out = self._stages.reduced.unproven if self._dropped else ()
-            return self._of_scene(self._scene.with_parameters(symbols), left_out, self._dropped)
+            return self._of_scene(scene, left_out, self._dropped)
 
         return derived_once(self._watched, ("parameters", symbols), make)
 
@@ -103,12 +116,16 @@ class Variants:
             return self._once("backend", (name,), lambda: self._make(there, ()))
         stages = self._stages
         options = replace(stages.options, backend=name, formulation=stages.program.formulation)
-        left_out = stages.reduced.unproven
+        redundancy = stages.reduced.redundancy
+        left_out = stages.reduced.unproven if redundancy is None else stages.reduced.left_out
         return self._once(
             "backend",
             (name,),
             lambda: self._make(
-                compile_equations(stages.derivation, options, stages.mode, left_out, stages.kept), self._dropped
+                compile_equations(
+                    stages.derivation, options, stages.mode, left_out, stages.kept, redundancy=redundancy
+                ),
+                self._dropped,
             ),
         )
 
@@ -120,16 +137,24 @@ class Variants:
         """Return the models that keep first integrals and have been compiled."""
         return [model for (kind, _), model in self._tables.items() if kind == "keeping"]
 
-    def _of_scene(self, scene: Scene, left_out: tuple[int, ...] = (), dropped: tuple[int, ...] = ()) -> CompiledModel:
+    def _of_scene(
+        self,
+        scene: Scene,
+        left_out: tuple[int, ...] = (),
+        dropped: tuple[int, ...] = (),
+        redundancy: Redundancy | None = None,
+    ) -> CompiledModel:
         """Return the model of another scene, in the same mode and with the same first integrals kept."""
         mode, kept = (None, ()) if self._several is not None else (self._stages.mode, self._stages.kept)
-        return self._make(compile_scene(scene, self._options, mode, left_out, kept), dropped)
+        return self._make(compile_scene(scene, self._options, mode, left_out, kept, redundancy), dropped)
 
     def _once(self, kind: str, key: tuple[Any, ...], make: Callable[[], CompiledModel]) -> CompiledModel:
         return derived_once(self._tables, (kind, key), make)
 
-    def _recompiled(self, left_out: tuple[int, ...], kept: tuple[str, ...]) -> Compiled:
-        """Compile the same equations without some constraints and with kept first integrals."""
+    def _recompiled(
+        self, left_out: tuple[int, ...], kept: tuple[str, ...], redundancy: Redundancy | None = None
+    ) -> Compiled:
+        """Compile the same equations without some constraints, with kept first integrals, or with dependent rows."""
         stages = self._stages
         options = replace(stages.options, formulation=stages.program.formulation)
-        return compile_equations(stages.derivation, options, stages.mode, left_out, kept)
+        return compile_equations(stages.derivation, options, stages.mode, left_out, kept, redundancy=redundancy)

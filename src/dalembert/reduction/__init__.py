@@ -9,6 +9,7 @@ from ..errors import ConstraintError, FormulationError, OptionError, unknown_nam
 from ..mechanics.equations import EquationsOfMotion
 from .base import Formulation, Projection, ReducedSystem, ReductionSettings
 from .baumgarte import Baumgarte
+from .dependent_rows import Redundancy
 from .first_order_states import with_states
 from .ggl import GearGuptaLeimkuhler
 from .minimal import Minimal
@@ -29,6 +30,7 @@ def reduce(
     formulation: str = "auto",
     requested: Sequence[str] = (),
     without: Sequence[int] = (),
+    redundancy: Redundancy | None = None,
 ) -> ReducedSystem:
     """Return the equations of motion in the given formulation.
 
@@ -43,6 +45,8 @@ def reduce(
         Outputs to compute, by name or text.
     without : sequence of int
         Constraints that a run found to follow from the others; they are monitored, but not enforced.
+    redundancy : Redundancy, optional
+        What a run found of the constraints that are left, all of which are enforced.
 
     Raises
     ------
@@ -65,6 +69,9 @@ def reduce(
     enforced = equations
     if left_out:
         enforced = replace(equations, constraints=tuple(row for i, row in enumerate(rows) if i not in left_out))
+    if redundancy is not None:
+        reduced = _reduce_together(enforced, formulation, requested, redundancy)
+        return replace(reduced, equations=replace(reduced.equations, constraints=rows), left_out=left_out)
     try:
         reduced = _reduce(enforced, formulation, requested)
     except ConstraintError:
@@ -80,6 +87,18 @@ def reduce(
     note = f"left out, because they follow from the other constraints: {', '.join(rows[i].label for i in left_out)}"
     whole = replace(reduced.equations, constraints=rows)
     return replace(reduced, equations=whole, notes=(*reduced.notes, note), left_out=left_out, unproven=unproven)
+
+
+def _reduce_together(
+    equations: EquationsOfMotion, formulation: str, requested: Sequence[str], redundancy: Redundancy
+) -> ReducedSystem:
+    """Return a system that enforces all rows of equations, of which some follow from others."""
+    scaled = replace(equations, constraints=redundancy.scaled(equations.constraints))
+    settings = ReductionSettings(regular=False, redundancy=redundancy)
+    reduced = with_states(FORMULATIONS[formulation].reduce(scaled, requested, settings), scaled)
+    count = len(equations.constraints)
+    note = f"{count} constraints of rank {redundancy.rank} are enforced together: the others follow"
+    return replace(reduced, regular=False, redundancy=redundancy, notes=(*reduced.notes, note))
 
 
 def _reduce(equations: EquationsOfMotion, formulation: str, requested: Sequence[str]) -> ReducedSystem:

@@ -83,7 +83,7 @@ def _dependent_count(system: ReducedSystem) -> Node | None:
     """Return the number of enforced constraints that depend on others; None where they cannot."""
     equations = system.equations
     rows = tuple(row for i, row in enumerate(equations.constraints) if i not in system.left_out)
-    if system.regular or len(rows) < 2:
+    if system.regular or system.redundancy is not None or len(rows) < 2:
         return None
     return SaddlePoint.of(replace(equations, constraints=rows), guarded=True).set_aside()
 

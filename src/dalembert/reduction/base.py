@@ -16,6 +16,7 @@ from ..mechanics.equations import EquationsOfMotion
 from ..transforms.linear import Factorization, Matrix, SingularMatrix, factorize
 from ..transforms.lower_kernels import lower_kernel
 from ..transforms.rank_one import diagonal_less_dyad
+from .dependent_rows import Redundancy
 
 
 @final
@@ -27,9 +28,12 @@ class ReductionSettings:
     ----------
     regular : bool
         Whether the constraints are known to be independent at every configuration.
+    redundancy : Redundancy or None
+        Where constraints are enforced together that depend on each other at all configurations.
     """
 
     regular: bool = False
+    redundancy: Redundancy | None = None
 
 
 @final
@@ -105,6 +109,8 @@ class ReducedSystem:
         Numbers of constraints that follow from the others and are not enforced.
     unproven : tuple of int
         Those of them that need not follow everywhere: they do around the start of a run, or by weights that vary.
+    redundancy : Redundancy or None
+        Where constraints are enforced together of which some follow from others.
     pivots : tuple of (str, Node)
         Label of a constraint, and the function of the parameters that the formulation divides it by.
     inertia : tuple of (str, Node)
@@ -131,6 +137,7 @@ class ReducedSystem:
     regular: bool = True
     left_out: tuple[int, ...] = ()
     unproven: tuple[int, ...] = ()
+    redundancy: Redundancy | None = None
     pivots: tuple[tuple[str, Node], ...] = ()
     inertia: tuple[tuple[str, Node], ...] = ()
 

@@ -45,9 +45,9 @@ class Baumgarte(Formulation):
             how = "of one over a run's typical step unless given as parameters"
         else:
             how = "given with the formulation"
-        saddle = SaddlePoint.of(equations, guarded=not settings.regular)
+        saddle = SaddlePoint.of(equations, guarded=not settings.regular, redundancy=settings.redundancy)
         found = saddle.accelerations([row.bias for row in saddle.rows], equations.name)
-        pulled = saddle.accelerations(_demand(equations, FIXED_GAINS if fixed else GAINS), equations.name)
+        pulled = saddle.accelerations(_demand(equations, saddle, FIXED_GAINS if fixed else GAINS), equations.name)
         note = f"q and q_dot, accelerations from the saddle-point system, stabilised with gains {how}"
         reduced = reduce_saddle(self.name, equations, requested, found, [note], saddle=saddle)
         return replace(
@@ -71,13 +71,14 @@ def _with_parameters(equations: EquationsOfMotion, names: tuple[str, ...]) -> Eq
     return replace(equations, symbols=replace(symbols, parameters=(*symbols.parameters, *names)))
 
 
-def _demand(equations: EquationsOfMotion, gains: Sequence[str]) -> list[Node]:
+def _demand(equations: EquationsOfMotion, saddle: SaddlePoint, gains: Sequence[str]) -> list[Node]:
     """Return the stabilised right-hand side of the acceleration constraints, J q_ddot = demand, for gains by name."""
     alpha, beta = (equations.graph.input(name) for name in gains)
     demand = []
-    for row, left in zip(equations.constraints, velocity_residuals(equations), strict=True):
+    rows = zip(equations.constraints, saddle.demand(equations), velocity_residuals(equations), strict=True)
+    for row, wanted, left in rows:
         pull = 2 * alpha * left
         if row.position is not None:
             pull = pull + beta * beta * row.position
-        demand.append(row.bias - pull)
+        demand.append(wanted - pull)
     return demand

@@ -14,7 +14,11 @@ from typing import final
 from ..ir.node import Node
 from ..mechanics.equations import EquationsOfMotion
 from .base import Formulation, ReducedSystem, ReductionSettings, StageSystem
+from .dependent_rows import RankSolver
 from .saddle import SaddlePoint, reduce_saddle, velocity_residuals
+
+_WEIGHT = 1e-4
+"""Weight of multipliers beside residuals, which takes what iterations leave of them out of the estimates of errors."""
 
 
 @final
@@ -30,7 +34,7 @@ class GearGuptaLeimkuhler(Formulation):
         settings: ReductionSettings = ReductionSettings(),  # noqa: B008 - frozen
     ) -> ReducedSystem:
         """See `Formulation.reduce`."""
-        saddle = SaddlePoint.of(equations, guarded=not settings.regular)
+        saddle = SaddlePoint.of(equations, guarded=not settings.regular, redundancy=settings.redundancy)
         demand = [row.bias for row in saddle.rows]
         found = saddle.accelerations(demand, equations.name)
         note = "q and q_dot with multipliers at every stage of an implicit method, which hold positions and velocities"
@@ -44,6 +48,16 @@ class GearGuptaLeimkuhler(Formulation):
         )
 
 
+def _with_rest(saddle: SaddlePoint, residuals: Sequence[Node], multipliers: Sequence[Node]) -> list[Node]:
+    """Return what constraints leave that depend on each other, and what of multipliers is to vanish in their place."""
+    solver, graph = saddle.schur(len(residuals), ""), saddle.graph
+    assert isinstance(solver, RankSolver)
+    weight = graph.node(_WEIGHT) * graph.sum(solver.matrix[i][i] for i in range(len(residuals)))
+    rest = [weight * value for value in multipliers]
+    within = solver.within([a - b for a, b in zip(residuals, rest, strict=True)])
+    return [a + b for a, b in zip(within, rest, strict=True)]
+
+
 def _stages(equations: EquationsOfMotion, saddle: SaddlePoint, start: Sequence[Node]) -> StageSystem:
     graph, rows = equations.graph, saddle.rows
     positions = [row for row in rows if row.position is not None]
@@ -55,6 +69,8 @@ def _stages(equations: EquationsOfMotion, saddle: SaddlePoint, start: Sequence[N
     ]
     accelerations = saddle.combine(saddle.mass.half_solve(saddle.forcing), lam)
     left = [*velocity_residuals(equations), *(row.position for row in positions if row.position is not None)]
+    if saddle.redundancy is not None:
+        left = [*_with_rest(saddle, left[: len(rows)], lam), *_with_rest(saddle, left[len(rows) :], mu)]
     return StageSystem(
         inputs=(*equations.q, *equations.qdot, *lam, *mu),
         rhs=(*rates, *accelerations, *left),

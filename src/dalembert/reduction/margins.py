@@ -13,7 +13,7 @@ least share of a pivot (`dalembert.runs.singular`).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -25,6 +25,7 @@ from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matvec, transpose
 from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
+from .dependent_rows import RankSolver, Redundancy, least_share
 
 _OTHERS = 1e-2
 _SHORT, _STEP = 1e-2, 1024.0
@@ -35,6 +36,9 @@ _LEVELS = (1e-3, 1e-6, 1e-9, 1e-12)
 
 _TURN = 0.05
 """Turn of the Jacobian by a correction, over the share, from which on a case is looked at."""
+
+_LOCKED, _FLOOR = 1e-6, 1e-8
+"""Share of the coordinates by which constraints may be off where they lock, and the least square of these."""
 
 _TINY = 1e-300
 
@@ -55,6 +59,8 @@ def rank_margins(system: ReducedSystem, short: float) -> dict[str, Node]:
     rows = [row.jacobian for i, row in enumerate(equations.constraints) if i not in system.left_out]
     flow = dict(zip(equations.q, equations.qdot, strict=True)) | {equations.time: graph.one}
     flow |= equations.state_flow
+    if system.redundancy is not None:
+        return _joint_margins(system, system.redundancy, flow, short)
     gram = [[graph.sum(a * b for a, b in zip(x, y, strict=True)) for y in rows] for x in rows]
     mean = graph.node(_OTHERS / len(rows)) * graph.sum(gram[i][i] for i in range(len(rows)))
     try:
@@ -71,6 +77,39 @@ def rank_margins(system: ReducedSystem, short: float) -> dict[str, Node]:
         return {}
     levels = {f"Gram determinant less {level:g}": share - graph.node(level) for level in _LEVELS}
     return levels | _turn_margin(system, rows, gram, mean)
+
+
+def _joint_margins(
+    system: ReducedSystem, redundancy: Redundancy, flow: Mapping[Node, Node], short: float
+) -> dict[str, Node]:
+    """Return the margins of constraints that are enforced together, though some follow from others.
+
+    In place of the determinant stands the least eigenvalue of the Gram matrix that does not vanish. Another margin is
+    negative where positions leave more than changes of coordinates explain.
+    """
+    equations, graph = system.equations, system.equations.graph
+    rows = redundancy.scaled([row for i, row in enumerate(equations.constraints) if i not in system.left_out])
+    jacobian = [row.jacobian for row in rows]
+    gram = [[graph.sum(a * b for a, b in zip(x, y, strict=True)) for y in jacobian] for x in jacobian]
+    speeds = [rate for row in jacobian for rate in tangents(graph, row, flow)]
+    size = graph.sum(gram[i][i] for i in range(len(rows))) + graph.node(short * short) * graph.sum(
+        rate * rate for rate in speeds
+    )
+    size = size / graph.node(float(len(rows))) + graph.node(_TINY)
+    share = least_share(graph, gram, redundancy.rank) / size
+    found = {f"least eigenvalue less {level:g}": share - graph.node(level) for level in _LEVELS}
+    solver = RankSolver.of(graph, gram, redundancy.rank)
+    residual = [graph.zero if row.position is None else row.position for row in rows]
+    step = matvec(graph, transpose([list(row) for row in jacobian]), solver.solve(residual))
+    turns = tangents(graph, [entry for row in jacobian for entry in row], dict(zip(equations.q, step, strict=True)))
+    turned = graph.sum(turn * turn for turn in turns) / size
+    if not turned.is_zero:
+        found["turn of the Jacobian"] = (share - graph.node(_TURN**-2) * turned) * share * share
+    beside = [a - b for a, b in zip(residual, solver.within(residual), strict=True)]
+    reach = graph.sum(q * q for q in equations.q) + graph.node(_FLOOR)
+    allowed = graph.node(_LOCKED * _LOCKED) * size * reach
+    found["positions that no change explains"] = allowed - graph.sum(value * value for value in beside)
+    return found
 
 
 def _turn_margin(system: ReducedSystem, rows: Sequence[Sequence[Node]], gram: Matrix, mean: Node) -> dict[str, Node]:

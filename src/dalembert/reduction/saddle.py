@@ -27,6 +27,7 @@ from .base import (
     factorize_inertia,
     inertia_pivots,
 )
+from .dependent_rows import RankSolver, Redundancy, turning_demand
 from .reactions import requested_outputs
 
 # Sizes of rows of the constraint Jacobian that vanish at some angles, beside which they count as zero.
@@ -107,6 +108,8 @@ class SaddlePoint:
     scales : tuple of Node
         Where guarded, the sizes beside which diagonal entries of J M^-1 J^T count as zero; zero for rows that do not
         vanish.
+    redundancy : Redundancy or None
+        Where constraints are enforced together that depend on each other at all configurations.
     """
 
     graph: Graph
@@ -116,9 +119,10 @@ class SaddlePoint:
     halves: tuple[list[Node], ...]
     guarded: bool
     scales: tuple[Node, ...]
+    redundancy: Redundancy | None = None
 
     @staticmethod
-    def of(equations: EquationsOfMotion, *, guarded: bool) -> SaddlePoint:
+    def of(equations: EquationsOfMotion, *, guarded: bool, redundancy: Redundancy | None = None) -> SaddlePoint:
         """Return the factors of the equations.
 
         Raises
@@ -141,9 +145,9 @@ class SaddlePoint:
         # rows that vanish belong to folds of mechanisms; where contacts close and open, they decide no branch
         folding = guarded and not equations.guards
         scales = tuple(row_scale(graph, row.jacobian, inertias) if folding else graph.zero for row in rows)
-        return SaddlePoint(graph, mass, tuple(forcing), rows, halves, guarded, scales)
+        return SaddlePoint(graph, mass, tuple(forcing), rows, halves, guarded, scales, redundancy)
 
-    def schur(self, count: int, scene: str) -> Factorization:
+    def schur(self, count: int, scene: str) -> Factorization | RankSolver:
         """Return the factors of J M^-1 J^T for the first `count` constraints.
 
         Raises
@@ -152,6 +156,8 @@ class SaddlePoint:
             When a constraint depends on the others whatever the state.
         """
         full = self._inner_products(count)
+        if self.redundancy is not None:
+            return RankSolver.of(self.graph, full, self.redundancy.rank)
         try:
             undecided = any(row.undecided for row in self.rows[:count])
             return factorize(self.graph, full, self._guard if self.guarded else None, set_aside=undecided)
@@ -205,6 +211,15 @@ class SaddlePoint:
         """Return q_ddot such that J q_ddot = demand."""
         return self.combine(self.mass.half_solve(self.forcing), self.multipliers(demand, scene))
 
+    def demand(self, equations: EquationsOfMotion) -> list[Node]:
+        """Return what is demanded of J q_ddot where steps are not projected."""
+        demand = [row.bias for row in self.rows]
+        if self.redundancy is None:
+            return demand
+        flow = dict(zip(equations.q, equations.qdot, strict=True)) | {equations.time: self.graph.one}
+        further = turning_demand(self.graph, self.rows, self.redundancy.rank, flow | equations.state_flow)
+        return [a + b for a, b in zip(demand, further, strict=True)]
+
     def projection(self, equations: EquationsOfMotion) -> Projection | None:
         """Return the mass-orthogonal Newton corrections onto the position and velocity constraints."""
         rows, nothing = self.rows, [self.graph.zero] * len(equations.q)
@@ -240,7 +255,7 @@ def reduce_saddle(
     """Return the system with the state q, q_dot and the given accelerations."""
     plain = None
     if saddle.guarded and requested:
-        unguarded = SaddlePoint.of(equations, guarded=False)
+        unguarded = saddle if saddle.redundancy else SaddlePoint.of(equations, guarded=False)
         plain = unguarded.accelerations([row.bias for row in unguarded.rows], equations.name)
     wanted = requested_outputs(equations, requested, {}, accelerations, plain)
     state = (*equations.q, *equations.qdot)
@@ -276,7 +291,7 @@ class Projected(Formulation):
     ) -> ReducedSystem:
         """See `Formulation.reduce`."""
         note = "q and q_dot, accelerations from the saddle-point system, projected onto the constraints at every step"
-        saddle = SaddlePoint.of(equations, guarded=not settings.regular)
+        saddle = SaddlePoint.of(equations, guarded=not settings.regular, redundancy=settings.redundancy)
         found = saddle.accelerations([row.bias for row in saddle.rows], equations.name)
         return reduce_saddle(
             self.name, equations, requested, found, [note], saddle.projection(equations), saddle=saddle
@@ -297,6 +312,6 @@ class Augmented(Formulation):
     ) -> ReducedSystem:
         """See `Formulation.reduce`."""
         note = "q and q_dot, accelerations from the saddle-point system, without stabilisation"
-        saddle = SaddlePoint.of(equations, guarded=not settings.regular)
-        found = saddle.accelerations([row.bias for row in saddle.rows], equations.name)
+        saddle = SaddlePoint.of(equations, guarded=not settings.regular, redundancy=settings.redundancy)
+        found = saddle.accelerations(saddle.demand(equations), equations.name)
         return reduce_saddle(self.name, equations, requested, found, [note], saddle=saddle)

@@ -70,9 +70,10 @@ def _residuals(system: ReducedSystem) -> tuple[list[Node], list[list[Node]]]:
     """Return the residuals of positions and velocities, and the changes of q and q_dot that change one of each by 1."""
     whole = system.equations
     kept = tuple(row for i, row in enumerate(whole.constraints) if i not in system.left_out)
-    equations = replace(whole, constraints=kept)
+    redundancy = system.redundancy
+    equations = replace(whole, constraints=kept if redundancy is None else redundancy.scaled(kept))
     nothing = [equations.graph.zero] * len(equations.q)
-    saddle = SaddlePoint.of(equations, guarded=not system.regular)
+    saddle = SaddlePoint.of(equations, guarded=not system.regular, redundancy=redundancy)
     positions = [row.position for row in equations.constraints if row.position is not None]
     moves = [[*change, *nothing] for change in _changes(saddle, len(positions), equations.name)]
     rates = [[*nothing, *change] for change in _changes(saddle, len(equations.constraints), equations.name)]

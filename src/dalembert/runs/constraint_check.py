@@ -16,7 +16,7 @@ from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseBlock
 from ..methods.status import Status
 from ..reduction.base import ReducedSystem
-from ..starts.constraint_rank import indeterminate
+from ..starts.constraint_rank import indeterminate, jacobians_at, lengths_along
 from ..starts.state_sizes import coordinate_sizes
 from ..steps.problem import IntegrationProblem, Solution
 from ..stops.segments import Constants, constants_at
@@ -36,6 +36,10 @@ if TYPE_CHECKING:
 
 _LEAST, _ERRORS = 1e-6, 1e3
 """Least violation of a constraint that is more than an error of the run, as a share of its terms, and in tolerances."""
+
+_SLOPE, _FAR = 10.0, 1e-2
+"""Change of a unit row by a change of coordinates by their sizes that counts as ordinary, and the largest violation of
+constraints beside which some follow from others: what drifts further says nothing of them."""
 
 
 def ended_where_left_out_matter(
@@ -71,6 +75,13 @@ def _lost(
     )
 
 
+def _followed(program: Program, reduced: ReducedSystem) -> str:
+    """Return the note on constraints that are enforced though they follow from others."""
+    assert reduced.redundancy is not None
+    labels = "; ".join(program.layout.constraints[i] for i in reduced.redundancy.following)
+    return f"enforced together with the others, though it follows from the others around the start: {labels}"
+
+
 def _first_violation(
     program: Program, rows: Sequence[int], problem: IntegrationProblem, solution: Solution, c: Constants
 ) -> tuple[float, str] | None:
@@ -101,6 +112,50 @@ def _first_violation(
     return min(found, key=lambda end: forward * end[0], default=None)
 
 
+def ended_where_rank_grows(
+    program: Program,
+    enforced: Sequence[int],
+    rank: int,
+    problem: IntegrationProblem,
+    solution: Solution,
+    c: Constants,
+) -> tuple[Solution, str]:
+    """Return a run ended where constraints that are enforced together have more rank, and a note on where that is.
+
+    There a mechanism locks. What is enforced then leaves the part of positions that is no change by coordinates, by
+    more than the square of what errors leave of the other part.
+    """
+    t = solution.t if solution.dense is None else solution.dense.knots
+    if len(t) == 0:
+        return solution, ""
+    y = solution.y if solution.dense is None else solution.dense(t)
+    own, n = constants_at(c, t), len(program.layout.coordinates)
+    x = interpret_rows(program.kernel("expand"), t, y, own)
+    j = jacobians_at(program, t, y, c, enforced)
+    left = interpret_rows(program.kernel("position_residual"), t, x, own)[:, list(enforced)]
+    fine = np.flatnonzero(np.all(np.isfinite(j), axis=(1, 2)) & np.all(np.isfinite(left), axis=1))
+    if not len(fine):
+        return solution, ""
+    lengths = lengths_along(program, t, y, c, j, enforced)
+    basis = np.linalg.svd(j[fine] / lengths[:, np.newaxis], full_matrices=False)[0][:, :, :rank]
+    left = left[fine] / lengths
+    within = np.einsum("kir,kr->ki", basis, np.einsum("kir,ki->kr", basis, left))
+    sizes = coordinate_sizes(program, t[:1], x[:1], own if own.ndim == 1 else own[:1])[0]
+    most = np.max(np.abs(x[fine, :n]) / sizes, initial=1.0)
+    limit = max(_ERRORS * (problem.rtol + problem.atol), _LEAST) * most + _SLOPE * np.linalg.norm(within, axis=1) ** 2
+    beside = np.linalg.norm(left - within, axis=1) > limit
+    wrong = fine[beside | (np.linalg.norm(within, axis=1) > _FAR * most)]
+    if not len(wrong):
+        return solution, ""
+    at = float(t[wrong[0]])
+    labels = list_names(program.layout.constraints[i] for i in enforced)
+    note = (
+        f"at t = {at:.6g} the constraints {labels} are no longer fulfilled together: of these only {rank} were"
+        " independent around the start, and more are here, so that the mechanism locks"
+    )
+    return cut(solution, at, (problem.t0, problem.t1)), note
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class ConstraintCheck(RunCheck):
@@ -122,16 +177,26 @@ class ConstraintCheck(RunCheck):
 
     def before(self, problem: IntegrationProblem) -> IntegrationProblem:
         """See `RunCheck.before`: between steps too it is found out whether constraints that were left out follow."""
-        return replace(problem, dense=True) if self.reduced.unproven else problem
+        return replace(problem, dense=True) if self.reduced.unproven or self._rank is not None else problem
+
+    @property
+    def _rank(self) -> int | None:
+        """The rank of constraints that are enforced together, though some follow from others; None without such."""
+        redundancy = self.reduced.redundancy
+        return None if redundancy is None else redundancy.rank
 
     def after(self, run: EndedRun) -> tuple[Solution, str]:
         """See `RunCheck.after`."""
         program, solution, c, notes = self.model.stages.program, run.solution, run.constants, []
         if self.enforced:
             if solution.status is not Status.SINGULAR_CONFIGURATION:
-                solution, where = checked_run(program, solution, c, self.enforced, run.steps, run.span)
+                solution, where = checked_run(program, solution, c, self.enforced, run.steps, run.span, self._rank)
                 notes.append(where)
             problem = run.problem
+            if self._rank is not None:
+                ranked = program, self.enforced, self._rank, problem
+                solution, locked = ended_where_rank_grows(*ranked, solution, c)
+                notes += [locked, _followed(program, self.reduced)]
             notes.append(indeterminate(program, problem.t0, problem.y0, problem.constants))
         if self.reduced.unproven:
             solution, broken = ended_where_left_out_matter(program, self.reduced, run.problem, solution, c)
@@ -141,7 +206,8 @@ class ConstraintCheck(RunCheck):
     @property
     def _ranked(self) -> bool:
         """Whether the cases of sweeps are searched for a rank that the constraints lose."""
-        return bool(self.enforced and self.model.layout.state) and searched(self.model.stages.program)
+        found = self._rank is not None or searched(self.model.stages.program)
+        return bool(self.enforced and self.model.layout.state) and found
 
     def guards(self, method: str) -> bool:
         """See `RunCheck.guards`: the cases of "radau" run alone in any case, and are all looked at."""
@@ -204,12 +270,18 @@ def _ended(
     times = forward * np.union1d(forward * solution.t, forward * requested)
     states = solution.y if solution.dense is None else solution.dense(times)
     found = replace(solution, t=times, y=states)
+    redundancy, span = model.stages.reduced.redundancy, (problem.t0, problem.t1)
+    rank = None if redundancy is None else redundancy.rank
     if model.derived.enforced:
-        found, _ = checked_run(program, found, c, model.derived.enforced, solution, (problem.t0, problem.t1))
+        found, _ = checked_run(program, found, c, model.derived.enforced, solution, span, rank)
+    if rank is not None and found.status is not Status.SINGULAR_CONFIGURATION:
+        found, _ = ended_where_rank_grows(program, model.derived.enforced, rank, problem, found, c)
     if found.status is not Status.SINGULAR_CONFIGURATION:
         part = replace(problem, t0=float(solution.t[0]), y0=solution.y[0])
         found, _ = ended_where_left_out_matter(program, model.stages.reduced, part, found, c)
-    return float(found.t[-1]) if found.status is Status.SINGULAR_CONFIGURATION else None
+    if found.status is not Status.SINGULAR_CONFIGURATION:
+        return None
+    return float(found.t[-1] if len(found.t) else solution.t[0])
 
 
 def _alone(model: CompiledModel, method: str, block: CaseBlock, problem: IntegrationProblem) -> Iterator[Solution]:
@@ -221,6 +293,6 @@ def _alone(model: CompiledModel, method: str, block: CaseBlock, problem: Integra
     engine, watch = model.engine, block.watch
     if watch is not None and watch.reported:
         return iter([engine.integrate_watched(problem, method, watch)[0]])
-    if model.stages.reduced.unproven:
+    if model.stages.reduced.unproven or model.stages.reduced.redundancy is not None:
         return engine.step_blocks(problem, method)
     return iter([engine.integrate(problem, method)])

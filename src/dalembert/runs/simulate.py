@@ -207,11 +207,11 @@ def integrate(
 
 
 def ended_early(model: CompiledModel, problem: IntegrationProblem) -> tuple[IntegrationProblem, Status | None]:
-    """Return a problem up to where a run ends because constraints that were left out matter, and the status of that.
+    """Return a problem up to where a run ends because some constraints follow from others no more, and its status.
 
     Where it does not, return the problem and None.
     """
-    if not model.stages.reduced.unproven:
+    if not model.stages.reduced.unproven and model.stages.reduced.redundancy is None:
         return problem, None
     method = model.choose_method("auto", problem.rtol, problem.atol)
     run = integrate(model, problem, method, time.perf_counter(), automatic=True)

@@ -51,16 +51,19 @@ _ROUNDS, _POINTS = 6, 17
 
 
 def crossing(
-    program: Program, solution: Solution, c: Constants, enforced: Sequence[int]
+    program: Program, solution: Solution, c: Constants, enforced: Sequence[int], rank: int | None = None
 ) -> tuple[float, FloatArray] | None:
-    """Return the first time and state at which rank is lost, None without any."""
+    """Return the first time and state at which rank is lost, None without any.
+
+    `rank` is given where the enforced constraints have less than their number.
+    """
     t, y = _searched_points(solution)
     if not len(t):
         return None
     j = jacobians_at(program, t, y, c, enforced)
     lengths = lengths_along(program, t, y, c, j, enforced)
-    near = partial(_shares_at, program, c, enforced, lengths)
-    for times, states, found in _minima(t, y, shares(j, lengths), solution.dense, near):
+    near = partial(_shares_at, program, c, enforced, lengths, rank)
+    for times, states, found in _minima(t, y, shares(j, lengths, rank), solution.dense, near):
         k = int(np.argmin(np.nan_to_num(found, nan=np.inf)))
         if found[k] < _CROSSED or _ambiguous(program, times, states, c, enforced, lengths, found):
             return float(times[k]), states[k]
@@ -95,9 +98,15 @@ def vanishing_choice(
 
 
 def _shares_at(
-    program: Program, c: Constants, enforced: Sequence[int], lengths: FloatArray, t: FloatArray, y: FloatArray
+    program: Program,
+    c: Constants,
+    enforced: Sequence[int],
+    lengths: FloatArray,
+    rank: int | None,
+    t: FloatArray,
+    y: FloatArray,
 ) -> FloatArray:
-    return shares(jacobians_at(program, t, y, c, enforced), lengths)
+    return shares(jacobians_at(program, t, y, c, enforced), lengths, rank)
 
 
 def _searched_points(solution: Solution) -> tuple[FloatArray, FloatArray]:
@@ -178,25 +187,27 @@ def checked_run(
     enforced: Sequence[int],
     steps: Solution,
     span: tuple[float, float],
+    rank: int | None = None,
 ) -> tuple[Solution, str]:
     """Return a run ended where it met a singular configuration, and where that was.
 
     A run that failed near one ended because of it. One whose formulation does not project its steps is also searched
     for one that it has crossed, beyond which its branch would be a matter of chance; projected runs cross them, and
-    are refused where they would change their branch. `steps` is the same run with its accepted steps for records,
-    `span` its start and end as given.
+    are refused where they would change their branch. Searched too are those of constraints that are enforced together,
+    of a `rank` that is less than their number. `steps` is the same run with its accepted steps for records, `span` its
+    start and end as given.
     """
     if len(steps.t) == 0:
         return solution, ""
-    if searched(program):
-        found = crossing(program, solution, c, enforced)
+    if rank is not None or searched(program):
+        found = crossing(program, solution, c, enforced, rank)
         if found is not None:
             t, y = found
-            return cut(solution, t, span), where_dependent(program, t, y, c, enforced)
+            return cut(solution, t, span), where_dependent(program, t, y, c, enforced, rank)
     if not solution.success and solution.status is not Status.MAX_STEPS:
         j = jacobians_at(program, steps.t, steps.y, c, enforced)
-        if shares(j[-1:], lengths_along(program, steps.t, steps.y, c, j, enforced))[0] < _NEAR:
-            where = where_dependent(program, float(steps.t[-1]), steps.y[-1], c, enforced)
+        if shares(j[-1:], lengths_along(program, steps.t, steps.y, c, j, enforced), rank)[0] < _NEAR:
+            where = where_dependent(program, float(steps.t[-1]), steps.y[-1], c, enforced, rank)
             return replace(solution, status=Status.SINGULAR_CONFIGURATION), where
     return solution, ""
 

@@ -238,14 +238,16 @@ def _independent_cases(model: CompiledModel, cases: Cases, settings: CaseSetting
 
 def _unlike_left_out(model: CompiledModel, cases: Cases, settings: CaseSettings) -> CaseSettings:
     """Return settings that do not run cases in which other constraints follow from others than in the first."""
-    enforced, dropped = model.derived.enforced, model.dropped
+    enforced, dropped, redundancy = model.derived.enforced, model.dropped, model.stages.reduced.redundancy
     rows = sorted({*enforced, *dropped})
     if dropped and not enforced:  # `minimal` enforces all others
         rows = list(range(len(model.layout.constraints)))
     if cases.count < 2 or len(rows) < 2 or not model.layout.state:
         return settings
     block, status = cases.block(slice(0, cases.count), settings)
-    different = unlike(model.stages.program, block.spans[:, 0], block.y, block.c, rows, lost=bool(dropped))
+    rank = None if redundancy is None else redundancy.rank
+    starts = block.spans[:, 0], block.y, block.c
+    different = unlike(model.stages.program, *starts, rows, lost=bool(dropped), rank=rank)
     different &= status < 0
     count = int(np.sum(different))
     if not count:

@@ -8,13 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arrays import FloatArray
+from ..ir.program import Program
 from ..methods.status import Status
+from ..reduction.dependent_rows import Redundancy
 from ..results.parts import Part
 from ..results.statistics import RunStatistics
 from ..results.trajectory import Trajectory
 from ..steps.problem import IntegrationProblem
 from . import inputs
-from .constraint_rank import nearly_redundant, redundant, singular_start
+from .constraint_rank import nearly_redundant, redundant, singular_start, together
 from .initial_states import initial_state, pivots_vanish, vanishing_pivots
 
 if TYPE_CHECKING:
@@ -24,16 +27,20 @@ if TYPE_CHECKING:
 def independent_model(
     model: CompiledModel, problem: IntegrationProblem, method: str, begin: float
 ) -> CompiledModel | Trajectory:
-    """Return the model that enforces no constraint which follows from others around the start of a problem.
+    """Return the model for the constraints that follow from others around the start of a problem.
 
-    Where only the start itself is singular, return the run that ends there.
+    It enforces all of them together, or else those do not that follow. Where only the start itself is singular, return
+    the run that ends there.
     """
-    enforced, program = model.derived.enforced, model.stages.program
-    if not enforced:
+    enforced, program, reduced = model.derived.enforced, model.stages.program, model.stages.reduced
+    if not enforced or reduced.redundancy is not None:
         return model
-    where = (program, problem.t0, problem.y0, problem.constants, enforced)
-    found = redundant(*where)
-    note = singular_start(*where) if found is None else nearly_redundant(*where) if found else ""
+    where = (program, problem.t0, problem.y0, problem.constants)
+    joint = _enforced_together(model, *where)
+    if joint is not None:
+        return model.variants.enforcing_all(joint)
+    found = redundant(*where, enforced)
+    note = singular_start(*where, enforced) if found is None else nearly_redundant(*where, enforced) if found else ""
     if found is not None and not note:
         return model.variants.without_constraints(found) if found else model
     statistics = RunStatistics(method, 0, 0, 0, 0.0, time.perf_counter() - begin, note)
@@ -42,6 +49,20 @@ def independent_model(
     about = None, problem.t0, model.stages.scene, model.monitors
     part = Part(program, problem.constants, times, states, *about)
     return Trajectory((part,), Status.SINGULAR_CONFIGURATION, statistics)
+
+
+def _enforced_together(
+    model: CompiledModel, program: Program, t: float, y: FloatArray, c: FloatArray
+) -> Redundancy | None:
+    """Return what it takes to enforce all constraints at a start; None where none follow, or it is not served."""
+    stages, reduced = model.stages, model.stages.reduced
+    if stages.mode is not None or stages.kept or model.dropped:
+        return None
+    rows = sorted({*model.derived.enforced, *reduced.unproven})
+    found = redundant(program, t, y, c, rows)
+    if not found or nearly_redundant(program, t, y, c, rows):
+        return None
+    return together(program, t, y, c, rows, found)
 
 
 def divisible_model(

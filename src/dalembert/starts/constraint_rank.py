@@ -18,6 +18,7 @@ from ..arrays import FloatArray
 from ..errors import list_names
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
+from ..reduction.dependent_rows import MOST_RANK, Redundancy, amplified_rounding
 from ..stops.segments import Constants, constants_at
 from .state_sizes import coordinate_sizes, distance_sizes, gyration_sizes
 
@@ -39,6 +40,15 @@ _NOISE, _ROUNDINGS, _UNIT = 1e8, 6, 4e-16
 
 _VANISHED = 1e-13
 """Share of the longest column of power coefficients, whatever their units, below which another may be rounding."""
+
+_COARSE = 4
+"""Rows are scaled by powers of two of this one, so that nearly all starts of a scene share their code."""
+
+_CONSTANT = 1e-9
+"""Change of weights at nearby configurations that rounding explains."""
+
+_AMPLIFIED = 1e-5
+"""Rounding of dependent rows that are enforced together, beyond which they are not."""
 
 _NEARBY = 1e-3
 """Distance, in sizes of coordinates, of the configurations around a start at which the rank is measured too."""
@@ -114,11 +124,17 @@ def _least_lengths(
     return np.fmax(found, _NOISE * _lengths(np.ptp(np.array(other), axis=0)))
 
 
-def shares(j: FloatArray, lengths: FloatArray) -> FloatArray:
-    """Return the smallest singular values (k,) of Jacobians (k, n_enforced, n_q), NaN where they are not finite."""
+def shares(j: FloatArray, lengths: FloatArray, rank: int | None = None) -> FloatArray:
+    """Return the smallest singular values (k,) of Jacobians (k, n_enforced, n_q), NaN where they are not finite.
+
+    Of rows of a smaller rank, those that do not vanish.
+    """
     found = np.full(len(j), np.nan)
     fine = np.all(np.isfinite(j), axis=(1, 2))
-    if j.shape[1] == 1:
+    if rank is not None:
+        if np.any(fine):
+            found[fine] = np.linalg.svd(j[fine] / lengths[:, np.newaxis], compute_uv=False)[:, rank - 1]
+    elif j.shape[1] == 1:
         found = np.linalg.norm(j[:, 0], axis=1) / lengths[0]
     elif j.shape[1] > j.shape[2]:
         found[fine] = 0.0
@@ -161,7 +177,7 @@ def correction_turns(
     t, x, c = t[fine], x[fine], c if c.ndim == 1 else c[fine]
     moved = x.copy()
     moved[:, :n] -= gyration_sizes(program, t, x, c) * np.einsum(
-        "kij,kj->ki", np.linalg.pinv(j[fine][:, places]), left[fine]
+        "kij,kj->ki", np.linalg.pinv(j[fine][:, places], rcond=_LOST * _LOST), left[fine]
     )
     turns = _jacobians(program, t, moved, c, enforced) / lengths[:, np.newaxis] - j[fine]
     known = np.all(np.isfinite(turns), axis=(1, 2))
@@ -212,6 +228,43 @@ def redundant(
     return tuple(enforced[i] for i in lost)
 
 
+def together(
+    program: Program, t: float, y: FloatArray, c: FloatArray, rows: Sequence[int], following: Sequence[int]
+) -> Redundancy | None:
+    """Return what it takes to enforce constraints together of which some follow from others at a start y (n_y,).
+
+    None where they need not be, because some follow by weights that do not vary, and where they cannot be: velocity
+    constraints that are no rates of positions, many independent constraints, and rows that rounding would tell from
+    each other no more.
+    """
+    rank, layout = len(rows) - len(following), program.layout
+    if not 0 < rank <= MOST_RANK or len(layout.constraints) > layout.holonomic:
+        return None
+    times = np.array([t])
+    j = jacobians_at(program, times, y[np.newaxis], c, rows)
+    lengths = lengths_along(program, times, y[np.newaxis], c, j, rows)
+    if _constant_weights(program, t, y, c, rows, following):
+        return None
+    powers = np.rint(np.log2(lengths / np.max(lengths)) / _COARSE) * _COARSE
+    scaled = j[0] * 2.0 ** -powers[:, np.newaxis]
+    if not amplified_rounding(scaled / np.max(lengths), rank) < _AMPLIFIED:
+        return None
+    return Redundancy(rank, tuple(-int(power) for power in powers), tuple(following))
+
+
+def _constant_weights(
+    program: Program, t: float, y: FloatArray, c: FloatArray, rows: Sequence[int], following: Sequence[int]
+) -> bool:
+    """Return whether constraints follow from the others by the same weights all around a start y (n_y,)."""
+    times, kept = np.array([t]), [place for place, row in enumerate(rows) if row not in following]
+    others = [place for place, row in enumerate(rows) if row in following]
+    first = jacobians_at(program, times, y[np.newaxis], c, rows)[0]
+    lengths = lengths_along(program, times, y[np.newaxis], c, first[np.newaxis], rows)[:, np.newaxis]
+    near = [_jacobians(program, times, x[np.newaxis], c, rows)[0] for x in _around(program, t, y, c, first / lengths)]
+    weights = [(j / lengths)[others] @ np.linalg.pinv((j / lengths)[kept]) for j in (first, *near)]
+    return bool(np.max(np.ptp(np.array(weights), axis=0), initial=0.0) < _CONSTANT)
+
+
 def nearly_redundant(program: Program, t: float, y: FloatArray, c: FloatArray, enforced: Sequence[int]) -> str:
     """Return where constraints are dependent up to double precision; empty where none are.
 
@@ -233,7 +286,14 @@ def nearly_redundant(program: Program, t: float, y: FloatArray, c: FloatArray, e
 
 
 def unlike(
-    program: Program, t: FloatArray, y: FloatArray, c: FloatArray, rows: Sequence[int], *, lost: bool
+    program: Program,
+    t: FloatArray,
+    y: FloatArray,
+    c: FloatArray,
+    rows: Sequence[int],
+    *,
+    lost: bool,
+    rank: int | None = None,
 ) -> NDArray[np.bool_]:
     """Return which starts t (k,), y (k, n_y), c (k, n_c) have constraints that depend on each other, or do not.
 
@@ -243,6 +303,8 @@ def unlike(
         The constraints.
     lost : bool
         Whether some of them are expected to follow from others.
+    rank : int, optional
+        The rank that is expected of them instead.
     """
     found = np.zeros(len(t), bool)
     fine = np.flatnonzero(np.all(np.isfinite(np.column_stack([t, y, c])), axis=1))
@@ -251,7 +313,13 @@ def unlike(
     t, c = t[fine], c[fine]
     x = interpret_rows(program.kernel("expand"), t, y[fine], c)
     lengths = row_lengths(program, t, x, c, rows)[:, :, np.newaxis]
-    least = shares(_jacobians(program, t, x, c, rows) / lengths, np.ones(len(rows)))
+    j, ones = _jacobians(program, t, x, c, rows) / lengths, np.ones(len(rows))
+    if rank is not None:
+        below = shares(j, ones, rank)
+        above = shares(j, ones, rank + 1) if rank < min(j.shape[1:]) else np.zeros(len(j))
+        found[fine] = np.isfinite(below) & ((below < _LOST) | (above >= _LOST))
+        return found
+    least = shares(j, ones)
     found[fine] = np.isfinite(least) & ((least < _LOST) != lost)
     return found
 
@@ -289,20 +357,23 @@ def _closed(program: Program, t: float, x: FloatArray, c: FloatArray) -> FloatAr
     return x
 
 
-def where_dependent(program: Program, t: float, y: FloatArray, c: Constants, enforced: Sequence[int]) -> str:
-    """Return which constraints come to depend on each other, and where."""
+def where_dependent(
+    program: Program, t: float, y: FloatArray, c: Constants, enforced: Sequence[int], rank: int | None = None
+) -> str:
+    """Return which constraints come to depend on each other, and where; of a rank that they have elsewhere."""
     layout = program.layout
     times, rows = np.array([t]), y[np.newaxis]
     c = constants_at(c, times)
     j = jacobians_at(program, times, rows, c, enforced)
     left, values, _ = np.linalg.svd(j[0] / lengths_along(program, times, rows, c, j, enforced)[:, np.newaxis])
-    weights = np.abs(left[:, -1])
+    least = len(values) - 1 if rank is None else rank - 1
+    weights = np.abs(left[:, least])
     labels = [layout.constraints[enforced[i]] for i in range(len(weights)) if weights[i] > 0.2 * weights.max()]
     x = interpret_rows(program.kernel("expand"), times, rows, c)[0]
     place = ", ".join(f"{name} = {x[i]:.6g}" for i, name in enumerate(layout.coordinates))
     return (
         f"at t = {t:.6g} ({place}) the constraints {list_names(labels)} depend on each other, or nearly so (smallest"
-        f" singular value {values[-1]:.1e})"
+        f" singular value {values[least]:.1e})"
     )
 
 
