@@ -40,7 +40,7 @@ help:
 	@echo "make lint         ruff and mypy only"
 	@echo "make bench        the full benchmarks"
 	@echo "make bench-quick  the benchmarks, shortened"
-	@echo "make fuzz         random scenes against independent references; SEEDS=0:2000 chooses them, CONTACT_SEEDS=0:200"
+	@echo "make fuzz         random scenes against independent references; SEEDS=0:2000 chooses them, CONTACT_SEEDS=0:200, LOOP_SEEDS=0:300"
 	@echo '                  and FAMILIES="disc,plate" those with contacts'
 	@echo "make corpus       recorded motions against this tree"
 	@echo "make clean        remove what these wrote, except .venv and $(NEWEST)"
@@ -105,12 +105,14 @@ bench-quick: $(VENV)/.installed-bench
 
 SEEDS ?= 0:200
 CONTACT_SEEDS ?= 0:200
+LOOP_SEEDS ?= 0:300
 FAMILIES ?= all
 
 fuzz: $(VENV)/.installed-dev
 	@status=0; \
 	PYTHONPATH=tests $(BIN)/python -m fuzz $(SEEDS) || status=1; \
 	PYTHONPATH=tests $(BIN)/python -m fuzz.contacts $(CONTACT_SEEDS) --families "$(FAMILIES)" || status=1; \
+	PYTHONPATH=tests $(BIN)/python -m fuzz.loops $(LOOP_SEEDS) || status=1; \
 	exit $$status
 
 corpus: $(VENV)/.installed-dev

@@ -1,0 +1,1 @@
+"""Random closed loops of which some constraints follow from others, against minimal coordinates derived by hand."""

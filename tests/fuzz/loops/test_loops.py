@@ -1,0 +1,19 @@
+"""Random closed loops with redundant conditions, a few of those of ``python -m fuzz.loops``."""
+
+import pytest
+
+from fuzz.loops.compare import examined
+from fuzz.loops.mechanisms import FAMILIES
+
+
+@pytest.mark.parametrize("seed", range(2 * len(FAMILIES)))
+def test_loops_move_as_derived_by_hand(seed):
+    outcome, text = examined(seed)
+    assert outcome == "agree", text
+
+
+@pytest.mark.parametrize("formulation", ["baumgarte", "augmented", "ggl"])
+@pytest.mark.parametrize("family", ["three_cranks", "scott_russell", "sarrus"])
+def test_loops_move_alike_in_all_formulations(family, formulation):
+    outcome, text = examined(list(FAMILIES).index(family), formulation)
+    assert outcome == "agree", text
