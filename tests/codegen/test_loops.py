@@ -31,26 +31,29 @@ RUN = """
 import sys
 import dalembert as da
 model = da.compile_model(da.scenes.chaplygin_sleigh(), formulation="projected")
-run = model.prepare((0, 1), method=sys.argv[1])
 p = {"m": 1, "b": 0.3, "I_C": 0.5}
-y = model.state({"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}, p)
-end = run(y, model.parameter_vector(p)).tolist()
 start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
-end += model.simulate((0, 1), start, p, method=sys.argv[1]).y[-1].tolist()
-print("numba" in sys.modules, *end)
+y = model.state(start, p)
+for method in ("taylor", "dop853", "radau"):
+    end = model.prepare((0, 1), method=method)(y, model.parameter_vector(p)).tolist()
+    end += model.simulate((0, 1), start, p, method=method).y[-1].tolist()
+    print(method, "numba" in sys.modules, *end)
 """
 
 
 SWEEP = """
 import sys
 import dalembert as da
-formulation = "minimal" if sys.argv[1] == "minimal" else "projected"
-model = da.compile_model(da.scenes.chaplygin_sleigh(), formulation=formulation)
+model = da.compile_model(da.scenes.chaplygin_sleigh(), formulation="projected")
 start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
-more = {"events": ["theta_dot"], "reduce": {"far": da.maximum("x")}} if sys.argv[1] == "watched" else {}
-more = {"t_eval": [0.3, 1.0]} if sys.argv[1] == "sampled" else more
-sweep = model.sweep((0, 1), start, {"m": 1, "b": [0.2, 0.3, 0.4], "I_C": 0.5}, **more)
-print("numba" in sys.modules, *sweep["x"].ravel().tolist())
+kinds = {  # each makes a loop that those before it have not made
+    "plain": {},
+    "sampled": {"t_eval": [0.3, 1.0]},
+    "watched": {"events": ["theta_dot"], "reduce": {"far": da.maximum("x")}},
+}
+for kind, more in kinds.items():
+    sweep = model.sweep((0, 1), start, {"m": 1, "b": [0.2, 0.3, 0.4], "I_C": 0.5}, **more)
+    print(kind, "numba" in sys.modules, *sweep["x"].ravel().tolist())
 """
 
 
@@ -63,32 +66,24 @@ def forget_loops():
         assert loop_named(name).call is not None
 
 
-def run_in_a_process(folder, method, program=RUN):
+def run_in_a_process(folder, program):
+    """Return what a program prints, by the first word of each line."""
     environment = {**os.environ, ENVIRONMENT_VARIABLE: str(folder)}
-    code = [sys.executable, "-W", "error::dalembert.errors.CacheWarning", "-c", program, method]
-    return subprocess.run(code, capture_output=True, text=True, check=True, env=environment).stdout.split()
-
-
-@pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
-def test_runs_do_without_numba(tmp_path, method):
-    first = run_in_a_process(tmp_path, method)
-    second = run_in_a_process(tmp_path, method)
-    assert first[0] == second[0] == "False"
-    assert first[1:] == second[1:]
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("cache")
+    code = [sys.executable, "-W", "error::dalembert.errors.CacheWarning", "-c", program]
+    done = subprocess.run(code, capture_output=True, text=True, check=True, env=environment)
+    return {name: found for name, *found in map(str.split, done.stdout.splitlines())}
 
 
 @pytest.mark.parametrize(
-    "what", ["plain", "sampled", "watched"]
-)  # each makes a loop that those before it have not made
-def test_sweeps_do_without_numba(folder, what):
-    first, second = (run_in_a_process(folder, what, SWEEP) for _ in range(2))
-    assert first[0] == second[0] == "False"
-    assert first[1:] == second[1:]
+    ("program", "names"),
+    [(RUN, ["taylor", "dop853", "radau"]), (SWEEP, ["plain", "sampled", "watched"])],
+    ids=["runs", "sweeps"],
+)
+def test_first_and_later_processes_do_without_numba_and_agree(tmp_path, program, names):
+    first, second = (run_in_a_process(tmp_path, program) for _ in range(2))
+    assert first == second
+    assert [*first] == names
+    assert [found[0] for found in first.values()] == ["False"] * len(names)
 
 
 @pytest.mark.parametrize("formulation", ["minimal", "projected"])
