@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, final
 
@@ -28,6 +28,7 @@ from ..scene.symbol_table import SymbolTable
 from ..starts import inputs
 from ..starts.input_values import GivenInputs
 from ..starts.segment_constants import starting_constants
+from ..steps.dense_output import DenseOutput
 from ..steps.problem import IntegrationProblem, Solution, prescribed
 from ..stops.breakpoints import break_times
 from ..stops.segments import Constants, constants_at
@@ -46,6 +47,8 @@ if TYPE_CHECKING:
 _JUMP = 1e-7
 """Share of the rates that counts as a jump."""
 _HALVINGS = 60
+_STEPS_AT_ONCE = 4096
+"""Steps whose decisions are looked at together: of a million steps they took 22 GB."""
 
 
 def moved_breaks(program: Program, wrt: tuple[str, ...], c: FloatArray, t0: float, t1: float) -> FloatArray:
@@ -112,29 +115,35 @@ def refuse_jumps_between(
     dense = solution.dense
     if dense is None or len(dense.knots) < 2:
         return
-    knots = dense.knots
-    shares = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0])
-    times = np.unique((knots[:-1, np.newaxis] + np.diff(knots)[:, np.newaxis] * shares).ravel())
-    y = dense(times)
-    made = interpret_rows(kernel, times, y, constants_at(c, times))
-    changes = np.flatnonzero(np.any(made[1:] != made[:-1], axis=1))
-    for i in changes:
-        low, high, first = times[i], times[i + 1], made[i]
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            if middle in (low, high):
-                break
-            at = np.array([middle])
-            if np.any(interpret_rows(kernel, at, dense(at), constants_at(c, at))[0] != first):
-                high = middle
-            else:
-                low = middle
+    first, last = dense.knots[0], dense.knots[-1]
+    for low, high in _changes(kernel, dense, c):
         sides = np.array([low, high])
-        if low <= times[0] or high >= times[-1]:
+        if low <= min(first, last) or high >= max(first, last):
             continue
         rates = interpret_rows(program.kernel("rhs"), sides, dense(sides), constants_at(c, sides[:1]))[:, :size]
         if _differ(rates[0], rates[1]):
             raise OptionError(_message(float(high), wrt, "in a state that depends on it"))
+
+
+def _changes(kernel: Kernel, dense: DenseOutput, c: Constants) -> Iterator[tuple[float, float]]:
+    """Yield neighbouring times between which decisions change along a motion, block of steps after block."""
+    shares = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0])
+    for start in range(0, len(dense.knots) - 1, _STEPS_AT_ONCE):
+        knots = dense.knots[start : start + _STEPS_AT_ONCE + 1]
+        times = np.unique((knots[:-1, np.newaxis] + np.diff(knots)[:, np.newaxis] * shares).ravel())
+        made = interpret_rows(kernel, times, dense(times), constants_at(c, times))
+        for i in np.flatnonzero(np.any(made[1:] != made[:-1], axis=1)):
+            low, high = float(times[i]), float(times[i + 1])
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (low + high)
+                if middle in (low, high):
+                    break
+                at = np.array([middle])
+                if np.any(interpret_rows(kernel, at, dense(at), constants_at(c, at))[0] != made[i]):
+                    high = middle
+                else:
+                    low = middle
+            yield low, high
 
 
 def _differ(a: FloatArray, b: FloatArray) -> bool:
