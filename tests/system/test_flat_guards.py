@@ -12,6 +12,8 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from dalembert.events.zero_starts import bend_from_rates, deepest_dip, leaves_zero, short_share
 
+pytestmark = pytest.mark.filterwarnings("ignore:no coordinate or rate:dalembert.errors.PrecisionWarning")
+
 TIME = dynamicsymbols._t
 BENDS = (0.3, 0.1, 0.03, 0.01, 0.004)
 TOLERANCES = (1e-6, 1e-8, 1e-10)

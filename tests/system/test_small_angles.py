@@ -10,6 +10,8 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 
+pytestmark = pytest.mark.filterwarnings("ignore:no coordinate or rate:dalembert.errors.PrecisionWarning")
+
 x, y = dynamicsymbols("x y")
 m, g, l = sp.symbols("m g l", positive=True)
 VALUES = {m: 1.3, g: 9.81, l: 0.7}

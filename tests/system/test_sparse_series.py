@@ -12,6 +12,8 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 
+pytestmark = pytest.mark.filterwarnings("ignore:no coordinate or rate:dalembert.errors.PrecisionWarning")
+
 x, k, m = dynamicsymbols("x"), *sp.symbols("k m", positive=True)
 FORCES = {
     "pendulum": -sp.cos(x),

@@ -33,7 +33,7 @@ class OfOneMode:
         return MethodType(self.function, model)
 
 
-def mode(model: CompiledModel, **states: str) -> CompiledModel:
+def mode(self: CompiledModel, **states: str) -> CompiledModel:
     """Return the model of one mode: an ordinary one, without events; the model itself where it has one mode.
 
     Parameters
@@ -47,17 +47,17 @@ def mode(model: CompiledModel, **states: str) -> CompiledModel:
     OptionError
         For contacts that do not exist, and states that they do not have.
     """
-    unknown = [name for name in states if name not in model.contacts]
+    unknown = [name for name in states if name not in self.contacts]
     if unknown:
-        raise OptionError(f"no contact is called {list_names(map(repr, unknown))}; known: {list_names(model.contacts)}")
+        raise OptionError(f"no contact is called {list_names(map(repr, unknown))}; known: {list_names(self.contacts)}")
     chosen = []
-    for i, contact in enumerate(model.contacts):
-        able = (cast("Mode", model.stages.mode)[i],) if model.modes is None else model.modes.automaton.states(i)
+    for i, contact in enumerate(self.contacts):
+        able = (cast("Mode", self.stages.mode)[i],) if self.modes is None else self.modes.automaton.states(i)
         state = states.get(contact, able[0])
         if state not in able:
             raise OptionError(f"contact {contact!r} cannot be {state!r}; it can be: {list_names(able)}")
         chosen.append(state)
-    return model if model.modes is None else model.modes.model(tuple(chosen))
+    return self if self.modes is None else self.modes.model(tuple(chosen))
 
 
 def missing(model: CompiledModel, name: str) -> str:
@@ -71,7 +71,7 @@ def missing(model: CompiledModel, name: str) -> str:
     return f"a {type(model).__name__} has no {name!r}{hint}"
 
 
-def source_of(model: CompiledModel, method: str = "auto", rtol: float = 1e-8, atol: float = 1e-10) -> str:
+def source_of(self: CompiledModel, method: str = "auto", rtol: float = 1e-8, atol: float = 1e-10) -> str:
     """Return the generated code that `simulate` runs by a method at some tolerances.
 
     Raises
@@ -80,10 +80,10 @@ def source_of(model: CompiledModel, method: str = "auto", rtol: float = 1e-8, at
         For a method that the backend does not have, or tolerances that are not positive.
     """
     rtol, atol = tolerances(rtol, atol)
-    return model.engine.source_of(choose_method(model, method, rtol, atol), rtol, atol) or model.source
+    return self.engine.source_of(choose_method(self, method, rtol, atol), rtol, atol) or self.source
 
 
-def choose_method(model: CompiledModel, method: Any, rtol: float, atol: float, *, many: bool = False) -> str:
+def choose_method(self: CompiledModel, method: Any, rtol: float, atol: float, *, many: bool = False) -> str:
     """Return the method that a run takes, checked; `many` says whether it is to run many cases at once.
 
     Raises
@@ -93,17 +93,17 @@ def choose_method(model: CompiledModel, method: Any, rtol: float, atol: float, *
     """
     if isinstance(method, str) and method == "auto":
         key = rtol, atol, many
-        found = model.chosen.get(key)
+        found = self.chosen.get(key)
         if found is None:
-            if len(model.chosen) >= _MOST_CHOSEN:
-                model.chosen.clear()
-            found = model.chosen[key] = model.engine.automatic(model.methods, rtol, atol, many=many)
+            if len(self.chosen) >= _MOST_CHOSEN:
+                self.chosen.clear()
+            found = self.chosen[key] = self.engine.automatic(self.methods, rtol, atol, many=many)
         return found
-    if isinstance(method, str) and method in model.method_descriptions:
+    if isinstance(method, str) and method in self.method_descriptions:
         return method
-    why = backend_named(model.backend).refusal(model.stages.program, str(method))
+    why = backend_named(self.backend).refusal(self.stages.program, str(method))
     if why:
-        raise OptionError(f"{why}. Take one of: {list_names(['auto', *model.methods])}")
+        raise OptionError(f"{why}. Take one of: {list_names(['auto', *self.methods])}")
     raise OptionError(
-        unknown_name("method", str(method), ["auto", *model.methods]) + f" (of the backend {model.backend!r})"
+        unknown_name("method", str(method), ["auto", *self.methods]) + f" (of the backend {self.backend!r})"
     )

@@ -235,7 +235,7 @@ def rows_of(name: str, values: Any, size: int) -> FloatArray:
     return array
 
 
-def monitors(model: CompiledModel, c: FloatArray, t: FloatArray, x: FloatArray) -> dict[str, FloatArray]:
+def monitors(self: CompiledModel, c: FloatArray, t: FloatArray, x: FloatArray) -> dict[str, FloatArray]:
     """Return the first integrals along a motion, as arrays (n_t,) by name.
 
     Parameters
@@ -247,4 +247,4 @@ def monitors(model: CompiledModel, c: FloatArray, t: FloatArray, x: FloatArray) 
     """
     from ..starts.monitors import conserved
 
-    return conserved(model.stages.program, model.derived.invariants, c, t, x)
+    return conserved(self.stages.program, self.derived.invariants, c, t, x)
