@@ -9,6 +9,8 @@ import pkgutil
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
+from ..once import once_property
+
 if TYPE_CHECKING:
     from .tableau import Tableau
 
@@ -29,7 +31,7 @@ class ExplicitPair:
     description: str
     place: str
 
-    @property
+    @once_property
     def tableau(self) -> Tableau:
         """The tableau."""
         found: Tableau = pkgutil.resolve_name(self.place)
