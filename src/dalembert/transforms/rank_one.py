@@ -53,7 +53,8 @@ def diagonal_less_dyad(graph: Graph, a: Sequence[Sequence[Node]], moving: int) -
     """Return the parts of a symmetric matrix of three rows or more, or None where it is not of this kind.
 
     `moving` holds the dependency bits of what varies along a motion. Only a dyad that is taken away will do: then a
-    positive definite matrix has a positive diagonal, whatever the numbers, and no division by zero can occur.
+    positive definite matrix has a positive diagonal, whatever the numbers. Entries off the diagonal are products, which
+    vanish with none of the numbers that a body has: no division by zero can occur.
     """
     size = range(len(a))
     below = [a[i][j] for i in size for j in range(i)]
@@ -69,6 +70,8 @@ def diagonal_less_dyad(graph: Graph, a: Sequence[Sequence[Node]], moving: int) -
             if len(p) != 1:
                 return None
             ((monomial, c),) = p.items()
+            if _may_cancel(graph, c):
+                return None
             terms[i, j] = terms[j, i] = monomial, c
     squares = []
     for i in size:
@@ -77,6 +80,11 @@ def diagonal_less_dyad(graph: Graph, a: Sequence[Sequence[Node]], moving: int) -
             return None
         squares.append(square)
     return _parts(graph, a, values, terms, squares)
+
+
+def _may_cancel(graph: Graph, c: Node) -> bool:
+    """Return whether a coefficient, which others are divided by, has terms that may cancel, such as A - B."""
+    return any(node.op in ("add", "sub") for node in graph.topological([c]))
 
 
 def _form(node: Node) -> tuple[str, tuple[Node, ...]]:
