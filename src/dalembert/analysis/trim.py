@@ -15,7 +15,8 @@ from ..results.analyses import OperatingPoint
 from ..runs.capabilities import WITHOUT, refuse_sampling
 from ..starts import inputs as run_input
 from ..starts.assembly import assembled
-from ..starts.constraint_rank import redundant, row_lengths
+from ..starts.constraint_rank import redundant
+from ..starts.constraint_rows import row_lengths
 from ..starts.input_values import held_at
 from ..starts.state_sizes import distance_sizes
 from .newton import Root, Units, newton

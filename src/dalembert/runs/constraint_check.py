@@ -16,7 +16,8 @@ from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseBlock
 from ..methods.status import Status
 from ..reduction.base import ReducedSystem
-from ..starts.constraint_rank import indeterminate, jacobians_at, lengths_along
+from ..starts.constraint_rank import indeterminate
+from ..starts.constraint_rows import jacobians_at, lengths_along
 from ..starts.state_sizes import coordinate_sizes
 from ..steps.problem import IntegrationProblem, Solution
 from ..stops.segments import Constants, constants_at

@@ -23,7 +23,7 @@ from ..methods.status import Status
 from ..reduction.margins import Gimbals, gimbals
 from ..scene.orientation import with_quaternions
 from ..scene.scene import Scene
-from ..starts.constraint_rank import row_lengths
+from ..starts.constraint_rows import row_lengths
 from ..starts.state_sizes import distance_sizes
 from ..steps.problem import IntegrationProblem, Solution
 from ..stops.segments import Constants, constants_at

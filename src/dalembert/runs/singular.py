@@ -12,7 +12,8 @@ from ..arrays import FloatArray
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..methods.status import Status
-from ..starts.constraint_rank import correction_turns, jacobians_at, kept_shares, lengths_along, shares, where_dependent
+from ..starts.constraint_rank import where_dependent
+from ..starts.constraint_rows import correction_turns, jacobians_at, kept_shares, lengths_along, shares
 from ..steps.dense_output import DenseOutput, JoinedOutput
 from ..steps.problem import Solution
 from ..stops.segments import Constants, constants_at

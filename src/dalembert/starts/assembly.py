@@ -19,7 +19,7 @@ from ..arrays import FloatArray
 from ..errors import InitialStateError, list_names
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
-from .constraint_rank import row_lengths
+from .constraint_rows import row_lengths
 from .inputs import constants
 from .segment_constants import at_time
 from .state_sizes import distance_sizes, least_speed
