@@ -182,8 +182,8 @@ TEMPLATE = """# Published multibody benchmarks
 
 Written by `python benchmarks/report_published.py` ({machine}). The scenes, references and tests are in
 `tests/hard_cases`. Errors are the largest over the observed quantities and times, relative to max(scale, size of the
-value). Times are the least of {calls} calls once compiled, in milliseconds. They were measured beside other work; the
-command measures them again. Published times are of other machines and other tolerances.
+value). Times are the least of {calls} calls once compiled, in milliseconds. Published times are
+of other machines and other tolerances.
 
 | benchmark | quantity and span | our error | our time, ms | published time | remark |
 | --- | --- | ---: | ---: | --- | --- |

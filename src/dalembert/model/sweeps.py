@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import OptionError, nesting_named
 from ..options import StoreOptions, SweepOptions
 from ..runs.capabilities import refuse_functions
-from ..runs.small_motions import warn_of_small_cases
+from ..runs.run_notes import warn_of_small_cases
 from ..starts.input_values import read_inputs
 
 if TYPE_CHECKING:
