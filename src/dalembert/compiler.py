@@ -14,6 +14,7 @@ from .pipeline import compile_scene, output_names
 from .progress import compilation_meter
 from .scene import Scene
 from .scene.joints import requested
+from .scene.made_contacts import with_made_contacts
 from .scene.orientation import with_quaternions
 from .values import flag
 
@@ -93,7 +94,7 @@ def compile_model(
 
 def _compiled(source: Any, options: CompileOptions) -> CompiledModel:
     """Return the model of a scene or a SymPy system, with the outputs that every model of it has."""
-    scene = source.copy() if isinstance(source, Scene) else Scene.from_sympy(source)
+    scene = with_made_contacts(source.copy() if isinstance(source, Scene) else Scene.from_sympy(source))
     angles: list[str] = []
     if options.orientation == "quaternion":
         scene = with_quaternions(scene)

@@ -1,5 +1,14 @@
 """Scenes as users write them, and their reading onto the expression graph."""
 
+from .contact_geometry import (
+    BoxPlane,
+    DiscPlane,
+    PointPlane,
+    SphereInBowl,
+    SphereInCylinder,
+    SpherePlane,
+    SphereSphere,
+)
 from .contacts import CoulombFriction, UnilateralContact
 from .controllers import Controller
 from .joints import Joint, Unknown, unknowns
@@ -8,10 +17,17 @@ from .scene import Scene
 from .tables import table
 
 __all__ = [
+    "BoxPlane",
     "Controller",
     "CoulombFriction",
+    "DiscPlane",
     "Joint",
+    "PointPlane",
     "Scene",
+    "SphereInBowl",
+    "SphereInCylinder",
+    "SpherePlane",
+    "SphereSphere",
     "UnilateralContact",
     "Unknown",
     "free_orientation",

@@ -58,8 +58,8 @@ class CoulombFriction:
         scene.add_friction(da.CoulombFriction(normal=Z, tangential=X, mu=0.3))
     """
 
-    normal: Any
-    tangential: Any
+    normal: Any = None
+    tangential: Any = None
     slip: Any = None
     mu: Any = None
     mu_static: Any = None

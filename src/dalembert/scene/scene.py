@@ -15,6 +15,7 @@ from sympy.physics.vector import Vector
 
 from ..errors import SceneError, nesting_named
 from . import release_impose
+from .contact_geometry import GeometricContact
 from .contacts import CoulombFriction, UnilateralContact
 from .controllers import Controller
 from .joints import Joint
@@ -84,8 +85,9 @@ class Scene:
         self.holonomic_constraints: tuple[Expr, ...] = ()
         self.nonholonomic_constraints: tuple[Expr, ...] = ()
         self.gravity: Vector | None = None
-        self.contacts: tuple[UnilateralContact, ...] = ()
+        self.contacts: tuple[UnilateralContact | GeometricContact, ...] = ()
         self.frictions: tuple[CoulombFriction, ...] = ()
+        self.made_contacts: tuple[Any, ...] = ()
         self.releases: tuple[release_impose.Release, ...] = ()
         self.imposed: tuple[tuple[Expr, Expr], ...] = ()
         self.orientations: tuple[FreeOrientation, ...] = ()
@@ -258,8 +260,12 @@ class Scene:
         """Add Coulomb friction between reaction components of joints."""
         self.frictions += laws
 
-    def add_contacts(self, *contacts: UnilateralContact) -> None:
-        """Add unilateral constraints: they push, do not pull, and may open and close."""
+    def add_contacts(self, *contacts: UnilateralContact | GeometricContact) -> None:
+        """Add unilateral constraints: they push, do not pull, and may open and close.
+
+        Contacts by geometry, such as ``PointPlane`` or ``SphereSphere``, make their joint and friction themselves when
+        the scene is compiled.
+        """
         self.contacts += contacts
 
     def add_shapes(self, shapes: Mapping[str, Shape | Sequence[Shape]]) -> None:

@@ -137,9 +137,11 @@ class SymbolReader:
         return flow
 
     def named_values(self) -> dict[str, Node]:
-        """Return angles that quaternions stand for, their rates, angular velocities, speeds and inputs, by name."""
+        """Return speeds, inputs, gaps, angles that quaternions stand for, their rates, angular velocities, by name."""
         time, leaves = dynamicsymbols._t, self.expressions.leaves
         found: dict[str, Node] = {u.func.__name__: leaves[u] for u in (*self.scene.speeds, *self.inputs)}
+        for contact in self.scene.made_contacts:
+            found[f"{contact.name}.gap"] = self.expressions.read(contact.gap, f"gap of contact {contact.name!r}")
         for angle in (angle for item in self.scene.orientations for angle in item.angles):
             name = angle.func.__name__
             found |= {name: leaves[angle], rate_name(name): leaves[sp.Derivative(angle, time)]}

@@ -1,0 +1,194 @@
+"""Points of contact of bodies: positions, velocities of bodies and surfaces there, and directions of slip."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import sympy as sp
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame
+from sympy.physics.vector import Vector, cross, dot, dynamicsymbols
+
+from ..errors import list_names
+from .frames import Tree
+from .identity import equal, vanishes
+from .release_impose import released_position, with_imposed
+
+if TYPE_CHECKING:
+    from .scene import Scene
+
+Moves = Callable[[Vector], bool]
+"""Whether a body has, at a contact point, a velocity relative to the other side along a vector."""
+
+
+class GeometryFault(Exception):
+    """What is wrong with a contact by geometry; the name of the contact stands before the text."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """One point of contact.
+
+    Attributes
+    ----------
+    name, body : str
+    other : str or None
+        The body with the opposite action.
+    at : Point
+    normal : Vector
+        Towards `body`, of length one while the contact is closed.
+    gap, distance : Expr
+        What the contact constrains, and what results call its gap [m].
+    surface : (Point, ReferenceFrame)
+        A point of the other side, and a frame in which that is fixed.
+    tangents : callable
+        Returns the directions in which the contact can slip.
+    text : str
+        What touches what.
+    """
+
+    name: str
+    body: str
+    other: str | None
+    at: Point
+    normal: Vector
+    gap: Any
+    distance: Any
+    surface: tuple[Point, ReferenceFrame]
+    tangents: Callable[[Moves], tuple[Vector, ...]]
+    text: str
+
+
+@final
+class Places:
+    """Positions and velocities in a scene, in its coordinates and their rates."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.frame = scene, scene.frame
+        self.bodies = {str(getattr(body, "name", body)): body for body in scene.bodies}
+        self._points = Tree(scene.origin, "_pos_dict")
+        turned = [item.target.name for item in scene.releases if isinstance(item.target, ReferenceFrame)]
+        if turned:
+            raise GeometryFault(
+                f"its geometry is not known where the rotation of {list_names(turned)} is released: write the contact as"
+                " UnilateralContact with a Joint there"
+            )
+
+    def position(self, point: Any, what: str) -> Vector:
+        """Return the position of a point from the origin."""
+        if not isinstance(point, Point):
+            raise GeometryFault(f"{what} must be a Point, and is {point!r}")
+        if point not in self._points.parent:
+            self._points = Tree(self.scene.origin, "_pos_dict")
+        path = self._points.path(point)
+        if path is None:
+            raise GeometryFault(f"{what}, {point.name!r}, is not located from {self.scene.origin.name!r}")
+        steps = [released_position(self.scene, node, node._pos_dict[self._points.parent[node]]) for node in path]
+        return sum(steps, Vector(0))
+
+    def body(self, given: Any) -> str:
+        """Return the name of a body of the scene, which is given by its name or itself."""
+        name = given if isinstance(given, str) else str(getattr(given, "name", given))
+        if name not in self.bodies:
+            raise GeometryFault(f"{name!r} is no body of the scene; known: {list_names(self.bodies)}")
+        return name
+
+    def velocity(self, body: str, place: Vector) -> Vector:
+        """Return the velocity that a body has at a place."""
+        item = self.bodies[body]
+        centre = item.point if isinstance(item, Particle) else item.masscenter
+        start = self.position(centre, f"the mass centre of {body!r}")
+        if isinstance(item, Particle):
+            return start.dt(self.frame)
+        return start.dt(self.frame) + cross(item.frame.ang_vel_in(self.frame), place - start)
+
+    def of_surface(self, surface: tuple[Point, ReferenceFrame], place: Vector) -> Vector:
+        """Return the velocity at a place of a surface that no body carries: a function of time, mostly zero."""
+        point, frame = surface
+        start = self.position(point, "the point of the surface")
+        velocity = start.dt(self.frame) + cross(frame.ang_vel_in(self.frame), place - start)
+        moving = [q for q in self.scene.coordinates if _has(velocity, q.diff(dynamicsymbols._t))]
+        if moving:
+            raise GeometryFault(
+                f"what it touches moves with {list_names(str(q.func.__name__) for q in moving)}: name the body that"
+                " carries it, other=..., which then has the opposite action"
+            )
+        return velocity
+
+    def relative(
+        self, body: str, other: str | None, surface: tuple[Point, ReferenceFrame], place: Vector
+    ) -> tuple[Vector, bool]:
+        """Return the velocity of a body at a place relative to the other side, and whether that moves with time."""
+        own = self.velocity(body, place)
+        if other is not None:
+            return own - self.velocity(other, place), False
+        theirs = self.of_surface(surface, place)
+        return own - theirs, not self.is_zero(theirs)
+
+    def is_zero(self, vector: Vector) -> bool:
+        """Return whether a vector vanishes for all positions, rates and times."""
+        return all(self.vanishes(x) for matrix, _ in vector.args for x in matrix)
+
+    def vanishes(self, expression: Any) -> bool:
+        """Return whether an expression vanishes for all positions, rates and times."""
+        return vanishes(with_imposed(expression, self.scene.imposed))
+
+
+def _has(vector: Vector, expression: Any) -> bool:
+    return any(matrix.has(expression) for matrix, _ in vector.args)
+
+
+def contact_point(centre: Point, name: str, offset: Vector) -> Point:
+    """Return the contact point of a contact, located from the centre of what touches: the same one each time."""
+    found = next((point for point in centre._pos_dict if point.name == name), None) or Point(name)
+    found.set_pos(centre, offset)
+    return found
+
+
+# Arguments.
+
+
+def unit_vector(vector: Any, what: str) -> Vector:
+    """Return a vector of length one."""
+    if not isinstance(vector, Vector):
+        raise GeometryFault(f"{what} must be a unit vector such as N.z, and is {vector!r}")
+    try:
+        unit = equal(dot(vector, vector), 1)
+    except ValueError as unknown:
+        raise GeometryFault(f"{what}: {unknown}") from None
+    if not unit:
+        raise GeometryFault(f"{what} must be a unit vector; the length of {vector} is not 1")
+    return vector
+
+
+def frame_of(vector: Vector, what: str) -> ReferenceFrame:
+    """Return the frame that a vector is written on, and fixed in."""
+    frames = [frame for _, frame in vector.args]
+    if len(frames) != 1 or vector.args[0][0].has(dynamicsymbols._t):
+        raise GeometryFault(
+            f"{what}, {vector}, must be constant on one frame, that of what it is fixed in: orient a frame with it"
+        )
+    return frames[0]
+
+
+def several(value: Any, numbers: Sequence[int], what: str) -> tuple[Any, ...]:
+    """Return a sequence that has one of some lengths as a tuple."""
+    found = tuple(value) if isinstance(value, tuple | list) else ()
+    if len(found) not in numbers:
+        raise GeometryFault(f"{what} must be {' or '.join(map(str, numbers))} values in a tuple, not {value!r}")
+    return found
+
+
+def length(value: Any, what: str) -> Any:
+    """Return a length in parameters, which is positive where that is known."""
+    try:
+        e = None if isinstance(value, str | bytes | bool) else sp.sympify(value)
+    except (sp.SympifyError, TypeError, ValueError, AttributeError):
+        e = None
+    if not isinstance(e, sp.Expr) or e.has(dynamicsymbols._t):
+        raise GeometryFault(f"{what} must be a number or an expression of parameters, and is {value!r}")
+    if e.is_nonpositive:
+        raise GeometryFault(f"{what} is {value}; it must be positive")
+    return e

@@ -1,0 +1,122 @@
+"""Contacts by geometry as joints, unilateral contacts and friction: [Scene] -> [Scene]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, final
+
+import sympy as sp
+from sympy.physics.vector import Vector, dot
+
+from ..errors import SceneError
+from .contact_geometry import GeometricContact
+from .contact_places import GeometryFault, Places, Touch
+from .contact_tangents import chosen_tangents, require_independent
+from .contacts import FRICTION_LAWS, CoulombFriction, UnilateralContact
+from .joints import Joint, Unknown
+
+if TYPE_CHECKING:
+    from .scene import Scene
+
+
+@final
+@dataclass(frozen=True)
+class MadeContact:
+    """A contact that was made by geometry: its gap [m] as a result, and its description."""
+
+    name: str
+    gap: Any
+    text: str
+
+
+def with_made_contacts(scene: Scene) -> Scene:
+    """Return the scene with the joints, contacts and friction of its contacts by geometry; itself without any.
+
+    Raises
+    ------
+    SceneError
+        With the faults of all of them.
+    """
+    if not any(isinstance(item, GeometricContact) for item in scene.contacts):
+        return scene
+    twin, faults = scene.copy(), []
+    twin.contacts = tuple(item for item in scene.contacts if not isinstance(item, GeometricContact))
+    for item in scene.contacts:
+        if isinstance(item, GeometricContact):
+            try:
+                places = Places(scene)
+                for touch in item.touches(places):
+                    _make(twin, places, item, touch)
+            except GeometryFault as fault:
+                faults.append(f"contact {item.name!r}: {fault}")
+    if faults:
+        raise SceneError(scene.name, faults)
+    return twin
+
+
+def _make(scene: Scene, places: Places, declared: GeometricContact, touch: Touch) -> None:
+    """Add one point of contact to a scene."""
+    normal = Unknown(f"{touch.name}.normal", real=True)
+    place = places.position(touch.at, "the contact point")
+    velocity, moving = places.relative(touch.body, touch.other, touch.surface, place)
+    force, text = normal * touch.normal, f"{touch.text}: normal reaction {normal}"
+    if not _frictionless(declared.friction):
+        tangents = _tangents(places, declared, touch, velocity)
+        names = [Unknown(f"{touch.name}.friction_{i}", real=True) for i in range(1, len(tangents) + 1)]
+        slip = [dot(velocity, t) for t in tangents] if moving else None
+        force += sum((x * t for x, t in zip(names, tangents, strict=True)), Vector(0))
+        one = len(tangents) == 1
+        scene.frictions += (
+            _law(
+                declared.friction,
+                {
+                    "normal": normal,
+                    "tangential": names[0] if one else tuple(names),
+                    "slip": slip and (slip[0] if one else tuple(slip)),
+                    "name": touch.name,
+                },
+            ),
+        )
+        along = (f"{name} along {_short(t)}" for name, t in zip(names, tangents, strict=True))
+        text += f", friction {', '.join(along)}"
+    scene.joints += (Joint(touch.name, body=touch.body, other=touch.other, at=touch.at, force=force),)
+    scene.contacts += (UnilateralContact(normal, touch.gap, declared.restitution, touch.name),)
+    scene.made_contacts += (MadeContact(touch.name, touch.distance, text),)
+
+
+def _short(vector: Vector) -> str:
+    text = str(vector)
+    return text if len(text) <= 60 else "a direction that turns with the normal"
+
+
+def _tangents(places: Places, declared: GeometricContact, touch: Touch, velocity: Vector) -> tuple[Vector, ...]:
+    """Return the directions of slip of a contact with friction."""
+    if declared.tangents is not None:
+        return chosen_tangents(declared.tangents, touch.normal)
+    found = touch.tangents(lambda vector: not places.vanishes(dot(velocity, vector)))
+    if not found:
+        raise GeometryFault("its contact point has no velocity along its tangents, so that it cannot slip: friction=0")
+    require_independent(places, velocity, found)
+    return found
+
+
+def _frictionless(friction: Any) -> bool:
+    return friction is None or (not isinstance(friction, tuple | list | str) and bool(friction == 0))
+
+
+def _law(friction: Any, reactions: dict[str, Any]) -> Any:
+    """Return the law of friction of a contact between its reactions."""
+    if type(friction) in FRICTION_LAWS:
+        given = [name for name in ("normal", "tangential", "slip") if getattr(friction, name, None) is not None]
+        if given:
+            raise GeometryFault(
+                f"its law of friction has {', '.join(given)}= of its own; the contact gives these, so leave them out"
+            )
+        return replace(friction, **reactions)
+    if isinstance(friction, tuple | list):
+        if len(friction) != 2:
+            raise GeometryFault(f"friction= as a pair is (mu_static, mu), not {friction!r}")
+        return CoulombFriction(**reactions, mu=friction[1], mu_static=friction[0])
+    if isinstance(friction, int | float | sp.Expr):
+        return CoulombFriction(**reactions, mu=friction)
+    raise GeometryFault(f"friction= must be a coefficient, (mu_static, mu) or a CoulombFriction, and is {friction!r}")
