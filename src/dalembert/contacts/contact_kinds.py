@@ -50,7 +50,8 @@ def refused(system: ContactSystem, cases: ContactCases, case: int) -> bool:
         bad = bad or system.restitution[i] < 0.0 or system.restitution[i] > 1.0
         if system.constraint[i] >= 0 and cases.modes[case, i] == UNDECIDED:
             bad = bad or system.gap[i] < -gap_noise(system, cases.x[case], i)
-            bad = bad or not opening_power(system, i) > 0.0
+            power = opening_power(system, i)  # none in the middle of a hollow, where no direction leads to the surface
+            bad = bad or not (power > 0.0 or (power == 0.0 and system.gap[i] > 0.0))
     return bad
 
 

@@ -23,6 +23,7 @@ from ..transforms.step_ends import roots_vanish_at_rest
 
 if TYPE_CHECKING:
     from ..pipeline import Stages
+    from ..scene import Scene
     from .model import CompiledModel
 
 
@@ -37,13 +38,23 @@ def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
         which = f"a model for each mode, compiled when it is met, because {modes.why_separate}"
         if not modes.why_separate:
             which = "one program serves all modes, but for those whose contacts share loads in other ways than in pairs"
-        lines = [f"{model.name}: contacts {contacts}; {which}"]
+        lines = [f"{model.name}: contacts {contacts}; {which}", *_made_contacts(modes.several.scene)]
         for mode, each in modes.compiled.items():
             states = ", ".join(f"{name}: {state}" for name, state in modes.named(mode).items())
             every = mode == any_mode(len(mode))
             title = "all modes" if every else f"mode {states}"
-            lines += ["", title, explain(each, passes=passes, formulations=formulations and not every)]
+            lines += ["", title, *_program_lines(each, passes, formulations and not every)]
         return "\n".join(lines)
+    return "\n".join([*_program_lines(model, passes, formulations), *_made_contacts(model.stages.scene)])
+
+
+def _made_contacts(scene: Scene) -> list[str]:
+    """Return a line for each contact that was made by geometry: what touches what, its reactions and their directions."""
+    return [f"contact       {item.name}: {item.text}" for item in scene.made_contacts]
+
+
+def _program_lines(model: CompiledModel, passes: bool, formulations: bool) -> list[str]:
+    """Return the lines on the program of a model, of one mode where there are several."""
     stages, methods = model.stages, model.method_descriptions
     program, layout = stages.program, stages.program.layout
     automatic = {rtol: model.choose_method("auto", rtol, rtol) for rtol in _RTOL}
@@ -72,7 +83,7 @@ def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
         f"formulations  {_formulations(model, every=formulations)}",
         "compilation   " + ", ".join(f"{stage} {1e3 * s:.0f} ms" for stage, s in stages.seconds.items()),
     ]
-    return "\n".join([*lines, *(_passes(stages) if passes else [])])
+    return [*lines, *(_passes(stages) if passes else [])]
 
 
 def _counted(items: Sequence[str], noun: str) -> str:
