@@ -73,17 +73,15 @@ def chosen_tangents(given: Any, normal: Vector) -> tuple[Vector, ...]:
 
 
 def require_independent(places: Places, velocity: Vector, tangents: tuple[Vector, ...]) -> None:
-    """Raise where the slip velocities along two tangents are multiples of each other: slip has one direction."""
+    """Raise where the slip velocities along two tangents are multiples of each other: slip has one direction.
+
+    Then those at two sets of rates are parallel, whatever the rates are.
+    """
     if len(tangents) < 2:
         return
-    slips = [dot(velocity, t) for t in tangents]
-    rates = [q.diff(dynamicsymbols._t) for q in places.scene.coordinates]
-    rows = [[e.diff(rate) for rate in rates] for e in slips]
-    used = [i for i in range(len(rates)) if rows[0][i] != 0 or rows[1][i] != 0]
-    first = next((i for i in used if not places.vanishes(rows[0][i])), None)
-    if first is not None and all(
-        places.vanishes(rows[0][first] * rows[1][i] - rows[0][i] * rows[1][first]) for i in used
-    ):
+    rates = {q.diff(dynamicsymbols._t): sp.Dummy(real=True) for q in places.scene.coordinates}
+    first, second = (dot(velocity, t) for t in tangents)
+    if places.vanishes(first * second.xreplace(rates) - second * first.xreplace(rates)):
         raise GeometryFault(
             "it can slip along one direction in its plane, which is none of its tangents: give that as tangents=(t,)"
         )

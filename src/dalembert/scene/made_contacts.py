@@ -47,7 +47,7 @@ def with_made_contacts(scene: Scene) -> Scene:
                 places = Places(scene)
                 for touch in item.touches(places):
                     _make(twin, places, item, touch)
-            except GeometryFault as fault:
+            except (GeometryFault, ValueError) as fault:  # SymPy raises the latter for frames that nothing relates
                 faults.append(f"contact {item.name!r}: {fault}")
     if faults:
         raise SceneError(scene.name, faults)
