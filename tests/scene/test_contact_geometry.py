@@ -91,8 +91,10 @@ def test_a_box_has_four_corners_in_the_plane_eight_in_space():
     flat = [with_made_contacts(planar(box("body", B, G, N.y, *sizes))) for sizes in ((r, R), (r, R, m))]
     for made in flat:
         assert [contact.name for contact in made.contacts] == [f"box.corner_{i}" for i in range(1, 5)]
-    gaps = [[(c.gap - (y + i * r * sin(theta) + j * R * cos(theta))).simplify() for c in flat[0].contacts[k : k + 1]]
-            for k, (i, j) in enumerate([(-1, -1), (-1, 1), (1, -1), (1, 1)])]
+    gaps = [
+        [(c.gap - (y + i * r * sin(theta) + j * R * cos(theta))).simplify() for c in flat[0].contacts[k : k + 1]]
+        for k, (i, j) in enumerate([(-1, -1), (-1, 1), (1, -1), (1, 1)])
+    ]
     assert gaps == [[0]] * 4
     assert len(spatial(lambda G, S: box("ball", S, G, N.z, r, r, r)).contacts) == 8
     assert len(spatial(lambda G, S: box("ball", S, G, N.z, r, r)).contacts) == 4

@@ -49,7 +49,7 @@ def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
 
 
 def _made_contacts(scene: Scene) -> list[str]:
-    """Return a line for each contact that was made by geometry: what touches what, its reactions and their directions."""
+    """Return a line for each contact made by geometry: what touches what, its reactions and their directions."""
     return [f"contact       {item.name}: {item.text}" for item in scene.made_contacts]
 
 

@@ -14,7 +14,7 @@ from typing import Any, final
 
 import sympy as sp
 from sympy.physics.mechanics import Point, ReferenceFrame
-from sympy.physics.vector import Vector, cross, dot
+from sympy.physics.vector import Vector, dot
 
 from .contact_places import (
     GeometryFault,
@@ -155,7 +155,9 @@ class SpherePlane(_OnPlane):
         r, (_, normal, _) = length(self.radius, "radius="), self._plane(places)
         gap = self._height(places, self.centre, "centre=") - r
         return [
-            self._touch(places, self.name, contact_point(self.centre, f"{self.name}.contact", -r * normal), gap, "sphere")
+            self._touch(
+                places, self.name, contact_point(self.centre, f"{self.name}.contact", -r * normal), gap, "sphere"
+            )
         ]
 
 
@@ -191,7 +193,9 @@ class DiscPlane(_OnPlane):
         tilt = dot(normal, axis)
         upright = places.vanishes(tilt)
         if places.vanishes(1 - tilt**2):
-            raise GeometryFault("axis= is always normal to plane=: the disc lies flat, and no point of it is the lowest")
+            raise GeometryFault(
+                "axis= is always normal to plane=: the disc lies flat, and no point of it is the lowest"
+            )
         steepness = sp.Integer(1) if upright else sp.sqrt(1 - tilt**2)
         down = -r * normal if upright else -r / steepness * (normal - tilt * axis)
         gap = self._height(places, self.centre, "centre=") - r * steepness
@@ -237,9 +241,7 @@ class BoxPlane(_OnPlane):
             offset = sum((sign * edge for sign, edge in zip(signs, edges, strict=True)), Vector(0))
             name = f"{self.name}.corner_{number}"
             corner = contact_point(self.centre, name, offset)
-            found.append(
-                self._touch(places, name, corner, self._height(places, corner, "centre="), f"corner {number}")
-            )
+            found.append(self._touch(places, name, corner, self._height(places, corner, "centre="), f"corner {number}"))
         return found
 
     def _across(self, places: Places, edge: Vector) -> bool:
@@ -321,7 +323,11 @@ class _InHollow(GeometricContact):
             apart = apart - dot(apart, along) * along
         square, free = dot(apart, apart), hollow - r
         normal = apart / free
-        sphere = along is None
+        if along is None:
+            frame, tangents = places.frame, tangents_of_sphere(places.frame, normal, normal)
+        else:
+            frame, tangents = frame_of(along, f"the axis of {name}="), tangents_of_cylinder(along, normal)
+        whose = "" if other is None else f" of {other!r}"
         return Touch(
             name=self.name,
             body=body,
@@ -330,12 +336,9 @@ class _InHollow(GeometricContact):
             normal=normal,
             gap=(free**2 - square) / (2 * free),
             distance=free - sp.sqrt(square),
-            surface=(base, places.frame if along is None else frame_of(along, f"the axis of {name}=")),
-            tangents=tangents_of_sphere(places.frame, normal, normal)
-            if along is None
-            else tangents_of_cylinder(along, normal),
-            text=f"sphere of {body!r} in the {'bowl' if sphere else 'cylinder'}"
-            f"{'' if other is None else f' of {other!r}'} at {base.name}",
+            surface=(base, frame),
+            tangents=tangents,
+            text=f"sphere of {body!r} in the {name}{whose} at {base.name}",
         )
 
 

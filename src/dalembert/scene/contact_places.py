@@ -72,8 +72,8 @@ class Places:
         turned = [item.target.name for item in scene.releases if isinstance(item.target, ReferenceFrame)]
         if turned:
             raise GeometryFault(
-                f"its geometry is not known where the rotation of {list_names(turned)} is released: write the contact as"
-                " UnilateralContact with a Joint there"
+                f"its geometry is not known where the rotation of {list_names(turned)} is released: write it as a"
+                " UnilateralContact and a Joint there"
             )
 
     def position(self, point: Any, what: str) -> Vector:

@@ -1,0 +1,150 @@
+"""The examples of docs/contacts.md against computations by hand."""
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+from scipy.special import ellipk
+
+PAGE = Path(__file__).parents[2] / "docs" / "contacts.md"
+
+
+@pytest.fixture(scope="module")
+def page():
+    names = {}
+    with contextlib.redirect_stdout(io.StringIO()):
+        for block in re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.MULTILINE | re.DOTALL):
+            exec(compile(block, PAGE.name, "exec"), names)
+    return names
+
+
+def test_billiards(page):
+    """Sliding balls gain 5/7 of their speed and 2/7 of that of their rim; equal elastic balls exchange velocities."""
+    run, mu_g = page["billiards"], 0.2 * 9.81
+    first = 2 / (7 * mu_g)
+    assert abs(run.phases[1].t0 - first) < 1e-12
+    speed, gone = 5 / 7, 12 / (49 * mu_g)
+    struck = first + (0.34 - gone) / speed
+    assert abs(run.phases[2].t0 - struck) < 1e-11
+    assert abs(run.phases[3].t0 - struck - 2 * speed / (7 * mu_g)) < 1e-11
+    after = run(np.array([struck + 1e-9]))
+    assert abs(after["x_a_dot"]) < 1e-8 and abs(after["x_b_dot"] - speed) < 1e-8
+    ends = {"x_a_dot": 2 / 7 * speed, "x_b_dot": 5 / 7 * speed, "turn_a_dot": -2 / 7 * speed / 0.03}
+    for name, value in ends.items():
+        assert abs(run[name][-1] - value) < 1e-10, name
+
+
+def test_cradle(page):
+    """The first ball falls for a quarter of its period, and the third has its energy."""
+    run = page["cradle"]
+    quarter = ellipk(np.sin(0.25) ** 2) * np.sqrt(0.5 / 9.81)
+    speed = np.sqrt(2 * 9.81 * 0.5 * (1 - np.cos(0.5)))
+    assert abs(run.phases[1].t0 - (quarter + 1e-6 / speed)) < 1e-11
+    energy = lambda i: run[f"q{i}_dot"] ** 2 / 2 * 0.25 + 9.81 * 0.5 * (1 - np.cos(run[f"q{i}"]))  # noqa: E731
+    after = run.t > run.phases[2].t0
+    assert abs(energy(3) - speed**2 / 2)[after].max() < 1e-9 and max(energy(i)[after].max() for i in (1, 2)) < 1e-9
+
+
+def tumble(count, a=0.3, b=0.2, e=0.4, mu=0.5, g=9.81):
+    """Return time and velocities after each of the first impacts of a thrown box, corner by corner."""
+    J = (a**2 + b**2) / 3
+    q, v, t = np.array([0, 1, 0.3]), np.array([2.0, 0, 3]), 0.0
+    corners = [(i * a, j * b) for i in (-1, 1) for j in (-1, 1)]
+
+    def lever(angle, corner):
+        c, s = np.cos(angle), np.sin(angle)
+        return np.array([c * corner[0] - s * corner[1], s * corner[0] + c * corner[1]])
+
+    def height(s, k, q, v):
+        return q[1] + v[1] * s - g * s * s / 2 + lever(q[2] + v[2] * s, corners[k])[1]
+
+    found, times = [], np.linspace(1e-7, 1.5, 100_000)
+    for _ in range(count):
+        below = [height(times, k, q, v) < 0 for k in range(4)]
+        i, k = min((int(np.argmax(below[k])), k) for k in range(4) if below[k].any())
+        s = brentq(height, times[i - 1], times[i], args=(k, q, v), xtol=1e-15)
+        t, q = t + s, q + v * s - np.array([0, g * s * s / 2, 0])
+        v = v - np.array([0, g * s, 0])
+        x, y = lever(q[2], corners[k])
+        normal, along = np.array([0, 1, x]), np.array([1, 0, -y])
+        inverse = np.array([1, 1, 1 / J])
+        nn, nt, tt = (np.sum(p * inverse * r) for p, r in ((normal, normal), (normal, along), (along, along)))
+        un, ut = normal @ v, along @ v
+        push, hold = np.linalg.solve([[nn, nt], [nt, tt]], [-(1 + e) * un, -ut])
+        if abs(hold) > mu * push:  # slip goes on, against which friction acts
+            for sign in (1, -1):
+                push = -(1 + e) * un / (nn - sign * mu * nt)
+                hold = -sign * mu * push
+                if sign * (ut + nt * push + tt * hold) > 0:
+                    break
+        v = v + inverse * (push * normal + hold * along)
+        found.append((t, *v))
+    return np.array(found)
+
+
+def test_tumbling_box(page):
+    """Flights in closed form, impacts by Newton's and Coulomb's laws at one corner each."""
+    run, hand = page["box"], tumble(6)
+    flights = run.phases[1 : len(hand) + 1]
+    assert all(set(phase.modes.values()) == {"open"} for phase in flights)
+    assert abs(np.array([phase.t0 for phase in flights]) - hand[:, 0]).max() < 1e-10
+    for phase, (t, *velocity) in zip(flights, hand, strict=True):
+        after = run(np.array([t + 1e-8]))
+        found = np.array([after[name][0] for name in ("x_dot", "y_dot", "theta_dot")])
+        assert abs(found - velocity).max() < 1e-6, phase.t0
+    lost = np.diff(run["energy"])
+    assert run.success and lost.max() < 1e-9 * run["energy"][0]
+    assert sorted(run.phases[-1].modes.values()) == ["open", "open", "stick", "stick"]
+    assert min(abs(run["y"][-1] - size) for size in (0.2, 0.3)) < 1e-12
+
+
+def test_rolling_coin(page):
+    """Newton and Euler on the frame of the leaning coin, with the velocity r omega x y of its centre."""
+    m, r, g = 0.01, 0.1, 9.81
+    A, C = m * r**2 / 4, m * r**2 / 2
+
+    def rates(t, state):
+        theta, psi, _, w1, w2, w3, _, _ = state
+        turn = w2 / np.sin(theta)
+        nu = turn * np.cos(theta)
+        forward, down = -r * w3, -r * w1 * np.sin(theta)
+        return [
+            w1,
+            turn,
+            w3 - nu,
+            (A * nu * w2 - C * w2 * w3 - m * r * (r * w2 * w3 + g * np.cos(theta))) / (A + m * r**2),
+            (C * w1 * w3 - A * nu * w1) / A,
+            m * r**2 * w1 * w2 / (C + m * r**2),
+            forward * np.cos(psi) - down * np.sin(psi),
+            forward * np.sin(psi) + down * np.cos(psi),
+        ]
+
+    theta, turn, spin = 1.1, 2.0, -9.0
+    start = [theta, 0, 0, 0, turn * np.sin(theta), turn * np.cos(theta) + spin, 0, 0]
+    run = page["coin"]
+    exact = solve_ivp(rates, (0, 1), start, rtol=1e-12, atol=1e-13, method="DOP853").y[:, -1]
+    assert run.phases[0].modes == {"edge": "stick"} and len(run.phases) == 1
+    for name, value in zip(("theta", "psi", "phi", "theta_dot"), exact, strict=False):
+        assert abs(run[name][-1] - value) < 1e-7, name
+    assert abs(np.array([run["x"][-1], run["y"][-1]]) - exact[6:]).max() < 1e-8
+    theta, _, _, w1, w2, w3, _, _ = exact
+    d1, _, _ = rates(0, exact)[3:6]
+    nu = w2 / np.tan(theta)
+    push = m * ((-r * nu * w3 - r * w1**2) * np.sin(theta) + (r * d1 + r * w2 * w3) * np.cos(theta) + g)
+    assert abs(run["edge.normal"][-1] - push) < 1e-6 * push
+
+
+def test_ball_in_a_bowl(page):
+    """The period of small oscillations, with its first correction by the amplitude."""
+    run = page["bowl"]
+    x = lambda t: run(np.array([t]))["x"][0]  # noqa: E731
+    frequency, amplitude = np.sqrt(5 * 9.81 / (7 * 0.9)), np.arcsin(1e-3)
+    period = 2 * np.pi / frequency
+    zeros = [brentq(x, (k + 0.2) * period, (k + 0.3) * period, xtol=1e-14) for k in (0, 3)]
+    assert abs((zeros[1] - zeros[0]) / 3 / period - 1 - amplitude**2 / 16) < 1e-9
+    assert run.phases[0].modes == {"bowl": "stick"} and len(run.phases) == 1
