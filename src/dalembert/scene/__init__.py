@@ -1,14 +1,7 @@
 """Scenes as users write them, and their reading onto the expression graph."""
 
-from .contact_geometry import (
-    BoxPlane,
-    DiscPlane,
-    PointPlane,
-    SphereInBowl,
-    SphereInCylinder,
-    SpherePlane,
-    SphereSphere,
-)
+from .contact_geometry import BoxPlane, DiscPlane, PointPlane, SpherePlane
+from .contact_spheres import SphereInBowl, SphereInCylinder, SphereSphere
 from .contacts import CoulombFriction, UnilateralContact
 from .controllers import Controller
 from .joints import Joint, Unknown, unknowns
