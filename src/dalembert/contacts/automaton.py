@@ -65,7 +65,7 @@ def require_normals_along_gaps(equations: EquationsOfMotion) -> None:
 #
 # Mode selection and impacts are computed from them (`dalembert.contacts.contact_system`).
 
-NUMBERS = "gap", "mu", "mu_static", "restitution", "regularization"
+NUMBERS = "gap", "mu", "mu_static", "restitution", "regularization", "normal_load"
 """Numbers of each contact, in the order of the outputs."""
 
 
@@ -74,8 +74,8 @@ def contact_data(equations: EquationsOfMotion) -> Kernel:
 
     Its outputs are M (n_q, n_q) and the forcing (n_q,); of the constraints and, behind them, the slip velocities the
     Jacobians (n_rows, n_q), the biases of their accelerations (n_rows,) and their values on the rates (n_rows,); the
-    power coefficients of the reactions (n_reactions, n_q); and of the contacts gaps, mu, mu_static, restitutions and
-    regularizations (n_contacts,), zero where they have none.
+    power coefficients of the reactions (n_reactions, n_q); and of the contacts gaps, mu, mu_static, restitutions,
+    regularizations and given normal loads (n_contacts,), zero where they have none.
     """
     graph = Graph()  # a graph of its own, so that the kernel depends on the equations alone
     rows = [*equations.constraints, *(row for contact in equations.contacts for row in contact.slips)]

@@ -38,6 +38,7 @@ def load_accelerations(system: ContactSystem) -> None:
     for row in range(system.demand.size):
         system.demand[row] = system.bias[row]
     _begin(system)
+    system.solved.accelerating = 1
 
 
 @compiled_subset
@@ -66,6 +67,7 @@ def load_correction(system: ContactSystem) -> None:
 @compiled_subset
 def _begin(system: ContactSystem) -> None:
     """Forget responses, and choose the scales of accelerations, multipliers and reactions by the mass matrix."""
+    system.solved.accelerating = 0
     for place in range(system.kept.size):
         system.kept[place] = -1
     n, m = system.coordinates, system.constraints
@@ -258,6 +260,8 @@ def _write(system: ContactSystem) -> None:
         row, column = system.constraint[i], system.column[i]
         for j in range(out.shape[1]):
             out[place + i, j] = system.square_right[column, j] if column >= 0 else 0.0
+            if system.given[i] != 0:
+                out[place + i, j] = normal_load(system, i) if j == 0 else 0.0
             out[place + k + i, j] = float(system.sense[i]) * _along(system, row, j) if row >= 0 else 0.0
     place += 2 * k
     for r in range(system.slips):
@@ -270,6 +274,12 @@ def _write(system: ContactSystem) -> None:
                 if still or abs(value) <= _POWERLESS * inertial_terms(system, system.jacobian[row], force):
                     value = 0.0
             out[place + r, j] = value
+
+
+@compiled_subset
+def normal_load(system: ContactSystem, i: int) -> float:
+    """Return the given normal load of a contact, or its impulse, which is none."""
+    return system.normal_load[i] if system.solved.accelerating != 0 else 0.0
 
 
 @compiled_subset

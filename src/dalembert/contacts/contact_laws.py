@@ -37,7 +37,8 @@ def mode_parameters(contact: ContactRow, state: str = SLIP) -> tuple[str, str, s
     name, width = contact.name, len(contact.tangential) if state == SLIP else 0
     directions = (f"slip direction {n} of {name}" if width > 1 else "" for n in (1, 2))
     first, second = (f"slip direction of {name}", "") if width == 1 else directions
-    side = f"side of {name}" if contact.tangential and state in (SLIP, STICK) else ""
+    sided = contact.tangential and contact.normal_load is None and state in (SLIP, STICK)
+    side = f"side of {name}" if sided else ""
     if contact.constraint is not None:
         side = f"allowance of {name}"
     return first, second, side, f"rest speed of {name}" if width > 1 else ""
@@ -63,7 +64,7 @@ class ContactLaws:
             assert contact.regularization is not None
             size = graph.call("sqrt", graph.sum(w * w for w in (*slips, contact.regularization)))
             side = graph.one
-            if contact.constraint is None:
+            if contact.constraint is None and contact.normal_load is None:
                 side = graph.call("select", graph.call("less", graph.zero, free), graph.one, graph.const(-1))
             return [contact.mu * side * w / size for w in slips]
         mu = contact.mu * self.side(contact)
@@ -89,13 +90,18 @@ class ContactLaws:
         size = graph.call("sqrt", graph.sum(a * a for a in along) + rests)
         return [mu * a / size for a in along]
 
+    def normal(self, contact: ContactRow) -> Node:
+        """Return the normal reaction: an input, or what is given for it."""
+        names = self.whole.symbols.unknowns
+        return self.graph.input(names[contact.normal]) if contact.normal_load is None else contact.normal_load
+
     def directions(self, contact: ContactRow) -> list[Node]:
         """Return the direction of slip: a sign along a line, a unit vector in a plane."""
         return [self.graph.input(name) for name in mode_parameters(contact)[:2] if name]
 
     def side(self, contact: ContactRow) -> Node:
         """Return the sign of the normal reaction."""
-        sided = contact.constraint is None and contact.tangential
+        sided = contact.constraint is None and contact.tangential and contact.normal_load is None
         return self.graph.input(mode_parameters(contact)[2]) if sided else self.graph.one
 
     def allowance(self, contact: ContactRow) -> Node:

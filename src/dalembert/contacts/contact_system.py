@@ -50,10 +50,13 @@ def combination(contacts: int, coordinates: int) -> Combination:
 
 
 class Solved(Record):
-    """The first row of the responses that were used, and the number of directions in which forces are free."""
+    """The first row of the responses that were used, the number of directions in which forces are free, and whether
+    accelerations are solved for: given loads act then, and have no impulse.
+    """
 
     place: int
     undetermined: int
+    accelerating: int
 
 
 class ContactSystem(NamedTuple):
@@ -73,6 +76,8 @@ class ContactSystem(NamedTuple):
         State while it is closed and does not stick: CLOSED without friction, SLIP, or SMOOTH.
     sided : (n_contacts,)
         1 where the normal reaction of a contact with friction may have either sign.
+    given : (n_contacts,)
+        1 where the normal reaction is a given load.
     jumping : (n_contacts,)
         1 where a condition on time stands in the slip velocity, which may jump.
     tangential : (n_slips,)
@@ -84,15 +89,15 @@ class ContactSystem(NamedTuple):
     angle : (n_q,)
         1 for coordinates without a unit.
     values : (n_values,)
-        Outputs of the kernel of the contact data at the instant; those up to `regularization` are views of them.
+        Outputs of the kernel of the contact data at the instant; those up to `normal_load` are views of them.
     mass, forcing : (n_q, n_q), (n_q,)
         The mass matrix and the given forces.
     jacobian, bias, velocity : (n_rows, n_q), (n_rows,), (n_rows,)
         Jacobians; what Jacobian times qddot is where a row holds; rates of constraints and slip velocities.
     power : (n_reactions, n_q)
         Power coefficients of the reactions.
-    gap, mu, mu_static, restitution, regularization : (n_contacts,)
-        Gaps and coefficients of the contacts, zero where they have none.
+    gap, mu, mu_static, restitution, regularization, normal_load : (n_contacts,)
+        Gaps, coefficients and given normal loads of the contacts, zero where they have none.
     rates : (n_q,)
         qdot at the instant.
     load, demand : (n_q,), (n_rows,)
@@ -142,6 +147,7 @@ class ContactSystem(NamedTuple):
     width: IntVector
     closed: IntVector
     sided: IntVector
+    given: IntVector
     jumping: IntVector
     tangential: IntVector
     slides_by: IntMatrix
@@ -160,6 +166,7 @@ class ContactSystem(NamedTuple):
     mu_static: Vector
     restitution: Vector
     regularization: Vector
+    normal_load: Vector
     rates: Vector
     load: Vector
     demand: Vector
@@ -246,7 +253,8 @@ def _topology(automaton: HybridAutomaton) -> dict[str, IntVector]:
         "row": m + ends[:-1],
         "width": [len(c.slips) for c in contacts],
         "closed": [STATES.index(automaton.states(i)[0]) for i in range(len(contacts))],
-        "sided": [c.constraint is None and len(c.tangential) > 0 for c in contacts],
+        "sided": [c.constraint is None and len(c.tangential) > 0 and c.normal_load is None for c in contacts],
+        "given": [c.normal_load is not None for c in contacts],
         "jumping": [_may_jump(equations, contact) for contact in contacts],
         "tangential": [unknown for c in contacts for unknown in c.tangential],
         "row_owner": row_owner,

@@ -85,13 +85,18 @@ def _speed(system: ContactSystem, row: int) -> float:
 
 @compiled_subset
 def _pushed(system: ContactSystem, i: int) -> float:
-    """Return the size of the accelerations along a contact that a unit of its normal reaction may cause."""
-    size = 0.0
+    """Return the size of the accelerations along a contact that a unit of its normal reaction may cause.
+
+    A given load causes none itself: then it is a unit of the friction forces.
+    """
+    size, pushing = 0.0, inertial_size(system, system.power[system.normal[i]])
     if system.constraint[i] >= 0:
         size = inertial_size(system, system.jacobian[system.constraint[i]])
     for a in range(system.width[i]):
         size = max(size, inertial_size(system, system.jacobian[system.row[i] + a]))
-    return size * inertial_size(system, system.power[system.normal[i]])
+        if system.given[i] != 0:
+            pushing = max(pushing, inertial_size(system, system.power[system.tangential[system.first[i] + a]]))
+    return size * pushing
 
 
 @compiled_subset

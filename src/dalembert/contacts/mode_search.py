@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from ..subset.compiled_subset import compiled_subset, sqrt
 from .complementary_forces import choose_complementary
-from .contact_forces import compliance, gap_compliance, load_compliances, solve_mode
+from .contact_forces import compliance, gap_compliance, load_compliances, normal_load, solve_mode
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertial_size
 from .mode_candidates import TOUCHING, Candidates, combine, find_option, list_options
 from .mode_laws import (
@@ -168,6 +168,8 @@ def _guess_contact(system: ContactSystem, pick: Candidates, i: int) -> float:
     ease, press = system.compliances[row, 1 + row], guessed[row]
     if ease > 0.0:
         guessed[row] = max(press - _excess(system, pick, row) / ease, 0.0)
+    if system.given[i] != 0:
+        guessed[row] = normal_load(system, i)
     change, sticks = abs(guessed[row] - press), find_option(pick, i, STICK, 0, 0) >= 0
     for a in range(system.width[i]):
         r = first + a

@@ -55,6 +55,7 @@ class _ModeEquations:
         self.groups = self._stick([c for c, state in self.contacts if state == STICK])
         gone = {i for c, state in self.contacts if state == OPEN for i in (c.normal, *c.tangential)}
         gone |= {i for c in (*(c for c, _ in sliding), *self.idle) for i in c.tangential}
+        gone |= {c.normal for c, _ in self.contacts if c.normal_load is not None}
         self.kept = [i for i in range(len(equations.symbols.unknowns)) if i not in gone]
 
     def _stick(self, sticking: Sequence[ContactRow]) -> dict[str, list[ContactRow]]:
@@ -76,11 +77,13 @@ class _ModeEquations:
                 owners.append(contact.name)
                 continue
             holding = [owner for owner, weight in zip(owners, weights[held:], strict=True) if not weight.is_zero]
-            if len(holding) > 1 or len(contact.slips) > 1:
+            given = any(c.normal_load is not None for c in sticking if c is contact or c.name in holding)
+            if len(holding) > 1 or len(contact.slips) > 1 or (holding and given):
                 raise ConstraintError(
                     f"scene {self.whole.name!r}: the contacts {contact.name!r} and"
                     f" {list_names(repr(o) for o in holding)} hold each other while they stick, and which of"
-                    " them slips first is not determined: give one of them a regularization"
+                    " them slips first is not determined: give one of them a regularization, or write those with given"
+                    " normal loads as one law with the sum of the loads"
                 )
             for owner in holding:
                 groups.setdefault(owner, []).append(contact)
@@ -96,9 +99,12 @@ class _ModeEquations:
         friction = sliding_friction(frictionless, whole, self.kept, self.sliding)
         known: dict[Node, Node] = {}
         for item, kappa in zip(self.sliding, friction.factors, strict=True):
-            pressing = graph.input(names[item.contact.normal])
+            pressing = self.laws.normal(item.contact)
             for i, k in zip(item.contact.tangential, kappa, strict=True):
                 known[graph.input(names[i])] = -k * pressing
+        for contact, _ in self.contacts:
+            if contact.normal_load is not None:
+                known[graph.input(names[contact.normal])] = contact.normal_load
         for contact in self.idle:
             known |= {graph.input(names[i]): graph.zero for i in contact.tangential}
         for contact, state in self.contacts:
@@ -142,6 +148,8 @@ class _ModeEquations:
             rows.extend([entry if i == number else zero for i in self.kept] for number, entry in entries)
 
         for contact, state in self.contacts:
+            if contact.normal_load is not None:  # it holds by itself
+                continue
             press, sticks = self.laws.side(contact), state == STICK and contact not in self.idle
             fixed = one if state in (SLIP, SMOOTH) and contact.tangential else zero
             if state != OPEN and (contact.constraint is not None or state in (SLIP, STICK)):
@@ -172,11 +180,11 @@ class _ModeEquations:
                 assert contact.gap is not None
                 guards.append((Guard(f"gap of {name}", i, "meet"), contact.gap + self.laws.allowance(contact)))
                 continue
-            press = graph.input(names[contact.normal]) * self.laws.side(contact)
+            press = self.laws.normal(contact) * self.laws.side(contact)
             if any(j in direction for direction in directions for j in (contact.normal, *contact.tangential)):
                 laws += self._shared_laws(contact, state, press, directions)
             else:
-                if contact.constraint is not None or state in (SLIP, STICK):
+                if contact.constraint is not None or (contact.normal_load is None and state in (SLIP, STICK)):
                     kind = "turn" if contact.constraint is None else "lift"
                     guards.append((Guard(f"press of {name}", i, kind), press + self.laws.allowance(contact)))
                 if state == STICK and contact not in self.idle:

@@ -70,15 +70,22 @@ def sliding_friction(
     graph = frictionless.graph
     if not sliding:
         return SlidingFriction(tuple(frictionless.forcing), (), graph.one)
+    loaded = [item for item in sliding if item.contact.normal_load is not None]
+    known = {item.contact.name: item.factors(item.contact.normal_load or graph.zero) for item in loaded}
+    forcing = list(frictionless.forcing)
+    for item in loaded:
+        direction, load = _direction(whole, item, known[item.contact.name]), item.contact.normal_load or graph.zero
+        forcing = [f + d * load for f, d in zip(forcing, direction, strict=True)]
+    frictionless = replace(frictionless, forcing=tuple(forcing))
+    unknown = [item for item in sliding if item.contact.normal_load is None]
+    if not unknown:
+        return SlidingFriction(tuple(forcing), tuple(known[item.contact.name] for item in sliding), graph.one)
     accelerations = _accelerations(frictionless)
-    normals = _normals(frictionless, whole, kept, sliding)
+    normals = _normals(frictionless, whole, kept, unknown)
     free = accelerations(frictionless.forcing, [row.bias for row in frictionless.constraints])
     n0 = normals(_residual(frictionless, free, frictionless.forcing))
-    factors = [item.factors(normal) for item, normal in zip(sliding, n0, strict=True)]
-    directions = []
-    for item, kappa in zip(sliding, factors, strict=True):
-        rows = ([row[i] for i in item.contact.tangential] for row in whole.reactions)
-        directions.append([-graph.sum(k * c for k, c in zip(kappa, row, strict=True)) for row in rows])
+    known |= {item.contact.name: item.factors(normal) for item, normal in zip(unknown, n0, strict=True)}
+    directions = [_direction(whole, item, known[item.contact.name]) for item in unknown]
     nothing = [graph.zero for _ in frictionless.constraints]
     added = []
     for direction in directions:
@@ -87,10 +94,15 @@ def sliding_friction(
     size = range(len(n0))
     matrix: Matrix = [[(graph.one if i == j else graph.zero) - added[j][i] for j in size] for i in size]
     determinant, pressing = determinant_and_solution(graph, matrix, n0)
-    forcing = list(frictionless.forcing)
     for direction, normal in zip(directions, pressing, strict=True):
         forcing = [f + d * normal for f, d in zip(forcing, direction, strict=True)]
-    return SlidingFriction(tuple(forcing), tuple(factors), determinant)
+    return SlidingFriction(tuple(forcing), tuple(known[item.contact.name] for item in sliding), determinant)
+
+
+def _direction(whole: EquationsOfMotion, item: SlidingContact, kappa: Sequence[Node]) -> list[Node]:
+    """Return the forcing (n_q,) of the friction of a contact for a unit of its normal reaction."""
+    rows = ([row[i] for i in item.contact.tangential] for row in whole.reactions)
+    return [-whole.graph.sum(k * c for k, c in zip(kappa, row, strict=True)) for row in rows]
 
 
 Accelerations = Callable[[Sequence[Node], Sequence[Node]], list[Node]]

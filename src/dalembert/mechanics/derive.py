@@ -267,4 +267,5 @@ def _contact(
         mu=contact.mu,
         mu_static=contact.mu_static,
         regularization=contact.regularization,
+        normal_load=contact.normal_load,
     )

@@ -69,6 +69,8 @@ class ContactRow:
         The slip velocities along them, as constraints that hold while it sticks.
     mu, mu_static, regularization : Node or None
         Coefficients of friction, and the slip speed of the smooth law.
+    normal_load : Node or None
+        What friction has for its normal reaction where that is given; the unknown has no power then.
     """
 
     name: str
@@ -82,6 +84,7 @@ class ContactRow:
     mu: Node | None
     mu_static: Node | None
     regularization: Node | None
+    normal_load: Node | None = None
 
 
 @final

@@ -11,6 +11,7 @@ import sympy as sp
 from ..errors import list_names
 from .expressions import short
 from .identity import equal
+from .joints import Unknown
 from .model import ConstraintModel, ContactModel
 
 if TYPE_CHECKING:
@@ -30,8 +31,10 @@ class CoulombFriction:
 
     Parameters
     ----------
-    normal : Unknown
-        Normal reaction, an unknown of a joint [N].
+    normal : Unknown or Expr or number
+        Normal reaction, an unknown of a joint [N]; or a given load, such as the preload of a bearing or the force of a
+        clamp, of which the size counts. It may depend on the state and on time. The law needs a name then, and
+        ``"name.normal"`` is an output. Impacts transmit no friction from a given load.
     tangential : Unknown or (Unknown, Unknown)
         Friction force along one direction, or along two that are perpendicular to each other [N].
     slip : Expr or (Expr, Expr), optional
@@ -56,6 +59,12 @@ class CoulombFriction:
         X, Z = da.unknowns("X Z")
         scene.add_joints(da.Joint("floor", body="block", at=P, force=X * N.x + Z * N.z))
         scene.add_friction(da.CoulombFriction(normal=Z, tangential=X, mu=0.3))
+
+    A bearing, of which T is the moment about its axis and T_0 the most that friction there can hold::
+
+        T = da.unknowns("T")
+        scene.add_joints(da.Joint("bearing", body="rotor", at=G, torque=T * N.z))
+        scene.add_friction(da.CoulombFriction(normal=T_0, tangential=T, mu=1, name="bearing"))
     """
 
     normal: Any = None
@@ -152,6 +161,19 @@ class _Reading:
                 " Make it with da.unknowns and give it to the Joint of the contact"
             )
         return name
+
+    def normal_of(self, law: CoulombFriction) -> tuple[str, Node | None]:
+        """Return the name of the normal reaction of a friction law, and the load where that is given."""
+        e, where = self.sympified(law.normal), f"the normal load of friction {law.label!r}"
+        if e is None or isinstance(e, Unknown) or str(e) in self.forces:
+            return self.unknown(law.normal, f"the normal reaction of friction {law.label!r}"), None
+        if law.name is None:
+            self.faults.append(f"friction with the normal load {short(e)} has no name; give it one, name=")
+        if e.is_negative:
+            self.faults.append(f"{where} is {law.normal}; it must not be negative")
+        load, own = self.read(e, where), Unknown(f"{law.label}.normal", real=True)
+        self.expressions.read(own, where, unknowns=True)
+        return own.name, load if e.is_nonnegative else self.expressions.graph.call("abs", load)
 
     def sympified(self, value: Any) -> Any:
         """Return an expression of SymPy, or None where the value is not one."""
@@ -271,8 +293,8 @@ def read_contacts(
         if law is None:
             contacts.faults.append(f"{given!r} is not a {' or a '.join(law.__name__ for law in FRICTION_LAWS)}")
             continue
-        normal = contacts.unknown(law.normal, f"the normal reaction of friction {law.label!r}")
-        held = found.setdefault(normal, {"name": law.label, "normal": normal})
+        normal, load = contacts.normal_of(law)
+        held = found.setdefault(normal, {"name": law.label, "normal": normal, "normal_load": load})
         if "tangential" in held:
             contacts.faults.append(f"two frictions have the normal reaction {normal}; one law holds for each")
             continue

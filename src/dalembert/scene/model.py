@@ -186,6 +186,8 @@ class ContactModel:
         Slip velocities along them; None where the power of the forces determines them.
     mu, mu_static, regularization : Node or None
         Coefficients of friction, and the slip speed of the smooth law.
+    normal_load : Node or None
+        What friction has for its normal reaction where that is given, not negative.
     """
 
     name: str
@@ -199,6 +201,7 @@ class ContactModel:
     mu: Node | None = None
     mu_static: Node | None = None
     regularization: Node | None = None
+    normal_load: Node | None = None
 
 
 @final

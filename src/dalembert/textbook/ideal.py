@@ -154,7 +154,7 @@ def friction_laws(actions: Actions) -> dict[Any, Any]:
         else:
             size = sp.sqrt(sum((w**2 for w in slips), sp.sympify(smooth) ** 2))
             ways = [w / size for w in slips]
-        found |= {force: -put(law.mu) * law.normal * way for force, way in zip(forces, ways, strict=True)}
+        found |= {force: -put(law.mu) * put(law.normal) * way for force, way in zip(forces, ways, strict=True)}
     return found
 
 
