@@ -19,7 +19,7 @@ from ..mechanics.equations import ContactRow, EquationsOfMotion
 from ..mechanics.manifold import outside_span_on_manifold
 from ..mechanics.power_checks import parallel
 from ..transforms.lower_kernels import lower_kernel
-from .contact_laws import CLOSED, OPEN, SLIP, SMOOTH, STATES, STICK, Mode
+from .contact_laws import CLOSED, OPEN, SLIP, SMOOTH, STATES, STICK, ContactLaws, Mode
 from .modes import mode_equations
 
 # Check that the normal reactions of contacts that open act along their gaps.
@@ -87,8 +87,10 @@ def contact_data(equations: EquationsOfMotion) -> Kernel:
         terms = (a * b for a, b in zip(row.jacobian, equations.qdot, strict=True))
         nodes.append(equations.graph.sum(terms) + row.drift)
     nodes += [row[i] for i in range(len(equations.symbols.unknowns)) for row in equations.reactions]
+    now = [ContactLaws(equations).coefficients_now(contact) for contact in equations.contacts]
+    coefficients = {"mu": [mu for mu, _ in now], "mu_static": [static for _, static in now]}
     for name in NUMBERS:
-        numbers = [getattr(contact, name) for contact in equations.contacts]
+        numbers = coefficients.get(name) or [getattr(contact, name) for contact in equations.contacts]
         nodes += [equations.graph.zero if node is None else node for node in numbers]
     inputs: dict[Node, tuple[str, int | None]] = {graph.input(equations.symbols.time): ("t", None)}
     inputs |= {graph.input(name): ("c", i) for i, name in enumerate(equations.symbols.parameters)}

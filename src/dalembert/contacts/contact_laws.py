@@ -58,7 +58,6 @@ class ContactLaws:
         `slips_now` is 1 where the contact slips and 0 where it does not, and kappa is 0; it always slips without it.
         """
         graph = self.graph
-        assert contact.mu is not None
         slips = [self.speed(row) for row in contact.slips]
         if state == SMOOTH:
             assert contact.regularization is not None
@@ -66,14 +65,13 @@ class ContactLaws:
             side = graph.one
             if contact.constraint is None and contact.normal_load is None:
                 side = graph.call("select", graph.call("less", graph.zero, free), graph.one, graph.const(-1))
-            return [contact.mu * side * w / size for w in slips]
-        mu = contact.mu * self.side(contact)
+            return [self.coefficient(contact, size) * side * w / size for w in slips]
         held, rests = self.directions(contact), self.graph.zero
         if slips_now is not None:
             rests = graph.one - slips_now
             slips, held = [slips_now * w for w in slips], [slips_now * d for d in held]
         if len(held) == 1:
-            return [mu * held[0]]
+            return [self.coefficient(contact, held[0] * slips[0]) * self.side(contact) * held[0]]
         # At w = 0 friction keeps the direction d in which slip begins, for |w| well above s it is along w: the law of
         # w + s exp(-|w|^2 / s^2) d is smooth at the beginning of slip, and within rounding that of w from |w| = 6 s on.
         rest = graph.input(mode_parameters(contact)[3])
@@ -88,7 +86,24 @@ class ContactLaws:
         ahead = onset * graph.call("exp", -speed / (onset * onset)) - 2 * backwards
         along = [sign * w + ahead * d for w, d in zip(slips, held, strict=True)]
         size = graph.call("sqrt", graph.sum(a * a for a in along) + rests)
+        mu = self.coefficient(contact, size) * self.side(contact)
         return [mu * a / size for a in along]
+
+    def coefficient(self, contact: ContactRow, speed: Node) -> Node:
+        """Return mu at a slip speed."""
+        assert contact.mu is not None
+        if contact.slip_speed is None:
+            return contact.mu
+        return self.graph.substitute([contact.mu], {contact.slip_speed: speed})[0]
+
+    def coefficients_now(self, contact: ContactRow) -> tuple[Node | None, Node | None]:
+        """Return mu and mu_static at the present slip velocity, of which the second is not smaller."""
+        if contact.slip_speed is None or contact.mu_static is None:
+            return contact.mu, contact.mu_static
+        slips = [self.speed(row) for row in contact.slips]
+        speed = self.graph.call("sqrt", self.graph.sum(w * w for w in slips))
+        mu = self.coefficient(contact, speed)
+        return mu, self.graph.call("max", mu, contact.mu_static)
 
     def normal(self, contact: ContactRow) -> Node:
         """Return the normal reaction: an input, or what is given for it."""

@@ -268,4 +268,5 @@ def _contact(
         mu_static=contact.mu_static,
         regularization=contact.regularization,
         normal_load=contact.normal_load,
+        slip_speed=contact.slip_speed,
     )

@@ -71,6 +71,8 @@ class ContactRow:
         Coefficients of friction, and the slip speed of the smooth law.
     normal_load : Node or None
         What friction has for its normal reaction where that is given; the unknown has no power then.
+    slip_speed : Node or None
+        The input that `mu` has for the slip speed where it is a function of that.
     """
 
     name: str
@@ -85,6 +87,7 @@ class ContactRow:
     mu_static: Node | None
     regularization: Node | None
     normal_load: Node | None = None
+    slip_speed: Node | None = None
 
 
 @final

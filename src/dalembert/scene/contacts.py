@@ -41,10 +41,11 @@ class CoulombFriction:
         Slip velocity of the body along the same directions, affine in the rates [m/s]: the one whose product with
         `tangential` is the power of friction. By default, the body slips on something that rests; a moving belt is
         ``x.diff() - v_b``.
-    mu : Expr or number
-        Coefficient of friction, not negative.
+    mu : Expr or number, or function
+        Coefficient of friction, not negative; or a function that returns it from the slip speed, such as the Stribeck
+        curve ``lambda v: mu_k + (mu_s - mu_k) * sympy.exp(-((v / v_s) ** 2))``.
     mu_static : Expr or number, optional
-        Coefficient that holds while the contact sticks; by default, mu. A contact that slides into an impact is held
+        Coefficient that holds while the contact sticks; by default, mu, a function of the slip speed at zero. A contact that slides into an impact is held
         by mu.
     regularization : Expr or number, optional
         Slip speed eps [m/s] of the smooth law F = -mu N slip / sqrt(slip^2 + eps^2), which never quite sticks. With it
@@ -209,18 +210,31 @@ class _Reading:
             self.faults.append(f"{where}: mu is missing; give the coefficient of friction, a symbol or a number")
             return
         held["tangential"] = names
-        held["mu"] = self.number(law.mu, f"mu of {where}")
-        static = law.mu if law.mu_static is None else law.mu_static
-        held["mu_static"] = held["mu"] if law.mu_static is None else self.number(static, f"mu_static of {where}")
-        both = (self.sympified(law.mu), self.sympified(static))
+        mu, at_rest = self.coefficient(law, held) if callable(law.mu) else (law.mu, law.mu)
+        held["mu"] = self.number(mu, f"mu of {where}")
+        static = at_rest if law.mu_static is None else law.mu_static
+        same = static is mu
+        held["mu_static"] = held["mu"] if same else self.number(static, f"mu_static of {where}")
+        both = (self.sympified(at_rest), self.sympified(static))
         if all(e is not None and e.is_number and e.is_real for e in both) and both[1] < both[0]:
-            self.faults.append(f"{where}: mu_static is {static}, less than mu = {law.mu}; it is at least as large")
+            self.faults.append(f"{where}: mu_static is {static}, less than mu = {at_rest}; it is at least as large")
         if law.regularization is not None:
             held["regularization"] = self.number(law.regularization, f"regularization of {where}")
             if held["regularization"].is_zero:
                 self.faults.append(f"{where}: the slip speed of its regularization is zero; leave it out")
         if slips is not None:
             held["slip"] = tuple(self.slip(slip, where) for slip in slips)
+
+    def coefficient(self, law: CoulombFriction, held: dict[str, Any]) -> tuple[Any, Any]:
+        """Return mu as a function of the slip speed, and what it is at rest."""
+        speed = sp.Symbol(f"slip speed of {law.label}", nonnegative=True)
+        held["slip_speed"] = self.expressions.graph.input(speed.name)
+        self.expressions.define({speed: held["slip_speed"]})
+        try:
+            return law.mu(speed), law.mu(sp.S.Zero)
+        except Exception as error:  # whatever a user's function raises
+            self.faults.append(f"mu of friction {law.label!r} as a function of the slip speed raised {error!r}")
+            return 0, 0
 
     def slip(self, expression: Any, where: str) -> Node:
         """Return a slip velocity, which must be affine in the rates."""

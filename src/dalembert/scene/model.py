@@ -188,6 +188,8 @@ class ContactModel:
         Coefficients of friction, and the slip speed of the smooth law.
     normal_load : Node or None
         What friction has for its normal reaction where that is given, not negative.
+    slip_speed : Node or None
+        The input that `mu` has for the slip speed where it is a function of that.
     """
 
     name: str
@@ -202,6 +204,7 @@ class ContactModel:
     mu_static: Node | None = None
     regularization: Node | None = None
     normal_load: Node | None = None
+    slip_speed: Node | None = None
 
 
 @final

@@ -154,7 +154,8 @@ def friction_laws(actions: Actions) -> dict[Any, Any]:
         else:
             size = sp.sqrt(sum((w**2 for w in slips), sp.sympify(smooth) ** 2))
             ways = [w / size for w in slips]
-        found |= {force: -put(law.mu) * put(law.normal) * way for force, way in zip(forces, ways, strict=True)}
+        mu = law.mu(sp.sqrt(sum(w**2 for w in slips))) if callable(law.mu) else put(law.mu)
+        found |= {force: -mu * put(law.normal) * way for force, way in zip(forces, ways, strict=True)}
     return found
 
 
