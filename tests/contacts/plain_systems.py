@@ -18,7 +18,9 @@ def block(*, forcing=(0.0, 0.0), rates=(0.0, 0.0), gap=0.0, mass=None, power_of_
     rates, solution = np.array(rates), np.zeros(5)
     whole = {name: np.array([numbers.get(name, 0.0)]) for name in ("mu", "mu_static", "restitution")}
     one = {"constraint": 0, "sense": 1, "normal": 0, "first": 0, "row": 1, "width": 1, "closed": SLIP, "tangential": 1}
-    topology = {name: np.array([number]) for name, number in (one | {"sided": 0, "jumping": 0, "column": 0}).items()}
+    topology = {
+        name: np.array([number]) for name, number in (one | {"sided": 0, "given": 0, "jumping": 0, "column": 0}).items()
+    }
     return ContactSystem(
         coordinates=2,
         constraints=1,
@@ -37,6 +39,7 @@ def block(*, forcing=(0.0, 0.0), rates=(0.0, 0.0), gap=0.0, mass=None, power_of_
         power=np.array([[0.0, 1.0], power_of_friction]),
         gap=np.array([gap]),
         regularization=np.zeros(1),
+        normal_load=np.zeros(1),
         rates=rates,
         load=np.zeros(2),
         demand=np.zeros(2),

@@ -103,40 +103,46 @@ def test_tumbling_box(page):
     assert min(abs(run["y"][-1] - size) for size in (0.2, 0.3)) < 1e-12
 
 
-def test_rolling_coin(page):
-    """Newton and Euler on the frame of the leaning coin, with the velocity r omega x y of its centre."""
-    m, r, g = 0.01, 0.1, 9.81
+def test_coin_that_spins_down(page):
+    """Newton and Euler on the frame of the leaning coin, whose centre has the velocity r omega x y; and the energy."""
+    m, r, g, moment = 0.01, 0.02, 9.81, 5e-4 * 0.01 * 9.81
     A, C = m * r**2 / 4, m * r**2 / 2
 
+    def spin(state):
+        return state[4] * np.sin(state[0]) + state[5] * np.cos(state[0])
+
     def rates(t, state):
-        theta, psi, _, w1, w2, w3, _, _ = state
-        turn = w2 / np.sin(theta)
-        nu = turn * np.cos(theta)
-        forward, down = -r * w3, -r * w1 * np.sin(theta)
+        theta, psi, _, w1, w2, w3, _, _, _ = state
+        sine, cosine = np.sin(theta), np.cos(theta)
+        nu, resists = w2 / sine * cosine, -moment * np.sign(spin(state))
+        forward, down = -r * w3, -r * w1 * sine
         return [
             w1,
-            turn,
+            w2 / sine,
             w3 - nu,
-            (A * nu * w2 - C * w2 * w3 - m * r * (r * w2 * w3 + g * np.cos(theta))) / (A + m * r**2),
-            (C * w1 * w3 - A * nu * w1) / A,
-            m * r**2 * w1 * w2 / (C + m * r**2),
+            (A * nu * w2 - C * w2 * w3 - m * r * (r * w2 * w3 + g * cosine)) / (A + m * r**2),
+            (C * w1 * w3 - A * nu * w1 + resists * sine) / A,
+            (m * r**2 * w1 * w2 + resists * cosine) / (C + m * r**2),
             forward * np.cos(psi) - down * np.sin(psi),
             forward * np.sin(psi) + down * np.cos(psi),
+            moment * abs(spin(state)),
         ]
 
-    theta, turn, spin = 1.1, 2.0, -9.0
-    start = [theta, 0, 0, 0, turn * np.sin(theta), turn * np.cos(theta) + spin, 0, 0]
-    run = page["coin"]
-    exact = solve_ivp(rates, (0, 1), start, rtol=1e-12, atol=1e-13, method="DOP853").y[:, -1]
-    assert run.phases[0].modes == {"edge": "stick"} and len(run.phases) == 1
-    for name, value in zip(("theta", "psi", "phi", "theta_dot"), exact, strict=False):
-        assert abs(run[name][-1] - value) < 1e-7, name
-    assert abs(np.array([run["x"][-1], run["y"][-1]]) - exact[6:]).max() < 1e-8
-    theta, _, _, w1, w2, w3, _, _ = exact
-    d1, _, _ = rates(0, exact)[3:6]
+    run, theta = page["coin"], 1.3
+    start = [theta, 0, 0, 0, 30 * np.sin(theta), 0, 0, 0, 0]
+    exact = solve_ivp(rates, (0, 0.7), start, rtol=1e-12, atol=1e-14, method="DOP853").y
+    assert [phase.modes for phase in run.phases] == [{"edge": "stick", "drilling": "slip"}]
+    assert spin(exact).min() > 0 and exact[0].min() < 0.8
+    end = exact[:, -1]
+    for name, value in zip(("theta", "psi", "phi", "theta_dot"), end, strict=False):
+        assert abs(run[name][-1] - value) < 1e-8 * max(1, abs(value)), name
+    assert abs(np.array([run["x"][-1], run["y"][-1]]) - end[6:8]).max() < 1e-9
+    assert abs(run["energy"][0] - run["energy"][-1] - end[8]) < 1e-9 * run["energy"][0]
+    theta, _, _, w1, w2, w3, *_ = end
+    d1 = rates(0, end)[3]
     nu = w2 / np.tan(theta)
     push = m * ((-r * nu * w3 - r * w1**2) * np.sin(theta) + (r * d1 + r * w2 * w3) * np.cos(theta) + g)
-    assert abs(run["edge.normal"][-1] - push) < 1e-6 * push
+    assert abs(run["edge.normal"][-1] - push) < 1e-7 * push and abs(run["M"] + moment).max() < 1e-12 * moment
 
 
 def test_ball_in_a_bowl(page):

@@ -50,8 +50,9 @@ def combination(contacts: int, coordinates: int) -> Combination:
 
 
 class Solved(Record):
-    """The first row of the responses that were used, the number of directions in which forces are free, and whether
-    accelerations are solved for: given loads act then, and have no impulse.
+    """The first row of the responses that were used, and the number of directions in which forces are free.
+
+    `accelerating` is 1 where accelerations are solved for: given loads act then, and have no impulse.
     """
 
     place: int

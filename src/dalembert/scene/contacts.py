@@ -45,8 +45,8 @@ class CoulombFriction:
         Coefficient of friction, not negative; or a function that returns it from the slip speed, such as the Stribeck
         curve ``lambda v: mu_k + (mu_s - mu_k) * sympy.exp(-((v / v_s) ** 2))``.
     mu_static : Expr or number, optional
-        Coefficient that holds while the contact sticks; by default, mu, a function of the slip speed at zero. A contact that slides into an impact is held
-        by mu.
+        Coefficient that holds while the contact sticks; by default, mu, a function of the slip speed at zero. A contact
+        that slides into an impact is held by mu.
     regularization : Expr or number, optional
         Slip speed eps [m/s] of the smooth law F = -mu N slip / sqrt(slip^2 + eps^2), which never quite sticks. With it
         the model is an ordinary one on every backend, and has derivatives.
