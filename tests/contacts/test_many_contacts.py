@@ -60,7 +60,7 @@ def problems(system, count, most_friction, *, moving, seed):
         mu = rng.uniform(0.0, most_friction, k)
         static = mu * (1.0 + (rng.random(k) < 0.4) * rng.random(k) / 2)
         parts = mass.ravel(), 3 * rng.normal(size=n), jacobian.ravel(), np.zeros(m + s), velocity, power.ravel()
-        values.append(np.concatenate([*parts, np.zeros(k), mu, static, np.zeros(k), np.zeros(k)]))
+        values.append(np.concatenate([*parts, np.zeros(k), mu, static, np.zeros(3 * k)]))
         rates.append(qdot)
     return np.array(values), np.array(rates)
 
@@ -151,7 +151,7 @@ def test_modes_are_found_of_contacts_that_are_redundant(rank):
         static = mu * (1.0 + (rng.random(k) < 0.4) * rng.random(k) / 2)
         rest = np.zeros(m + s)
         parts = mass.ravel(), 3 * rng.normal(size=n), jacobian.ravel(), rest, rest, power.ravel()
-        values.append(np.concatenate([*parts, np.zeros(k), mu, static, np.zeros(k), np.zeros(k)]))
+        values.append(np.concatenate([*parts, np.zeros(k), mu, static, np.zeros(3 * k)]))
     cases = decided(model, np.array(values), np.zeros((45, n)), 256)
     assert not np.any(cases.status == IMPOSSIBLE)
     assert np.mean(cases.status == OK) > 0.9
