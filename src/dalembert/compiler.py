@@ -35,6 +35,7 @@ def compile_model(
     cache: bool = True,
     gains: tuple[float, float] | None = None,
     orientation: str = "scene",
+    impacts: str = "newton",
     progress: bool = False,
 ) -> CompiledModel:
     """Compile a scene to a simulator.
@@ -66,6 +67,11 @@ def compile_model(
         "scene" (default) takes the coordinates as they are. With "quaternion", bodies that three angles orient, and do
         nothing else, have unit quaternions for coordinates, which are singular nowhere; initial values are given in
         the angles or the quaternion, and the angles and their rates are outputs.
+    impacts : str
+        What several contacts do at an impact. "newton" (default): all that touch take part at once, each that is
+        struck with its coefficient of restitution. "sequence": the one that approaches fastest is struck alone, as if
+        the others were a little open, then the next, until none approaches; so balls in touch pass momentum on as balls
+        with small gaps do. ``traj.message`` says where impacts shared an instant.
     progress : bool
         Whether to show a bar with the stages of the compilation (needs tqdm). Machine code of long steps is compiled
         in the first run, whose bar shows it.
@@ -89,7 +95,9 @@ def compile_model(
         print(model.explain())
     """
     with compilation_meter(flag("progress", progress)):
-        return _compiled(source, CompileOptions(backend, formulation, requested(outputs), cache, gains, orientation))
+        return _compiled(
+            source, CompileOptions(backend, formulation, requested(outputs), cache, gains, orientation, impacts)
+        )
 
 
 def _compiled(source: Any, options: CompileOptions) -> CompiledModel:

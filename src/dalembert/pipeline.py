@@ -145,7 +145,8 @@ def compile_scene(
 
         mode = only_mode(contacts)
         if mode is None:
-            return SeveralModes(scene, options, HybridAutomaton.of(copied(derivation.equations)), derivation)
+            automaton = HybridAutomaton.of(copied(derivation.equations), options.impacts)
+            return SeveralModes(scene, options, automaton, derivation)
     return compile_equations(derivation, options, mode, without, kept, derivation.seconds, redundancy)
 
 

@@ -44,10 +44,11 @@ def test_cradle(page):
     run = page["cradle"]
     quarter = ellipk(np.sin(0.25) ** 2) * np.sqrt(0.5 / 9.81)
     speed = np.sqrt(2 * 9.81 * 0.5 * (1 - np.cos(0.5)))
-    assert abs(run.phases[1].t0 - (quarter + 1e-6 / speed)) < 1e-11
+    assert len(run.phases) == 2 and abs(run.phases[1].t0 - quarter) < 1e-11
+    assert "impacts shared an instant, first at t = 0.360248" in run.message
     energy = lambda i: run[f"q{i}_dot"] ** 2 / 2 * 0.25 + 9.81 * 0.5 * (1 - np.cos(run[f"q{i}"]))  # noqa: E731
-    after = run.t > run.phases[2].t0
-    assert abs(energy(3) - speed**2 / 2)[after].max() < 1e-9 and max(energy(i)[after].max() for i in (1, 2)) < 1e-9
+    after = run.t > run.phases[1].t0
+    assert abs(energy(3) - speed**2 / 2)[after].max() < 1e-9 and max(energy(i)[after].max() for i in (1, 2)) < 1e-12
 
 
 def tumble(count, a=0.3, b=0.2, e=0.4, mu=0.5, g=9.81):

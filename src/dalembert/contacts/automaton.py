@@ -172,13 +172,16 @@ class HybridAutomaton:
         With all constraints and reactions of the contacts, without friction.
     contact_data : Kernel
         The numbers from which mode selection and impacts are computed.
+    impacts : str
+        "newton" or "sequence", see `dalembert.compile_model`.
     """
 
     equations: EquationsOfMotion
     contact_data: Kernel
+    impacts: str = "newton"
 
     @classmethod
-    def of(cls, equations: EquationsOfMotion) -> HybridAutomaton:
+    def of(cls, equations: EquationsOfMotion, impacts: str = "newton") -> HybridAutomaton:
         """Return the automaton of equations with contacts.
 
         Raises
@@ -187,7 +190,7 @@ class HybridAutomaton:
             When a normal reaction does not act along its gap.
         """
         require_normals_along_gaps(equations)
-        return cls(equations, contact_data(equations))
+        return cls(equations, contact_data(equations), impacts)
 
     @property
     def contacts(self) -> tuple[ContactRow, ...]:

@@ -44,6 +44,9 @@ class ContactCases(NamedTuple):
         Largest size of the terms of each gap's acceleration so far.
     impacts, soon : (k,)
         Impacts at the instant so far; phases in a row that ended too soon.
+    shared, shared_at : (k,)
+        Impacts so far in which several contacts took part, or that followed others at the same instant; time of the
+        first of them [s].
     span, passed : (k,)
         Duration of the whole motion, and of the last phase [s].
     modes, fired : (k, c)
@@ -68,6 +71,8 @@ class ContactCases(NamedTuple):
     loads: Matrix
     impacts: IntVector
     soon: IntVector
+    shared: IntVector
+    shared_at: Vector
     span: Vector
     passed: Vector
     modes: IntMatrix
@@ -100,6 +105,8 @@ def contact_cases(
         loads=nothing[3],
         impacts=np.zeros(k, np.int64),
         soon=np.zeros(k, np.int64),
+        shared=np.zeros(k, np.int64),
+        shared_at=np.zeros(k),
         span=span,
         passed=np.zeros(k),
         modes=undecided[0],

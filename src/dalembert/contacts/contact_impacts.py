@@ -19,7 +19,7 @@ from .contact_sizes import (
     slow_terms,
 )
 from .contact_system import CLOSED, OPEN, SLIP, STICK, ContactSystem, dot, drift, terms
-from .mode_candidates import FREE, GRIPPED, HOVERING, LIFTING, SLIDING, Candidates, closed_kind
+from .mode_candidates import FREE, GRIPPED, HOVERING, LIFTING, SLIDING, TOUCHING, Candidates, closed_kind
 from .mode_selection import select_mode
 
 _MOST_IMPACTS = 10_000
@@ -28,6 +28,12 @@ _MOST_IMPACTS = 10_000
 _MAY_MOVE = 1e-9
 """Share of the terms of a velocity up to which it counts as zero where a phase starts: a tenth of what
 `dalembert.reduction.start_limits` allows."""
+
+_FASTER = 1.0 + 1e-9
+"""Factor by which a contact approaches faster than those before it, where impacts are solved for one by one."""
+
+_PUSHES = 1e-9
+"""Share of the largest normal impulse above which a contact takes part in an impact."""
 
 _MAY_MISS = 0.1
 """Share of the noise of a gap that a closed contact may miss: the same tenth."""
@@ -41,6 +47,8 @@ def strike(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
     cases.impacts[case] += 1
     if cases.impacts[case] > _MOST_IMPACTS:
         return _ACCUMULATE
+    if system.sequence != 0:
+        _single_out(system, pick, cases, case)
     load_impact(system)
     for i in range(system.contacts):
         row = system.constraint[i]
@@ -56,6 +64,7 @@ def strike(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
     status = select_mode(system, pick, False, False)
     if status != _SUCCESS:
         return status
+    _remember_shared(system, pick, cases, case)
     for j in range(system.coordinates):
         cases.x[case, system.coordinates + j] = pick.best.motion[j]
     for i in range(system.contacts):
@@ -65,6 +74,40 @@ def strike(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
         if system.sided[i] != 0:
             cases.added[case, ADDED * i + SIDE] = pick.best.sides[i]
     return status
+
+
+@compiled_subset
+def _single_out(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> None:
+    """Let the contact that approaches fastest be struck alone, as if all others were a little open.
+
+    These have no part in the impact; they may separate, or be struck after it.
+    """
+    fastest, chosen = 0.0, -1
+    for i in range(system.contacts):
+        if pick.struck[i] != 0 and (chosen < 0 or -gap_rate(system, i) > _FASTER * fastest):
+            fastest, chosen = -gap_rate(system, i), i
+    for i in range(system.contacts):
+        if i != chosen and system.constraint[i] >= 0 and (pick.kind[i] >= TOUCHING or pick.kind[i] == LIFTING):
+            pick.kind[i], pick.struck[i], cases.after[case, i] = FREE, 0, HOVERING
+
+
+@compiled_subset
+def _remember_shared(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> None:
+    """Record an impact in which several contacts take part, or that follows others at the same instant."""
+    touching, pushing, largest = 0, 0, 0.0
+    for i in range(system.contacts):
+        touching += 1 if system.constraint[i] >= 0 and pick.best.mode[i] != OPEN else 0
+    if touching > 1:
+        solve_mode(system, pick.best)
+        for i in range(system.contacts):
+            largest = max(largest, system.press[i])
+        for i in range(system.contacts):
+            closed = system.constraint[i] >= 0 and pick.best.mode[i] != OPEN
+            pushing += 1 if closed and system.press[i] > _PUSHES * largest else 0
+    if pushing > 1 or cases.impacts[case] > 1:
+        if cases.shared[case] == 0:
+            cases.shared_at[case] = cases.t[case]
+        cases.shared[case] += 1
 
 
 @compiled_subset

@@ -67,6 +67,8 @@ class ContactSystem(NamedTuple):
     ----------
     coordinates, constraints, contacts, slips : int
         Sizes: q, constraints, contacts, slip velocities of all contacts.
+    sequence : int
+        1 where impacts at one instant are solved for one after the other.
     constraint, sense : (n_contacts,)
         Number of the constraint that opens (-1: none), and the sign between it and the gap.
     normal : (n_contacts,)
@@ -140,6 +142,7 @@ class ContactSystem(NamedTuple):
     constraints: int
     contacts: int
     slips: int
+    sequence: int
     constraint: IntVector
     sense: IntVector
     normal: IntVector
@@ -210,6 +213,7 @@ def contact_system(automaton: HybridAutomaton) -> ContactSystem:
         constraints=m,
         contacts=k,
         slips=s,
+        sequence=int(automaton.impacts == "sequence"),
         **named,
         slides_by=np.array(entries, np.int64).reshape(s, n),
         values=values,

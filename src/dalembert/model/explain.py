@@ -38,7 +38,7 @@ def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
         which = f"a model for each mode, compiled when it is met, because {modes.why_separate}"
         if not modes.why_separate:
             which = "one program serves all modes, but for those whose contacts share loads in other ways than in pairs"
-        lines = [f"{model.name}: contacts {contacts}; {which}", *_made_contacts(modes.several.scene)]
+        lines = [f"{model.name}: contacts {contacts}; {which}", *_made_contacts(modes.several.scene), *_impacts(model)]
         for mode, each in modes.compiled.items():
             states = ", ".join(f"{name}: {state}" for name, state in modes.named(mode).items())
             every = mode == any_mode(len(mode))
@@ -51,6 +51,18 @@ def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
 def _made_contacts(scene: Scene) -> list[str]:
     """Return a line for each contact made by geometry: what touches what, its reactions and their directions."""
     return [f"contact       {item.name}: {item.text}" for item in scene.made_contacts]
+
+
+def _impacts(model: CompiledModel) -> list[str]:
+    """Return a line on the law of impacts of contacts that open, where there are several."""
+    automaton = model.modes.automaton if model.modes is not None else None
+    if automaton is None or sum(contact.constraint is not None for contact in automaton.contacts) < 2:
+        return []
+    how = {
+        "newton": "all contacts that touch take part at once",
+        "sequence": "the contact that approaches fastest is struck alone, then the next",
+    }
+    return [f"impacts       {automaton.impacts}: {how[automaton.impacts]}"]
 
 
 def _program_lines(model: CompiledModel, passes: bool, formulations: bool) -> list[str]:

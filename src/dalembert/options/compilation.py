@@ -11,6 +11,9 @@ from ..errors import OptionError, unknown_name
 ORIENTATIONS = ("scene", "quaternion")
 """Coordinates that orient bodies: those of the scene, or unit quaternions in place of three angles."""
 
+IMPACTS = ("newton", "sequence")
+"""Laws of impacts with several contacts."""
+
 
 @final
 @dataclass(frozen=True)
@@ -31,11 +34,14 @@ class CompileOptions:
         Gains alpha and beta [1/s] of the formulation "baumgarte"; None leaves them to each run.
     orientation : str
         "scene" for the coordinates of the scene, "quaternion" to let unit quaternions take the place of angles.
+    impacts : str
+        "newton" for all contacts of an impact at once, "sequence" for one after the other.
 
     Raises
     ------
     OptionError
-        For an orientation that does not exist, gains that are not two positive numbers, or that no formulation takes.
+        For an orientation, or a law of impacts, that does not exist; for gains that are not two positive numbers, or
+        that no formulation takes.
     """
 
     backend: str = "llvm"
@@ -44,11 +50,15 @@ class CompileOptions:
     cache: bool = True
     gains: tuple[float, float] | None = None
     orientation: str = "scene"
+    impacts: str = "newton"
 
     def __post_init__(self) -> None:
         orientation: Any = self.orientation
         if not isinstance(orientation, str) or orientation not in ORIENTATIONS:
             raise OptionError(unknown_name("orientation", str(self.orientation), ORIENTATIONS))
+        impacts: Any = self.impacts
+        if not isinstance(impacts, str) or impacts not in IMPACTS:
+            raise OptionError(unknown_name("law of impacts", str(self.impacts), IMPACTS))
         if self.gains is None:
             return
         try:

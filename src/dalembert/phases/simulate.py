@@ -48,7 +48,7 @@ def simulate(request: MotionRequest[SimulateOptions]) -> Trajectory:
         parts = [_part(run, phase.t0, phase.t1, *about[phase.mode]) for phase, run in zip(kept, runs, strict=True)]
         if not kept:
             runs, parts = _start(request, now)
-        note = _note(modes, phases, now, status) or recorder.note
+        note = _note(modes, phases, now, status) or recorder.note or _shared_impacts(modes, now)
         end = now.x[0].copy()
     stats = _statistics(runs, options, note, (seconds, time.perf_counter() - begin - seconds))
     whole, after = list(parts), None
@@ -178,6 +178,21 @@ def _note(modes: ModeModels, phases: Sequence[RecordedPhase], now: ContactCases,
         return ""
     before, after = (modes.named(phases[-k].mode) for k in (min(2, len(phases)), 1))
     return f"contact {', '.join(_changing(before, after))} {where}"
+
+
+def _shared_impacts(modes: ModeModels, now: ContactCases) -> str:
+    """Return that impacts shared an instant, when they did first, and by what law they were solved for."""
+    count, when = int(now.shared[0]), f"t = {float(now.shared_at[0]):.6g}"
+    if count == 0:
+        return ""
+    if modes.automaton.impacts == "sequence":
+        return (
+            f"impacts shared an instant, first at {when}, and were solved for one after the other (impacts='sequence')"
+        )
+    return (
+        f"several contacts took part in {count} impact{'s' if count > 1 else ''}, first at {when}, all at once by"
+        " Newton's law; compile_model(..., impacts='sequence') solves for one after the other"
+    )
 
 
 def _changing(before: Mapping[str, str], after: Mapping[str, str]) -> list[str]:
