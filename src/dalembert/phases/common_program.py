@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from ..arrays import FloatArray
+from ..contacts.automaton import NUMBERS
 from ..contacts.contact_laws import OPEN, STICK, Mode
 from ..contacts.coupled_slips import DEPENDENT, coupled_slips, dependences, jacobians, slip_rows
 from ..contacts.mode_candidates import FEW_CONTACTS
@@ -126,7 +127,7 @@ class CommonProgram:
         for moved in self._apart(t, x, p):
             for _ in range(_ROUNDS):
                 values = self.values(t, moved, p)
-                left = np.array([gaps[row][1] * values[0, -5 * k + gaps[row][0]] for row in normals])
+                left = np.array([gaps[row][1] * values[0, gaps[row][0] - len(NUMBERS) * k] for row in normals])
                 change = np.linalg.lstsq(jacobians(self.equations, values)[0][normals], -left, rcond=None)[0]
                 moved[0, :n] += change
                 if not np.isfinite(change).all() or np.max(np.abs(change), initial=0.0) <= _CLOSED:
