@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import final
 
 from ..ir.graph import Graph
@@ -65,13 +65,13 @@ class ContactLaws:
             side = graph.one
             if contact.constraint is None and contact.normal_load is None:
                 side = graph.call("select", graph.call("less", graph.zero, free), graph.one, graph.const(-1))
-            return [self.coefficient(contact, size) * side * w / size for w in slips]
+            return [self.coefficient(contact, lambda: size) * side * w / size for w in slips]
         held, rests = self.directions(contact), self.graph.zero
         if slips_now is not None:
             rests = graph.one - slips_now
             slips, held = [slips_now * w for w in slips], [slips_now * d for d in held]
         if len(held) == 1:
-            return [self.coefficient(contact, held[0] * slips[0]) * self.side(contact) * held[0]]
+            return [self.coefficient(contact, lambda: held[0] * slips[0]) * self.side(contact) * held[0]]
         # At w = 0 friction keeps the direction d in which slip begins, for |w| well above s it is along w: the law of
         # w + s exp(-|w|^2 / s^2) d is smooth at the beginning of slip, and within rounding that of w from |w| = 6 s on.
         rest = graph.input(mode_parameters(contact)[3])
@@ -86,15 +86,15 @@ class ContactLaws:
         ahead = onset * graph.call("exp", -speed / (onset * onset)) - 2 * backwards
         along = [sign * w + ahead * d for w, d in zip(slips, held, strict=True)]
         size = graph.call("sqrt", graph.sum(a * a for a in along) + rests)
-        mu = self.coefficient(contact, size) * self.side(contact)
+        mu = self.coefficient(contact, lambda: size) * self.side(contact)
         return [mu * a / size for a in along]
 
-    def coefficient(self, contact: ContactRow, speed: Node) -> Node:
-        """Return mu at a slip speed."""
+    def coefficient(self, contact: ContactRow, speed: Callable[[], Node]) -> Node:
+        """Return mu at a slip speed, which is only computed where mu depends on it."""
         assert contact.mu is not None
         if contact.slip_speed is None:
             return contact.mu
-        return self.graph.substitute([contact.mu], {contact.slip_speed: speed})[0]
+        return self.graph.substitute([contact.mu], {contact.slip_speed: speed()})[0]
 
     def coefficients_now(self, contact: ContactRow) -> tuple[Node | None, Node | None]:
         """Return mu and mu_static at the present slip velocity, of which the second is not smaller."""
@@ -102,7 +102,7 @@ class ContactLaws:
             return contact.mu, contact.mu_static
         slips = [self.speed(row) for row in contact.slips]
         speed = self.graph.call("sqrt", self.graph.sum(w * w for w in slips))
-        mu = self.coefficient(contact, speed)
+        mu = self.coefficient(contact, lambda: speed)
         return mu, self.graph.call("max", mu, contact.mu_static)
 
     def normal(self, contact: ContactRow) -> Node:

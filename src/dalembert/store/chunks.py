@@ -53,7 +53,7 @@ class SweptModel:
         if modes is None:
             return str(self.model.stages.program)
         program = modes.model(modes.open_mode).stages.program
-        return f"{program}\n{modes.automaton.contact_data}\n{options.formulation} {options.outputs!r}"
+        return f"{program}\n{modes.automaton.contact_data}\n{options.formulation} {options.impacts} {options.outputs!r}"
 
     def with_event_parameters(self, parameters: Mapping[Any, Any], options: SweepOptions) -> SweptModel:
         """Return the model with the parameters that only events and reductions contain."""
