@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..analysis.variation import Variation
     from ..codegen.llvm.admission import AdmissionCode
     from ..events.event_code import EventCode
-    from ..starts.quick_start import QuickStart
+    from ..starts.initial_states import QuickStart
 
 _MOST = 64
 """Sets of events, of given values and of derivatives of which the kernels are kept."""
@@ -77,7 +77,7 @@ class Derived:
         key = frozenset(given)
         found = self._quick_starts.get(key)
         if found is None:
-            from ..starts.quick_start import QuickStart
+            from ..starts.initial_states import QuickStart
 
             found = QuickStart(self._engine, self.start(key), len(self._stages.program.layout.state))
             found = self._quick_starts.setdefault(key, found)

@@ -245,6 +245,6 @@ def monitors(self: CompiledModel, c: FloatArray, t: FloatArray, x: FloatArray) -
     t, x : ndarray (n_t,), (n_t, 2 n_q + n_z)
         Times [s]; coordinates, rates and first-order states.
     """
-    from ..starts.monitors import conserved
+    from ..starts.first_integrals import conserved
 
     return conserved(self.stages.program, self.derived.invariants, c, t, x)

@@ -21,9 +21,9 @@ from ..options import PrepareOptions, SimulateOptions
 from ..reduction.invariant_projection import refuse_formulation
 from ..reduction.starting import Start
 from ..starts import inputs
+from ..starts.first_integrals import keeping_model, kept_values, refuse_unknown
 from ..starts.input_values import GivenInputs
 from ..starts.inputs import span_of
-from ..starts.invariant_projection import keeping_model, kept_values, refuse_unknown
 from ..starts.segment_constants import starting_constants
 from ..steps.problem import IntegrationProblem
 from ..values import array_of

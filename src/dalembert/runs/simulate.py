@@ -99,7 +99,7 @@ def simulate_in_own_time(
     `carried` (n_events,) are signs of events, for a run that is a part of another (see `Engine.integrate_watched`).
     """
     if options.project_invariants is not False:
-        from ..starts.invariant_projection import keeping_from, refuse_jumps
+        from ..starts.first_integrals import keeping_from, refuse_jumps
 
         refuse_jumps(options.events, model.layout.aliases)
         model, kept = keeping_from(model, options.project_invariants, t_span, initial, parameters)

@@ -22,7 +22,7 @@ from ..results.sweep_states import NO_MODE, ProgramStates
 from ..starts import inputs
 from ..starts.constraint_choice import divisible_model, independent_model
 from ..starts.constraint_rank import unlike
-from ..starts.invariant_projection import keeping_model, kept_values, refuse_jumps
+from ..starts.first_integrals import keeping_model, kept_values, refuse_jumps
 from ..starts.symbol_assumptions import warn_of_motion
 from .case_blocks import fitted, run_cases
 from .case_settings import CaseSettings, common_settings
