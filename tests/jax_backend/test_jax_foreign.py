@@ -14,7 +14,7 @@ from dalembert.methods.status import Status
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
 
-from dalembert.codegen.llvm import lane_kernels  # noqa: E402
+from dalembert.codegen import lane_runs  # noqa: E402
 from dalembert.codegen.llvm.loops import loop_named  # noqa: E402
 from dalembert.jax import foreign, pure  # noqa: E402
 from dalembert.jax.foreign import ForeignRuns  # noqa: E402
@@ -68,7 +68,7 @@ def test_calls_and_batches_outlive_the_caches_of_code():
     alone, batch = jax.jit(lambda p: solve(times, y, p).y), jax.jit(jax.vmap(lambda p: solve(times, y, p).y))
     many = np.tile(p, (6, 1))
     found = alone(p), batch(many)
-    for kept in (loop_named, lane_kernels._advance_code, lane_kernels._check_code, foreign._handler):
+    for kept in (loop_named, lane_runs._advance_code, lane_runs._check_code, foreign._handler):
         kept.cache_clear()
     gc.collect()
     assert loop_named("lane_loop").call is not None  # in the place of what was unloaded

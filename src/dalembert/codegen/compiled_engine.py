@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from ..steps.implicit_loop import ImplicitCode
     from ..steps.method_choice import Rates
     from .lane_runs import LaneRuns
-    from .llvm.admission import Admission
     from .llvm.foreign_batch import ForeignCode, Interface
+    from .llvm.prepared import Admission
 
 
 @final

@@ -11,8 +11,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..codegen.base import Backend, Capability, RenderedModule
 from ..codegen.engine import Engine
-from ..codegen.host_runs import HostedRuns
-from ..codegen.runs import Prepared
+from ..codegen.runs import HostedRuns, Prepared
 from ..codegen.step_blocks import growing_step_blocks
 from ..errors import MissingExtraError
 from ..ir.program import Program
@@ -26,7 +25,7 @@ from ..transforms.step_ends import roots_vanish_at_rest
 from ..transforms.taylor import clipped_tolerance, order_at, order_for, step_kernel
 
 if TYPE_CHECKING:
-    from ..codegen.llvm.admission import Admission
+    from ..codegen.llvm.prepared import Admission
     from ..reduction.starting import Start
     from ..scene.symbol_table import InputSymbol
 

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
-from ..codegen.host_runs import HostedRuns, HostRun
+from ..codegen.runs import HostedRuns, HostRun
 from ..errors import OptionError
 from ..once import once_property
 from ..options import SolveOptions

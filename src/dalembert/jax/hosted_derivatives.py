@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, final
 import jax
 import jax.numpy as jnp
 
-from ..codegen.host_runs import HostRun
 from ..codegen.printers import JAX
+from ..codegen.runs import HostRun
 from ..methods.status import Status
 from .kernels import compile_kernel
 from .pure import Solve

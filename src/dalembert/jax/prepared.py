@@ -21,7 +21,7 @@ from .runs.run_data import Limits, RunPieces
 from .runs.runs import Runs
 
 if TYPE_CHECKING:
-    from ..codegen.llvm.admission import Admission
+    from ..codegen.llvm.prepared import Admission
     from .runs.kernels import ArrayKernels
 
 Final = Callable[[Any, Any], Any]

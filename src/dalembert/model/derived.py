@@ -20,7 +20,7 @@ from ..starts.symbol_assumptions import ROUNDING, signed_names
 
 if TYPE_CHECKING:
     from ..analysis.variation import Variation
-    from ..codegen.llvm.admission import AdmissionCode
+    from ..codegen.llvm.prepared import AdmissionCode
     from ..events.event_code import EventCode
     from ..starts.initial_states import QuickStart
 
@@ -126,7 +126,7 @@ class Derived:
     @derived_property
     def admission(self) -> AdmissionCode | None:
         """The test of what prepared runs are given, None where there is nothing to test."""
-        from ..codegen.llvm.admission import AdmissionCode
+        from ..codegen.llvm.prepared import AdmissionCode
         from ..reduction.admission import admission_of_state
 
         reduced, layout = self._stages.reduced, self._stages.program.layout

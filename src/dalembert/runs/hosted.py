@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..codegen.host_runs import HostedRuns, HostRun
+from ..codegen.runs import HostedRuns, HostRun
 from ..errors import InitialStateError, OptionError, list_names, unknown_name
 from ..events.event_code import Event, event_list
 from ..ir.program import coefficient_places

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..codegen.llvm.admission import Admission
+from ..codegen.llvm.prepared import Admission
 from ..codegen.runs import Final, Prepared, PreparedStates
 from ..errors import InitialStateError, ValueInputError, list_names, nesting_named
 from ..ir.interpret import interpret, interpret_rows
