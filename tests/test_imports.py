@@ -49,7 +49,7 @@ EXCEPTIONS = {
     ("lanes.cases", "events.event_code"),
     ("codegen", "jax.backend"),
     ("stops.samples", "jax.runs.traced"),
-    ("runs.prepare", "phases.prepare"),
+    ("runs.prepare", "phases.given_values"),
     ("runs.sweep", "phases.given_values"),
 }
 """`Scene.from_sympy` makes a scene by what comes after scenes; cases with contacts may be sweeps of their modes; the

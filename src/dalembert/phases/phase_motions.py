@@ -28,8 +28,7 @@ from ..steps.problem import Solution
 from ..steps.projection import projected
 from ..stops.segments import Constants, Segments, constants_at
 from .mode_models import ModeModels
-from .motion_recorder import RecordedPhase
-from .request import MotionRequest
+from .motion_recorder import MotionRequest, RecordedPhase
 from .stops import Stops
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from ..scene.expressions import symbols_called
 from ..scene.symbol_table import InputSymbol
 from ..stops.samples import Samples, samples
 from .elapsed import check_watched
-from .event_parameters import watched_expressions
+from .events import watched_expressions
 from .reductions import Reduction, reduction_table
 
 if TYPE_CHECKING:

@@ -218,7 +218,7 @@ def prepare(model: CompiledModel, t_span: tuple[float, float], options: PrepareO
     if other is None:
         run_prepared = prepare_in_own_time
         if model.modes is not None:
-            from ..phases.prepare import prepare_with_contacts as run_prepared
+            from ..phases.given_values import prepare_with_contacts as run_prepared
         method, run = run_prepared(model, t_span, options)
         return PreparedRun(run, method, model.layout, again, given, t_span)
     elapsed = options if given is None else replace(options, inputs=given.counted_from(t0))

@@ -28,7 +28,7 @@ from .case_blocks import fitted, run_cases
 from .case_settings import CaseSettings, common_settings
 from .cases import Cases, single_problem, spans_of, with_grid
 from .elapsed import begins_elsewhere, elapsed_times, far, in_elapsed_time, offset_columns
-from .event_parameters import with_event_parameters
+from .events import with_event_parameters
 from .gains import give_gains
 from .reductions import reduction_table
 from .run_checks import checked_cases
