@@ -13,7 +13,6 @@ from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
 from ..ir.program import Layout
 from ..methods.status import Status
-from .estimate import Estimated, NamedArrays
 from .labels import (
     NamedValues,
     attributes,
@@ -29,7 +28,7 @@ from .labels import (
     xarray_package,
 )
 from .parts import ENERGIES
-from .statistics import CaseFailure, EventCounts, SweepStatistics
+from .statistics import CaseFailure, Estimated, EventCounts, NamedArrays, SweepStatistics
 from .sweep_states import ContactStates, ProgramStates
 
 if TYPE_CHECKING:
