@@ -12,12 +12,11 @@ import pytest
 from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
-from dalembert.codegen import engine, kernel_code, steppers
+from dalembert.codegen import engine, kernel_code, lane_runs, steppers
 from dalembert.codegen import library as kernel_library
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
 from dalembert.codegen.llvm import assembly
 from dalembert.codegen.llvm import backend as llvm_library
-from dalembert.codegen import lane_runs
 from dalembert.codegen.llvm.loops import loop_named
 from dalembert.errors import CacheWarning
 from dalembert.methods.status import Status

@@ -83,7 +83,7 @@ class CaseRun:
         Runs cases until none is left; for as many threads as there are to call it.
     turn : ndarray (1,) of int
         Number of cases begun, at most; writing the number of all stops the work when those that have been
-        begun have ended, and `dalembert.interrupts.STOPPED` within a fraction of a second.
+        begun have ended, and `dalembert.threads.STOPPED` within a fraction of a second.
     finish : function without arguments
         To be called when all is done.
     call : function of an array like `turn`, optional

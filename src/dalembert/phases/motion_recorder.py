@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..contacts.contact_laws import Mode
 from ..contacts.phase_tables import NO_RUNNER
-from ..interrupts import check
 from ..lanes.step_records import ENDED_AT, START_AT
 from ..lanes.workspace import OCCURRENCE
 from ..methods.status import Status
 from ..options import SimulateOptions, SweepOptions
 from ..results.trajectory import Trajectory
+from ..threads import check
 from .case_runs import CaseRuns
 from .host_runners import HostMode
 from .mode_models import ModeModels

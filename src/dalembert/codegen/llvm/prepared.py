@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ...interrupts import check
 from ...ir.kernel import Kernel
 from ...loops.prepared_loop import (
     PreparedArguments,
@@ -31,6 +30,7 @@ from ...steps.problem import IntegrationProblem
 from ...stops.stops import no_stops
 from ...subset.addresses import OwnedAddress
 from ...subset.arguments import address_of, pack, place_of
+from ...threads import check
 from ...transforms.taylor import STEP_ARGUMENTS
 from ..host_code import raise_failure
 from ..runs import Final, Prepared, StartCode

@@ -1,4 +1,4 @@
-"""Calls between blocks of steps: Ctrl-C in threads that run cases, and progress of a run.
+"""Threads that run cases: how many there are processors for, Ctrl-C in them, and calls between blocks of steps.
 
 Compiled loops return to Python every so often. There Ctrl-C is raised in the main thread, which tells the other
 threads; they look here.
@@ -7,6 +7,7 @@ threads; they look here.
 from __future__ import annotations
 
 import math
+import os
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -56,3 +57,8 @@ def check(t: float = math.nan) -> None:
 def is_observed() -> bool:
     """Return whether this thread is in a context of `called_between_blocks`."""
     return getattr(_THREAD, "observe", None) is not None
+
+
+def available_threads() -> int:
+    """Return the number of processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
