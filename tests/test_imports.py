@@ -48,7 +48,7 @@ EXCEPTIONS = {
     ("scene.scene", "interop.sympy_systems"),
     ("lanes.cases", "events.event_code"),
     ("codegen", "jax.backend"),
-    ("stops.samples", "jax.runs.traced"),
+    ("stops.samples", "jax.runs.precision"),
     ("runs.prepare", "phases.given_values"),
     ("runs.sweep", "phases.given_values"),
 }
@@ -190,4 +190,4 @@ def test_of_jax_only_the_public_interface_is_used():
         or (used.startswith(private) and used not in ("jax.core", "jax.core.Tracer"))
     }
     assert not wrong
-    assert "jax.core.Tracer" in _of_jax(MODULES["jax.runs.traced"])  # names are found at all
+    assert "jax.core.Tracer" in _of_jax(MODULES["jax.runs.precision"])  # names are found at all

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from ..codegen.printers import JAX
 from ..codegen.runs import HostRun
 from ..methods.status import Status
-from .kernels import compile_kernel
+from .modules import compile_kernel
 from .pure import Solve
 from .run_inputs import Given
 from .runs.kernels import stacked

@@ -20,21 +20,18 @@ from ..transforms.taylor import order_at, scale_floor
 from .arguments import parameters_of, times, vector
 from .courses import Course, Courses
 from .elapsed import in_elapsed_time
-from .feedback_functions import register_feedback
-from .feedback_kernels import FeedbackKernels
-from .kernels import compile_kernel
-from .modules import kernels_of
+from .feedback import FeedbackKernels, register_feedback
+from .modules import compile_kernel, kernels_of
 from .pieces import SERVED, pieces_of, pieces_with
 from .records import register_samples
 from .run_inputs import Given, failed, inputs_of, refuse_given
 from .runs.derivatives import Steps
 from .runs.kernels import ArrayKernels, stacked
 from .runs.mesh_axes import laid_on_mesh, mesh_of, varying_alike
-from .runs.motion import TracedMotion
+from .runs.motion import TracedMotion, started
 from .runs.precision import process_precision
 from .runs.run_constants import RunConstants
 from .runs.run_data import Limits, Path, Reached, RunPieces, middles
-from .runs.starts import started
 from .single import require_single, warn_below_single, warn_of_rounded_knots, with_tolerances
 from .solved import Dense, Solved, States, raise_failure
 

@@ -138,7 +138,7 @@ def _evaluate(
 
 def _traced(*given: Any) -> bool:
     """Return whether JAX traces a value in the arguments, mappings and records included; for models in JAX."""
-    from ..jax.runs.traced import is_traced
+    from ..jax.runs.precision import is_traced
 
     values = [each for value in given for each in (value.values() if isinstance(value, Mapping) else (value,))]
     records = [array for value in values if isinstance(value, Samples) for array in (value.t, value.values)]

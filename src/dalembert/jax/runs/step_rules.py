@@ -1,4 +1,4 @@
-"""Projection of states onto the constraints in traced code: the rules of `dalembert.steps.projection`."""
+"""Rules of steps in traced code: limits of sizes and projection, as `dalembert.steps` has them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax.numpy as jnp
+from jax import lax
 
 from ...methods.step_constants import (
     ADMITTED_ENERGY,
@@ -13,6 +14,7 @@ from ...methods.step_constants import (
     LINEAR_CHANGE,
     LINEAR_CORRECTIONS,
     SMALL_COMPONENT,
+    SMALLEST_OF_REST,
 )
 from .precision import precision_of
 
@@ -77,3 +79,14 @@ def _largest_change(magnitude: Any, rtol: Any, atol: Any) -> Any:
     error = atol + jnp.maximum(rtol, precision_of(magnitude).smallest_of_time) * magnitude
     energy = jnp.sqrt(ADMITTED_ENERGY * error * magnitude)
     return jnp.minimum(BRANCH * magnitude, energy) + ADMITTED_ENERGY**0.5 * atol
+
+
+def smallest_step(t: Any, rest: Any) -> Any:
+    """Return the size below which a step does not advance the time; ``rest`` is the time that is left."""
+    return precision_of(t).smallest_of_time * jnp.abs(t) + SMALLEST_OF_REST * rest
+
+
+def limit_at_knots(limits: Any, t: Any, direction: Any) -> Any:
+    """Return the largest size of a step, of those forward and backward in time that knots of tables allow."""
+    limit = jnp.where(direction < 0.0, limits[1], limits[0])
+    return lax.stop_gradient(jnp.maximum(limit, 4.0 * precision_of(t).smallest_of_time * jnp.abs(t)))
