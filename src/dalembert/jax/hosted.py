@@ -16,12 +16,11 @@ from ..once import once_property
 from ..options import SolveOptions
 from ..stops.feedback import Feedback
 from ..stops.samples import Samples
-from .arguments import parameters_of, times, vector
+from .arguments import parameters_of, register_samples, times, vector
 from .host_calls import on_host
 from .hosted_derivatives import HostedChanges
 from .pointwise import StateFunctions
 from .pure import Solve
-from .records import register_samples
 from .run_inputs import Given, inputs_of, parameters_at, refuse_given
 from .runs.linear_maps import apply
 from .runs.mesh_axes import laid_on_mesh, mesh_of, varying_alike

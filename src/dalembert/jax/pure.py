@@ -17,13 +17,12 @@ from ..methods.status import Status
 from ..once import once
 from ..options import SolveOptions
 from ..transforms.taylor import order_at, scale_floor
-from .arguments import parameters_of, times, vector
+from .arguments import parameters_of, register_samples, times, vector
 from .courses import Course, Courses
 from .elapsed import in_elapsed_time
 from .feedback import FeedbackKernels, register_feedback
 from .modules import compile_kernel, kernels_of
 from .pieces import SERVED, pieces_of, pieces_with
-from .records import register_samples
 from .run_inputs import Given, failed, inputs_of, refuse_given
 from .runs.derivatives import Steps
 from .runs.kernels import ArrayKernels, stacked

@@ -17,11 +17,11 @@ from ..options import SolveOptions
 from ..scene.symbol_table import InputSymbol
 from ..stops.feedback import Feedback
 from ..stops.samples import Samples, checked_samples, refuse_kind, refuse_samples, unknown_input
+from .arguments import COLUMNS, knots_of, out_of_reach, polynomials, with_knots
 from .elapsed import expansion_in_elapsed_time
 from .feedback import FeedbackKernels, checked_feedback, function_of_weights, weights_of
 from .modules import compile_kernel
 from .pieces import EXPLICIT
-from .records import COLUMNS, knots_of, out_of_reach, polynomials, with_knots
 from .runs.kernels import stacked
 from .runs.precision import is_traced, precision_of
 from .runs.run_constants import RunConstants, TracedInputs

@@ -121,11 +121,8 @@ def special_run(
 def _searched(model: CompiledModel, problem: IntegrationProblem, method: str) -> tuple[Solution, str]:
     """Integrate one problem without continuous output, ended where it crosses a lost rank, and a note on that."""
     program, enforced = model.stages.program, model.derived.enforced
-    record, where, span = (
-        StepRecording(program, problem, model.engine.constants_along(problem)),
-        "",
-        (problem.t0, problem.t1),
-    )
+    record = StepRecording(program, problem, model.engine.constants_along(problem))
+    where, span = "", (problem.t0, problem.t1)
     for part in model.engine.step_blocks(replace(problem, t_eval=None, dense=True), method):
         found, where = checked_run(program, part, model.engine.constants_along(problem), enforced, part, span)
         record.add(found)

@@ -3,11 +3,11 @@
 Each implicit stage has a Jacobian of its own, with which simplified Newton iterations are made. One for all stages of a
 step takes ten times the steps on a double pendulum in Cartesian coordinates.
 
-Explicit stages are a loop, so that the right-hand side is compiled once whatever the tableau. Of many cases every component
-has arrays of its own, slopes (stages, k) and a state (k,), which XLA vectorises over the cases; with one array for all
-components, as ``vmap`` of a solver has it, the rows of the right-hand side are computed with branches. One case is a
-single row that holds all components (n_y,), which takes fewer and longer operations. Control of the step as in
-`dalembert.methods.step_constants`.
+Explicit stages are a loop, so that the right-hand side is compiled once whatever the tableau. Of many cases every
+component has arrays of its own, slopes (stages, k) and a state (k,), which XLA vectorises over the cases; with one
+array for all components, as ``vmap`` of a solver has it, the rows of the right-hand side are computed with branches.
+One case is a single row that holds all components (n_y,), which takes fewer and longer operations. Control of the step
+as in `dalembert.methods.step_constants`.
 """
 
 from __future__ import annotations
