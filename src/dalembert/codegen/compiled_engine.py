@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
@@ -34,9 +33,8 @@ if TYPE_CHECKING:
     from ..events.recorded_motion import RecordedCase
     from ..loops.taylor_runs import StepCode
     from ..reduction.starting import Start
-    from ..steps.explicit_loop import ExplicitCode
-    from ..steps.implicit_loop import ImplicitCode
     from ..steps.method_choice import Rates
+    from ..steps.recorded_runs import RunCodes
     from .lane_runs import LaneRuns
     from .llvm.foreign_batch import ForeignCode, Interface
     from .llvm.prepared import Admission
@@ -126,14 +124,15 @@ class CompiledEngine(Engine):
         if method == "radau":
             from ..steps import implicit_loop as implicit
 
-            code, multipliers = self._implicit, self._multipliers(problem)
+            codes, multipliers = self._implicit, self._multipliers(problem)
             if multipliers is not None and problem.inputs is not None:
-                code = replace(code, multipliers=self.steps.kernel("multipliers"))
-            return implicit.integrate(code, compiled, multipliers)
+                codes = codes._replace(multipliers=self.steps.kernel("multipliers"))
+            states = 0 if multipliers is None else len(self._program.layout.states)
+            return implicit.integrate(loop_named("implicit_loop"), codes, compiled, multipliers, states)
         from ..steps import explicit_loop as explicit
 
         pair = pair_named(method, bounded=problem.bounded)
-        run = explicit.integrate(self._explicit, pair, compiled)
+        run = explicit.integrate(loop_named("explicit_loop"), self._explicit, pair, compiled)
         assert isinstance(run, Solution)
         return run
 
@@ -159,7 +158,8 @@ class CompiledEngine(Engine):
         from ..steps import explicit_loop as explicit
 
         compiled = self._code.of_problem(problem)
-        tried = explicit.integrate(self._explicit, pair_named(method), compiled, stop_if_stiff=True)
+        loop, pair = loop_named("explicit_loop"), pair_named(method)
+        tried = explicit.integrate(loop, self._explicit, pair, compiled, stop_if_stiff=True)
         if isinstance(tried, Solution):
             return tried, method, ""
         if watch(tried.t, tried.y, tried.step):
@@ -257,26 +257,22 @@ class CompiledEngine(Engine):
         sizes = *given, len(start.kernel.outputs)
         return start_code(steps.prepare(), steps.start(start, 1), sizes)
 
-    def _kernels(self) -> list[OwnedAddress]:
-        return [self.steps.kernel("rhs"), *self._steppers.projections(1), self.steps.kernel("knots")]
+    @once_property
+    def _explicit(self) -> RunCodes:
+        from ..steps.recorded_runs import RunCodes
+
+        return RunCodes(self.steps.kernel("rhs"), *self._steppers.projections(1), self.steps.kernel("knots"))
 
     @once_property
-    def _explicit(self) -> ExplicitCode:
-        from ..steps.explicit_loop import ExplicitCode
+    def _implicit(self) -> RunCodes:
+        if "stages" not in self._sizes:
+            jacobian, tangent = self.steps.derivative("rhs")
+            return self._explicit._replace(jacobian=jacobian, tangent=tangent)
+        from ..steps.recorded_runs import RunCodes
 
-        return ExplicitCode(loop_named("explicit_loop"), *self._kernels())
-
-    @once_property
-    def _implicit(self) -> ImplicitCode:
-        from ..steps.implicit_loop import ImplicitCode
-
-        loop = loop_named("implicit_loop")
-        if "stages" in self._sizes:
-            states, knots = len(self._program.layout.states), self.steps.kernel("knots")
-            stages = self.steps.kernel("stages"), *self.steps.derivative("stages")
-            return ImplicitCode(loop, *stages, states=states, knots=knots)
-        rhs, *projections = self._kernels()
-        return ImplicitCode(loop, rhs, *self.steps.derivative("rhs"), *projections)
+        jacobian, tangent = self.steps.derivative("stages")
+        rhs, knots = self.steps.kernel("stages"), self.steps.kernel("knots")
+        return RunCodes(rhs, knots=knots, jacobian=jacobian, tangent=tangent)
 
     def _multipliers(self, problem: IntegrationProblem) -> FloatArray | None:
         """Return the multipliers (k,) at the start, where the implicit method has any."""

@@ -85,7 +85,7 @@ class Sweep(Estimated):
         self.reduced: NamedValues[FloatArray] = NamedValues("reduction", {})
         self.t, self.status, self.steps = ends[:, 0], ends[:, 1].astype(np.int8), ends[:, 2].astype(np.int64)
         self.t_eval = t_eval
-        self._own_t, self._own_t_eval = self.t, t_eval
+        self._own_t = self.t
         self.axes, self.stats, self._states = dict(axes), stats, states
 
     @property
