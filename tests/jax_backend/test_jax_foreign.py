@@ -16,7 +16,7 @@ pytest.importorskip("diffrax")
 
 from dalembert.codegen import lane_runs  # noqa: E402
 from dalembert.codegen.llvm.loops import loop_named  # noqa: E402
-from dalembert.jax import foreign, pure  # noqa: E402
+from dalembert.jax import foreign, solved  # noqa: E402
 from dalembert.jax.foreign import ForeignRuns  # noqa: E402
 
 TIMES = ((0.0, 2.0), (1.0, 0.6, 0.6, -0.5), (0.5, 0.5, 0.5, 0.5), (0.0, 1.0, 1.0, 500.0))
@@ -42,14 +42,14 @@ def test_calls_take_the_steps_of_traced_loops(method, formulation, monkeypatch):
     solve = model.solve_fn(method=method, rtol=1e-9, atol=1e-11, max_steps=150)
     called = [solve(np.array(t), y, p) for t in TIMES]
     monkeypatch.setattr(ForeignRuns, "serves", False)
-    pure._solved.clear_cache()
+    solved.solved_of.clear_cache()
     for t, found in zip(TIMES, called, strict=True):
         traced = solve(np.array(t), y, p)
         assert (int(found.status), int(found.steps)) == (int(traced.status), int(traced.steps))
         assert int(found.rejected) == int(traced.rejected)
         np.testing.assert_allclose(found.y, traced.y, rtol=1e-9, atol=1e-10)
     assert int(called[-1].status) == (Status.MAX_STEPS if method == "tsit5" else Status.SUCCESS)
-    pure._solved.clear_cache()
+    solved.solved_of.clear_cache()
 
 
 def test_what_xla_knows_already_is_not_told_again():
@@ -57,7 +57,7 @@ def test_what_xla_knows_already_is_not_told_again():
     times, solve = np.array([0.0, 1.0]), model.solve_fn(method="tsit5")
     first = solve(times, y, p).y
     foreign._handler.cache_clear()
-    pure._solved.clear_cache()
+    solved.solved_of.clear_cache()
     np.testing.assert_array_equal(solve(times, y, p).y, first)
 
 

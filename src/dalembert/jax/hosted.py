@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, final
 
 import jax
@@ -23,72 +22,8 @@ from .pointwise import StateFunctions
 from .pure import Solve
 from .run_inputs import Given, inputs_of, parameters_at, refuse_given
 from .runs.linear_maps import apply
-from .runs.mesh_axes import laid_on_mesh, mesh_of, varying_alike
 from .runs.unknown import without_derivative
-from .solved import EventTimes, Solved, States, raise_failure, read_at
-
-
-@final
-class HostedDense:
-    """``dense(t)`` is the motion at a time () or at times (n_t,) in any order, as `States`.
-
-    A pytree, of which ``jax.vmap`` makes one for each case. Every call runs once more on the host, and reads the motion
-    at the times, as ``solve`` does where they are given to it; outside the times that the run reached it is NaN.
-    Derivatives are those of the rows of ``solve``.
-
-    Parameters
-    ----------
-    solve : HostedSolve
-        The runs.
-    span : tuple
-        Start, last requested time, and where the run ended.
-    given : tuple
-        Initial values, parameters, and inputs that are functions of time.
-    """
-
-    def __init__(self, solve: HostedSolve, span: tuple[Any, Any, Any], given: tuple[Any, Any, Given]) -> None:
-        self.solve, self.span, self.given = solve, span, given
-
-    def __call__(self, t: Any) -> States:
-        """Return the motion at times; see the class."""
-        return read_at(partial(_states, self.solve, self), t)
-
-    def __repr__(self) -> str:
-        return "HostedDense(t -> motion)"
-
-    def at(self, t: Any) -> States:
-        """Return the motion at times (n_t,)."""
-        start, last, end = self.span
-        forward = jnp.where(last >= start, 1.0, -1.0)
-        inside = (forward * (t - start) >= 0.0) & (forward * (end - t) >= 0.0)
-        requested = jnp.where(inside, t, start)
-        order = jnp.argsort(forward * jax.lax.stop_gradient(requested), stable=True)
-        every = jnp.concatenate([start[None], requested[order], last[None]])
-        found = self.solve.solved(every, *self.given)
-        back = jnp.argsort(order)
-        # In single precision, the time of the end is rounded, and the run may end before.
-        last_one = (t == end)[:, None]
-        sources = start, t, self.given
-        rows = []
-        for part, ended in zip(found[1:5], found.end[1:], strict=True):
-            row = part[1:-1][back]
-            lost = last_one & ~jnp.isfinite(row)
-            ended = without_derivative(jnp.broadcast_to(jax.lax.stop_gradient(ended), row.shape), ~lost, sources)
-            rows.append(jnp.where(lost, ended, jnp.where(inside[:, None], row, jnp.nan)))
-        return States(t, *rows)
-
-
-def _children(dense: HostedDense) -> tuple[Any, Any]:
-    return (dense.span, dense.given), dense.solve
-
-
-jax.tree_util.register_pytree_node(HostedDense, _children, lambda solve, children: HostedDense(solve, *children))
-
-
-@partial(jax.jit, static_argnums=0)
-def _states(solve: HostedSolve, dense: HostedDense, t: Any) -> States:
-    """Return the motion at times t (n_t,): compiled once for each number of times."""
-    return dense.at(t)
+from .solved import Dense, EventTimes, Solved, States, raise_failure, solved_of
 
 
 @final
@@ -129,7 +64,7 @@ class HostedSolve:
         _refuse_functions(given)
         p = parameters_of(layout, p, numbers, given)
         start = vector("initial value", initial, self.given, layout.aliases)
-        solved = _solved(self, t, start, p, given)
+        solved = solved_of(self, t, start, p, given)
         return raise_failure(solved, "", self._options.method) if self._options.throw else solved
 
     def __eq__(self, other: object) -> bool:
@@ -141,8 +76,8 @@ class HostedSolve:
     def __reduce__(self) -> tuple[Any, ...]:
         return HostedSolve, (self._hosted, self._options, self._native)
 
-    def solved(self, t: Any, initial: Any, p: Any, given: Given) -> Solved:
-        """Return the result of a run from arrays."""
+    def motion(self, t: Any, initial: Any, p: Any, given: Given) -> Solved:
+        """Return the motion from arrays."""
         run = self._run(t, initial, p, given)
         runner = self._hosted.runner
         end, status, steps = run.numbers
@@ -153,8 +88,30 @@ class HostedSolve:
         reduced = {name: run.reduced[i] for i, name in enumerate(runner.reductions)}
         y, q, qdot, outputs = self._split(run.rows)
         last = States(end, *self._split(run.end))
-        dense = HostedDense(self, (t[0], t[-1], end), (initial, p, given)) if self._options.dense else None
+        dense = Dense(self, ((t[0], t[-1], end), (initial, p, given))) if self._options.dense else None
         return Solved(t, y, q, qdot, outputs, status.astype(int), steps.astype(int), None, dense, last, events, reduced)
+
+    def states(self, dense: Dense, t: Any) -> States:
+        """Return the motion at times t (n_t,) of a run between its start, last requested time and end; see `Dense`."""
+        (start, last, end), given = dense.run
+        forward = jnp.where(last >= start, 1.0, -1.0)
+        inside = (forward * (t - start) >= 0.0) & (forward * (end - t) >= 0.0)
+        requested = jnp.where(inside, t, start)
+        order = jnp.argsort(forward * jax.lax.stop_gradient(requested), stable=True)
+        every = jnp.concatenate([start[None], requested[order], last[None]])
+        found = self.motion(every, *given)
+        back = jnp.argsort(order)
+        # In single precision, the time of the end is rounded, and the run may end before.
+        last_one = (t == end)[:, None]
+        rows = []
+        for part, ended in zip(found[1:5], found.end[1:], strict=True):
+            row = part[1:-1][back]
+            lost = last_one & ~jnp.isfinite(row)
+            ended = without_derivative(
+                jnp.broadcast_to(jax.lax.stop_gradient(ended), row.shape), ~lost, (start, t, given)
+            )
+            rows.append(jnp.where(lost, ended, jnp.where(inside[:, None], row, jnp.nan)))
+        return States(t, *rows)
 
     def _split(self, rows: Any) -> tuple[Any, Any, Any, Any]:
         """Return state, coordinates, rates and outputs from rows (..., n) of them all."""
@@ -251,10 +208,3 @@ def _refuse_functions(given: Given) -> None:
             " loops, which cannot call it: give a number or dalembert.samples(times, values), or leave out events= and"
             " reduce="
         )
-
-
-@partial(jax.jit, static_argnums=0)
-def _solved(solve: HostedSolve, t: Any, initial: Any, p: Any, given: Given) -> Solved:
-    """Return the result: compiled once for equal functions, and a part of the program where one is traced."""
-    with mesh_of((t, initial, p, given)):
-        return solve.solved(*laid_on_mesh(varying_alike((t, initial, p, given))))
