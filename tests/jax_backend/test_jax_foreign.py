@@ -35,7 +35,8 @@ def sleigh(formulation="minimal"):
 
 
 @pytest.mark.parametrize(
-    ("method", "formulation"), [("dopri8", "minimal"), ("tsit5", "projected"), ("taylor", "minimal")]
+    ("method", "formulation"),
+    [pytest.param("dopri8", "minimal", marks=pytest.mark.matrix), ("tsit5", "projected"), ("taylor", "minimal")],
 )
 def test_calls_take_the_steps_of_traced_loops(method, formulation, monkeypatch):
     model, y, p = sleigh(formulation)
