@@ -12,6 +12,7 @@ from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseColumns
+from ..methods.status import Status
 from ..once import computed_once, once_property
 from ..options import DEFAULT_TOLERANCES
 from ..steps.method_choice import runge_kutta_pays
@@ -38,6 +39,15 @@ if TYPE_CHECKING:
     from .lane_runs import LaneRuns
     from .llvm.foreign_batch import ForeignCode, Interface
     from .llvm.prepared import Admission
+
+_TIGHT = 1e-9
+"""Tolerance below which Runge-Kutta steps come to an end where constraints lose rank."""
+
+_LARGEST_REPEATED = 100_000
+"""Lines of a Taylor step, unrolled, that is compiled to pass where constraints lose rank: some five seconds."""
+
+_STUCK = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED)
+"""How such runs end."""
 
 
 @final
@@ -90,7 +100,10 @@ class CompiledEngine(Engine):
         return self._code.of(kernel, self.steps.lanes), self.steps.lanes
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
-        """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair for long rates, kinks and roots at rest."""
+        """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair for long rates, kinks and roots at rest.
+
+        Where constraints may lose rank, sweeps to tight tolerances take Taylor steps; single runs can be repeated.
+        """
         if "taylor" not in methods:
             return methods[0]
         if self.steps.nonsmooth or self.steps.singular_at_rest:
@@ -98,6 +111,8 @@ class CompiledEngine(Engine):
         tolerance = clipped_tolerance(rtol, atol)
         order = order_for(tolerance)
         lines, control = self.steps.series_lines(order), self.steps.control(order)
+        if many and self.steps.loses_rank and tolerance < _TIGHT and lines <= _LARGEST_REPEATED:
+            return "taylor"
         if lines > LARGEST_UNROLLED:
             return "dop853"
         pays = not self.steps.poles and runge_kutta_pays(self._program.kernel("rhs"), lines, control, tolerance)
@@ -137,7 +152,10 @@ class CompiledEngine(Engine):
         return run
 
     def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
-        """See `Engine.integrate_automatic`: a run that proves stiff is repeated by "radau"."""
+        """See `Engine.integrate_automatic`: a run that proves stiff is repeated by "radau".
+
+        One that ends where constraints may lose rank is repeated by "taylor".
+        """
         reason = ""
 
         def watch(t: float, y: FloatArray, step: float) -> bool:
@@ -161,10 +179,19 @@ class CompiledEngine(Engine):
         loop, pair = loop_named("explicit_loop"), pair_named(method)
         tried = explicit.integrate(loop, self._explicit, pair, compiled, stop_if_stiff=True)
         if isinstance(tried, Solution):
-            return tried, method, ""
+            if tried.status not in _STUCK or not self._passes_lost_ranks(problem):
+                return tried, method, ""
+            reason = f"steps of {method!r} come to an end at t = {tried.end:.6g}, where the constraints lose rank"
+            return self.integrate(problem, "taylor"), "taylor", reason
         if watch(tried.t, tried.y, tried.step):
             return self._implicit_run(problem, reason)
         return self.integrate(problem, method), method, ""
+
+    def _passes_lost_ranks(self, problem: IntegrationProblem) -> bool:
+        """Return whether Taylor steps may pass where the constraints lose rank, and are compiled in seconds."""
+        smooth = not self.steps.nonsmooth and not self.steps.singular_at_rest
+        lines = self.steps.series_lines(order_at(problem.rtol, problem.atol))
+        return self.steps.loses_rank and smooth and lines <= _LARGEST_REPEATED
 
     def _radau(self, problem: IntegrationProblem) -> Solution:
         return self.integrate(problem, "radau")

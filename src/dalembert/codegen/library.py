@@ -197,6 +197,11 @@ class KernelLibrary(ABC):
         return bool(self._recurrences.poles)
 
     @property
+    def loses_rank(self) -> bool:
+        """Whether constraints may lose rank; only Taylor steps never end beside such places."""
+        return bool(self._recurrences.pivots)
+
+    @property
     def nonsmooth(self) -> bool:
         """Whether rates have kinks or jumps in state or time."""
         return self._recurrences.nonsmooth
