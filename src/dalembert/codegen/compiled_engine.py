@@ -43,9 +43,6 @@ if TYPE_CHECKING:
 _TIGHT = 1e-9
 """Tolerance below which Runge-Kutta steps come to an end where constraints lose rank."""
 
-_LARGEST_REPEATED = 100_000
-"""Lines of a Taylor step, unrolled, that is compiled to pass where constraints lose rank: some five seconds."""
-
 _STUCK = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED)
 """How such runs end."""
 
@@ -111,7 +108,7 @@ class CompiledEngine(Engine):
         tolerance = clipped_tolerance(rtol, atol)
         order = order_for(tolerance)
         lines, control = self.steps.series_lines(order), self.steps.control(order)
-        if many and self.steps.loses_rank and tolerance < _TIGHT and lines <= _LARGEST_REPEATED:
+        if many and tolerance < _TIGHT and self.steps.passes_lost_ranks(order):
             return "taylor"
         if lines > LARGEST_UNROLLED:
             return "dop853"
@@ -179,19 +176,14 @@ class CompiledEngine(Engine):
         loop, pair = loop_named("explicit_loop"), pair_named(method)
         tried = explicit.integrate(loop, self._explicit, pair, compiled, stop_if_stiff=True)
         if isinstance(tried, Solution):
-            if tried.status not in _STUCK or not self._passes_lost_ranks(problem):
+            order = order_at(problem.rtol, problem.atol)
+            if tried.status not in _STUCK or not self.steps.passes_lost_ranks(order):
                 return tried, method, ""
             reason = f"steps of {method!r} come to an end at t = {tried.end:.6g}, where the constraints lose rank"
             return self.integrate(problem, "taylor"), "taylor", reason
         if watch(tried.t, tried.y, tried.step):
             return self._implicit_run(problem, reason)
         return self.integrate(problem, method), method, ""
-
-    def _passes_lost_ranks(self, problem: IntegrationProblem) -> bool:
-        """Return whether Taylor steps may pass where the constraints lose rank, and are compiled in seconds."""
-        smooth = not self.steps.nonsmooth and not self.steps.singular_at_rest
-        lines = self.steps.series_lines(order_at(problem.rtol, problem.atol))
-        return self.steps.loses_rank and smooth and lines <= _LARGEST_REPEATED
 
     def _radau(self, problem: IntegrationProblem) -> Solution:
         return self.integrate(problem, "radau")

@@ -91,7 +91,7 @@ class Recurrences:
 
     @property
     def watched(self) -> tuple[str, ...]:
-        """Values whose series the end of a step reads whole: arguments of tables, roots, pivots, switches' arguments."""
+        """Values whose series the end of a step reads whole."""
         return (*(argument for argument, _ in self.tables), *self.roots, *self.pivots, *self.switch_arguments)
 
     @property
