@@ -176,10 +176,12 @@ def _outputs(stages: Stages) -> list[str]:
     names = program.layout.outputs
     counts = describe_counts(program.kernel("outputs")) if names else ""
     own, ends = ([name for name in names if (name in guards) == guard] for guard in (False, True))
+    released = [f"released      {stages.reduced.released}"] if stages.reduced.released else []
     if not ends:
-        return [f"outputs       {list_names(own)}" + (f" ({counts})" if own else "")]
+        return [f"outputs       {list_names(own)}" + (f" ({counts})" if own else ""), *released]
     alone = "outputs of the model of this mode alone, not of a run"
-    return [f"outputs       {list_names(own)}", f"guards        {list_names(ends)} (with outputs {counts}): {alone}"]
+    guarding = f"guards        {list_names(ends)} (with outputs {counts}): {alone}"
+    return [f"outputs       {list_names(own)}", guarding, *released]
 
 
 def _left_out(stages: Stages) -> list[str]:
@@ -189,8 +191,8 @@ def _left_out(stages: Stages) -> list[str]:
     reactions = [name for name in layout.unknowns if name not in layout.outputs]
     if reactions:
         out.append(f"the reactions {list_names(reactions)}, which no output needs")
-    if layout.undetermined:
-        out.append(f"{list_names(layout.undetermined)}, which the equations do not determine")
+    if hidden := [name for name in layout.undetermined if name not in reactions and name not in layout.outputs]:
+        out.append(f"{list_names(hidden)}, which the equations do not determine")
     if stages.equations.reaction_values:
         out.append("constraints: reactions are given forces")
     elif not layout.constraints:

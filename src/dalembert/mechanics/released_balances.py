@@ -1,0 +1,349 @@
+"""The balances that determine reactions which the coordinates hide: [EquationsOfMotion] -> [Released].
+
+Bodies are moved along the directions that the coordinates leave out, in the program of reactions alone; the motion has
+no further coordinate. As few bodies and unknowns as serve are taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..errors import ConstraintError, list_names
+from ..ir.node import Node
+from ..scene.model import Piece
+from .body_balances import BodyBalances, Movement
+from .body_samples import BodySample, body_samples, values_at
+from .connections import (
+    Connections,
+    Declared,
+    Pair,
+    beyond,
+    components,
+    declared_joints,
+    in_span,
+    null_space,
+    pair_of,
+    rank,
+    wrench_columns,
+)
+from .equations import EquationsOfMotion
+
+_SMALL = 1e-8
+
+
+@final
+@dataclass(frozen=True)
+class Balance:
+    """One equation: the power on a movement vanishes, or the equation of a coordinate (its number)."""
+
+    power: Node | None
+    coordinate: int | None
+    turning: bool
+
+
+@final
+@dataclass(frozen=True)
+class Released:
+    """Balances on a graph of their own, and a text on what was moved for them."""
+
+    balances: tuple[Balance, ...]
+    unknowns: tuple[str, ...]
+    text: str
+
+
+def released_balances(equations: EquationsOfMotion, wanted: Sequence[str]) -> Released:
+    """Return the balances that determine some reactions.
+
+    Raises
+    ------
+    ConstraintError
+        Where a reaction depends on what undeclared connections carry, with the bodies that these connect.
+    """
+    assert equations.scene is not None
+    return _Search(equations, wanted).found()
+
+
+@final
+class _Search:
+    """The search for balances of one scene and some of its unknowns."""
+
+    def __init__(self, equations: EquationsOfMotion, wanted: Sequence[str]) -> None:
+        assert equations.scene is not None
+        self.equations, self.wanted = equations, wanted
+        self.balances = BodyBalances(equations.scene)
+        self.joints = declared_joints(self.balances)
+        self.samples = body_samples(equations, self.balances)
+        if not self.samples:
+            raise self.fault("no positions were found that satisfy its constraints, to search for their balances")
+        self.names = [body.name for body in self.balances.model.bodies]
+        if self.balances.floating:
+            raise self.fault(
+                f"the loads {list_names(self.balances.floating)} act at what is no point or frame of a body; write them"
+                " as (body, point, force)"
+            )
+        self.connections = [Connections(self.balances, self.joints, sample) for sample in self.samples]
+        self.columns = [sample.unknowns @ sample.mode for sample in self.samples]
+        self.targets = [equations.symbols.unknowns.index(name) for name in wanted]
+
+    def fault(self, why: str) -> ConstraintError:
+        """Return the error for the wanted reactions."""
+        return ConstraintError(
+            f"scene {self.equations.name!r}: the reactions {list_names(self.wanted)} are not determined: {why}"
+        )
+
+    # -- what may carry something --------------------------------------------------------------------
+
+    def found(self) -> Released:
+        """Return the balances."""
+        bodies = self._bodies()
+        for undeclared in self._hypotheses(bodies):
+            open_pairs = [self._open(number, undeclared[number], bodies) for number in range(len(self.samples))]
+            if self._consistent(open_pairs, bodies):
+                break
+        else:
+            raise self._unbalanced(open_pairs, bodies)
+        self._require_determined(open_pairs, bodies)
+        return self._chosen(open_pairs, bodies)
+
+    def _bodies(self) -> set[int]:
+        """Return the bodies that are connected with those of the wanted reactions."""
+        first = self.connections[0]
+        pairs = [*first.by_pair, *first.undeclared(), *self.balances.ties]
+        own = {i for joint in self.joints if self._wanted(joint) for i in joint.pair if i is not None}
+        groups = components(len(self.names), pairs)
+        return {body for group in groups if group & own for body in group}
+
+    def _wanted(self, joint: Declared) -> bool:
+        names = self.balances.model.symbols.unknowns
+        return any(names[i] in self.wanted for i in joint.unknowns)
+
+    def _hypotheses(self, bodies: set[int]) -> Iterator[list[dict[Pair, FloatArray]]]:
+        """Yield undeclared connections at each sample: none where each body has a joint, then all there may be."""
+        with_joint = {i for pair in self.connections[0].by_pair for i in pair}
+        if bodies <= with_joint:
+            yield [{} for _ in self.samples]
+        yield [connections.undeclared() for connections in self.connections]
+
+    def _open(self, number: int, undeclared: Mapping[Pair, FloatArray], bodies: set[int]) -> dict[Pair, FloatArray]:
+        """Return all that may be carried beside the unknowns, by the pairs of bodies."""
+        connections = self.connections[number]
+        found = {pair: matrix for pair, (matrix, _) in connections.complete.items() if set(pair) & bodies}
+        tied = {pair_of(*tie): connections.wrenches(pair_of(*tie)) for tie in self.balances.ties}
+        for pair, matrix in (*undeclared.items(), *tied.items()):
+            if set(pair) & bodies:
+                found[pair] = np.hstack([found[pair], matrix]) if pair in found else matrix
+        return found
+
+    def _rows(self, bodies: set[int]) -> list[int]:
+        return [6 * body + k for body in sorted(bodies) for k in range(6)]
+
+    def _consistent(self, open_pairs: Sequence[Mapping[Pair, FloatArray]], bodies: set[int]) -> bool:
+        """Whether joints and undeclared connections can exert what the motion needs."""
+        rows = self._rows(bodies)
+        for sample, columns, pairs in zip(self.samples, self.columns, open_pairs, strict=True):
+            whole = np.hstack([columns, wrench_columns(sample, pairs)])[rows]
+            if not in_span(sample.demand[rows], whole, float(np.abs(sample.demand[rows]).max())):
+                return False
+        return True
+
+    def _unbalanced(self, open_pairs: Sequence[Mapping[Pair, FloatArray]], bodies: set[int]) -> ConstraintError:
+        sample, columns = self.samples[0], self.columns[0]
+        rows = self._rows(bodies)
+        whole = np.hstack([columns, wrench_columns(sample, open_pairs[0])])[rows]
+        rest = sample.demand[rows] - whole @ np.linalg.lstsq(whole, sample.demand[rows], rcond=1e-10)[0]
+        sizes = np.abs(rest).reshape(-1, 6).max(axis=1)
+        names = [self.names[b] for b, size in zip(sorted(bodies), sizes, strict=True) if size > 1e-6 * sizes.max()]
+        return ConstraintError(
+            f"scene {self.equations.name!r}: its joints cannot exert the reactions of its constraints: forces or"
+            f" torques on {list_names(map(repr, names))} are missing, which no joint declares. Give a joint of these"
+            " bodies the unknown force or torque component that holds the constraint"
+        )
+
+    def _require_determined(self, open_pairs: Sequence[Mapping[Pair, FloatArray]], bodies: set[int]) -> None:
+        """Raise unless the wanted reactions are the same whatever else is carried."""
+        rows, names = self._rows(bodies), self.equations.symbols.unknowns
+        for sample, columns, pairs in zip(self.samples, self.columns, open_pairs, strict=True):
+            parts = {pair: matrix for pair, matrix in pairs.items() if matrix.shape[1]}
+            whole = np.hstack([columns, wrench_columns(sample, parts)])[rows]
+            scale = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
+            free = null_space(whole / scale)
+            free = free[:, np.abs(free[self.targets]).max(axis=0, initial=0.0) > _SMALL]
+            if not free.shape[1]:
+                continue
+            moved = np.abs(free).max(axis=1) > _SMALL
+            involved, start = [], len(names)
+            for pair, matrix in parts.items():
+                if moved[start : start + matrix.shape[1]].any():
+                    involved.append(pair)
+                start += matrix.shape[1]
+            lost = [name for name, i in zip(self.wanted, self.targets, strict=True) if moved[i]]
+            others = [name for name, m in zip(names, moved, strict=False) if m and name not in lost]
+            raise self.fault(self._why(lost, others, involved))
+
+    def _why(self, lost: Sequence[str], others: Sequence[str], pairs: Sequence[Pair]) -> str:
+        if not pairs:
+            rest = f" with {list_names(others)}" if others else ""
+            return f"only a combination of {list_names(lost)}{rest} appears in the balances of the bodies"
+        own = self.connections[0]
+        structure = [pair for pair in pairs if pair in dict(own.structure)] or list(pairs)
+        said = "; ".join(f"{self._body(b)} and {self._body(a)}" for a, b in structure)
+        labels = [self.equations.constraints[i].label for i in own.unheld()]
+        held = f" No joint exerts the reaction of {'; '.join(labels)}." if labels else ""
+        tied = [pair_of(*tie) for tie in self.balances.ties]
+        load = " A load acts at what belongs to both: write it as (body, point, force)." if set(pairs) & {*tied} else ""
+        return (
+            f"{list_names(lost)} would be another with another force or torque between {said}, which no joint declares."
+            f"{held}{load} Declare it, scene.add_joints(da.Joint(name, body, other=..., at=..., force=..., torque=...)),"
+            " with all unknown components that this connection has"
+        )
+
+    def _body(self, body: int | None) -> str:
+        return "the fixed frame" if body is None else repr(self.names[body])
+
+    # -- choice of balances ----------------------------------------------------------------------------
+
+    def _chosen(self, open_pairs: Sequence[Mapping[Pair, FloatArray]], bodies: set[int]) -> Released:
+        """Return as few balances as determine the wanted reactions, with few unknowns and bodies."""
+        pairs = [pair for pair, matrix in open_pairs[0].items() if matrix.shape[1]]
+        opened = [wrench_columns(sample, found) for sample, found in zip(self.samples, open_pairs, strict=True)]
+        offers: list[tuple[tuple[int, int, int], Movement | int, list[FloatArray]]] = []
+        for movement in self._movements(bodies, pairs):
+            twists = [self._twist(sample, movement) for sample in self.samples]
+            self._offer(offers, movement, twists, opened)
+        for j in range(len(self.equations.q)):
+            self._offer(offers, j, [sample.twists[:, j] for sample in self.samples], opened)
+        offers.sort(key=lambda offer: offer[0])
+        taken: list[tuple[Movement | int, list[FloatArray]]] = []
+        for _, movement, rows in offers:
+            trial = [*taken, (movement, rows)]
+            if self._independent(trial):
+                taken = trial
+            if self._determined(taken):
+                break
+        else:
+            raise self.fault("no movement of bodies was found on which undeclared connections have no power")
+        for item in list(reversed(taken)):
+            rest = [other for other in taken if other is not item]
+            if rest and self._determined(rest):
+                taken = rest
+        return self._released([movement for movement, _ in taken])
+
+    def _offer(
+        self,
+        offers: list[tuple[tuple[int, int, int], Movement | int, list[FloatArray]]],
+        movement: Movement | int,
+        twists: Sequence[FloatArray],
+        opened: Sequence[FloatArray],
+    ) -> None:
+        """Add a movement on which something that joints declare has power, and nothing else."""
+        rows = [twist @ columns for twist, columns in zip(twists, self.columns, strict=True)]
+        touched = [np.abs(row) > _SMALL * float(np.abs(t).max()) for row, t in zip(rows, twists, strict=True)]
+        if not any(each.any() for each in touched):
+            return
+        for twist, columns in zip(twists, opened, strict=True):
+            if columns.size and np.abs(twist @ columns).max() > _SMALL * float(np.abs(twist).max()):
+                return
+        count = len(movement.bodies) if isinstance(movement, Movement) else len(self.names) + 1
+        offers.append(((int(max(each.sum() for each in touched)), count, len(offers)), movement, rows))
+
+    def _independent(self, taken: Sequence[tuple[Movement | int, list[FloatArray]]]) -> bool:
+        return any(rank(np.array([rows[i] for _, rows in taken]).T) == len(taken) for i in range(len(self.samples)))
+
+    def _determined(self, taken: Sequence[tuple[Movement | int, list[FloatArray]]]) -> bool:
+        for i in range(len(self.samples)):
+            matrix = np.array([rows[i] for _, rows in taken])
+            free = null_space(matrix / np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-300))
+            if free.shape[1] and np.abs(free[self.targets]).max() > 1e-6:
+                return False
+        return True
+
+    def _movements(self, bodies: set[int], pairs: Sequence[Pair]) -> Iterator[Movement]:
+        """Yield movements of groups of bodies along and about what joints declare, and along the axes of frames."""
+        declared = [joint for joint in self.joints if set(joint.pair) & bodies]
+        everything = list(dict.fromkeys([*(joint.pair for joint in declared), *pairs]))
+        undeclared = [pair for pair in pairs if pair not in self.connections[0].by_pair]
+        graph = self.balances.graph
+        for joint in declared:
+            action = self.balances.model.actions[joint.action]
+            for group in self._groups(joint, everything, undeclared):
+                for number in joint.unknowns:
+                    unknown = graph.input(self.balances.model.symbols.unknowns[number])
+                    force, torque = (self.balances.along(x, unknown) for x in (action.force, action.torque))
+                    if force:
+                        yield Movement(group, force)
+                    if torque:
+                        yield Movement(group, torque, action.at)
+                for frame in self._frames(joint):
+                    for k in range(3):
+                        x, y, z = (graph.one if i == k else graph.zero for i in range(3))
+                        yield Movement(group, (Piece(frame, (x, y, z)),))
+                        yield Movement(group, (Piece(frame, (x, y, z)),), action.at)
+
+    def _frames(self, joint: Declared) -> list[int]:
+        model = self.balances.model
+        action = model.actions[joint.action]
+        found = [piece.frame for piece in (*action.force, *action.torque)]
+        found += [model.bodies[b].frame for b in joint.pair if b is not None and model.bodies[b].inertia is not None]
+        return list(dict.fromkeys([*found, 0]))
+
+    def _groups(self, joint: Declared, everything: Sequence[Pair], undeclared: Sequence[Pair]) -> list[tuple[int, ...]]:
+        """Return groups of bodies that may move beside the other body of a joint: the smaller first."""
+        found: list[set[int | None]] = []
+        for body, other in (joint.pair[::-1], joint.pair):
+            if body is None:
+                continue
+            sides = (
+                {body},
+                beyond(body, undeclared),
+                beyond(body, [pair for pair in everything if pair != joint.pair]),
+                self._carried(body),
+            )
+            found += [side for side in sides if other not in side and None not in side]
+        groups = [tuple(sorted(body for body in side if body is not None)) for side in found]
+        return list(dict.fromkeys(groups))
+
+    def _carried(self, body: int) -> set[int | None]:
+        """Return a body with all that is located from it."""
+        found: set[int | None] = {body}
+        while True:
+            more = {b for pair, b in self.connections[0].structure if set(pair) - {b} <= found} - found
+            if not more:
+                return found
+            found |= more
+
+    def _twist(self, sample: BodySample, movement: Movement) -> FloatArray:
+        """Return the twists of all bodies in a movement."""
+        direction = values_at(sample, self.balances.kinematics.resolve(movement.direction, 0))
+        twist = np.zeros(len(sample.demand))
+        about = None
+        if movement.about is not None:
+            about = values_at(sample, self.balances.kinematics.between(0, movement.about, 0))
+        for body in movement.bodies:
+            rigid = self.balances.model.bodies[body].inertia is not None
+            if about is None:
+                twist[6 * body : 6 * body + 3] = direction
+                continue
+            at = np.zeros(3) if rigid else sample.places[body]
+            twist[6 * body : 6 * body + 3] = np.cross(direction, at - about)
+            if rigid:
+                twist[6 * body + 3 : 6 * body + 6] = direction
+        return twist
+
+    def _released(self, movements: Sequence[Movement | int]) -> Released:
+        symbols, found, said = self.equations.symbols, [], []
+        for movement in movements:
+            if isinstance(movement, int):
+                turning = symbols.coordinates[movement] in self.equations.angles
+                found.append(Balance(None, movement, turning))
+                continue
+            found.append(Balance(self.balances.power(movement), None, movement.about is not None))
+            bodies = " with ".join(list_names([repr(self.names[b])]) for b in movement.bodies)
+            point = "" if movement.about is None else f" about {self.balances.model.points[movement.about].name}"
+            said.append(f"{bodies}{point}")
+        text = f"{list_names(self.wanted)} by moving {', '.join(dict.fromkeys(said))} in the program of reactions alone"
+        return Released(tuple(found), tuple(self.wanted), text)
