@@ -112,10 +112,19 @@ class BodyBalances:
             self.floating += [] if fixed else [action.name]
             return None
         if action.at is not None:
-            path = self._points(action.at)
-            found.sort(key=lambda i: -path.index(c) if (c := self.model.bodies[i].centre) in path else 1)
+            found = self._nearest(found, action.at)
         self.ties += [(found[0], other) for other in found[1:]]
         return found[0]
+
+    def _nearest(self, bodies: list[int], point: int) -> list[int]:
+        """Return those of some bodies that a point is most likely of: at the centre, located from it, on its frame."""
+        path, carrier = self._points(point), self.kinematics.carrier(point)
+        centres = [self.model.bodies[i].centre for i in bodies]
+        last = max((path.index(c) for c in centres if c in path[1:]), default=None)
+        if last is not None:
+            return [i for i, c in zip(bodies, centres, strict=True) if c == path[last]]
+        own = [i for i in bodies if carrier != 0 and self.model.bodies[i].inertia and self.model.bodies[i].frame == carrier]
+        return own or bodies
 
     def _carries(self, body: int, point: int) -> bool:
         """Whether a point is fixed on a body."""

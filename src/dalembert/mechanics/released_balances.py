@@ -56,6 +56,19 @@ class Released:
     text: str
 
 
+def require_balance(equations: EquationsOfMotion, wanted: Sequence[str]) -> None:
+    """Raise where some reactions, which the coordinates' equations give, leave bodies without balance.
+
+    Raises
+    ------
+    ConstraintError
+        With the bodies on which a force or torque is missing.
+    """
+    search = _Search(equations, wanted)
+    if search.samples and not search.balances.floating:
+        search.carried()
+
+
 def released_balances(equations: EquationsOfMotion, wanted: Sequence[str]) -> Released:
     """Return the balances that determine some reactions.
 
@@ -78,14 +91,7 @@ class _Search:
         self.balances = BodyBalances(equations.scene)
         self.joints = declared_joints(self.balances)
         self.samples = body_samples(equations, self.balances)
-        if not self.samples:
-            raise self.fault("no positions were found that satisfy its constraints, to search for their balances")
         self.names = [body.name for body in self.balances.model.bodies]
-        if self.balances.floating:
-            raise self.fault(
-                f"the loads {list_names(self.balances.floating)} act at what is no point or frame of a body; write them"
-                " as (body, point, force)"
-            )
         self.connections = [Connections(self.balances, self.joints, sample) for sample in self.samples]
         self.columns = [sample.unknowns @ sample.mode for sample in self.samples]
         self.targets = [equations.symbols.unknowns.index(name) for name in wanted]
@@ -100,15 +106,25 @@ class _Search:
 
     def found(self) -> Released:
         """Return the balances."""
+        if not self.samples:
+            raise self.fault("no positions were found that satisfy its constraints, to search for their balances")
+        if self.balances.floating:
+            raise self.fault(
+                f"the loads {list_names(self.balances.floating)} act at what is no point or frame of a body; write them"
+                " as (body, point, force)"
+            )
+        bodies, open_pairs = self.carried()
+        self._require_determined(open_pairs, bodies)
+        return self._chosen(open_pairs, bodies)
+
+    def carried(self) -> tuple[set[int], list[dict[Pair, FloatArray]]]:
+        """Return the bodies that matter, and what undeclared connections may carry, where that balances the bodies."""
         bodies = self._bodies()
         for undeclared in self._hypotheses(bodies):
             open_pairs = [self._open(number, undeclared[number], bodies) for number in range(len(self.samples))]
             if self._consistent(open_pairs, bodies):
-                break
-        else:
-            raise self._unbalanced(open_pairs, bodies)
-        self._require_determined(open_pairs, bodies)
-        return self._chosen(open_pairs, bodies)
+                return bodies, open_pairs
+        raise self._unbalanced(open_pairs, bodies)
 
     def _bodies(self) -> set[int]:
         """Return the bodies that are connected with those of the wanted reactions."""
@@ -152,21 +168,28 @@ class _Search:
         return True
 
     def _unbalanced(self, open_pairs: Sequence[Mapping[Pair, FloatArray]], bodies: set[int]) -> ConstraintError:
+        """Return the error for bodies on which some force is missing: on one of those whose balance could be it."""
         sample, columns = self.samples[0], self.columns[0]
         rows = self._rows(bodies)
         whole = np.hstack([columns, wrench_columns(sample, open_pairs[0])])[rows]
-        rest = sample.demand[rows] - whole @ np.linalg.lstsq(whole, sample.demand[rows], rcond=1e-10)[0]
-        sizes = np.abs(rest).reshape(-1, 6).max(axis=1)
-        names = [self.names[b] for b, size in zip(sorted(bodies), sizes, strict=True) if size > 1e-6 * sizes.max()]
+        demand, own = sample.demand[rows], np.eye(len(rows))
+        size = float(np.abs(demand).max())
+        alone = [
+            self.names[b]
+            for i, b in enumerate(sorted(bodies))
+            if in_span(demand, np.hstack([whole, own[:, 6 * i : 6 * i + 6]]), size)
+        ]
+        names = list_names(map(repr, alone or [self.names[b] for b in sorted(bodies)]))
+        what = "exert the reactions of its constraints" if self.equations.constraints else "hold its bodies"
         return ConstraintError(
-            f"scene {self.equations.name!r}: its joints cannot exert the reactions of its constraints: forces or"
-            f" torques on {list_names(map(repr, names))} are missing, which no joint declares. Give a joint of these"
-            " bodies the unknown force or torque component that holds the constraint"
+            f"scene {self.equations.name!r}: its joints cannot {what}: a force or torque on {names} is missing, which no"
+            " joint declares. Give a joint of these bodies the unknown force or torque component that holds them"
         )
 
     def _require_determined(self, open_pairs: Sequence[Mapping[Pair, FloatArray]], bodies: set[int]) -> None:
         """Raise unless the wanted reactions are the same whatever else is carried."""
         rows, names = self._rows(bodies), self.equations.symbols.unknowns
+        own_undeclared = {*self.connections[0].undeclared(), *(pair_of(*tie) for tie in self.balances.ties)}
         for sample, columns, pairs in zip(self.samples, self.columns, open_pairs, strict=True):
             parts = {pair: matrix for pair, matrix in pairs.items() if matrix.shape[1]}
             whole = np.hstack([columns, wrench_columns(sample, parts)])[rows]
@@ -178,7 +201,8 @@ class _Search:
             moved = np.abs(free).max(axis=1) > _SMALL
             involved, start = [], len(names)
             for pair, matrix in parts.items():
-                if moved[start : start + matrix.shape[1]].any():
+                known = self.connections[0].complete.get(pair, (None, False))[1] and pair not in own_undeclared
+                if not known and moved[start : start + matrix.shape[1]].any():
                     involved.append(pair)
                 start += matrix.shape[1]
             lost = [name for name, i in zip(self.wanted, self.targets, strict=True) if moved[i]]

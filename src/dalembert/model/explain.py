@@ -191,7 +191,7 @@ def _left_out(stages: Stages) -> list[str]:
     reactions = [name for name in layout.unknowns if name not in layout.outputs]
     if reactions:
         out.append(f"the reactions {list_names(reactions)}, which no output needs")
-    if hidden := [name for name in layout.undetermined if name not in reactions and name not in layout.outputs]:
+    if hidden := [name for name in layout.undetermined if name not in layout.outputs]:
         out.append(f"{list_names(hidden)}, which the equations do not determine")
     if stages.equations.reaction_values:
         out.append("constraints: reactions are given forces")

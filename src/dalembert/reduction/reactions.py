@@ -19,7 +19,7 @@ from ..ir.zero_tests import vanishes
 from ..mechanics.equations import EquationsOfMotion
 from ..mechanics.manifold import outside_span_on_manifold
 from ..naming import acceleration_input, acceleration_name, rate_name
-from ..mechanics.released_balances import released_balances
+from ..mechanics.released_balances import released_balances, require_balance
 from ..transforms.linear import Matrix, factorize, matmul, matvec, transpose
 from .base import ReducedSystem
 from .reaction_columns import independent_columns, reaction_solver, weighted_columns
@@ -161,6 +161,9 @@ def _solved(
             solved = _solve(equations, *motion)
         except ConstraintError:
             lost = list(needed)
+    idle = [x for x in needed if (value := solved.get(graph.input(x))) is not None and value.is_zero]
+    if idle and not equations.contacts:
+        require_balance(equations, idle)
     if not lost:
         return solved, ""
     released = released_balances(equations, lost)
