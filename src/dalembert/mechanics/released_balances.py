@@ -209,21 +209,25 @@ class _Search:
             others = [name for name, m in zip(names, moved, strict=False) if m and name not in lost]
             raise self.fault(self._why(lost, others, involved))
 
-    def _why(self, lost: Sequence[str], others: Sequence[str], pairs: Sequence[Pair]) -> str:
+    def _why(self, hidden: Sequence[str], others: Sequence[str], pairs: Sequence[Pair]) -> str:
         if not pairs:
             rest = f" with {list_names(others)}" if others else ""
-            return f"only a combination of {list_names(lost)}{rest} appears in the balances of the bodies"
-        own = self.connections[0]
+            return f"only a combination of {list_names(hidden)}{rest} appears in the balances of the bodies"
+        own, lost = self.connections[0], list_names(hidden)
+        labels = [self.equations.constraints[i].label for i in own.unheld()]
+        if labels:
+            return (
+                f"no joint exerts the reaction of {'; '.join(labels)}, and {lost} would be another with another place of"
+                " it. Give a joint the unknown force or torque component that holds the constraint"
+            )
         structure = [pair for pair in pairs if pair in dict(own.structure)] or list(pairs)
         said = "; ".join(f"{self._body(b)} and {self._body(a)}" for a, b in structure)
-        labels = [self.equations.constraints[i].label for i in own.unheld()]
-        held = f" No joint exerts the reaction of {'; '.join(labels)}." if labels else ""
         tied = [pair_of(*tie) for tie in self.balances.ties]
         load = " A load acts at what belongs to both: write it as (body, point, force)." if set(pairs) & {*tied} else ""
         return (
-            f"{list_names(lost)} would be another with another force or torque between {said}, which no joint declares."
-            f"{held}{load} Declare it, scene.add_joints(da.Joint(name, body, other=..., at=..., force=..., torque=...)),"
-            " with all unknown components that this connection has"
+            f"{lost} would be another with another force or torque between {said}, which no joint declares.{load}"
+            " Declare it, scene.add_joints(da.Joint(name, body, other=..., at=..., force=..., torque=...)), with all"
+            " unknown components that this connection has"
         )
 
     def _body(self, body: int | None) -> str:
