@@ -193,5 +193,6 @@ def _array_values(nodes: Sequence[Node], inputs: Mapping[Node, FloatArray], case
 
 def values_at(sample: BodySample, nodes: Sequence[Node]) -> FloatArray:
     """Return the values of nodes of the balances' graph at a sample."""
-    extra = random_inputs(nodes, random.Random(0)) if nodes else {}
-    return np.array(values_of(nodes, {**extra, **sample.nodes}))
+    if all(node.op == "const" for node in nodes):
+        return np.array([float(node.payload) for node in nodes])  # type: ignore[arg-type]
+    return np.array(values_of(nodes, {**random_inputs(nodes, random.Random(0)), **sample.nodes}))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from typing import final
 
@@ -175,6 +176,7 @@ class Connections:
 
     # -- connections that no joint declares --------------------------------------------------------
 
+    @cached_property
     def undeclared(self) -> dict[Pair, FloatArray]:
         """Return the connections that no joint declares: of the structure, of shared coordinates, of constraints."""
         found = {pair: self.ideal(pair) for pair, _ in self.structure if pair not in self.by_pair}

@@ -6,7 +6,7 @@ no further coordinate. As few bodies and unknowns as serve are taken.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -15,7 +15,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..errors import ConstraintError, list_names
 from ..ir.node import Node
-from ..scene.model import Piece
+from ..scene.model import Piece, Pieces
 from .body_balances import BodyBalances, Movement
 from .body_samples import BodySample, body_samples, values_at
 from .connections import (
@@ -56,6 +56,20 @@ class Released:
     text: str
 
 
+@final
+@dataclass(frozen=True)
+class _Offer:
+    """A movement, or the number of a coordinate, with its powers on the unknowns at each sample.
+
+    `cost` is how many unknowns have power on it and how many bodies it moves.
+    """
+
+    cost: tuple[int, int, int]
+    movement: Movement | int
+    rows: tuple[FloatArray, ...]
+    unknowns: tuple[int, ...]
+
+
 def require_balance(equations: EquationsOfMotion, wanted: Sequence[str]) -> None:
     """Raise where some reactions, which the coordinates' equations give, leave bodies without balance.
 
@@ -94,6 +108,7 @@ class _Search:
         self.names = [body.name for body in self.balances.model.bodies]
         self.connections = [Connections(self.balances, self.joints, sample) for sample in self.samples]
         self.columns = [sample.unknowns @ sample.mode for sample in self.samples]
+        self.known: dict[tuple[int, str, int], FloatArray] = {}
         self.targets = [equations.symbols.unknowns.index(name) for name in wanted]
 
     def fault(self, why: str) -> ConstraintError:
@@ -129,21 +144,21 @@ class _Search:
     def _bodies(self) -> set[int]:
         """Return the bodies that are connected with those of the wanted reactions."""
         first = self.connections[0]
-        pairs = [*first.by_pair, *first.undeclared(), *self.balances.ties]
-        own = {i for joint in self.joints if self._wanted(joint) for i in joint.pair if i is not None}
+        pairs = [*first.by_pair, *first.undeclared, *self.balances.ties]
+        own = {i for joint in self.joints if self._has(joint, self.wanted) for i in joint.pair if i is not None}
         groups = components(len(self.names), pairs)
         return {body for group in groups if group & own for body in group}
 
-    def _wanted(self, joint: Declared) -> bool:
+    def _has(self, joint: Declared, wanted: Collection[str]) -> bool:
         names = self.balances.model.symbols.unknowns
-        return any(names[i] in self.wanted for i in joint.unknowns)
+        return any(names[i] in wanted for i in joint.unknowns)
 
     def _hypotheses(self, bodies: set[int]) -> Iterator[list[dict[Pair, FloatArray]]]:
         """Yield undeclared connections at each sample: none where each body has a joint, then all there may be."""
         with_joint = {i for pair in self.connections[0].by_pair for i in pair}
         if bodies <= with_joint:
             yield [{} for _ in self.samples]
-        yield [connections.undeclared() for connections in self.connections]
+        yield [connections.undeclared for connections in self.connections]
 
     def _open(self, number: int, undeclared: Mapping[Pair, FloatArray], bodies: set[int]) -> dict[Pair, FloatArray]:
         """Return all that may be carried beside the unknowns, by the pairs of bodies."""
@@ -189,7 +204,7 @@ class _Search:
     def _require_determined(self, open_pairs: Sequence[Mapping[Pair, FloatArray]], bodies: set[int]) -> None:
         """Raise unless the wanted reactions are the same whatever else is carried."""
         rows, names = self._rows(bodies), self.equations.symbols.unknowns
-        own_undeclared = {*self.connections[0].undeclared(), *(pair_of(*tie) for tie in self.balances.ties)}
+        own_undeclared = {*self.connections[0].undeclared, *(pair_of(*tie) for tie in self.balances.ties)}
         for sample, columns, pairs in zip(self.samples, self.columns, open_pairs, strict=True):
             parts = {pair: matrix for pair, matrix in pairs.items() if matrix.shape[1]}
             whole = np.hstack([columns, wrench_columns(sample, parts)])[rows]
@@ -239,78 +254,87 @@ class _Search:
         """Return as few balances as determine the wanted reactions, with few unknowns and bodies."""
         pairs = [pair for pair, matrix in open_pairs[0].items() if matrix.shape[1]]
         opened = [wrench_columns(sample, found) for sample, found in zip(self.samples, open_pairs, strict=True)]
-        offers: list[tuple[tuple[int, int, int], Movement | int, list[FloatArray]]] = []
-        for movement in self._movements(bodies, pairs):
-            twists = [self._twist(sample, movement) for sample in self.samples]
-            self._offer(offers, movement, twists, opened)
+        offers: list[_Offer] = []
         for j in range(len(self.equations.q)):
             self._offer(offers, j, [sample.twists[:, j] for sample in self.samples], opened)
-        offers.sort(key=lambda offer: offer[0])
-        taken: list[tuple[Movement | int, list[FloatArray]]] = []
-        for _, movement, rows in offers:
-            trial = [*taken, (movement, rows)]
-            if self._independent(trial):
-                taken = trial
-            if self._determined(taken):
-                break
-        else:
-            raise self.fault("no movement of bodies was found on which undeclared connections have no power")
+        taken: list[_Offer] = []
+        seen: set[str] = set()
+        while not taken or not self._determined(taken):
+            unknowns = self.equations.symbols.unknowns
+            names = {unknowns[i] for offer in offers for i in offer.unknowns} if seen else {*self.wanted}
+            joints = [joint for joint in self.joints if joint.name not in seen and self._has(joint, names)]
+            if not joints:
+                raise self.fault("no movement of bodies was found on which undeclared connections have no power")
+            seen |= {joint.name for joint in joints}
+            for joint in joints:
+                for movement in self._movements(joint, bodies, pairs):
+                    self._offer(offers, movement, [self._twist(sample, movement) for sample in self.samples], opened)
+            taken = self._taken(offers)
         for item in list(reversed(taken)):
             rest = [other for other in taken if other is not item]
             if rest and self._determined(rest):
                 taken = rest
-        return self._released([movement for movement, _ in taken])
+        return self._released([offer.movement for offer in taken])
+
+    def _taken(self, offers: Sequence[_Offer]) -> list[_Offer]:
+        """Return independent offers, the cheapest first, until they determine the wanted reactions."""
+        taken: list[_Offer] = []
+        for offer in sorted(offers, key=lambda each: each.cost):
+            if self._independent([*taken, offer]):
+                taken.append(offer)
+                if self._determined(taken):
+                    break
+        return taken
 
     def _offer(
         self,
-        offers: list[tuple[tuple[int, int, int], Movement | int, list[FloatArray]]],
+        offers: list[_Offer],
         movement: Movement | int,
         twists: Sequence[FloatArray],
         opened: Sequence[FloatArray],
     ) -> None:
         """Add a movement on which something that joints declare has power, and nothing else."""
-        rows = [twist @ columns for twist, columns in zip(twists, self.columns, strict=True)]
-        touched = [np.abs(row) > _SMALL * float(np.abs(t).max()) for row, t in zip(rows, twists, strict=True)]
-        if not any(each.any() for each in touched):
-            return
         for twist, columns in zip(twists, opened, strict=True):
             if columns.size and np.abs(twist @ columns).max() > _SMALL * float(np.abs(twist).max()):
                 return
-        count = len(movement.bodies) if isinstance(movement, Movement) else len(self.names) + 1
-        offers.append(((int(max(each.sum() for each in touched)), count, len(offers)), movement, rows))
+        rows = [twist @ columns for twist, columns in zip(twists, self.columns, strict=True)]
+        touched = [np.abs(row) > _SMALL * float(np.abs(t).max()) for row, t in zip(rows, twists, strict=True)]
+        unknowns = tuple(np.nonzero(np.any(touched, axis=0))[0].tolist())
+        if unknowns:
+            count = len(movement.bodies) if isinstance(movement, Movement) else len(self.names) + 1
+            offers.append(_Offer((len(unknowns), count, len(offers)), movement, tuple(rows), unknowns))
 
-    def _independent(self, taken: Sequence[tuple[Movement | int, list[FloatArray]]]) -> bool:
-        return any(rank(np.array([rows[i] for _, rows in taken]).T) == len(taken) for i in range(len(self.samples)))
+    def _independent(self, taken: Sequence[_Offer]) -> bool:
+        return any(
+            rank(np.array([offer.rows[i] for offer in taken]).T) == len(taken) for i in range(len(self.samples))
+        )
 
-    def _determined(self, taken: Sequence[tuple[Movement | int, list[FloatArray]]]) -> bool:
+    def _determined(self, taken: Sequence[_Offer]) -> bool:
         for i in range(len(self.samples)):
-            matrix = np.array([rows[i] for _, rows in taken])
+            matrix = np.array([offer.rows[i] for offer in taken])
             free = null_space(matrix / np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-300))
             if free.shape[1] and np.abs(free[self.targets]).max() > 1e-6:
                 return False
         return True
 
-    def _movements(self, bodies: set[int], pairs: Sequence[Pair]) -> Iterator[Movement]:
-        """Yield movements of groups of bodies along and about what joints declare, and along the axes of frames."""
-        declared = [joint for joint in self.joints if set(joint.pair) & bodies]
-        everything = list(dict.fromkeys([*(joint.pair for joint in declared), *pairs]))
+    def _movements(self, joint: Declared, bodies: set[int], pairs: Sequence[Pair]) -> Iterator[Movement]:
+        """Yield movements of groups of bodies along and about what a joint declares, and along the axes of frames."""
+        declared = [pair for pair in self.connections[0].by_pair if set(pair) & bodies]
         undeclared = [pair for pair in pairs if pair not in self.connections[0].by_pair]
-        graph = self.balances.graph
-        for joint in declared:
-            action = self.balances.model.actions[joint.action]
-            for group in self._groups(joint, everything, undeclared):
-                for number in joint.unknowns:
-                    unknown = graph.input(self.balances.model.symbols.unknowns[number])
-                    force, torque = (self.balances.along(x, unknown) for x in (action.force, action.torque))
-                    if force:
-                        yield Movement(group, force)
-                    if torque:
-                        yield Movement(group, torque, action.at)
-                for frame in self._frames(joint):
-                    for k in range(3):
-                        x, y, z = (graph.one if i == k else graph.zero for i in range(3))
-                        yield Movement(group, (Piece(frame, (x, y, z)),))
-                        yield Movement(group, (Piece(frame, (x, y, z)),), action.at)
+        graph, action = self.balances.graph, self.balances.model.actions[joint.action]
+        for group in self._groups(joint, list(dict.fromkeys([*declared, *pairs])), undeclared):
+            for number in joint.unknowns:
+                unknown = graph.input(self.balances.model.symbols.unknowns[number])
+                force, torque = (self.balances.along(x, unknown) for x in (action.force, action.torque))
+                if force:
+                    yield Movement(group, force)
+                if torque:
+                    yield Movement(group, torque, action.at)
+            for frame in self._frames(joint):
+                for k in range(3):
+                    x, y, z = (graph.one if i == k else graph.zero for i in range(3))
+                    yield Movement(group, (Piece(frame, (x, y, z)),))
+                    yield Movement(group, (Piece(frame, (x, y, z)),), action.at)
 
     def _frames(self, joint: Declared) -> list[int]:
         model = self.balances.model
@@ -346,11 +370,9 @@ class _Search:
 
     def _twist(self, sample: BodySample, movement: Movement) -> FloatArray:
         """Return the twists of all bodies in a movement."""
-        direction = values_at(sample, self.balances.kinematics.resolve(movement.direction, 0))
+        direction = self._direction(sample, movement.direction)
         twist = np.zeros(len(sample.demand))
-        about = None
-        if movement.about is not None:
-            about = values_at(sample, self.balances.kinematics.between(0, movement.about, 0))
+        about = None if movement.about is None else self._point(sample, movement.about)
         for body in movement.bodies:
             rigid = self.balances.model.bodies[body].inertia is not None
             if about is None:
@@ -361,6 +383,25 @@ class _Search:
             if rigid:
                 twist[6 * body + 3 : 6 * body + 6] = direction
         return twist
+
+    def _direction(self, sample: BodySample, pieces: Pieces) -> FloatArray:
+        """Return a vector on the frame of the scene."""
+        total, graph, kinematics = np.zeros(3), self.balances.graph, self.balances.kinematics
+        for piece in pieces:
+            key = id(sample), "frame", piece.frame
+            if key not in self.known:
+                axes = [tuple(graph.one if i == k else graph.zero for i in range(3)) for k in range(3)]
+                nodes = [x for axis in axes for x in kinematics.to_frame((axis[0], axis[1], axis[2]), piece.frame, 0)]
+                self.known[key] = values_at(sample, nodes).reshape(3, 3)
+            total += self.known[key].T @ values_at(sample, piece.components)
+        return total
+
+    def _point(self, sample: BodySample, number: int) -> FloatArray:
+        """Return the position of a point."""
+        key = id(sample), "point", number
+        if key not in self.known:
+            self.known[key] = values_at(sample, self.balances.kinematics.between(0, number, 0))
+        return self.known[key]
 
     def _released(self, movements: Sequence[Movement | int]) -> Released:
         symbols, found, said = self.equations.symbols, [], []

@@ -41,7 +41,7 @@ def solve_released(
         else:
             power = _along_coordinate(equations, balance.coordinate, list(seconds))
         power = graph.substitute([power], given)[0] if given else power
-        slopes = [tangents(graph, [power], {x: graph.one})[0] for x in unknowns]
+        slopes = [tangents(graph, [power], {x: graph.one})[0] if power.deps & x.deps else graph.zero for x in unknowns]
         freed = [graph.freed_of(slope, unknowns) for slope in slopes]
         rest = graph.substitute([power], dict.fromkeys(unknowns, graph.zero))[0]
         found = graph.substitute([*(-x for x in freed if x is not None), rest], {**values, **seconds})
