@@ -39,11 +39,14 @@ _SMALL = 1e-8
 @final
 @dataclass(frozen=True)
 class Balance:
-    """One equation: the power on a movement vanishes, or the equation of a coordinate (its number)."""
+    """One equation: the power on a movement vanishes, or that of a coordinate (its number).
+
+    `unknowns` are the numbers of those that have power on it; others may stand in it, and cancel.
+    """
 
     power: Node | None
     coordinate: int | None
-    turning: bool
+    unknowns: tuple[int, ...]
 
 
 @final
@@ -274,7 +277,7 @@ class _Search:
             rest = [other for other in taken if other is not item]
             if rest and self._determined(rest):
                 taken = rest
-        return self._released([offer.movement for offer in taken])
+        return self._released(taken)
 
     def _taken(self, offers: Sequence[_Offer]) -> list[_Offer]:
         """Return independent offers, the cheapest first, until they determine the wanted reactions."""
@@ -403,16 +406,18 @@ class _Search:
             self.known[key] = values_at(sample, self.balances.kinematics.between(0, number, 0))
         return self.known[key]
 
-    def _released(self, movements: Sequence[Movement | int]) -> Released:
-        symbols, found, said = self.equations.symbols, [], []
-        for movement in movements:
+    def _released(self, taken: Sequence[_Offer]) -> Released:
+        found: list[Balance] = []
+        said: dict[str, None] = {}
+        for offer in taken:
+            movement = offer.movement
             if isinstance(movement, int):
-                turning = symbols.coordinates[movement] in self.equations.angles
-                found.append(Balance(None, movement, turning))
+                found.append(Balance(None, movement, offer.unknowns))
                 continue
-            found.append(Balance(self.balances.power(movement), None, movement.about is not None))
-            bodies = " with ".join(list_names([repr(self.names[b])]) for b in movement.bodies)
+            found.append(Balance(self.balances.power(movement), None, offer.unknowns))
+            bodies = " with ".join(repr(self.names[b]) for b in movement.bodies)
             point = "" if movement.about is None else f" about {self.balances.model.points[movement.about].name}"
-            said.append(f"{bodies}{point}")
-        text = f"{list_names(self.wanted)} by moving {', '.join(dict.fromkeys(said))} in the program of reactions alone"
+            said[f"{bodies}{point}"] = None
+        by = f"by moving {', '.join(said)}" if said else "by the equations of coordinates"
+        text = f"{list_names(self.wanted)} {by} in the program of reactions alone"
         return Released(tuple(found), tuple(self.wanted), text)

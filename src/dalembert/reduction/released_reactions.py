@@ -41,18 +41,36 @@ def solve_released(
         else:
             power = _along_coordinate(equations, balance.coordinate, list(seconds))
         power = graph.substitute([power], given)[0] if given else power
-        slopes = [tangents(graph, [power], {x: graph.one})[0] if power.deps & x.deps else graph.zero for x in unknowns]
-        freed = [graph.freed_of(slope, unknowns) for slope in slopes]
+        own = [unknowns[i] for i in balance.unknowns]
+        slopes = [graph.freed_of(tangents(graph, [power], {x: graph.one})[0], unknowns) for x in own]
         rest = graph.substitute([power], dict.fromkeys(unknowns, graph.zero))[0]
-        found = graph.substitute([*(-x for x in freed if x is not None), rest], {**values, **seconds})
-        rows.append(found[:-1])
+        found = graph.substitute([*(-x for x in slopes if x is not None), rest], {**values, **seconds})
+        row = dict(zip(balance.unknowns, found, strict=False))
+        rows.append([row.get(i, graph.zero) for i in range(len(unknowns))])
         demands.append(found[-1])
-    independent, _ = independent_columns(rows)
-    matrix = [[row[i] for i in independent] for row in rows]
-    across = transpose(matrix)
-    solution = factorize(graph, matmul(graph, across, matrix)).solve(matvec(graph, across, demands))
-    solved = {unknowns[i]: value for i, value in zip(independent, solution, strict=True)}
+    solved: dict[Node, Node] = {}
+    for some, columns in _blocks(rows):
+        block = [[rows[i][j] for j in columns] for i in some]
+        independent, _ = independent_columns(block)
+        matrix = [[row[i] for i in independent] for row in block]
+        across = transpose(matrix)
+        factors = factorize(graph, matmul(graph, across, matrix))
+        solution = factors.solve(matvec(graph, across, [demands[i] for i in some]))
+        solved |= {unknowns[columns[i]]: value for i, value in zip(independent, solution, strict=True)}
     return {graph.input(name): solved[graph.input(name)] for name in released.unknowns}
+
+
+def _blocks(rows: Matrix) -> list[tuple[list[int], list[int]]]:
+    """Return the numbers of rows and columns that depend on each other, block by block."""
+    blocks: list[tuple[list[int], set[int]]] = []
+    for i, row in enumerate(rows):
+        columns = {j for j, entry in enumerate(row) if not entry.is_zero}
+        own = [i]
+        for other in [block for block in blocks if block[1] & columns]:
+            blocks.remove(other)
+            own, columns = other[0] + own, columns | other[1]
+        blocks.append((own, columns))
+    return [(sorted(own), sorted(columns)) for own, columns in blocks if columns]
 
 
 def _along_coordinate(equations: EquationsOfMotion, number: int, seconds: Sequence[Node]) -> Node:
