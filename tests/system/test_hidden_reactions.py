@@ -157,7 +157,12 @@ def test_every_pin_of_a_four_bar_that_constraints_close():
         centres.append((np.array([values["d"], 0]) + spokes[2] / 2, moves[2] / 2))
         states = [(*c, a, *v, w) for (c, v), a, w in zip(centres, angles, rates, strict=True)]
         half = [np.array([values[n] / 2, 0]) for n in ("l1", "l2", "l3")]
-        pins = [(2, half[2], 1, half[1]), (0, -half[0], None, None), (1, -half[1], 0, half[0]), (2, -half[2], None, None)]
+        pins = [
+            (2, half[2], 1, half[1]),
+            (0, -half[0], None, None),
+            (1, -half[1], 0, half[0]),
+            (2, -half[2], None, None),
+        ]
         wanted = pin_forces(*([values[f"{k}{j}"] for j in (1, 2, 3)] for k in "mJ"), states, pins).ravel()
         found = np.array([run[name][i] for name in names])
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-11 * np.abs(wanted).max())
@@ -188,9 +193,7 @@ def slider_crank(joints):
 
 def test_pins_of_a_slider_crank_in_one_coordinate():
     outputs = {name: name for name in ("A_x", "A_y", "B_x", "B_y", "C_x", "C_y", "H")} | {"a": theta.diff(t, 2)}
-    model = da.compile_model(
-        slider_crank(["main", "crankpin", "wrist", "guide"]), backend="numpy", outputs=outputs
-    )
+    model = da.compile_model(slider_crank(["main", "crankpin", "wrist", "guide"]), backend="numpy", outputs=outputs)
     p = {l: 0.3, L: 1.0, b: 0.1, m: 1.3, M: 2.1, J: 0.05, g: 9.81}
     run = model.simulate((0, 0.1), {theta: 0.5, theta.diff(): 2.0}, p, t_eval=[0, 0.1])
     for i in range(2):
@@ -204,7 +207,7 @@ def test_pins_of_a_slider_crank_in_one_coordinate():
             spoke = np.array([np.cos(angle), np.sin(angle)])
             return spoke, acceleration * np.array([-spoke[1], spoke[0]]) - speed**2 * spoke
 
-        (e_1, s_1), (e_2, s_2) = second(q, w, a), second(phi, rate, turn)
+        (_, s_1), (e_2, s_2) = second(q, w, a), second(phi, rate, turn)
         up = np.array([0, 9.81])
         slider = 2.1 * (0.3 * s_1 + 1.0 * s_2 + up)
         on_rod, on_crank = 1.3 * (0.3 * s_1 + 0.5 * s_2 + up), 1.3 * (0.1 * s_1 + up)
@@ -340,4 +343,3 @@ def test_load_at_what_belongs_to_two_bodies():
     model = da.compile_model(scene, backend="numpy", outputs={"moment": "moment", "a": theta.diff(t, 2)})
     run = model.simulate((0, 0.5), {theta: 0.3, theta.diff(): 1}, {m: 1, M: 2, J: 0.1, l: 0.5, g: 9.81})
     np.testing.assert_allclose(run["moment"], 0.1 * run["a"], rtol=1e-12)
-

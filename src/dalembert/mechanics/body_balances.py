@@ -67,7 +67,7 @@ class BodyBalances:
         self.kinematics.flow |= dict(zip(self.kinematics.qdot, map(graph.input, names), strict=True))
         self.poses = [self.kinematics.body_pose(body) for body in self.model.bodies]
         self.screws: list[Screw] = [
-            inertia_screw(body, pose) for body, pose in zip(self.model.bodies, self.poses, strict=True)
+            inertia_screw(graph, body, pose) for body, pose in zip(self.model.bodies, self.poses, strict=True)
         ]
         self.ties: list[tuple[int, int]] = []
         self.floating: list[str] = []
@@ -123,7 +123,9 @@ class BodyBalances:
         last = max((path.index(c) for c in centres if c in path[1:]), default=None)
         if last is not None:
             return [i for i, c in zip(bodies, centres, strict=True) if c == path[last]]
-        own = [i for i in bodies if carrier != 0 and self.model.bodies[i].inertia and self.model.bodies[i].frame == carrier]
+        own = [
+            i for i in bodies if carrier != 0 and self.model.bodies[i].inertia and self.model.bodies[i].frame == carrier
+        ]
         return own or bodies
 
     def _carries(self, body: int, point: int) -> bool:

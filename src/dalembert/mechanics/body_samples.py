@@ -151,8 +151,8 @@ def _sample(
     whole = np.block([[mass, constraints.T], [constraints, np.zeros((len(bias), len(bias)))]])
     accelerations = np.linalg.lstsq(whole, np.concatenate([rest, bias]), rcond=1e-12)[0][:n_q]
     demand = wrenches[:, 0] + inertia @ accelerations
-    values = {node: float(value[0]) for node, value in inputs.items()}
-    return BodySample(demand, forces, mode, along, constraints, places, values)
+    known = {node: float(value[0]) for node, value in inputs.items()}
+    return BodySample(demand, forces, mode, along, constraints, places, known)
 
 
 def _with_missing(equations: EquationsOfMotion, state: Mapping[Node, float]) -> dict[Node, float]:

@@ -8,18 +8,18 @@ random positions that satisfy the constraints, where a pin that closes a loop ca
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
-from ..errors import RELEASE, ConstraintError, UnknownNameError, list_names, unknown_name
+from ..errors import ConstraintError, UnknownNameError, list_names, unknown_name
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import EquationsOfMotion
 from ..mechanics.manifold import outside_span_on_manifold
-from ..naming import acceleration_input, acceleration_name, rate_name
 from ..mechanics.released_balances import released_balances, require_balance
+from ..naming import acceleration_input, acceleration_name, rate_name
 from ..transforms.linear import Matrix, factorize, matmul, matvec, transpose
 from .base import ReducedSystem
 from .reaction_columns import independent_columns, reaction_solver, weighted_columns
@@ -151,10 +151,6 @@ def _solved(
     names, graph = equations.symbols.unknowns, equations.graph
     silent = [x for x in undetermined if all(vanishes(row[names.index(x)]) for row in equations.reactions)]
     lost = [x for x in needed if x in (silent if equations.minimum_norm else undetermined)]
-    if equations.scene is None or not equations.scene.bodies:
-        if lost:
-            raise ConstraintError(_undetermined(equations, lost))
-        return _solve(equations, *motion), ""
     solved: dict[Node, Node] = {}
     if len(lost) < len(needed):
         try:
@@ -179,22 +175,6 @@ def _inputs_of(nodes: Iterable[Node]) -> set[str]:
 def _with_energies(graph: Graph, nodes: Sequence[Node], energies: Mapping[str, Node]) -> list[Node]:
     """Return nodes with energies in place of inputs that are called like them."""
     return graph.substitute(nodes, {graph.input(name): node for name, node in energies.items()})
-
-
-def _undetermined(equations: EquationsOfMotion, lost: Sequence[str]) -> str:
-    """Return why reactions cannot be computed, and what to do."""
-    names = equations.symbols.unknowns
-    silent = [x for x in lost if all(vanishes(row[names.index(x)]) for row in equations.reactions)]
-    rest = [x for x in lost if x not in silent]
-    why = []
-    if silent:
-        why.append(f"{list_names(silent)} appear in no equation, because they have no power on any coordinate")
-    if rest:
-        why.append(f"only a combination of {list_names(rest)} with others appears in the equations")
-    return (
-        f"scene {equations.name!r}: the reactions {list_names(lost)} are not determined by the equations of motion:"
-        f" {'; '.join(why)}. Release the coordinate along which each acts: {RELEASE}"
-    )
 
 
 def _needed_unknowns(equations: EquationsOfMotion, nodes: Mapping[str, Node]) -> list[str]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ..ir.node import Node
+from ..mechanics.balance_choice import Released
 from ..mechanics.equations import EquationsOfMotion
-from ..mechanics.released_balances import Released
 from ..naming import acceleration_input
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix, factorize, matmul, matvec, transpose

@@ -10,7 +10,7 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import dynamicsymbols
 
-from ..errors import RELEASE, list_names
+from ..errors import list_names
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..ir.zero_tests import agree
@@ -27,8 +27,8 @@ from .joints import Joint
 from .model import Action, BodyModel, Components, ConstraintModel, ContactModel, ControllerModel
 
 _IMPLIED = (
-    "is already implied by the parametrization: it vanishes for all coordinates. Remove it; for its reaction, release a"
-    f" coordinate: {RELEASE}"
+    "is already implied by the parametrization: it vanishes for all coordinates. Remove it; declare its reaction as an"
+    " unknown of a joint, which may be an output without it"
 )
 
 

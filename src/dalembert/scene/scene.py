@@ -295,7 +295,8 @@ class Scene:
         This scene stays as it is: write ``scene = scene.release(...)``, and compile what it returns.
 
         This is the "fictitious" coordinate of section 13.4: a further Lagrange equation, which determines
-        the reaction that the parametrization hides. The motion stays as it is.
+        the reaction that the parametrization hides. The motion stays as it is. Outputs do not need it:
+        `dalembert.compile_model` computes reactions that the parametrization hides by itself.
 
         Parameters
         ----------
