@@ -253,6 +253,58 @@ def test_rod_on_a_block_in_every_mode_of_its_contact():
     assert flying.any() and not run["press"][flying].any() and (run["press"][~flying] > 0).sum() > 5
 
 
+# -- quaternions -----------------------------------------------------------------------------------------------
+
+
+def upright(quaternion):
+    """An upright on two arms with ball joints and a tie rod: the reactions have power on no component of the length."""
+    place, arms = dynamicsymbols("x y z"), dynamicsymbols("upper lower")
+    turn = dynamicsymbols("e0 e1 e2 e3") if quaternion else dynamicsymbols("e1 e2 e3")
+    U, A, B = ReferenceFrame("U"), *(N.orientnew(n, "Axis", (q, N.x)) for n, q in zip("AB", arms, strict=True))
+    U.orient_quaternion(N, turn) if quaternion else U.orient_body_fixed(N, turn, "123")
+    G_U = O.locatenew("G_U", sum((q * axis for q, axis in zip(place, N, strict=True)), 0 * N.x))
+    pivots = O.locatenew("P_A", 0.2 * N.z), O.locatenew("P_B", -0.2 * N.z), O.locatenew("rack", 0.1 * N.x)
+    tips = pivots[0].locatenew("tip_A", 0.4 * A.y), pivots[1].locatenew("tip_B", 0.5 * B.y)
+    balls = G_U.locatenew("ball_A", 0.18 * U.z), G_U.locatenew("ball_B", -0.2 * U.z)
+    tie = G_U.locatenew("tie", 0.1 * U.x + 0.02 * U.z)
+    G_A, G_B = pivots[0].locatenew("G_A", 0.2 * A.y), pivots[1].locatenew("G_B", 0.25 * B.y)
+    scene = da.Scene("upright", frame=N, origin=O, coordinates=[*place, *turn, *arms])
+    scene.add_bodies(
+        RigidBody("upright", G_U, U, 5, (inertia(U, 0.02, 0.03, 0.04), G_U)),
+        RigidBody("upper", G_A, A, 2, (inertia(A, 0.02, 0.03, 0.04), G_A)),
+        RigidBody("lower", G_B, B, 3, (inertia(B, 0.02, 0.03, 0.04), G_B)),
+    )
+    gaps = [ball.pos_from(O) - tip.pos_from(O) for ball, tip in zip(balls, tips, strict=True)]
+    along = tie.pos_from(pivots[2])
+    scene.add_holonomic_constraints(*(gap.dot(axis) for gap in gaps for axis in N), along.dot(along) - L**2)
+    if quaternion:
+        scene.add_holonomic_constraints(sum(c**2 for c in turn) - 1)
+    scene.apply_uniform_gravity(-g * N.z)
+    scene.add_loads((G_U, 50 * N.y + 300 * N.z))
+    forces = da.unknowns("A_x A_y A_z B_x B_y B_z S")
+    vectors = (
+        sum((f * axis for f, axis in zip(three, N, strict=True)), 0 * N.x) for three in (forces[:3], forces[3:6])
+    )
+    for name, ball, vector in zip(("upper", "lower"), balls, vectors, strict=True):
+        scene.add_joints(da.Joint(f"ball {name}", body="upright", other=name, at=ball, force=vector))
+    scene.add_joints(da.Joint("tie rod", body="upright", at=tie, force=forces[6] * along / L))
+    guess = {"x": 0, "y": 0.43, "z": 0, "upper": 0.05, "lower": 0.02} | dict.fromkeys(("e1", "e2", "e3"), 0)
+    return scene, [str(f) for f in forces], guess | ({"e0": 1} if quaternion else {})
+
+
+def test_upright_by_quaternion_has_the_forces_that_it_has_in_angles():
+    found = []
+    for quaternion in (False, True):
+        scene, names, guess = upright(quaternion)
+        model = da.compile_model(scene, backend="numpy", formulation="projected", outputs=names)
+        p = {L: 0.5, g: 9.81}
+        start = model.assemble(guess, p, fixed=["upper"])
+        start = {name: start[name] for name in guess} | {"upper_dot": 0.5}
+        run = model.simulate((0, 1e-3), start, p, t_eval=[0])
+        found.append([run[name][0] for name in names])
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-9 * np.abs(found[0]).max())
+
+
 # -- what is not determined, and what is missing ---------------------------------------------------------------
 
 
