@@ -289,20 +289,30 @@ def upright(quaternion):
         scene.add_joints(da.Joint(f"ball {name}", body="upright", other=name, at=ball, force=vector))
     scene.add_joints(da.Joint("tie rod", body="upright", at=tie, force=forces[6] * along / L))
     guess = {"x": 0, "y": 0.43, "z": 0, "upper": 0.05, "lower": 0.02} | dict.fromkeys(("e1", "e2", "e3"), 0)
-    return scene, [str(f) for f in forces], guess | ({"e0": 1} if quaternion else {})
+    positions = [gap.to_matrix(N) for gap in (*gaps, along)]
+    return scene, [str(f) for f in forces], guess | ({"e0": 1} if quaternion else {}), positions
 
 
-def test_upright_by_quaternion_has_the_forces_that_it_has_in_angles():
-    found = []
-    for quaternion in (False, True):
-        scene, names, guess = upright(quaternion)
-        model = da.compile_model(scene, backend="numpy", formulation="projected", outputs=names)
-        p = {L: 0.5, g: 9.81}
+def test_upright_by_quaternion_has_the_forces_that_virtual_work_gives_in_angles():
+    """The equations in angles, and Jacobians of the points by SymPy, give the forces by least squares."""
+    p, forces, scenes = {L: 0.5, g: 9.81}, [], [upright(quaternion) for quaternion in (True, False)]
+    for (scene, names, guess, _), outputs in zip(scenes, (scenes[0][1], []), strict=True):
+        model = da.compile_model(scene, backend="numpy", formulation="projected", outputs=outputs)
         start = model.assemble(guess, p, fixed=["upper"])
-        start = {name: start[name] for name in guess} | {"upper_dot": 0.5}
-        run = model.simulate((0, 1e-3), start, p, t_eval=[0])
-        found.append([run[name][0] for name in names])
-    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-9 * np.abs(found[0]).max())
+        run = model.simulate((0, 1e-3), {name: start[name] for name in guess} | {"upper_dot": 0.5}, p, t_eval=[0])
+        forces = forces or [run[name][0] for name in names]
+    at, numbers = (0.0, run.q[0], run.qdot[0]), {"L": 0.5, "g": 9.81}
+    demand = model.mass_matrix(run.q[0], numbers) @ model.accelerations(*at, numbers) - model.forcing(*at, numbers)
+    values = dict(zip(scene.coordinates, run.q[0], strict=True)) | {L: 0.5}
+
+    def numeric(matrix):
+        return np.array(matrix.subs(values).evalf(), dtype=float)
+
+    positions = scenes[1][3]
+    first, second, rod = (numeric(position.jacobian(scene.coordinates)) for position in positions)
+    columns = np.vstack([first, second, numeric(positions[2]).T @ rod / 0.5])
+    wanted = np.linalg.lstsq(columns.T, demand, rcond=None)[0]
+    np.testing.assert_allclose(forces, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
 
 
 # -- what is not determined, and what is missing ---------------------------------------------------------------
