@@ -51,7 +51,8 @@ def compile_model(
         "minimal", "projected", "baumgarte", "ggl" or "augmented"; "auto" takes "minimal" where independent speeds
         exist that are regular at every configuration, else "projected".
     outputs : sequence of str, SymPy expressions, Points or Vectors, or mapping of names to them
-        What to record beside coordinates, rates and energy: names of unknown reaction components, expressions of the
+        What to record beside coordinates, rates and energy: names of unknown reaction components (for those without
+        power on the coordinates, bodies are moved in the program of reactions alone), expressions of the
         scene's symbols, points, of which ``"P_x"``, ``"P_y"`` and ``"P_z"`` are the position from the scene's origin
         on its frame, or vectors, of which a mapping ``{"v": vector}`` gives the components ``"v_x"``, ``"v_y"`` and
         ``"v_z"`` on that frame. Expressions and vectors may contain accelerations ``x.diff(t, 2)``; alone, one is

@@ -161,7 +161,11 @@ class Scene:
         self.bodies += bodies
 
     def add_joints(self, *joints: Joint) -> None:
-        """Add joints with unknown reactions."""
+        """Add joints with unknown reactions, each of which is an output of models by its name.
+
+        A reaction need not have power on the coordinates. It is computed where it is the same whatever connections of
+        bodies carry that no joint declares; otherwise the error names the bodies.
+        """
         self.joints += joints
 
     def add_loads(self, *loads: Any) -> None:
