@@ -1,6 +1,6 @@
 """Local coordinates against projection: DOP853 with equal steps, on closed loops without a closed form.
 
-In local coordinates of a tangent space each stage lies on the constraints: q is what the linear coordinates of the chart
+In local coordinates of a tangent space each stage lies on the constraints: q is what the coordinates of the chart
 say, and the rest follows by Newton's method (Hairer, Lubich and Wanner, Geometric Numerical Integration, section
 IV.5.3). A projected step puts its end on them. Series of Taylor steps are the same for both.
 
