@@ -15,6 +15,7 @@ from .progress import compilation_meter
 from .scene import Scene
 from .scene.joints import requested
 from .scene.orientation import with_quaternions
+from .scene.reactions import with_reactions
 from .values import flag
 
 if TYPE_CHECKING:
@@ -96,6 +97,8 @@ def _compiled(source: Any, options: CompileOptions) -> CompiledModel:
     """Return the model of a scene or a SymPy system, with the outputs that every model of it has."""
     scene = source.copy() if isinstance(source, Scene) else Scene.from_sympy(source)
     angles: list[str] = []
+    scene, wanted = with_reactions(scene, options.outputs)
+    options = replace(options, outputs=wanted)
     if options.orientation == "quaternion":
         scene = with_quaternions(scene)
         angles = [a.func.__name__ for item in scene.orientations for a in item.angles]

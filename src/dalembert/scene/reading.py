@@ -19,6 +19,7 @@ from .kink_checks import kinked_constraints, rough_tables
 from .model import Action, BodyModel, ConstraintModel, ContactModel, GivenMotion, Piece, Pieces, SceneModel
 from .prescribed_velocities import located, read_given
 from .scene import Scene
+from .sympy_joints import tree_faults
 from .symbol_table import SymbolTable
 from .symbols import RESERVED_OUTPUTS, Requirement
 from .velocity_checks import velocity_faults
@@ -229,6 +230,7 @@ class _SceneReader(ContentReader):
         if not self.faults and placed:
             self.faults += points_off_particles(self.scene)
             self.faults += velocity_faults(self.scene, self.frames, self.points, self._met)
+        self.faults += tree_faults(self.scene, self.frames, self.points)
         self.faults += rough_tables(self.graph, requirements)
         faults = self.faults + self.expressions.faults
         if faults:

@@ -15,10 +15,12 @@ from sympy.physics.vector import Vector
 
 from ..errors import SceneError, nesting_named
 from . import release_impose
+from .connections import add_connection
 from .contacts import CoulombFriction, UnilateralContact
 from .controllers import Controller
 from .joints import Joint
 from .orientation import FreeOrientation
+from .reactions import Connection, reaction, require_new_name
 from .shapes import Shape, checked_shapes
 
 
@@ -39,9 +41,9 @@ class Scene:
         The Newtonian referential.
     origin : Point
         A point fixed in it.
-    coordinates : sequence of dynamicsymbols
-        The coordinates q, in the order of every array of the compiled model. They need not be
-        independent: the kinetic energy is formed as if they were (assumption 13.1.2).
+    coordinates : sequence of dynamicsymbols, optional
+        The coordinates q, in the order of every array of the compiled model; those of SymPy's joints need not be among
+        them. They need not be independent: the kinetic energy is formed as if they were (assumption 13.1.2).
 
     Raises
     ------
@@ -62,7 +64,7 @@ class Scene:
     """
 
     @nesting_named
-    def __init__(self, name: str, frame: ReferenceFrame, origin: Point, coordinates: Sequence[Expr]) -> None:
+    def __init__(self, name: str, frame: ReferenceFrame, origin: Point, coordinates: Sequence[Expr] = ()) -> None:
         faults = []
         if not isinstance(frame, ReferenceFrame):
             faults.append(f"frame must be a ReferenceFrame, not {frame!r}")
@@ -79,6 +81,7 @@ class Scene:
         self.coordinates: tuple[Expr, ...] = tuple(coordinates)
         self.bodies: tuple[RigidBody | Particle, ...] = ()
         self.joints: tuple[Joint, ...] = ()
+        self.connections: tuple[Connection, ...] = ()
         self.loads: tuple[Any, ...] = ()
         self.actuators: tuple[Any, ...] = ()
         self.holonomic_constraints: tuple[Expr, ...] = ()
@@ -158,15 +161,60 @@ class Scene:
         names the coordinates along which it is not theirs, or along which no load acts. One that is the body's own
         weight in the field of `apply_uniform_gravity` counts once.
         """
-        self.bodies += bodies
+        for body in bodies:
+            if not any(body is own for own in self.bodies):
+                self.bodies += (body,)
 
-    def add_joints(self, *joints: Joint) -> None:
-        """Add joints with unknown reactions, each of which is an output of models by its name.
+    @nesting_named
+    def add_joints(self, *joints: Any) -> None:
+        """Add joints: those of ``sympy.physics.mechanics``, or a `Joint` with unknown reactions.
 
-        A reaction need not have power on the coordinates. It is computed where it is the same whatever connections of
-        bodies carry that no joint declares; otherwise the error names the bodies.
+        `PinJoint`, `PrismaticJoint`, `CylindricalJoint`, `PlanarJoint`, `SphericalJoint` and `WeldJoint` constrain. Each
+        adds its bodies and coordinates, unless the scene has them, and its speeds. A parent at rest is the fixed frame.
+        The reaction of a joint "elbow" is an output by name: "elbow.force_x", ..., "elbow.torque_z" act on the child at
+        the joint's ``child_point``, with axes of its ``parent_interframe``. See `reaction` for other axes.
+
+        Raises
+        ------
+        SceneError
+            For a second joint of the same name, a SymPy joint that closes a loop, and one whose speeds contradict those
+            of another.
         """
-        self.joints += joints
+        for joint in joints:
+            if isinstance(joint, Joint):
+                if any(joint.name == item.name for item in self.connections):
+                    require_new_name(self, joint.name)
+                self.joints += (joint,)
+            elif not add_connection(self, joint):
+                self.joints += (joint,)
+
+    def reaction(self, joint: str, frame: ReferenceFrame | None = None) -> dict[str, Expr]:
+        """Return the reaction of a joint that constrains, as outputs by name.
+
+        Parameters
+        ----------
+        joint : str
+            Name of a SymPy joint of the scene.
+        frame : ReferenceFrame, optional
+            Axes of the components, which are called such as "elbow.force_x on N"; by default those of the joint.
+
+        Returns
+        -------
+        dict of str to Expr
+            Forces [N] and torques [N m] on the child at the joint's point, for ``outputs=`` of `dalembert.compile_model`.
+
+        Raises
+        ------
+        UnknownNameError
+            For a joint that the scene does not have, or that does not constrain.
+
+        Examples
+        --------
+        ::
+
+            model = da.compile_model(scene, outputs=scene.reaction("elbow", frame=N))
+        """
+        return reaction(self, joint, frame)
 
     def add_loads(self, *loads: Any) -> None:
         """Add given actions: ``Force``/``Torque`` of SymPy, pairs (point, force), (frame, torque), or forces on bodies.
