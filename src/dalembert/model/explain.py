@@ -191,6 +191,10 @@ def _left_out(stages: Stages) -> list[str]:
     reactions = [name for name in layout.unknowns if name not in layout.outputs]
     if reactions:
         out.append(f"the reactions {list_names(reactions)}, which no output needs")
+    read = {joint.name for joint in stages.scene.joints}
+    silent = [item.name for item in stages.scene.connections if item.name not in read]
+    if silent:
+        out.append(f"the reactions of {list_names(map(repr, silent))}, such as '{silent[0]}.force_x'")
     if hidden := [name for name in layout.undetermined if name not in layout.outputs]:
         out.append(f"{list_names(hidden)}, which the equations do not determine")
     if stages.equations.reaction_values:

@@ -230,7 +230,7 @@ class _SceneReader(ContentReader):
         if not self.faults and placed:
             self.faults += points_off_particles(self.scene)
             self.faults += velocity_faults(self.scene, self.frames, self.points, self._met)
-        self.faults += tree_faults(self.scene, self.frames, self.points)
+        self.faults += tree_faults(self.scene, self.frames, self.points) if placed else []
         self.faults += rough_tables(self.graph, requirements)
         faults = self.faults + self.expressions.faults
         if faults:
