@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import errors, scenes
 from .scene import (
+    Closure,
     Controller,
     CoulombFriction,
     Joint,
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Box",
+    "Closure",
     "Controller",
     "CoulombFriction",
     "Cylinder",

@@ -2,8 +2,10 @@
 
 from dataclasses import dataclass
 
+import mpmath
 import numpy as np
 import sympy as sp
+from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import (
     CylindricalJoint,
     PinJoint,
@@ -86,35 +88,61 @@ def tree(kind, *, skew=False):
     return Tree(ground, (base, arm), (first, second))
 
 
-def newton_euler(joint, carried, scene_frame, origin, gravity, values):
-    """Return force and torque on the child of a joint at its child point, on the parent's intermediate frame (6,).
+def newton_euler(at, axes, carried, root, origin, gravity, values):
+    """Return the force and the torque about a point that bodies need for their motion beside gravity, on axes (6,).
+
+    Accelerations are differences of places and rotation matrices, with 50 digits.
 
     Parameters
     ----------
-    joint : Joint of SymPy
+    at, axes : Point, ReferenceFrame
+        Point and axes of a joint.
     carried : sequence of RigidBody
-        The child and all that hangs on it.
-    scene_frame, origin : ReferenceFrame, Point
+        The child of the joint and all that hangs on it.
+    root, origin : ReferenceFrame, Point
     gravity : Vector
     values : mapping
         Numbers for parameters, coordinates, their rates and their second rates.
     """
-    at = joint.child_point
-    force = torque = 0 * scene_frame.x
-    for body in carried:
-        need = body.mass * (body.masscenter.pos_from(origin).dt(scene_frame).dt(scene_frame) - gravity)
-        omega = angular_velocity(body.frame, scene_frame)
-        momentum = body.central_inertia.dot(omega)
-        force += need
-        torque += momentum.dt(scene_frame) + body.masscenter.pos_from(at).cross(need)
-    found = []
-    for vector in (force, torque):
-        found += [vector.dot(axis) for axis in joint.parent_interframe]
-    return np.array([float(sp.sympify(x).doit().subs(values)) for x in found])
+    mpmath.mp.dps, h = 50, mpmath.mpf(10) ** -12
+    held, moving = ([x for x in values if isinstance(x, kind)] for kind in (sp.Symbol, AppliedUndef))
+    way = [at.pos_from(origin).to_matrix(root), root.dcm(axes)]
+    parts = [(b.masscenter.pos_from(origin).to_matrix(root), root.dcm(b.frame)) for b in carried]
+    rest = [*gravity.to_matrix(root), *(b.mass for b in carried)]
+    rest += [x for b in carried for x in b.central_inertia.to_matrix(b.frame)]
+    call = sp.lambdify([*held, *moving], [way, parts, rest], "mpmath")
+
+    def place(s):
+        number = {x: mpmath.mpf(float(values[x])) for x in held}
+        course = [float(values[q]) + s * float(values[q.diff(T)]) + s**2 * float(values[q.diff(T, 2)]) / 2 for q in moving]
+        return call(*number.values(), *course)
+
+    behind, (way, now, rest), ahead = place(-h), place(mpmath.mpf(0)), place(h)
+    field, masses, moments = mpmath.matrix(rest[:3]), rest[3:], rest[3 + len(carried) :]
+    force = torque = mpmath.matrix([0, 0, 0])
+    for i, (before, here, after) in enumerate(zip(behind[1], now, ahead[1], strict=True)):
+        acceleration = (before[0] - 2 * here[0] + after[0]) / h**2
+        need = masses[i] * (acceleration - field)
+        first, second = (after[1] - before[1]) / (2 * h), (before[1] - 2 * here[1] + after[1]) / h**2
+        omega, alpha = axial(first * here[1].T), axial(second * here[1].T + first * first.T)
+        central = here[1] * mpmath.matrix([moments[9 * i + 3 * j : 9 * i + 3 * j + 3] for j in range(3)]) * here[1].T
+        force = force + need
+        torque = torque + central * alpha + cross(omega, central * omega) + cross(here[0] - way[0], need)
+    return np.array([float(x) for vector in (force, torque) for x in way[1].T * vector])
 
 
-def angular_velocity(frame, base):
-    """Return the angular velocity of a frame by its rotation matrix, without what was set."""
-    matrix = base.dcm(frame)
-    skew = matrix.diff(T) * matrix.T
-    return skew[2, 1] * base.x + skew[0, 2] * base.y + skew[1, 0] * base.z
+def axial(skew):
+    return mpmath.matrix([skew[2, 1] - skew[1, 2], skew[0, 2] - skew[2, 0], skew[1, 0] - skew[0, 1]]) / 2
+
+
+def cross(a, b):
+    return mpmath.matrix([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def values_at(run, k, scene, parameters):
+    """Return numbers for the symbols of a scene at one time of a run, whose outputs are the second rates."""
+    values = dict(parameters)
+    for q in scene.coordinates:
+        name = q.func.__name__
+        values |= {q: run[name][k], q.diff(T): run[f"{name}_dot"][k], q.diff(T, 2): run[f"{name}_ddot"][k]}
+    return values

@@ -1,5 +1,6 @@
 """Scenes as users write them, and their reading onto the expression graph."""
 
+from .closures import Closure
 from .contacts import CoulombFriction, UnilateralContact
 from .controllers import Controller
 from .joints import Joint, Unknown, unknowns
@@ -8,6 +9,7 @@ from .scene import Scene
 from .tables import table
 
 __all__ = [
+    "Closure",
     "Controller",
     "CoulombFriction",
     "Joint",

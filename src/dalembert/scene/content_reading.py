@@ -165,7 +165,8 @@ class ContentReader(GeometryReader):
         return Action(where, "body force", names.index(name), at, vector, ())
 
     def _holonomic(self, constraint: Any, number: int) -> ConstraintModel:
-        label = f"holonomic constraint {number + 1}"
+        owners = [name for row, name in self.scene.constraint_names if row is constraint]
+        label = f"constraint of {owners[0]!r}" if owners else f"holonomic constraint {number + 1}"
         before = len(self.expressions.faults)
         node = self._scalar(constraint, f"{label} ({short(constraint)})")
         self._without_states([node], f"{label} ({short(constraint)})")

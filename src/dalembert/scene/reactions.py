@@ -90,6 +90,10 @@ def vector_of(components: Triple, frame: ReferenceFrame) -> Any:
 
 def orthogonal(axis: Any) -> tuple[Any, Any]:
     """Return two orthonormal matrices (3, 1) across a unit matrix (3, 1), without a division where it allows that."""
+    others = [i for i in range(3) if axis[i] == 0]
+    if len(others) == 2:
+        first, second = (sp.Matrix([int(i == place) for i in range(3)]) for place in others)
+        return first, second
     place = min(range(3), key=lambda i: (sp.sympify(axis[i]) != 0, abs(sp.N(axis[i])) if axis[i].is_number else 2, i))
     first = axis.cross(sp.Matrix([int(i == place) for i in range(3)]))
     if axis[place] != 0:

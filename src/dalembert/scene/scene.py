@@ -82,6 +82,7 @@ class Scene:
         self.bodies: tuple[RigidBody | Particle, ...] = ()
         self.joints: tuple[Joint, ...] = ()
         self.connections: tuple[Connection, ...] = ()
+        self.constraint_names: tuple[tuple[Expr, str], ...] = ()
         self.loads: tuple[Any, ...] = ()
         self.actuators: tuple[Any, ...] = ()
         self.holonomic_constraints: tuple[Expr, ...] = ()

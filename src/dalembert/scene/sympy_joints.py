@@ -6,10 +6,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import sympy as sp
-from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import (
     CylindricalJoint,
-    Particle,
     PinJoint,
     PlanarJoint,
     PrismaticJoint,
@@ -17,10 +15,10 @@ from sympy.physics.mechanics import (
     WeldJoint,
 )
 from sympy.physics.mechanics.joint import Joint as AnyJoint
-from sympy.physics.vector import dynamicsymbols
 
 from ..errors import SceneError, list_names
 from .frames import Tree
+from .places import at_rest
 from .reactions import (
     NOTHING,
     Connection,
@@ -138,25 +136,6 @@ def _other_speeds(scene: Scene, joint: Any) -> list[str]:
         for q, u in zip(joint.coordinates, joint.speeds, strict=True)
         if known.get(q, u) != u
     ]
-
-
-def at_rest(scene: Scene, body: Any) -> bool:
-    """Whether a body is at a constant place in the fixed frame, as far as it is located yet."""
-    frames, points = Tree(scene.frame, "_dcm_dict"), Tree(scene.origin, "_pos_dict")
-    way = points.path(body.masscenter)
-    used = [] if isinstance(body, Particle) else [body.frame]
-    if way is None:
-        return False
-    entries: list[Any] = []
-    for point in way:
-        for matrix, frame in point._pos_dict[points.parent[point]].args:
-            entries += [*matrix]
-            used.append(frame)
-    turns = [frames.path(frame) for frame in used]
-    if any(turn is None for turn in turns):
-        return False
-    entries += [x for turn in turns for frame in turn or () for x in frame._dcm_dict[frames.parent[frame]]]
-    return not any(sp.sympify(x).has(AppliedUndef, dynamicsymbols._t) for x in entries)
 
 
 def tree_faults(scene: Scene, frames: Tree, points: Tree) -> list[str]:

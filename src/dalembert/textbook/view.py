@@ -14,6 +14,7 @@ from ..naming import rate_name
 from ..once import deriving
 from ..scene import Scene, Unknown
 from ..scene.reading import read
+from ..scene.reactions import with_closures
 from ..scene.speeds import without_speeds
 from .actions import Actions, Screw
 from .constraints import Constraint, classify, pfaffian
@@ -63,7 +64,7 @@ def lagrange(scene: Scene, *, kinetic_energy: Any = None) -> LagrangeView:
     """
     if not isinstance(scene, Scene):
         raise SceneError(type(scene).__name__, [f"lagrange takes a Scene, not {scene!r}"])
-    scene = without_speeds(scene)
+    scene = with_closures(without_speeds(scene))
     read(scene)
     return LagrangeView(scene.copy(), kinetic_energy)
 
