@@ -114,7 +114,9 @@ def newton_euler(at, axes, carried, root, origin, gravity, values):
 
     def place(s):
         number = {x: mpmath.mpf(float(values[x])) for x in held}
-        course = [float(values[q]) + s * float(values[q.diff(T)]) + s**2 * float(values[q.diff(T, 2)]) / 2 for q in moving]
+        course = [
+            float(values[q]) + s * float(values[q.diff(T)]) + s**2 * float(values[q.diff(T, 2)]) / 2 for q in moving
+        ]
         return call(*number.values(), *course)
 
     behind, (way, now, rest), ahead = place(-h), place(mpmath.mpf(0)), place(h)

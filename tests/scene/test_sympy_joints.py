@@ -23,7 +23,8 @@ def test_accelerations_are_those_of_sympy(kind):
     expected = sympy_rates(Case(other.system(), PARAMETERS, state), 0, state)
     motion = model.simulate((0, 1e-3), state, PARAMETERS)
     found = model.accelerations(0, motion.q[0], motion.qdot[0], PARAMETERS)
-    speeds = {q.func.__name__: u.func.__name__ for j in other.joints for q, u in zip(j.coordinates, j.speeds)}
+    pairs = [pair for joint in other.joints for pair in zip(joint.coordinates, joint.speeds, strict=True)]
+    speeds = {q.func.__name__: u.func.__name__ for q, u in pairs}
     assert len(found) == len(speeds) == len(model.layout.coordinates)
     for name, value in zip(model.layout.coordinates, found, strict=True):
         assert value == pytest.approx(expected[speeds[name]], rel=1e-12, abs=1e-12), name
@@ -153,5 +154,5 @@ def test_a_component_that_no_joint_has():
 
 def test_no_coordinates_at_all():
     scene = da.Scene("empty", frame=N, origin=O)
-    with pytest.raises(SceneError, match="no coordinates; give them as coordinates=.*, or add joints of SymPy"):
+    with pytest.raises(SceneError, match=r"no coordinates; give them as coordinates=.*, or add joints of SymPy"):
         da.compile_model(scene)

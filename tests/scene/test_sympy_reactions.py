@@ -59,7 +59,7 @@ def test_other_axes():
     parts = tree("ball")
     scene, arm = parts.scene(), parts.bodies[1]
     names = scene.reaction("second", frame=arm.frame)
-    assert list(names)[0] == "second.force_x on arm_frame"
+    assert next(iter(names)) == "second.force_x on arm_frame"
     run = compiled(scene, names).simulate((0, 0.1), parts.state(), PARAMETERS, rtol=1e-10, t_eval=[0, 0.1])
     expected = needed(parts.joints[1], [arm], scene, run, arm.frame)
     assert [run[name][-1] for name in names] == pytest.approx(expected, abs=1e-12)
@@ -103,7 +103,8 @@ def test_systems_of_sympy_have_the_same_names():
     ours, theirs = parts.scene(), da.Scene.from_sympy(tree("slider").system())
     names = [*ours.reaction("first"), *ours.reaction("second")]
     runs = [
-        compiled(scene, names).simulate((0, 0.1), parts.state(), PARAMETERS, t_eval=[0, 0.1]) for scene in (ours, theirs)
+        compiled(scene, names).simulate((0, 0.1), parts.state(), PARAMETERS, t_eval=[0, 0.1])
+        for scene in (ours, theirs)
     ]
     for name in names:
         assert runs[0][name] == pytest.approx(runs[1][name], abs=1e-8), name

@@ -72,6 +72,7 @@ def explain(model: CompiledModel, *, passes: bool, formulations: bool) -> str:
         f"formulations  {_formulations(model, every=formulations)}",
         "compilation   " + ", ".join(f"{stage} {1e3 * s:.0f} ms" for stage, s in stages.seconds.items()),
     ]
+    lines += [f"joint         {item.name}: {item.text}" for item in stages.scene.connections if item.text]
     return "\n".join([*lines, *(_passes(stages) if passes else [])])
 
 

@@ -3,8 +3,11 @@
 from .closures import Closure
 from .contacts import CoulombFriction, UnilateralContact
 from .controllers import Controller
+from .couplings import Gear, Rope
 from .joints import Joint, Unknown, unknowns
+from .limits import Stop
 from .orientation import free_orientation
+from .rolling_bodies import RollingDisc, RollingSphere
 from .scene import Scene
 from .tables import table
 
@@ -12,8 +15,13 @@ __all__ = [
     "Closure",
     "Controller",
     "CoulombFriction",
+    "Gear",
     "Joint",
+    "RollingDisc",
+    "RollingSphere",
+    "Rope",
     "Scene",
+    "Stop",
     "UnilateralContact",
     "Unknown",
     "free_orientation",

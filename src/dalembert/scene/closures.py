@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, final
 
@@ -10,10 +10,11 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame
 from sympy.physics.vector import Vector
 
-from ..errors import SceneError, list_names
+from ..errors import list_names
 from .frames import Tree
 from .identity import vanishes
-from .places import at_rest, constant_in, fixed_on
+from .joint_parts import add_constraints, body_of, counted, frame_of, require
+from .places import constant_in, fixed_on
 from .reactions import (
     NOTHING,
     Connection,
@@ -21,7 +22,6 @@ from .reactions import (
     across,
     connection,
     everything,
-    has_body,
     orthogonal,
     require_new_name,
     unknown,
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 class Closure:
     """A joint that closes a loop between two bodies of a scene, by holonomic constraints.
 
+    Its equations hold for aligned axes and for opposite ones: start, or assemble from a guess, on the side that is meant.
     Constraints that the coordinates fulfil already are left out: a pin in a plane is two equations, in space five.
     The reaction is an output by name, as that of SymPy's joints: "loop.force_x", ..., "loop.torque_z" act on the child
     at `child_point`, with axes of the parent's frame.
@@ -94,14 +95,18 @@ class _Ends:
         self.parent, self.child = bodies
         self.frame = closure.parent_frame or frame_of(scene, self.parent)
         self.child_frame = closure.child_frame or frame_of(scene, self.child)
-        self.axis = None if closure.axis is None else closure.axis.normalize()
+        self.axis: Any = None if closure.axis is None else closure.axis.normalize()
         given = closure.axis if closure.child_axis is None else closure.child_axis
-        self.child_axis = None if given is None else given.normalize()
+        self.child_axis: Any = None if given is None else given.normalize()
         self.way = closure.child_point.pos_from(closure.parent_point)
+
+    def named(self) -> str:
+        """Return the names of the bodies."""
+        parent, child = ("the fixed frame" if b is None else repr(str(b.name)) for b in (self.parent, self.child))
+        return f"{parent} and {child}"
 
     def on_frame(self) -> Any:
         """Return the axis on the parent's frame (3, 1)."""
-        assert self.axis is not None
         return self.axis.to_matrix(self.frame)
 
     def across_axis(self) -> list[Vector]:
@@ -151,7 +156,7 @@ def _nothing(_: str, __: _Ends) -> Triple:
 
 def _about_cross(name: str, ends: _Ends) -> Triple:
     """Return the torque of a universal joint, across both axes."""
-    cross = ends.axis.cross(ends.child_axis)  # type: ignore[union-attr]
+    cross = ends.axis.cross(ends.child_axis)
     x, y, z = (unknown(f"{name}_1") * cross.dot(axis) for axis in ends.frame)
     return x, y, z
 
@@ -183,7 +188,7 @@ KINDS = {
     "weld": _Kind((_Ends.together, _Ends.aligned), _free, _free, ("parent_frame", "child_frame")),
     "slider": _Kind((_Ends.on_line, _Ends.aligned), _across, _free, ("axis", "parent_frame", "child_frame")),
     "universal": _Kind(
-        (_Ends.together, lambda ends: [ends.axis.dot(ends.child_axis)]),  # type: ignore[union-attr]
+        (_Ends.together, lambda ends: [ends.axis.dot(ends.child_axis)]),
         _free,
         _about_cross,
         ("axis", "child_axis"),
@@ -191,6 +196,32 @@ KINDS = {
     "distance": _Kind((_Ends.at_distance,), _tension, _nothing, ("distance",), turns=False),
 }
 """Kinds of closures; `turns` are those that need the orientation of both bodies."""
+
+
+def ends_of(scene: Scene, closure: Closure) -> _Ends:
+    """Return what a closure connects.
+
+    Raises
+    ------
+    SceneError
+        With every fault of the closure.
+    """
+    require_new_name(scene, closure.name)
+    faults: list[str] = []
+    parent, child = (body_of(scene, body, faults.append) for body in (closure.parent, closure.child))
+    faults += _arguments(closure) or ([] if faults else _ends_faults(scene, closure, (parent, child)))
+    require(scene, closure.name, faults)
+    return _Ends(scene, closure, (parent, child))
+
+
+def reaction_of(ends: _Ends) -> Connection:
+    """Return a closure with its reaction, as far as the scene has no constraint for it."""
+    closure, kind = ends.closure, KINDS[ends.closure.kind]
+    force, torque = kind.force(f"{closure.name}.force", ends), kind.torque(f"{closure.name}.torque", ends)
+    bodies = ends.child, ends.parent
+    found = connection(closure.name, bodies, closure.child_point, ends.frame, (force, torque), closure)
+    tension = {f"{closure.name}.force": unknown(f"{closure.name}.force")} if closure.kind == "distance" else {}
+    return replace(found, components={**tension, **found.components}, closes=True)
 
 
 def add_closure(scene: Scene, closure: Closure) -> None:
@@ -201,61 +232,17 @@ def add_closure(scene: Scene, closure: Closure) -> None:
     SceneError
         With every fault of the closure.
     """
-    require_new_name(scene, closure.name)
-    faults: list[str] = []
-    bodies = tuple(body_of(scene, body, faults.append) for body in (closure.parent, closure.child))
-    faults += _arguments(closure) or ([] if faults else _ends_faults(scene, closure, bodies))
-    if faults:
-        raise SceneError(scene.name, [f"joint {closure.name!r}: {fault}" for fault in faults])
-    ends, kind = _Ends(scene, closure, (bodies[0], bodies[1])), KINDS[closure.kind]
-    rows = [row for rule in kind.constraints for row in rule(ends) if not vanishes(row)]
+    ends = ends_of(scene, closure)
+    rows = [row for rule in KINDS[closure.kind].constraints for row in rule(ends) if not vanishes(row)]
     if not rows:
-        why = "the coordinates fulfil it for all their values already; leave it out, and request its reaction by release"
-        raise SceneError(scene.name, [f"joint {closure.name!r}: {why}"])
+        why = "the coordinates fulfil it for all their values already; leave it out, or use a joint of SymPy"
+        require(scene, closure.name, [why])
     add_constraints(scene, closure.name, rows)
-    names = ("force", "torque") if closure.kind != "distance" else ("force", "")
-    parts = [
-        part(f"{closure.name}.{name}", ends) for part, name in zip((kind.force, kind.torque), names, strict=True)
-    ]
-    child_parent = ends.child, ends.parent
-    found = connection(closure.name, child_parent, closure.child_point, ends.frame, (parts[0], parts[1]), closure)
-    components = dict(found.components)
-    if closure.kind == "distance":
-        components[f"{closure.name}.force"] = unknown(f"{closure.name}.force")
-    scene.connections += (replace(found, components=components, closes=True),)
-
-
-def add_constraints(scene: Scene, name: str, rows: Iterable[Any]) -> None:
-    """Add holonomic constraints that messages call by the name of a joint."""
-    rows = tuple(rows)
-    scene.holonomic_constraints += rows
-    scene.constraint_names += tuple((row, name) for row in rows)
+    text = f"{closure.kind} between {ends.named()}: {counted(len(rows), 'holonomic constraint')}"
+    scene.connections += (replace(reaction_of(ends), text=text),)
 
 
 # -- arguments --------------------------------------------------------------------------------------
-
-
-def body_of(scene: Scene, given: Any, fault: Callable[[str], Any]) -> Any:
-    """Return a body of a scene by itself or its name, and None for the fixed frame; call `fault` for others."""
-    if given is None:
-        return None
-    named = [body for body in scene.bodies if body is given or str(body.name) == given]
-    if named:
-        return named[0]
-    if not isinstance(given, str) and hasattr(given, "masscenter") and at_rest(scene, given):
-        return None
-    name = given if isinstance(given, str) else getattr(given, "name", given)
-    fault(
-        f"{str(name)!r} is no body of the scene; known: {list_names(scene.body_names())}. Add bodies, and the joints"
-        " that bring them, first; None is the fixed frame"
-    )
-    return None
-
-
-def frame_of(scene: Scene, body: Any) -> ReferenceFrame:
-    """Return the frame of a body, or the fixed one."""
-    frame: ReferenceFrame = getattr(body, "frame", scene.frame)
-    return frame
 
 
 def _arguments(closure: Closure) -> list[str]:

@@ -164,9 +164,13 @@ class ContentReader(GeometryReader):
         at, vector = self._point(point, where), self._vector(force, where)
         return Action(where, "body force", names.index(name), at, vector, ())
 
-    def _holonomic(self, constraint: Any, number: int) -> ConstraintModel:
+    def _label(self, kind: str, constraint: Any, number: int) -> str:
+        """Return what messages call a constraint: by its joint, or by its number."""
         owners = [name for row, name in self.scene.constraint_names if row is constraint]
-        label = f"constraint of {owners[0]!r}" if owners else f"holonomic constraint {number + 1}"
+        return f"{kind} constraint of {owners[0]!r}" if owners else f"{kind} constraint {number + 1}"
+
+    def _holonomic(self, constraint: Any, number: int) -> ConstraintModel:
+        label = self._label("holonomic", constraint, number)
         before = len(self.expressions.faults)
         node = self._scalar(constraint, f"{label} ({short(constraint)})")
         self._without_states([node], f"{label} ({short(constraint)})")
@@ -179,7 +183,7 @@ class ContentReader(GeometryReader):
         return ConstraintModel(f"{label}, {short(constraint)} = 0", node)
 
     def _nonholonomic(self, constraint: Any, number: int) -> ConstraintModel:
-        label = f"nonholonomic constraint {number + 1}"
+        label = self._label("nonholonomic", constraint, number)
         before = len(self.expressions.faults)
         node = self._scalar(constraint, f"{label} ({short(constraint)})")
         rates = self._mask("rates")

@@ -8,14 +8,14 @@ a law of friction contains one of them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame
 from sympy.physics.vector import Vector
 
-from ..errors import ConstraintError, SceneError, UnknownNameError, list_names, unknown_name
+from ..errors import ConstraintError, OptionError, SceneError, UnknownNameError, list_names, unknown_name
 from .joints import Component, Joint, NamedOutput, Unknown
 
 if TYPE_CHECKING:
@@ -58,6 +58,10 @@ class Connection:
         Whether constraints of the scene hold it. Those of a tree are held by the coordinates.
     source : object
         The SymPy joint, or what else it was made from.
+    text : str
+        What it added to the scene, for `explain`.
+    others : mapping of str to Expr
+        Named outputs that are no reactions.
     """
 
     name: str
@@ -67,6 +71,8 @@ class Connection:
     torque: Any
     closes: bool
     source: Any
+    text: str = ""
+    others: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def unknowns(self) -> set[Unknown]:
@@ -148,8 +154,7 @@ def has_body(scene: Scene, body: Any) -> bool:
 
 def require_new_name(scene: Scene, name: str) -> None:
     """Raise for a joint that has the name of another."""
-    taken = [item.name for item in (*scene.connections, *scene.joints)]
-    if name in taken:
+    if name in [*(item.name for item in scene.connections), *(joint.name for joint in scene.joints)]:
         raise SceneError(scene.name, [f"two joints are called {name!r}; give each its own name"])
 
 
@@ -175,6 +180,11 @@ def reaction(scene: Scene, name: str, frame: ReferenceFrame | None = None) -> di
     found = connection_named(scene, name)
     if frame is None:
         return dict(found.components)
+    if found.force is None:
+        names = list_names(found.components)
+        raise OptionError(
+            f"scene {scene.name!r}: joint {name!r} has no components on axes, but {names}: leave frame out"
+        )
     vectors = (("force", found.force), ("torque", found.torque))
     return {
         f"{name}.{kind}_{letter} on {frame.name}": vector.dot(axis)
@@ -214,7 +224,9 @@ def with_reactions(scene: Scene, outputs: Sequence[Any]) -> tuple[Scene, tuple[A
     """
     if not scene.connections:
         return scene, tuple(outputs)
-    components = {name: value for item in scene.connections for name, value in item.components.items()}
+    components = {
+        name: value for item in scene.connections for name, value in (*item.components.items(), *item.others.items())
+    }
     outputs = [_resolved(scene, output, components) for output in outputs]
     wanted = set().union(*map(_unknowns_in, outputs), *map(_unknowns_of_law, (*scene.contacts, *scene.frictions)))
     own = {x for joint in scene.joints for v in (joint.force, joint.torque) if v != 0 for x in _unknowns_in(v)}
@@ -247,7 +259,9 @@ def _resolved(scene: Scene, output: Any, components: Mapping[str, Any]) -> Any:
         return replace(output, value=value) if isinstance(output, NamedOutput) else NamedOutput(name, value)
     for item in scene.connections:
         if name.startswith(f"{item.name}."):
-            raise UnknownNameError(f"scene {scene.name!r}: {unknown_name('output', name, item.components)}")
+            raise UnknownNameError(
+                f"scene {scene.name!r}: {unknown_name('output', name, [*item.components, *item.others])}"
+            )
     return output
 
 

@@ -19,9 +19,9 @@ from .kink_checks import kinked_constraints, rough_tables
 from .model import Action, BodyModel, ConstraintModel, ContactModel, GivenMotion, Piece, Pieces, SceneModel
 from .prescribed_velocities import located, read_given
 from .scene import Scene
-from .sympy_joints import tree_faults
 from .symbol_table import SymbolTable
 from .symbols import RESERVED_OUTPUTS, Requirement
+from .sympy_joints import tree_faults
 from .velocity_checks import velocity_faults
 
 # Reader of requested outputs onto the graph of a scene.
@@ -303,7 +303,7 @@ class _SceneReader(ContentReader):
 def _unwritable_names(scene: Scene) -> list[str]:
     """Return a fault for every name that cannot be written to a file."""
     named = [("scene", scene.name), *(("body", name) for name in scene.body_names())]
-    named += [("joint", str(getattr(joint, "name", ""))) for joint in scene.joints]
+    named += [("joint", str(getattr(joint, "name", ""))) for joint in (*scene.joints, *scene.connections)]
     named += [("contact", str(getattr(item, "label", ""))) for item in (*scene.contacts, *scene.frictions)]
     return [
         f"the name of {kind} {name!a} has a lone surrogate, half of a character; use another name"

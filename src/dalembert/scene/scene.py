@@ -168,18 +168,19 @@ class Scene:
 
     @nesting_named
     def add_joints(self, *joints: Any) -> None:
-        """Add joints: those of ``sympy.physics.mechanics``, or a `Joint` with unknown reactions.
+        """Add joints: those of ``sympy.physics.mechanics``, those that constrain, or a `Joint` with unknown reactions.
 
-        `PinJoint`, `PrismaticJoint`, `CylindricalJoint`, `PlanarJoint`, `SphericalJoint` and `WeldJoint` constrain. Each
-        adds its bodies and coordinates, unless the scene has them, and its speeds. A parent at rest is the fixed frame.
+        `PinJoint`, `PrismaticJoint`, `CylindricalJoint`, `PlanarJoint`, `SphericalJoint` and `WeldJoint` build a tree.
+        Each adds its bodies and coordinates, unless the scene has them, and its speeds. A parent at rest is the fixed
+        frame. `Closure`, `Rod`, `Gear`, `RollingDisc` and `RollingSphere` add constraints, `Rope` and `Stop` contacts.
         The reaction of a joint "elbow" is an output by name: "elbow.force_x", ..., "elbow.torque_z" act on the child at
         the joint's ``child_point``, with axes of its ``parent_interframe``. See `reaction` for other axes.
 
         Raises
         ------
         SceneError
-            For a second joint of the same name, a SymPy joint that closes a loop, and one whose speeds contradict those
-            of another.
+            For a second joint of the same name, and for arguments that contradict the scene, such as a SymPy joint that
+            closes a loop.
         """
         for joint in joints:
             if isinstance(joint, Joint):
@@ -195,19 +196,21 @@ class Scene:
         Parameters
         ----------
         joint : str
-            Name of a SymPy joint of the scene.
+            Name of a joint of the scene that constrains.
         frame : ReferenceFrame, optional
             Axes of the components, which are called such as "elbow.force_x on N"; by default those of the joint.
 
         Returns
         -------
         dict of str to Expr
-            Forces [N] and torques [N m] on the child at the joint's point, for ``outputs=`` of `dalembert.compile_model`.
+            Forces [N] and torques [N m] on the child at the joint's point, for ``outputs=``.
 
         Raises
         ------
         UnknownNameError
             For a joint that the scene does not have, or that does not constrain.
+        OptionError
+            For axes of a joint whose reaction is no force or torque at a point, such as that of a gear.
 
         Examples
         --------
@@ -313,7 +316,9 @@ class Scene:
 
     def add_contacts(self, *contacts: UnilateralContact) -> None:
         """Add unilateral constraints: they push, do not pull, and may open and close."""
-        self.contacts += contacts
+        for contact in contacts:
+            if not add_connection(self, contact):
+                self.contacts += (contact,)
 
     def add_shapes(self, shapes: Mapping[str, Shape | Sequence[Shape]]) -> None:
         """Add shapes for pictures; the motion does not depend on them.

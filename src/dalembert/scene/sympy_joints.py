@@ -154,10 +154,10 @@ def tree_faults(scene: Scene, frames: Tree, points: Tree) -> list[str]:
         turns = joint.parent_interframe, joint.child_interframe
         if any(points.path(end) is None for end in ends) or any(frames.path(turn) is None for turn in turns):
             faults.append(
-                f"joint {name!r} hangs on {parent!r}, which nothing connects with the frame {scene.frame.name!r} and the"
-                f" origin {scene.origin.name!r} of the scene. Connect it by a joint; or make the ground from them,"
-                f" RigidBody('ground', masscenter={scene.origin.name}, frame={scene.frame.name}); or make the scene from"
-                " the ground, with frame=ground.frame and origin=ground.masscenter"
+                f"joint {name!r} hangs on {parent!r}, which nothing connects with the frame {scene.frame.name!r} and"
+                f" the origin {scene.origin.name!r} of the scene. Connect it by a joint; or make the ground from them,"
+                f" RigidBody('ground', masscenter={scene.origin.name}, frame={scene.frame.name}); or make the scene"
+                " from the ground, with frame=ground.frame and origin=ground.masscenter"
             )
         for tree, pair, verb in ((points, ends, "located"), (frames, turns, "oriented")):
             if pair[0] is not pair[1] and not any(tree.parent.get(pair[i]) is pair[1 - i] for i in (0, 1)):

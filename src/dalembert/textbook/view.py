@@ -13,8 +13,8 @@ from ..errors import RELEASE, ConstraintError, SceneError, list_names, nesting_n
 from ..naming import rate_name
 from ..once import deriving
 from ..scene import Scene, Unknown
-from ..scene.reading import read
 from ..scene.reactions import with_closures
+from ..scene.reading import read
 from ..scene.speeds import without_speeds
 from .actions import Actions, Screw
 from .constraints import Constraint, classify, pfaffian
