@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 class Closure:
     """A joint that closes a loop between two bodies of a scene, by holonomic constraints.
 
-    Its equations hold for aligned axes and for opposite ones: start, or assemble from a guess, on the side that is meant.
+    Its equations hold for aligned axes and for opposite ones: start, or assemble, on the side that is meant.
     Constraints that the coordinates fulfil already are left out: a pin in a plane is two equations, in space five.
     The reaction is an output by name, as that of SymPy's joints: "loop.force_x", ..., "loop.torque_z" act on the child
     at `child_point`, with axes of the parent's frame.
