@@ -82,6 +82,25 @@ def test_a_reversed_joint():
     assert found == pytest.approx(10 / 2 / (1 / 3) * np.cos(0.4), rel=1e-14)
 
 
+def test_welds_in_a_row_are_bodies_at_rest():
+    """Both are in the scene, and each weld carries what stands on it."""
+    N, O = ReferenceFrame("N"), Point("O")
+    ground, *blocks = RigidBody("ground", masscenter=O, frame=N), *(RigidBody(name, mass=m) for name in ("low", "high"))
+    rotor = RigidBody("rotor", mass=m)
+    for body in (*blocks, rotor):
+        body.central_inertia = inertia(body.frame, 1, 1, 1)
+    scene = da.Scene("column", frame=N, origin=O)
+    scene.add_joints(WeldJoint("foot", ground, blocks[0]), WeldJoint("top", blocks[0], blocks[1], -blocks[0].x))
+    scene.add_joints(PinJoint("axle", blocks[1], rotor, joint_axis=N.z))
+    scene.apply_uniform_gravity(-10 * N.y)
+    assert [body.name for body in scene.bodies] == ["low", "high", "rotor"]
+    model = da.compile_model(
+        scene, outputs=["foot.force_y", "top.force_y", "foot.torque_z"], backend="numpy", cache=False
+    )
+    run = model.simulate((0, 0.1), {"q_axle": 0, "u_axle": 1}, {m: 2})
+    assert [run[name][-1] for name in ("foot.force_y", "top.force_y", "foot.torque_z")] == pytest.approx([60, 40, -40])
+
+
 # -- faults -------------------------------------------------------------------------------------------
 
 

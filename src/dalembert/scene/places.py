@@ -22,8 +22,8 @@ def _moves(entries: Iterable[Any]) -> bool:
     return any(sp.sympify(x).has(AppliedUndef, dynamicsymbols._t) for x in entries)
 
 
-def constant_in(frame: ReferenceFrame, target: ReferenceFrame | Vector, *, as_written: bool = False) -> bool:
-    """Whether a frame or a vector is constant in a frame; `as_written` takes cancelling motions for motions."""
+def constant_in(frame: ReferenceFrame, target: ReferenceFrame | Vector) -> bool:
+    """Whether a frame or a vector is constant in a frame."""
     tree = Tree(frame, "_dcm_dict")
     frames = [target] if isinstance(target, ReferenceFrame) else [own for _, own in target.args]
     ways = [tree.path(own) for own in frames]
@@ -34,8 +34,6 @@ def constant_in(frame: ReferenceFrame, target: ReferenceFrame | Vector, *, as_wr
         entries += [x for matrix, _ in target.args for x in matrix]
     if not _moves(entries):
         return True
-    if as_written:
-        return False
     if isinstance(target, ReferenceFrame):
         return all(constant_in(frame, axis) for axis in target)
     return all(vanishes(sp.diff(x, dynamicsymbols._t)) for x in target.to_matrix(frame))
@@ -54,8 +52,20 @@ def fixed_on(scene: Scene, body: Any, point: Point) -> bool:
 
 def at_rest(scene: Scene, body: Any) -> bool:
     """Whether a body is written at a constant place in the fixed frame, as far as it is located yet."""
-    if Tree(scene.origin, "_pos_dict").path(body.masscenter) is None:
+    frames, points = Tree(scene.frame, "_dcm_dict"), Tree(scene.origin, "_pos_dict")
+    still: dict[ReferenceFrame, bool] = {scene.frame: True}
+
+    def turns(frame: ReferenceFrame) -> bool:
+        for node in frames.path(frame) or [frame]:
+            if node not in still:
+                parent = frames.parent.get(node)
+                still[node] = parent is not None and not _moves(node._dcm_dict[parent])
+            if not still[node]:
+                return True
         return False
-    way = body.masscenter.pos_from(scene.origin)
-    turned = isinstance(body, Particle) or constant_in(scene.frame, body.frame, as_written=True)
-    return turned and (way == 0 or constant_in(scene.frame, way, as_written=True))
+
+    way = points.path(body.masscenter)
+    if way is None or (not isinstance(body, Particle) and turns(body.frame)):
+        return False
+    pieces = (piece for point in way for piece in point._pos_dict[points.parent[point]].args)
+    return not any(turns(frame) or _moves(matrix) for matrix, frame in pieces)

@@ -206,8 +206,9 @@ def joints_of(scene: Scene, item: Connection) -> tuple[Joint, ...]:
 
 
 def with_closures(scene: Scene) -> Scene:
-    """Return a scene with the reactions of its constraints as joints."""
-    return _with(scene, [item for item in scene.connections if item.closes])
+    """Return a scene with the reactions of its constraints and contacts as joints."""
+    wanted = _of_laws(scene)
+    return _with(scene, [item for item in scene.connections if item.closes or wanted & item.unknowns])
 
 
 def with_reactions(scene: Scene, outputs: Sequence[Any]) -> tuple[Scene, tuple[Any, ...]]:
@@ -228,7 +229,7 @@ def with_reactions(scene: Scene, outputs: Sequence[Any]) -> tuple[Scene, tuple[A
         name: value for item in scene.connections for name, value in (*item.components.items(), *item.others.items())
     }
     outputs = [_resolved(scene, output, components) for output in outputs]
-    wanted = set().union(*map(_unknowns_in, outputs), *map(_unknowns_of_law, (*scene.contacts, *scene.frictions)))
+    wanted = _of_laws(scene).union(*map(_unknowns_in, outputs))
     own = {x for joint in scene.joints for v in (joint.force, joint.torque) if v != 0 for x in _unknowns_in(v)}
     wanted |= {x for x in own if str(x) in map(str, outputs)}
     needed = [item for item in scene.connections if wanted & item.unknowns or (wanted and item.closes)]
@@ -276,6 +277,11 @@ def _unknowns_in(value: Any) -> set[Unknown]:
     if isinstance(value, Vector):
         return {x for matrix, _ in value.args for x in matrix.atoms(Unknown)}
     return value.atoms(Unknown) if isinstance(value, sp.Basic) else set()
+
+
+def _of_laws(scene: Scene) -> set[Unknown]:
+    """Return the unknowns that contacts and laws of friction name."""
+    return set().union(*map(_unknowns_of_law, (*scene.contacts, *scene.frictions)))
 
 
 def _unknowns_of_law(law: Any) -> set[Unknown]:
