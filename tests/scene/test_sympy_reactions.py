@@ -6,6 +6,7 @@ import sympy as sp
 from sympy.physics.mechanics import PinJoint, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
+from dalembert.errors import ConstraintError, UnknownNameError
 from scene.sympy_trees import KINDS, PARAMETERS, T, g, m, newton_euler, tree, values_at
 
 
@@ -110,8 +111,8 @@ def test_systems_of_sympy_have_the_same_names():
         assert runs[0][name] == pytest.approx(runs[1][name], abs=1e-8), name
 
 
-def test_a_tree_with_a_closed_loop():
-    """A four-bar linkage of pins and a closure: the forces on each body are its mass times its acceleration."""
+def four_bar():
+    """Return a linkage of three pins and a closure, its bodies and its angles."""
     N, O = ReferenceFrame("N"), Point("O")
     angles = dynamicsymbols("a b c")
     ground, bodies = RigidBody("ground", masscenter=O, frame=N), []
@@ -130,11 +131,22 @@ def test_a_tree_with_a_closed_loop():
     P = coupler.masscenter.locatenew("P", 0.5 * coupler.x)
     Q = rocker.masscenter.locatenew("Q", 0.4 * rocker.x)
     scene.add_joints(da.Closure("C", "coupler", "rocker", kind="pin", parent_point=P, child_point=Q, axis=N.z))
+    return scene, bodies, angles
+
+
+STEEL = {m: 1.3, g: 9.81}
+GUESS = {"a": 1, "b": -0.5, "c": 1.5}
+
+
+def test_a_tree_with_a_closed_loop():
+    """The forces on each body are its mass times its acceleration."""
+    scene, bodies, angles = four_bar()
+    N, O, crank = scene.frame, scene.origin, bodies[0]
     reactions = {name: value for joint in "ABCD" for name, value in scene.reaction(joint, frame=N).items()}
     planar = {name: value for name, value in reactions.items() if "force_x" in name or "force_y" in name}
     model = compiled(scene, planar)
-    start = model.assemble({"a": 1, "b": -0.5, "c": 1.5}, {m: 1.3, g: 9.81}, fixed=["a"])
-    run = model.simulate((0, 0.5), {**start, "a_dot": 6}, {m: 1.3, g: 9.81}, rtol=1e-10, t_eval=[0, 0.5])
+    start = model.assemble(GUESS, STEEL, fixed=["a"])
+    run = model.simulate((0, 0.5), {**start, "a_dot": 6}, STEEL, rtol=1e-10, t_eval=[0, 0.5])
     assert run.success and run.constraint_violation.max() < 1e-10
     pins = {name: np.array([run[f"{name}.force_{axis} on N"][-1] for axis in "xy"]) for name in "ABCD"}
     state = values_at(run, -1, scene, PARAMETERS)
@@ -145,3 +157,38 @@ def test_a_tree_with_a_closed_loop():
     angle = state[angles[0]]
     tip = 0.3 * np.array([np.cos(angle), np.sin(angle)])
     assert arm == pytest.approx(-(tip[0] * pins["B"][1] - tip[1] * pins["B"][0]), abs=1e-9)
+
+
+@pytest.mark.parametrize("formulation", ["baumgarte", "ggl", "augmented"])
+def test_a_closed_loop_in_other_formulations(formulation):
+    scene, _, _ = four_bar()
+    names, forces = ["B.force_x", "C.force_y"], []
+    for which in (formulation, "projected"):
+        gains = {"gains": (20, 20)} if which == "baumgarte" else {}
+        model = da.compile_model(scene, outputs=names, formulation=which, backend="numpy", cache=False, **gains)
+        start = {**model.assemble(GUESS, STEEL, fixed=["a"]), "a_dot": 6}
+        run = model.simulate((0, 0.2), start, STEEL, rtol=1e-9, t_eval=[0, 0.2])
+        forces.append([run[name][-1] for name in names])
+    assert forces[0] == pytest.approx(forces[1], rel=1e-6)
+
+
+def test_what_a_plane_leaves_open_is_named():
+    """Four pins share a torque across the plane; a joint that leaves it free would settle it."""
+    scene, _, _ = four_bar()
+    with pytest.raises(ConstraintError, match=r"only a combination of C\.torque_x with A\.force_z, .* appears"):
+        da.compile_model(scene, outputs=["C.torque_x"], backend="numpy")
+
+
+def test_an_event_of_a_reaction():
+    """It is requested as an output; the message says so."""
+    scene, _, _ = four_bar()
+    force = scene.reaction("B")["B.force_x"]
+    asked, bare = (
+        da.compile_model(scene, outputs=names, backend="numpy", cache=False) for names in (["B.force_x"], ())
+    )
+    start = {**asked.assemble(GUESS, STEEL, fixed=["a"]), "a_dot": 6}
+    event = da.Event(force + 5, terminal=True)
+    run = asked.simulate((0, 2), start, STEEL, events=[event], rtol=1e-9)
+    assert 0 < run.t[-1] < 2 and run["B.force_x"][-1] == pytest.approx(-5, abs=1e-7)
+    with pytest.raises(UnknownNameError, match=r"'B\.force_x' is a reaction; request it with compile_model"):
+        bare.simulate((0, 2), start, STEEL, events=[event])

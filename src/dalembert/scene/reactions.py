@@ -214,7 +214,8 @@ def with_closures(scene: Scene) -> Scene:
 def with_reactions(scene: Scene, outputs: Sequence[Any]) -> tuple[Scene, tuple[Any, ...]]:
     """Return a scene with the joints whose reactions outputs, contacts and laws of friction need; and the outputs.
 
-    Named components are replaced by their expressions. Where a reaction is needed, those of the constraints are, too.
+    Named components are replaced by their expressions. In a tree a reaction needs no other. Where constraints or
+    contacts close loops, what joints leave free decides which reactions are determined: all are declared.
 
     Raises
     ------
@@ -232,7 +233,8 @@ def with_reactions(scene: Scene, outputs: Sequence[Any]) -> tuple[Scene, tuple[A
     wanted = _of_laws(scene).union(*map(_unknowns_in, outputs))
     own = {x for joint in scene.joints for v in (joint.force, joint.torque) if v != 0 for x in _unknowns_in(v)}
     wanted |= {x for x in own if str(x) in map(str, outputs)}
-    needed = [item for item in scene.connections if wanted & item.unknowns or (wanted and item.closes)]
+    loops = bool(wanted and (scene.holonomic_constraints or scene.nonholonomic_constraints or scene.contacts))
+    needed = [item for item in scene.connections if loops or wanted & item.unknowns]
     lost = [item.name for item in needed if wanted & item.unknowns and not joints_of(scene, item)]
     if lost:
         raise ConstraintError(
