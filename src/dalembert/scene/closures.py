@@ -65,9 +65,13 @@ class Closure:
 
     Examples
     --------
-    The last pin of a four-bar linkage, between the ends P of the coupler and Q of the rocker::
+    A ball on a rod without mass, in coordinates that know nothing of the rod::
 
-        scene.add_joints(da.Closure("loop", "coupler", "rocker", kind="pin", parent_point=P, child_point=Q, axis=N.z))
+        x, y = dynamicsymbols("x y")
+        swing = da.Scene("swing", frame=N, origin=O, coordinates=[x, y])
+        Q = O.locatenew("Q", x * N.x + y * N.y)
+        swing.add_bodies(Particle("ball", Q, m))
+        swing.add_joints(da.Closure("rod", None, "ball", kind="distance", parent_point=O, child_point=Q, distance=l))
     """
 
     name: str

@@ -50,7 +50,11 @@ class Rope:
     --------
     A ball on a string::
 
-        scene.add_joints(da.Rope("string", None, "ball", parent_point=O, child_point=P, length=l))
+        x, y = dynamicsymbols("x y")
+        swing = da.Scene("swing", frame=N, origin=O, coordinates=[x, y])
+        Q = O.locatenew("Q", x * N.x + y * N.y)
+        swing.add_bodies(Particle("ball", Q, m))
+        swing.add_joints(da.Rope("string", None, "ball", parent_point=O, child_point=Q, length=l))
     """
 
     name: str
@@ -91,9 +95,13 @@ class Gear:
 
     Examples
     --------
-    A motor that turns n times as fast as the drum that it drives::
+    A motor that turns five times as fast as the drum that it drives, the other way round::
 
-        scene.add_joints(da.Gear("gear", "motor", "drum", axis=N.z, ratio=1 / n))
+        ground, motor, drum = RigidBody("ground", masscenter=O, frame=N), RigidBody("motor"), RigidBody("drum")
+        winch = da.Scene("winch", frame=N, origin=O)
+        winch.add_joints(PinJoint("fast", ground, motor, joint_axis=N.z))
+        winch.add_joints(PinJoint("slow", ground, drum, joint_axis=N.z))
+        winch.add_joints(da.Gear("gear", "motor", "drum", axis=N.z, ratio=-0.2))
     """
 
     name: str

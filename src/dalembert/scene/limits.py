@@ -49,10 +49,15 @@ class Stop:
 
     Examples
     --------
-    A knee that does not bend backwards, and a cart before a wall::
+    A pendulum that swings against a bumper, and a knee that does not bend backwards::
 
-        scene.add_joints(da.Stop("knee", "knee_pin", lower=0, restitution=0.2))
-        scene.add_joints(da.Stop("wall", x, upper=d, body="cart", at=P, direction=N.x))
+        along = cos(theta) * N.x + sin(theta) * N.y
+        scene.add_joints(da.Stop("bumper", theta, upper=pi / 3, body="bob", at=P, direction=along))
+
+        ground, shank = RigidBody("ground", masscenter=O, frame=N), RigidBody("shank")
+        leg = da.Scene("leg", frame=N, origin=O)
+        leg.add_joints(PinJoint("knee", ground, shank, child_point=shank.y, joint_axis=N.z))
+        leg.add_contacts(da.Stop("knee_stop", "knee", lower=0, restitution=0.2))
     """
 
     name: str

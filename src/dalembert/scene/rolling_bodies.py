@@ -48,9 +48,14 @@ class RollingDisc:
 
     Examples
     --------
-    ::
+    A wheel on a floor::
 
-        scene.add_joints(da.RollingDisc("wheel", "wheel", centre=C, radius=r, axis=W.y, plane=(O, N.z)))
+        x, phi = dynamicsymbols("x phi")
+        W = N.orientnew("W", "Axis", (phi, N.z))
+        C = O.locatenew("C", x * N.x + l * N.y)
+        track = da.Scene("track", frame=N, origin=O, coordinates=[x, phi])
+        track.add_bodies(RigidBody("wheel", C, W, m, (inertia(W, 0, 0, m * l**2), C)))
+        track.add_joints(da.RollingDisc("floor", "wheel", centre=C, radius=l, axis=W.z, plane=(O, N.y)))
     """
 
     name: str
@@ -118,9 +123,14 @@ class RollingSphere:
 
     Examples
     --------
-    A ball on a turning table::
+    A ball on a floor::
 
-        scene.add_joints(da.RollingSphere("ball", "ball", centre=G, radius=r, plane=(O, T.z), other="table"))
+        x, phi = dynamicsymbols("x phi")
+        W = N.orientnew("W", "Axis", (phi, N.z))
+        C = O.locatenew("C", x * N.x + l * N.y)
+        track = da.Scene("track", frame=N, origin=O, coordinates=[x, phi])
+        track.add_bodies(RigidBody("ball", C, W, m, (inertia(W, 0, 0, m * l**2 * 2 / 5), C)))
+        track.add_joints(da.RollingSphere("floor", "ball", centre=C, radius=l, plane=(O, N.y)))
     """
 
     name: str
