@@ -176,6 +176,9 @@ class Scene:
         The reaction of a joint "elbow" is an output by name: "elbow.force_x", ..., "elbow.torque_z" act on the child at
         the joint's ``child_point``, with axes of its ``parent_interframe``. See `reaction` for other axes.
 
+        A reaction need not have power on the coordinates. It is computed where it is the same whatever connections of
+        bodies carry that no joint declares; otherwise the error names the bodies.
+
         Raises
         ------
         SceneError
