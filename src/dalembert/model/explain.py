@@ -189,7 +189,7 @@ def _left_out(stages: Stages) -> list[str]:
     """Return the parts of the scene that no output or state depends on."""
     program, layout = stages.program, stages.program.layout
     out = []
-    reactions = [name for name in layout.unknowns if name not in layout.outputs]
+    reactions = [name for name in layout.unknowns if name not in {*layout.outputs, *layout.undetermined}]
     if reactions:
         out.append(f"the reactions {list_names(reactions)}, which no output needs")
     read = {joint.name for joint in stages.scene.joints}
