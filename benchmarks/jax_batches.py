@@ -38,7 +38,7 @@ def _peer(model: Any, solver: str, lanes: int | None, span: float) -> Callable[[
     import jax
     import jax.numpy as jnp
 
-    from dalembert.jax.kernels import compile_kernel
+    from dalembert.jax.modules import compile_kernel
 
     program = model.stages.program
     rates, constants = (compile_kernel(program.kernel(name)) for name in ("rhs", "prepare"))

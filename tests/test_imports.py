@@ -11,7 +11,7 @@ import pytest
 import dalembert
 
 PACKAGE = Path(dalembert.__file__).parent
-BASIC = {"arrays", "errors", "interrupts", "naming", "once", "options", "processors", "progress", "values", "version"}
+BASIC = {"arrays", "errors", "naming", "once", "options", "progress", "threads", "values", "version"}
 ORDER = [
     "ir",
     "methods",
@@ -48,8 +48,8 @@ EXCEPTIONS = {
     ("scene.scene", "interop.sympy_systems"),
     ("lanes.cases", "events.event_code"),
     ("codegen", "jax.backend"),
-    ("stops.samples", "jax.runs.traced"),
-    ("runs.prepare", "phases.prepare"),
+    ("stops.samples", "jax.runs.precision"),
+    ("runs.prepare", "phases.given_values"),
     ("runs.sweep", "phases.given_values"),
 }
 """`Scene.from_sympy` makes a scene by what comes after scenes; cases with contacts may be sweeps of their modes; the
@@ -190,4 +190,4 @@ def test_of_jax_only_the_public_interface_is_used():
         or (used.startswith(private) and used not in ("jax.core", "jax.core.Tracer"))
     }
     assert not wrong
-    assert "jax.core.Tracer" in _of_jax(MODULES["jax.runs.traced"])  # names are found at all
+    assert "jax.core.Tracer" in _of_jax(MODULES["jax.runs.precision"])  # names are found at all

@@ -16,6 +16,7 @@ from .scene import Scene
 from .scene.joints import requested
 from .scene.made_contacts import with_made_contacts
 from .scene.orientation import with_quaternions
+from .scene.reactions import with_reactions
 from .values import flag
 
 if TYPE_CHECKING:
@@ -53,7 +54,8 @@ def compile_model(
         "minimal", "projected", "baumgarte", "ggl" or "augmented"; "auto" takes "minimal" where independent speeds
         exist that are regular at every configuration, else "projected".
     outputs : sequence of str, SymPy expressions, Points or Vectors, or mapping of names to them
-        What to record beside coordinates, rates and energy: names of unknown reaction components, expressions of the
+        What to record beside coordinates, rates and energy: names of unknown reaction components (for those without
+        power on the coordinates, bodies are moved in the program of reactions alone), expressions of the
         scene's symbols, points, of which ``"P_x"``, ``"P_y"`` and ``"P_z"`` are the position from the scene's origin
         on its frame, or vectors, of which a mapping ``{"v": vector}`` gives the components ``"v_x"``, ``"v_y"`` and
         ``"v_z"`` on that frame. Expressions and vectors may contain accelerations ``x.diff(t, 2)``; alone, one is
@@ -104,6 +106,8 @@ def _compiled(source: Any, options: CompileOptions) -> CompiledModel:
     """Return the model of a scene or a SymPy system, with the outputs that every model of it has."""
     scene = with_made_contacts(source.copy() if isinstance(source, Scene) else Scene.from_sympy(source))
     angles: list[str] = []
+    scene, wanted = with_reactions(scene, options.outputs)
+    options = replace(options, outputs=wanted)
     if options.orientation == "quaternion":
         scene = with_quaternions(scene)
         angles = [a.func.__name__ for item in scene.orientations for a in item.angles]

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from .errors import MissingExtraError
-from .interrupts import called_between_blocks
+from .threads import called_between_blocks
 
 _STAGES = 8
 """Stages of the compilation of a scene without contacts: backend, read, derive, copy, reduce, lower, render, load."""

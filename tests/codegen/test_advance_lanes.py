@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
+from dalembert.codegen.lane_runs import advance_lanes_assembly
 from dalembert.codegen.llvm.assembly import compile_object, load_object
-from dalembert.codegen.llvm.lane_kernels import advance_lanes_assembly
 from dalembert.codegen.llvm.target import native_lanes
 from dalembert.methods.status import RUNNING, Status
 from dalembert.steps import step_control as control

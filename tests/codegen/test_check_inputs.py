@@ -5,8 +5,8 @@ import ctypes
 import numpy as np
 import pytest
 
+from dalembert.codegen.lane_runs import check_inputs_assembly
 from dalembert.codegen.llvm.assembly import compile_object, load_object
-from dalembert.codegen.llvm.lane_kernels import check_inputs_assembly
 from dalembert.codegen.llvm.target import native_lanes
 
 # two plain numbers, then two checks: a magnitude, and what it may be at most

@@ -12,13 +12,11 @@ import pytest
 from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
-from dalembert.codegen import engine, kernel_code, steppers
+from dalembert.codegen import engine, kernel_code, lane_runs, steppers
 from dalembert.codegen import library as kernel_library
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
 from dalembert.codegen.llvm import assembly
 from dalembert.codegen.llvm import backend as llvm_library
-from dalembert.codegen.llvm import lane_kernels as advance_lanes
-from dalembert.codegen.llvm import lane_kernels as check_inputs
 from dalembert.codegen.llvm.loops import loop_named
 from dalembert.errors import CacheWarning
 from dalembert.methods.status import Status
@@ -59,7 +57,7 @@ for kind, more in kinds.items():
 
 def forget_loops():
     """Forget all code that belongs to no scene, unload what nothing holds, and load other code in its place."""
-    for kept in (loop_named, advance_lanes._advance_code, check_inputs._check_code):
+    for kept in (loop_named, lane_runs._advance_code, lane_runs._check_code):
         kept.cache_clear()
     gc.collect()
     for name in ("lane_loop", "prepared_loop", "contact_decisions"):

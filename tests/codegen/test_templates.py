@@ -90,7 +90,7 @@ def render_tables():
 
 def render_jax(program):
     try:
-        from dalembert.jax.kernels import compile_kernel
+        from dalembert.jax.modules import compile_kernel
     except ImportError:
         pytest.skip("extra not installed")
     for kernel in program:

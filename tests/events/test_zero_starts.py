@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from dalembert.events import zero_starts as rules
+from dalembert.events import event_rules as rules
 from dalembert.methods.step_constants import BENT, DOUBT, FLAT, RESOLVED
 
 ABOVE, BELOW = 1.0 + 1e-12, 1.0 - 1e-12

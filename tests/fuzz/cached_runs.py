@@ -15,9 +15,9 @@ import numpy as np
 
 import dalembert as da
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
+from dalembert.codegen.lane_runs import _advance_code as advance_code
+from dalembert.codegen.lane_runs import _check_code as check_code
 from dalembert.codegen.llvm.backend import LLVMBackend
-from dalembert.codegen.llvm.lane_kernels import _advance_code as advance_code
-from dalembert.codegen.llvm.lane_kernels import _check_code as check_code
 from dalembert.codegen.llvm.loops import loop_named
 from dalembert.model.model import CompiledModel
 from dalembert.pipeline import Compiled

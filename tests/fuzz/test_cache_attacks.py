@@ -6,7 +6,7 @@ import pytest
 
 from fuzz import damaged_cache, kills
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="children are forked")
+pytestmark = [pytest.mark.matrix, pytest.mark.skipif(not hasattr(os, "fork"), reason="children are forked")]
 
 
 def test_damaged_caches_give_right_results():

@@ -15,7 +15,7 @@ pytest.importorskip("diffrax")
 
 import jax.numpy as jnp  # noqa: E402
 
-from dalembert.jax import pure  # noqa: E402
+from dalembert.jax import solved  # noqa: E402
 from dalembert.jax.foreign import ForeignRuns  # noqa: E402
 
 T = np.array([0.0, 2.0])
@@ -177,9 +177,9 @@ def test_batches_that_are_exported_or_traced_agree(monkeypatch):
     np.testing.assert_allclose(exported.call(rows), many(rows), rtol=1e-9)
     called = jax.vmap(lambda y: reached(solve(np.array([0.0, 0.7, 2.0]), y, p)))(rows)
     monkeypatch.setattr(ForeignRuns, "serves", False)
-    pure._solved.clear_cache()
+    solved.solved_of.clear_cache()
     traced = jax.vmap(lambda y: reached(solve(np.array([0.0, 0.7, 2.0]), y, p)))(rows)
-    pure._solved.clear_cache()
+    solved.solved_of.clear_cache()
     for found, wanted in zip(called, traced, strict=True):
         np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-10)
 

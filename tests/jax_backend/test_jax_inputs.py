@@ -16,7 +16,7 @@ from starts.test_input_values import driven, forced
 
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
-records = pytest.importorskip("dalembert.jax.records")
+records = pytest.importorskip("dalembert.jax.arguments")
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 

@@ -15,7 +15,7 @@ from dalembert.steps.projection import FAILED, add_correction, correction_test, 
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
 
-from dalembert.jax.runs.projection import CORRECTIONS, project  # noqa: E402
+from dalembert.jax.runs.step_rules import CORRECTIONS, project  # noqa: E402
 
 ABOVE = 1.0 + 1e-9
 TOLERANCES = 1e-6, 1e-8

@@ -15,7 +15,7 @@ from system.singular_scenes import parallelogram
 jax = pytest.importorskip("jax")
 diffrax = pytest.importorskip("diffrax")
 
-from dalembert.jax import blocks, pieces, pure  # noqa: E402
+from dalembert.jax import blocks, pieces, solved  # noqa: E402
 from dalembert.jax.foreign import ForeignRuns  # noqa: E402
 from dalembert.jax.runs import adjoint  # noqa: E402
 
@@ -40,7 +40,7 @@ def compiled(scene, formulation="minimal", backend="jax"):
 def forget():
     """Make methods and traced runs anew."""
     pieces.pieces_of.cache_clear()
-    pure._solved.clear_cache()
+    solved.solved_of.clear_cache()
 
 
 @pytest.mark.parametrize("method", ("dopri8", "tsit5", "taylor", "kvaerno5"))

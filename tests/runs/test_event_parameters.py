@@ -33,7 +33,7 @@ def passes(level):
     return np.sqrt(2 * (1 - level) / 9.81)
 
 
-@pytest.mark.parametrize("backend", ["llvm", "numba", "numpy"])
+@pytest.mark.parametrize("backend", ["llvm", pytest.param("numba", marks=pytest.mark.matrix), "numpy"])
 def test_simulate(backend):
     model = da.compile_model(ball(), backend=backend)
     given = {m: 1, g: 9.81, limit: 0.4}

@@ -204,7 +204,7 @@ def test_violations_decay_in_runs_backward_in_time() -> None:
         np.testing.assert_allclose(np.ravel(sweep.y)[-4:], end, atol=1e-9)
 
 
-@pytest.mark.parametrize("backend", ["numpy", "llvm", "numba", "jax"])
+@pytest.mark.parametrize("backend", ["numpy", "llvm", pytest.param("numba", marks=pytest.mark.matrix), "jax"])
 def test_violations_decay_backward_with_gains_of_the_compiler(backend: str) -> None:
     initial, end = dict(zip(("x", "y", "x_dot", "y_dot"), BEAD, strict=True)), ring_before()
     model = da.compile_model(ring(), formulation="baumgarte", gains=(10.0, 10.0), backend=backend)

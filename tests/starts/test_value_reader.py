@@ -11,7 +11,7 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 from dalembert.errors import InitialStateError, SingularMassMatrixError, UnknownNameError, ValueInputError
-from dalembert.starts.quick_start import _INTERPRETED
+from dalembert.starts.initial_states import _INTERPRETED
 
 START = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 PARAMETERS = {"m": 1.0, "b": 0.3, "I_C": 0.5}

@@ -11,6 +11,7 @@ from dalembert.methods.tableaus import TABLEAUS
 from dalembert.steps import explicit_loop as explicit
 from dalembert.steps import implicit_loop as implicit
 from dalembert.steps.problem import IntegrationProblem, Kernels, Solution
+from dalembert.steps.recorded_runs import RunCodes
 from dalembert.subset.addresses import NO_CODE, OwnedAddress
 
 NO_CONSTANTS = np.zeros(0)
@@ -135,8 +136,7 @@ def solve(method, rhs, y0, *, projections=(None, None), constants=NO_CONSTANTS, 
     rhs_, position, velocity = (NO_CODE if f is None else machine_code(f, (n, n_c, n)) for f in functions)
     if name == "radau":
         jacobian = machine_code(differences(rhs), (n, n_c, n * n))
-        code = implicit.ImplicitCode(loop_named("implicit_loop"), rhs_, jacobian, NO_CODE, position, velocity)
-        return implicit.integrate(code, problem)
+        codes = RunCodes(rhs_, position, velocity, jacobian=jacobian)
+        return implicit.integrate(loop_named("implicit_loop"), codes, problem)
     tableau = next(tableau for tableau in TABLEAUS if tableau.name == name)
-    code = explicit.ExplicitCode(loop_named("explicit_loop"), rhs_, position, velocity)
-    return explicit.integrate(code, tableau, problem)
+    return explicit.integrate(loop_named("explicit_loop"), RunCodes(rhs_, position, velocity), tableau, problem)

@@ -12,7 +12,7 @@ from dalembert.methods import collocation as radau
 from dalembert.methods.status import Status
 from dalembert.steps import implicit_loop as implicit
 from dalembert.steps.problem import IntegrationProblem
-from dalembert.subset.addresses import NO_CODE
+from dalembert.steps.recorded_runs import RunCodes
 from steps.integrator_cases import MIXED_START, machine_code, mixed, mixed_solution, solve
 
 VAN_DER_POL_START = np.array([2.0, 0.0])
@@ -107,8 +107,8 @@ def test_stiff_relaxation_towards_a_smooth_solution_takes_few_steps(stiffness):
     np.testing.assert_allclose(run.y[-1, 0], math.sin(10.0), atol=1e-6)
 
 
-def decay_code(whole):
-    """Return code for `decay` in five components, with the whole Jacobian or its columns."""
+def decay_codes(whole):
+    """Return kernels for `decay` in five components, with the whole Jacobian or its columns."""
     n = 5
 
     def jacobian(t, y, c, out):
@@ -122,13 +122,14 @@ def decay_code(whole):
             out[i] = -c[i] * y[n + i]
 
     kernel = machine_code(jacobian, (n, n, n * n)) if whole else machine_code(tangent, (2 * n, n, 2 * n))
-    derivative = (kernel, NO_CODE) if whole else (NO_CODE, kernel)
-    return implicit.ImplicitCode(loop_named("implicit_loop"), machine_code(decay, (n, n, n)), *derivative)
+    return RunCodes(machine_code(decay, (n, n, n)), **{"jacobian" if whole else "tangent": kernel})
 
 
 def test_jacobian_by_columns_is_the_jacobian():
     problem = IntegrationProblem(t0=0.0, t1=3.0, y0=np.ones(5), constants=10.0 ** np.arange(5), rtol=1e-9, atol=1e-12)
-    whole, columns = (implicit.integrate(decay_code(kind), problem) for kind in (True, False))
+    whole, columns = (
+        implicit.integrate(loop_named("implicit_loop"), decay_codes(kind), problem) for kind in (True, False)
+    )
     np.testing.assert_array_equal(whole.y, columns.y)
     np.testing.assert_allclose(whole.y[-1], np.exp(-3.0 * problem.constants), atol=1e-8)
 

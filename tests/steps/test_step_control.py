@@ -140,7 +140,7 @@ def test_jax_has_the_same_limits():
     pytest.importorskip("jax")
     diffrax_control = pytest.importorskip("dalembert.jax.runs.control")
     from dalembert.jax.runs.precision import double_precision
-    from dalembert.jax.runs.step_limits import smallest_step
+    from dalembert.jax.runs.step_rules import smallest_step
 
     times, rests = np.array([0.0, 1.0, -1e3, 1e-25]), np.array([1.0, 1e20, 0.0, 10.0])
     expected = [control.smallest_step(t, rest) for t, rest in zip(times, rests, strict=True)]

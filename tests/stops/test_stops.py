@@ -67,7 +67,7 @@ def record_of(i):
         ("taylor", "projected", "llvm"),
         ("dop853", "projected", "llvm"),
         ("tsit5", "augmented", "llvm"),
-        ("dop853", "augmented", "numba"),
+        pytest.param("dop853", "augmented", "numba", marks=pytest.mark.matrix),
     ],
 )
 def test_sweeps_are_single_runs(in_lanes, method, formulation, backend):

@@ -460,6 +460,7 @@ print("done", flush=True)
 """
 
 
+@pytest.mark.matrix
 def test_a_process_may_be_killed_at_any_moment(model, tmp_path):
     path, rng = tmp_path / "s.zarr", random.Random(7)
     for _ in range(4):
@@ -498,6 +499,7 @@ def test_a_cluster_gives_the_same_bits(model, tmp_path, client):
     )
 
 
+@pytest.mark.matrix
 def test_workers_may_be_killed(model, tmp_path, client):
     import threading
 

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.events.zero_starts import bend_from_rates, deepest_dip, leaves_zero, short_share
+from dalembert.events.event_rules import bend_from_rates, deepest_dip, leaves_zero, short_share
 
 pytestmark = pytest.mark.filterwarnings("ignore:no coordinate or rate:dalembert.errors.PrecisionWarning")
 

@@ -106,7 +106,7 @@ def test_two_feet_stick_where_one_does(force, reach):
         assert slips(model, cases(1 - 1e-9, 8), method) == 0, method
 
 
-@pytest.mark.parametrize("backend", ["llvm", "numba", "numpy"])
+@pytest.mark.parametrize("backend", ["llvm", pytest.param("numba", marks=pytest.mark.matrix), "numpy"])
 def test_records_that_rise_to_the_limit(backend):
     if backend == "numba":
         pytest.importorskip("numba")

@@ -87,7 +87,7 @@ def test_all_faults_at_once(read):
     message = str(caught.value)
     assert "joint 'first' acts on 'middle', which is no body; known: inner, outer" in message
     assert message.count("is already implied by the parametrization") == 2
-    assert "scene.release" in message
+    assert "declare its reaction as an unknown of a joint" in message
     assert len(caught.value.faults) == 3
 
 
@@ -114,8 +114,6 @@ def test_contact_that_travels_over_its_body_is_allowed():
 
 def test_unknown_that_appears_in_no_equation():
     sphere = da.scenes.rolling_sphere()
-    with pytest.raises(da.errors.ConstraintError, match=r"N appear in no equation.*scene\.release"):
-        da.compile_model(sphere, backend="numpy", outputs=["N"])
     with pytest.raises(da.errors.ConstraintError, match=r"'N' appears in no equation.*scene\.release"):
         da.lagrange(sphere).reactions["N"]
     with pytest.raises(da.errors.UnknownNameError, match="unknown unknown 'F'"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import numpy as np
@@ -13,6 +12,7 @@ from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseColumns
+from ..methods.status import Status
 from ..once import computed_once, once_property
 from ..options import DEFAULT_TOLERANCES
 from ..steps.method_choice import runge_kutta_pays
@@ -34,12 +34,17 @@ if TYPE_CHECKING:
     from ..events.recorded_motion import RecordedCase
     from ..loops.taylor_runs import StepCode
     from ..reduction.starting import Start
-    from ..steps.explicit_loop import ExplicitCode
-    from ..steps.implicit_loop import ImplicitCode
     from ..steps.method_choice import Rates
+    from ..steps.recorded_runs import RunCodes
     from .lane_runs import LaneRuns
-    from .llvm.admission import Admission
     from .llvm.foreign_batch import ForeignCode, Interface
+    from .llvm.prepared import Admission
+
+_TIGHT = 1e-9
+"""Tolerance below which Runge-Kutta steps come to an end where constraints lose rank."""
+
+_STUCK = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED)
+"""How such runs end."""
 
 
 @final
@@ -92,7 +97,10 @@ class CompiledEngine(Engine):
         return self._code.of(kernel, self.steps.lanes), self.steps.lanes
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
-        """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair for long rates, kinks and roots at rest."""
+        """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair for long rates, kinks and roots at rest.
+
+        Where constraints may lose rank, sweeps to tight tolerances take Taylor steps; single runs can be repeated.
+        """
         if "taylor" not in methods:
             return methods[0]
         if self.steps.nonsmooth or self.steps.singular_at_rest:
@@ -100,6 +108,8 @@ class CompiledEngine(Engine):
         tolerance = clipped_tolerance(rtol, atol)
         order = order_for(tolerance)
         lines, control = self.steps.series_lines(order), self.steps.control(order)
+        if many and tolerance < _TIGHT and self.steps.passes_lost_ranks(order):
+            return "taylor"
         if lines > LARGEST_UNROLLED:
             return "dop853"
         pays = not self.steps.poles and runge_kutta_pays(self._program.kernel("rhs"), lines, control, tolerance)
@@ -126,19 +136,23 @@ class CompiledEngine(Engine):
         if method == "radau":
             from ..steps import implicit_loop as implicit
 
-            code, multipliers = self._implicit, self._multipliers(problem)
+            codes, multipliers = self._implicit, self._multipliers(problem)
             if multipliers is not None and problem.inputs is not None:
-                code = replace(code, multipliers=self.steps.kernel("multipliers"))
-            return implicit.integrate(code, compiled, multipliers)
+                codes = codes._replace(multipliers=self.steps.kernel("multipliers"))
+            states = 0 if multipliers is None else len(self._program.layout.states)
+            return implicit.integrate(loop_named("implicit_loop"), codes, compiled, multipliers, states)
         from ..steps import explicit_loop as explicit
 
         pair = pair_named(method, bounded=problem.bounded)
-        run = explicit.integrate(self._explicit, pair, compiled)
+        run = explicit.integrate(loop_named("explicit_loop"), self._explicit, pair, compiled)
         assert isinstance(run, Solution)
         return run
 
     def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
-        """See `Engine.integrate_automatic`: a run that proves stiff is repeated by "radau"."""
+        """See `Engine.integrate_automatic`: a run that proves stiff is repeated by "radau".
+
+        One that ends where constraints may lose rank is repeated by "taylor".
+        """
         reason = ""
 
         def watch(t: float, y: FloatArray, step: float) -> bool:
@@ -159,9 +173,14 @@ class CompiledEngine(Engine):
         from ..steps import explicit_loop as explicit
 
         compiled = self._code.of_problem(problem)
-        tried = explicit.integrate(self._explicit, pair_named(method), compiled, stop_if_stiff=True)
+        loop, pair = loop_named("explicit_loop"), pair_named(method)
+        tried = explicit.integrate(loop, self._explicit, pair, compiled, stop_if_stiff=True)
         if isinstance(tried, Solution):
-            return tried, method, ""
+            order = order_at(problem.rtol, problem.atol)
+            if tried.status not in _STUCK or not self.steps.passes_lost_ranks(order):
+                return tried, method, ""
+            reason = f"steps of {method!r} come to an end at t = {tried.end:.6g}, where the constraints lose rank"
+            return self.integrate(problem, "taylor"), "taylor", reason
         if watch(tried.t, tried.y, tried.step):
             return self._implicit_run(problem, reason)
         return self.integrate(problem, method), method, ""
@@ -257,26 +276,22 @@ class CompiledEngine(Engine):
         sizes = *given, len(start.kernel.outputs)
         return start_code(steps.prepare(), steps.start(start, 1), sizes)
 
-    def _kernels(self) -> list[OwnedAddress]:
-        return [self.steps.kernel("rhs"), *self._steppers.projections(1), self.steps.kernel("knots")]
+    @once_property
+    def _explicit(self) -> RunCodes:
+        from ..steps.recorded_runs import RunCodes
+
+        return RunCodes(self.steps.kernel("rhs"), *self._steppers.projections(1), self.steps.kernel("knots"))
 
     @once_property
-    def _explicit(self) -> ExplicitCode:
-        from ..steps.explicit_loop import ExplicitCode
+    def _implicit(self) -> RunCodes:
+        if "stages" not in self._sizes:
+            jacobian, tangent = self.steps.derivative("rhs")
+            return self._explicit._replace(jacobian=jacobian, tangent=tangent)
+        from ..steps.recorded_runs import RunCodes
 
-        return ExplicitCode(loop_named("explicit_loop"), *self._kernels())
-
-    @once_property
-    def _implicit(self) -> ImplicitCode:
-        from ..steps.implicit_loop import ImplicitCode
-
-        loop = loop_named("implicit_loop")
-        if "stages" in self._sizes:
-            states, knots = len(self._program.layout.states), self.steps.kernel("knots")
-            stages = self.steps.kernel("stages"), *self.steps.derivative("stages")
-            return ImplicitCode(loop, *stages, states=states, knots=knots)
-        rhs, *projections = self._kernels()
-        return ImplicitCode(loop, rhs, *self.steps.derivative("rhs"), *projections)
+        jacobian, tangent = self.steps.derivative("stages")
+        rhs, knots = self.steps.kernel("stages"), self.steps.kernel("knots")
+        return RunCodes(rhs, knots=knots, jacobian=jacobian, tangent=tangent)
 
     def _multipliers(self, problem: IntegrationProblem) -> FloatArray | None:
         """Return the multipliers (k,) at the start, where the implicit method has any."""

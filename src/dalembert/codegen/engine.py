@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from ..options import SolveOptions
     from ..reduction.starting import Start
     from ..scene.symbol_table import InputSymbol
-    from .host_runs import HostedRuns
-    from .llvm.admission import Admission
+    from .llvm.prepared import Admission
+    from .runs import HostedRuns
 
 
 class Engine(ABC):

@@ -25,6 +25,9 @@ from ..transforms.taylor import STEP_ARGUMENTS
 _LARGEST_JACOBIAN = 6000
 """Lines of a right-hand side times columns up to which its Jacobian is one kernel: half a second of compilation there,
 and some five times faster than column by column (measured on chains of pendulums)."""
+_LARGEST_REPEATED = 100_000
+"""Lines of a Taylor step, unrolled, that is compiled to pass where constraints lose rank: some five seconds."""
+
 LARGEST_UNROLLED = 15_000
 """Lines of the recurrences, written out, up to which Taylor steps are worth their compilation."""
 MOST_FURTHER = 256
@@ -195,6 +198,11 @@ class KernelLibrary(ABC):
     def poles(self) -> bool:
         """Whether rates have inverse powers that pairs may step over."""
         return bool(self._recurrences.poles)
+
+    def passes_lost_ranks(self, order: int) -> bool:
+        """Return whether constraints may lose rank, and Taylor steps, which pass there, are compiled in seconds."""
+        smooth = not self.nonsmooth and not self.singular_at_rest
+        return bool(self._recurrences.pivots) and smooth and self.series_lines(order) <= _LARGEST_REPEATED
 
     @property
     def nonsmooth(self) -> bool:

@@ -1,22 +1,27 @@
-"""Interfaces of runs that an engine has prepared: one prepared run, its start, many cases."""
+"""Interfaces of runs: one prepared run, its start, many cases, and runs that traced functions leave to the host."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, final
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
+from ..ir.kernel import Kernel
+from ..ir.program import Layout
 from ..methods.status import Status
+from ..stops.samples import Samples
 
 if TYPE_CHECKING:
     from ..lanes.workspace import LoopProgress
+    from ..scene.symbol_table import InputSymbol
     from ..subset.addresses import OwnedAddress
-    from .llvm.admission import Admission
+    from .llvm.prepared import Admission
+
 
 Final = tuple[FloatArray, Status]
 
@@ -78,7 +83,7 @@ class CaseRun:
         Runs cases until none is left; for as many threads as there are to call it.
     turn : ndarray (1,) of int
         Number of cases begun, at most; writing the number of all stops the work when those that have been
-        begun have ended, and `dalembert.interrupts.STOPPED` within a fraction of a second.
+        begun have ended, and `dalembert.threads.STOPPED` within a fraction of a second.
     finish : function without arguments
         To be called when all is done.
     call : function of an array like `turn`, optional
@@ -120,3 +125,90 @@ class LoopCall:
     steps: FloatArray
     occurrences: FloatArray
     held: object
+
+
+@final
+class HostRun(NamedTuple):
+    """The results of cases that traced functions left to the host.
+
+    Attributes
+    ----------
+    rows : ndarray (k, n_t, n)
+        State, coordinates, rates and outputs at times, NaN where runs did not reach them.
+    end : ndarray (k, n)
+        The same where they ended.
+    numbers : ndarray (k, 3)
+        When they ended, statuses, and accepted steps.
+    happened : ndarray (k, n_events, 3)
+        Of each event how often it occurred, and when first and last.
+    reduced : ndarray (k, n_reductions)
+    """
+
+    rows: Any
+    end: Any
+    numbers: Any
+    happened: Any
+    reduced: Any
+
+
+class HostRunner(Protocol):
+    """Runs of cases on the host, hashable: from times (k, n_t), initial values and parameters to a `HostRun`.
+
+    Inputs with knots are records by name, whose knots and values have one row a case (k, n).
+    """
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Names of the given initial values."""
+        ...
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of what is returned of the motion."""
+        ...
+
+    @property
+    def reductions(self) -> Mapping[str, Any]:
+        """Reductions by name."""
+        ...
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the events."""
+        ...
+
+    def __call__(self, t: FloatArray, initial: FloatArray, p: FloatArray, records: Mapping[str, Samples]) -> HostRun:
+        """Return the results of the cases."""
+        ...
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class HostedRuns:
+    """The host's runs behind a traced function, with names, events and refusals.
+
+    Attributes
+    ----------
+    runner : HostRunner
+    layout : Layout
+        Of the model whose parameters and names these are.
+    inputs : tuple of InputSymbol
+        Inputs of the scene.
+    state : tuple of str
+        Names of the state; those of coordinates, rates and outputs follow it in the runner's columns.
+    watched : (Kernel, Kernel) or None
+        Values of the expressions of events, and those with their rates (see `EventFunctions`); None where there are
+        contacts.
+    terminal : tuple of bool
+        Whether each event may end a run.
+    refusal : str
+        Why such runs have no derivatives; nothing where they have.
+    """
+
+    runner: HostRunner
+    layout: Layout
+    inputs: tuple[InputSymbol, ...]
+    state: tuple[str, ...]
+    watched: tuple[Kernel, Kernel] | None
+    terminal: tuple[bool, ...]
+    refusal: str

@@ -16,8 +16,8 @@ from ..once import computed_once
 from ..steps.problem import IntegrationProblem, Solution, prescribed_blocks
 from ..steps.projection import projected
 from ..subset.addresses import NO_CODE
-from .event_kernels import event_kernels
 from .host_code import interpreted_code, raise_failure
+from .steppers import event_kernels
 
 if TYPE_CHECKING:
     from ..arrays import FloatArray

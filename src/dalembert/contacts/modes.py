@@ -135,6 +135,7 @@ class _ModeEquations:
             outputs=outputs | {guard.output: node for guard, node in guards},
             defaults={**whole.defaults, **added},
             guards=tuple(guard for guard, _ in guards),
+            mode_reactions={str(node.payload): value for node, value in known.items()},
             minimum_norm=bool(self.groups),
             cones=self._cones() if self.groups else (),
         )

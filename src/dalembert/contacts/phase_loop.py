@@ -11,11 +11,11 @@ import math
 from typing import NamedTuple
 
 from ..events.event_rules import recorded_after
-from ..interrupts import STOPPED
 from ..lanes.sweep_arguments import SweepArguments
 from ..methods.status import RUNNING, Status
 from ..subset.arguments import place_of
 from ..subset.compiled_subset import call_code, call_test, compiled_subset, row, take
+from ..threads import STOPPED
 from .contact_cases import UNDECIDED
 from .phase_ends import count_phase, ended, may_meet
 from .phase_stops import begin_stops, goes_to, load_case, pass_stops

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..ir.program import WIDTH
 from ..methods.step_constants import SMALLEST_OF_TIME
-from ..stops.input_steps import InputTable, begin_inputs, no_inputs, pass_knots
+from ..stops.input_records import InputTable, begin_inputs, no_inputs, pass_knots
 from ..subset.addresses import AddressTable
 from ..subset.arguments import AddressVector, IntVector, Matrix, Vector
 from ..subset.compiled_subset import call_code, compiled_subset, row

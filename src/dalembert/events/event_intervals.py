@@ -17,7 +17,7 @@ from ..methods import chebyshev
 from ..methods.chebyshev import COEFFICIENTS, CONVERGED, DIVIDED, MISSED, POINTS, SLOPE_TAIL, SLOPES, TAIL
 from ..methods.step_constants import BENT, STEEP
 from ..subset.compiled_subset import call_code, compiled_subset, fma, row, square
-from .zero_starts import bend_agrees, least_doubt, leaves_zero, slope_agrees, unresolved
+from .event_rules import bend_agrees, least_doubt, leaves_zero, slope_agrees, unresolved
 
 _POINTS, _CHECKS = POINTS.copy(), chebyshev.CHECKS.copy()
 _BETWEEN = np.ascontiguousarray(chebyshev.BETWEEN.T)
@@ -118,7 +118,7 @@ def _monotone(work: FloatArray, missed: float) -> bool:
 def _leaves_flatly(
     directions: NDArray[np.int64], space: EventWorkspace, lane: int, e: int, largest: float, high: float, slope: float
 ) -> bool:
-    """Return whether an expression that begins a piece in a zero without a slope keeps its sign; see `zero_starts`.
+    """Return whether an expression that begins a piece in a zero without a slope keeps its sign; see `event_rules`.
 
     The bend of an armed one becomes infinite where it decides, and is not known without the error of the polynomials.
     """

@@ -16,9 +16,17 @@ from ..methods.chebyshev import POINTS
 from ..methods.step_constants import BUDGET, COARSE, DEEP, DEEPEST, EPSILON, ROOT_PRECISION, ROOT_TRIES, TIME_NOISE
 from ..subset.compiled_subset import call_code, compiled_subset, row, square
 from .event_intervals import push_halves, resolved_piece, sample, simple_piece, state_at
-from .event_rules import change_counts, happens_together, sign_beyond, zero_level
+from .event_rules import (
+    bend_from_rates,
+    change_counts,
+    error_limit,
+    happens_together,
+    short_share,
+    sign_beyond,
+    unresolved,
+    zero_level,
+)
 from .event_series import sample_event_series, value_at, zero_of_series
-from .zero_starts import bend_from_rates, error_limit, short_share, unresolved
 
 NOTHING, STOPPED, BROKEN = 0, 1, 2
 _POINTS = POINTS.copy()

@@ -3,7 +3,7 @@
 Their contents are imported, not the equations that they derive. Velocities are those that SymPy gives to points and
 frames. Where they are the rates of the positions, the scene is an ordinary one. Where they are not, as with a wheel
 whose rolling is written into the velocity of its hub, the scene keeps them, and the equations are formed from them. A
-`LagrangesMethod` has no bodies; its scene has the Lagrangian.
+`LagrangesMethod` has no bodies; its scene has the Lagrangian. The joints of a `System` bring their reactions.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from ..errors import SceneError, list_names
 from ..scene.actuators import actuator_loads
 from ..scene.frames import Tree
 from ..scene.prescribed_velocities import located
+from ..scene.sympy_joints import REACTIONS, reaction_of
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
@@ -45,6 +46,7 @@ class _Contents:
     holonomic: tuple[Any, ...] = ()
     nonholonomic: tuple[Any, ...] = ()
     lagrangian: Any = None
+    joints: tuple[Any, ...] = ()
 
 
 def scene_from_sympy(source: Any, name: str | None = None) -> Scene:
@@ -80,6 +82,7 @@ def _of_system(system: System) -> _Contents:
         loads=_pairs((*system.loads, *actuators)),
         holonomic=tuple(system.holonomic_constraints),
         nonholonomic=_not_rates(system.velocity_constraints, system.holonomic_constraints),
+        joints=tuple(joint for joint in system.joints if type(joint) in REACTIONS),
     )
 
 
@@ -180,6 +183,7 @@ def _scene(held: _Contents, name: str) -> Scene:
         scene.kinematic_equations = (*equations, *(q.diff(dynamicsymbols._t) - u for u, q in loose.items()))
     scene.loads = tuple((target, _without_auxiliary_speeds(vector, still)) for target, vector in loads)
     scene.lagrangian = held.lagrangian
+    scene.connections = tuple(map(reaction_of, held.joints))
     targets = dict.fromkeys([target for body in moving for target in _targets(body)] + [t for t, _ in loads])
     scene.velocities = tuple((target, _velocity(target, frame, still)) for target in targets)
     return _with_derived_velocities(scene) if held.lagrangian is None and located(scene) else scene

@@ -11,8 +11,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..codegen.base import Backend, Capability, RenderedModule
 from ..codegen.engine import Engine
-from ..codegen.host_runs import HostedRuns
-from ..codegen.runs import Prepared
+from ..codegen.runs import HostedRuns, Prepared
 from ..codegen.step_blocks import growing_step_blocks
 from ..errors import MissingExtraError
 from ..ir.program import Program
@@ -26,7 +25,7 @@ from ..transforms.step_ends import roots_vanish_at_rest
 from ..transforms.taylor import clipped_tolerance, order_at, order_for, step_kernel
 
 if TYPE_CHECKING:
-    from ..codegen.llvm.admission import Admission
+    from ..codegen.llvm.prepared import Admission
     from ..reduction.starting import Start
     from ..scene.symbol_table import InputSymbol
 
@@ -38,17 +37,14 @@ except ImportError as missing:
         f'the jax backend needs JAX and diffrax ({missing}): pip install "dalembert[jax]"'
     ) from missing
 
-from .block_sweeps import BlockSweeps, padded
+from .compiled_runs import BlockSweeps, Final, final_function, padded, prepared_run
 from .hosted import HostedSolve
-from .kernels import compile_kernel
-from .modules import loaded, rendered_module
+from .modules import compile_kernel, loaded, rendered_module
 from .pieces import pieces_of
 from .pointwise import StateFunctions, VectorField
-from .prepared import Final, final_function, prepared_run
 from .pure import Solve, register_static
-from .runs.compiling import LARGEST_FUSED, compiled
 from .runs.kernels import ArrayKernels
-from .runs.precision import double_precision
+from .runs.precision import LARGEST_FUSED, compiled, double_precision
 from .runs.series import TaylorIntegrator
 from .runs.solvers import Integrator
 

@@ -22,7 +22,7 @@ from ..codegen.printers import JAX, JAX_STEPS, Printer
 from ..ir.kernel import Assignment, Kernel, Load
 from ..transforms.nonsmooth import only_in_branches
 from ..transforms.partials import cotangent_kernel
-from .kernels import compile_kernel
+from .modules import compile_kernel
 from .runs.adjoint import Pull
 from .runs.kernels import Function, stacked
 from .runs.mesh_axes import varying_like

@@ -32,7 +32,7 @@ from ..ir.program import Program
 from ..methods.step_constants import ANY_START
 from ..methods.traced import TRACED
 from ..once import computed_once, once
-from ..processors import available_threads
+from ..threads import available_threads
 from .runs.derivatives import StepsRecord
 from .runs.mesh_axes import varying_alike, varying_like
 from .runs.run_data import Limits

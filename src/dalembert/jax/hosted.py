@@ -3,30 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, final
 
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
-from ..codegen.host_runs import HostedRuns, HostRun
+from ..codegen.runs import HostedRuns, HostRun
 from ..errors import OptionError
 from ..once import once_property
 from ..options import SolveOptions
 from ..stops.feedback import Feedback
 from ..stops.samples import Samples
-from .arguments import parameters_of, times, vector
+from .arguments import parameters_of, register_samples, times, vector
 from .host_calls import on_host
-from .hosted_dense import HostedDense
 from .hosted_derivatives import HostedChanges
 from .pointwise import StateFunctions
 from .pure import Solve
-from .records import register_samples
 from .run_inputs import Given, inputs_of, parameters_at, refuse_given
 from .runs.linear_maps import apply
-from .runs.mesh_axes import laid_on_mesh, mesh_of, varying_alike
-from .solved import EventTimes, Solved, States, raise_failure
+from .runs.unknown import without_derivative
+from .solved import Dense, EventTimes, Solved, States, raise_failure, solved_of
 
 
 @final
@@ -67,7 +64,7 @@ class HostedSolve:
         _refuse_functions(given)
         p = parameters_of(layout, p, numbers, given)
         start = vector("initial value", initial, self.given, layout.aliases)
-        solved = _solved(self, t, start, p, given)
+        solved = solved_of(self, t, start, p, given)
         return raise_failure(solved, "", self._options.method) if self._options.throw else solved
 
     def __eq__(self, other: object) -> bool:
@@ -79,8 +76,8 @@ class HostedSolve:
     def __reduce__(self) -> tuple[Any, ...]:
         return HostedSolve, (self._hosted, self._options, self._native)
 
-    def solved(self, t: Any, initial: Any, p: Any, given: Given) -> Solved:
-        """Return the result of a run from arrays."""
+    def motion(self, t: Any, initial: Any, p: Any, given: Given) -> Solved:
+        """Return the motion from arrays."""
         run = self._run(t, initial, p, given)
         runner = self._hosted.runner
         end, status, steps = run.numbers
@@ -91,8 +88,30 @@ class HostedSolve:
         reduced = {name: run.reduced[i] for i, name in enumerate(runner.reductions)}
         y, q, qdot, outputs = self._split(run.rows)
         last = States(end, *self._split(run.end))
-        dense = HostedDense(self, (t[0], t[-1], end), (initial, p, given)) if self._options.dense else None
+        dense = Dense(self, ((t[0], t[-1], end), (initial, p, given))) if self._options.dense else None
         return Solved(t, y, q, qdot, outputs, status.astype(int), steps.astype(int), None, dense, last, events, reduced)
+
+    def states(self, dense: Dense, t: Any) -> States:
+        """Return the motion at times t (n_t,) of a run between its start, last requested time and end; see `Dense`."""
+        (start, last, end), given = dense.run
+        forward = jnp.where(last >= start, 1.0, -1.0)
+        inside = (forward * (t - start) >= 0.0) & (forward * (end - t) >= 0.0)
+        requested = jnp.where(inside, t, start)
+        order = jnp.argsort(forward * jax.lax.stop_gradient(requested), stable=True)
+        every = jnp.concatenate([start[None], requested[order], last[None]])
+        found = self.motion(every, *given)
+        back = jnp.argsort(order)
+        # In single precision, the time of the end is rounded, and the run may end before.
+        last_one = (t == end)[:, None]
+        rows = []
+        for part, ended in zip(found[1:5], found.end[1:], strict=True):
+            row = part[1:-1][back]
+            lost = last_one & ~jnp.isfinite(row)
+            ended = without_derivative(
+                jnp.broadcast_to(jax.lax.stop_gradient(ended), row.shape), ~lost, (start, t, given)
+            )
+            rows.append(jnp.where(lost, ended, jnp.where(inside[:, None], row, jnp.nan)))
+        return States(t, *rows)
 
     def _split(self, rows: Any) -> tuple[Any, Any, Any, Any]:
         """Return state, coordinates, rates and outputs from rows (..., n) of them all."""
@@ -189,10 +208,3 @@ def _refuse_functions(given: Given) -> None:
             " loops, which cannot call it: give a number or dalembert.samples(times, values), or leave out events= and"
             " reduce="
         )
-
-
-@partial(jax.jit, static_argnums=0)
-def _solved(solve: HostedSolve, t: Any, initial: Any, p: Any, given: Given) -> Solved:
-    """Return the result: compiled once for equal functions, and a part of the program where one is traced."""
-    with mesh_of((t, initial, p, given)):
-        return solve.solved(*laid_on_mesh(varying_alike((t, initial, p, given))))

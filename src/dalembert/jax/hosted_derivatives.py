@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, final
 import jax
 import jax.numpy as jnp
 
-from ..codegen.host_runs import HostRun
 from ..codegen.printers import JAX
+from ..codegen.runs import HostRun
 from ..methods.status import Status
-from .kernels import compile_kernel
+from .modules import compile_kernel
 from .pure import Solve
 from .run_inputs import Given
 from .runs.kernels import stacked

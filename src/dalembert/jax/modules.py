@@ -1,4 +1,4 @@
-"""Generated JAX modules: rendered and loaded."""
+"""Generated JAX modules: rendered and loaded; and kernels as traceable functions from arrays to an array."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ from typing import Any
 
 import diffrax
 import jax
+import jax.numpy as jnp
 
 from ..codegen.base import RenderedModule
 from ..codegen.cache import digest_of, load_in_memory
-from ..codegen.printers import JAX
+from ..codegen.printers import JAX, JAX_STEPS, Printer
 from ..codegen.rendering import program_variables, render
+from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..once import once
 from ..version import __version__
-from .runs.kernels import ArrayKernels
+from . import functions
+from .runs.kernels import ArrayKernels, Function
 
 
 def rendered_module(program: Program) -> RenderedModule:
@@ -34,3 +37,19 @@ def loaded(rendered: RenderedModule) -> Mapping[str, Any]:
 def kernels_of(program: Program) -> ArrayKernels:
     """Return the kernels of a program, rendered and loaded once."""
     return ArrayKernels(program, loaded(rendered_module(program)))
+
+
+def compile_kernel(kernel: Kernel, printer: Printer = JAX_STEPS, in_branches: frozenset[str] | None = None) -> Function:
+    """Return a kernel that is no part of a generated module as a function of its arguments, giving its outputs.
+
+    `in_branches` as for `Printer.lines`.
+    """
+    variables = {
+        "arguments": ", ".join(kernel.arguments),
+        "lines": printer.lines(kernel, in_branches),
+        "outputs": printer.outputs(kernel),
+    }
+    namespace: dict[str, Any] = {"jnp": jnp, "fn": functions}
+    exec(render("jax/kernel.py.j2", variables), namespace)
+    function: Function = namespace["kernel"]
+    return function

@@ -22,17 +22,17 @@ from ..transforms.nonsmooth import decisions, only_in_branches
 from ..transforms.recurrences import recurrences
 from ..transforms.taylor import series_kernel, step_kernel
 from .blocks import Conditional, blocked, cotangents_of, looped
-from .feedback_kernels import FeedbackKernels
+from .feedback import FeedbackKernels
 from .foreign import ForeignRuns
-from .kernels import compile_kernel
+from .modules import compile_kernel
 from .runs.adjoint import InTurn
-from .runs.compiling import LARGEST_FUSED
 from .runs.kernels import ArrayKernels, Function, OnArrays
 from .runs.lanes import Sides, TaylorAttempts
 from .runs.pairs import PairAttempts
-from .runs.projection import CORRECTIONS, Projections, Rows
+from .runs.precision import LARGEST_FUSED
 from .runs.run_constants import RunConstants
 from .runs.run_data import RunPieces, Stepping
+from .runs.step_rules import CORRECTIONS, Projections, Rows
 from .step_derivatives import PairSteps, WholeSteps, implicit_ends, series_ends
 
 EXPLICIT = {name: pairs.PAIRS[m.compiled].tableau for name, m in TRACED.items() if m.compiled in pairs.PAIRS}

@@ -17,26 +17,21 @@ from ..methods.status import Status
 from ..once import once
 from ..options import SolveOptions
 from ..transforms.taylor import order_at, scale_floor
-from .arguments import parameters_of, times, vector
+from .arguments import parameters_of, register_samples, times, vector
 from .courses import Course, Courses
 from .elapsed import in_elapsed_time
-from .feedback_functions import register_feedback
-from .feedback_kernels import FeedbackKernels
-from .kernels import compile_kernel
-from .modules import kernels_of
+from .feedback import FeedbackKernels, register_feedback
+from .modules import compile_kernel, kernels_of
 from .pieces import SERVED, pieces_of, pieces_with
-from .records import register_samples
 from .run_inputs import Given, failed, inputs_of, refuse_given
 from .runs.derivatives import Steps
 from .runs.kernels import ArrayKernels, stacked
-from .runs.mesh_axes import laid_on_mesh, mesh_of, varying_alike
-from .runs.motion import TracedMotion
+from .runs.motion import TracedMotion, started
 from .runs.precision import process_precision
 from .runs.run_constants import RunConstants
 from .runs.run_data import Limits, Path, Reached, RunPieces, middles
-from .runs.starts import started
 from .single import require_single, warn_below_single, warn_of_rounded_knots, with_tolerances
-from .solved import Dense, Solved, States, raise_failure
+from .solved import Dense, Solved, States, raise_failure, solved_of
 
 if TYPE_CHECKING:
     from ..reduction.starting import Start
@@ -121,7 +116,7 @@ class Solve:
         refuse_given(given, self._options)
         p = parameters_of(layout, p, numbers, given)
         start = vector("initial value", initial, self.given, layout.aliases)
-        solved = _solved(self, t, start, p, given)
+        solved = solved_of(self, t, start, p, given)
         return raise_failure(solved, self._program.formulation, self._options.method) if self._options.throw else solved
 
     def __eq__(self, other: object) -> bool:
@@ -176,8 +171,8 @@ class Solve:
             status = failed(status, course.wrong)
         if dependent is not None:
             status = jnp.where(dependent, int(Status.SINGULAR_CONFIGURATION), status)
-        of_run = p, course.run, course.breaks
-        dense = None if path is None else Dense(self, path, t[0], *of_run, course.constants)
+        of_run = path, t[0], p, course.run, course.breaks
+        dense = None if path is None else Dense(self, of_run, course.constants)
         return Solved(t, reached.y, q, qdot, outputs, status, steps, rejected, dense)
 
     def _decaying(self, t: Any, p: Any) -> Any:
@@ -200,18 +195,18 @@ class Solve:
 
     def states(self, dense: Dense, t: Any) -> States:
         """Return the motion at times t (n_t,) of a run that has been recorded; see `Dense`."""
-        conditions, start = self._program.conditions, dense.start
+        conditions, (path, start, p, c, breaks) = self._program.conditions, dense.run
         if dense.constants is not None:
             start = jax.lax.stop_gradient(start)
-        rows = self._kernels.constants(dense.p)
+        rows = self._kernels.constants(p)
         if conditions is not None:
             start = jax.lax.stop_gradient(start)
-            span = jnp.concatenate([jnp.zeros(1), jax.lax.stop_gradient(t) - start, dense.path.reached[None]])
-            elapsed = middles(span, dense.breaks)[1:-1]
-            rows = self._courses.decided(dense.p, start + elapsed)
+            span = jnp.concatenate([jnp.zeros(1), jax.lax.stop_gradient(t) - start, path.reached[None]])
+            elapsed = middles(span, breaks)[1:-1]
+            rows = self._courses.decided(p, start + elapsed)
         if dense.constants is not None:
-            rows = dense.constants.kernel_rows(rows, dense.c, t - start)
-        y = self._traced_motion(dense.constants).states(dense.path, t - start, dense.c)
+            rows = dense.constants.kernel_rows(rows, c, t - start)
+        y = self._traced_motion(dense.constants).states(path, t - start, c)
         return States(t, y, *self._expanded(t, y, rows))
 
     def _on_rows(self, kernel: str, t: Any, y: Any, c: Any) -> Any:
@@ -273,13 +268,6 @@ class Solve:
         given = self._elapsed.program, self._elapsed, options.method, order, constants
         pieces = pieces_of(*given) if feedback is None else pieces_with(*given, feedback)
         return replace(pieces, foreign=None) if options.portable else pieces
-
-
-@partial(jax.jit, static_argnums=0)
-def _solved(solve: Solve, t: Any, initial: Any, p: Any, given: Given) -> Solved:
-    """Return the motion: compiled once for equal functions, and a part of the program where one is traced."""
-    with mesh_of((t, initial, p, given)):
-        return solve.motion(*laid_on_mesh(varying_alike((t, initial, p, given))))
 
 
 _JUMPS_IN_DENSE = (

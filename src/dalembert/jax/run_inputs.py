@@ -17,16 +17,14 @@ from ..options import SolveOptions
 from ..scene.symbol_table import InputSymbol
 from ..stops.feedback import Feedback
 from ..stops.samples import Samples, checked_samples, refuse_kind, refuse_samples, unknown_input
+from .arguments import COLUMNS, knots_of, out_of_reach, polynomials, with_knots
 from .elapsed import expansion_in_elapsed_time
-from .feedback_functions import checked_feedback, function_of_weights, weights_of
-from .feedback_kernels import FeedbackKernels
-from .kernels import compile_kernel
+from .feedback import FeedbackKernels, checked_feedback, function_of_weights, weights_of
+from .modules import compile_kernel
 from .pieces import EXPLICIT
-from .records import COLUMNS, knots_of, out_of_reach, polynomials, with_knots
 from .runs.kernels import stacked
-from .runs.precision import precision_of
+from .runs.precision import is_traced, precision_of
 from .runs.run_constants import RunConstants, TracedInputs
-from .runs.traced import is_traced
 
 Given = dict[str, Samples | Feedback]
 """Inputs that are functions of time, by name."""
@@ -127,7 +125,7 @@ class RunInputs(NamedTuple):
     run : Array (n_c,)
         The constants.
     breaks, moved : Array (n,)
-        As `dalembert.jax.breaks.traced_breaks` has them.
+        As `dalembert.jax.courses.traced_breaks` has them.
     pieces : tuple of InputTable and Array
         Where the polynomials of each record go, and these at the times of the run (n_t, width).
     wrong : Array ()

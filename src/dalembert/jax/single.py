@@ -15,8 +15,7 @@ from ..ir.program import Program
 from ..options import SolveOptions
 from ..stops.samples import Samples
 from ..transforms.recurrences import recurrences
-from .runs.precision import SINGLE, Precision
-from .runs.traced import is_traced
+from .runs.precision import SINGLE, Precision, is_traced
 
 _SMALLEST, _LARGEST = 1e-12, 1e30
 """Sizes of numbers in equations that single precision serves: thresholds of ranks and of tables lie beyond."""

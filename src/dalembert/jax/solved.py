@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, final
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, final
 
 import jax
 import jax.numpy as jnp
@@ -16,10 +15,12 @@ from ..methods.status import Status
 from .host_calls import on_host
 from .runs.mesh_axes import laid_on_mesh, mesh_of, varying_alike
 from .runs.run_constants import RunConstants
-from .runs.run_data import Path
 
 if TYPE_CHECKING:
+    from .hosted import HostedSolve
     from .pure import Solve
+
+    AnySolve: TypeAlias = Solve | HostedSolve
 
 _GOOD = [int(each) for each in Status if each.success]
 
@@ -43,7 +44,7 @@ class Solved(NamedTuple):
         NON_FINITE, and so is a run whose outputs are not finite somewhere though its states are.
     steps, rejected : Array ()
         Numbers of accepted and of rejected steps; the second is None where `end` is not.
-    dense : Dense, HostedDense or None
+    dense : Dense or None
         The motion at any time between the first and the last, where ``dense=True`` asked for it.
     end : States or None
         Where the run ended, if it was asked to watch for events or to keep reductions, or may change contacts.
@@ -93,52 +94,56 @@ class Dense:
 
     A pytree, of which ``jax.vmap`` makes one for each case. States inside steps are ends of shorter steps of the same
     method, as accurate as those at the ends; outside the times that the run reached they are NaN. Everything may be
-    traced and differentiated.
+    traced and differentiated. Of runs on the host, every call runs once more there, and reads the motion at the times
+    as ``solve`` does where they are given to it.
+
+    Parameters
+    ----------
+    solve : Solve or HostedSolve
+        The runs.
+    run : pytree
+        What `solve` reads the run from.
+    constants : RunConstants or None
+        Constants of the steps, where they are more than those of the program.
     """
 
-    def __init__(
-        self, solve: Solve, path: Path, start: Any, p: Any, c: Any, breaks: Any, constants: RunConstants | None
-    ) -> None:
-        self.constants = constants
-        self.solve, self.path, self.start, self.p, self.c, self.breaks = solve, path, start, p, c, breaks
+    def __init__(self, solve: AnySolve, run: Any, constants: RunConstants | None = None) -> None:
+        self.solve, self.run, self.constants = solve, run, constants
 
     def __call__(self, t: Any) -> States:
-        """Return the motion at times; see the class."""
-        return read_at(partial(_states, self.solve, self), t)
+        """Return the motion at times; see the class.
+
+        Raises
+        ------
+        ValueInputError
+            For times of another shape.
+        """
+        times = jnp.asarray(t, dtype=float)
+        if times.ndim > 1:
+            raise ValueInputError(f"t must be a time or times (n_t,), not of shape {times.shape}")
+        found = _states(self.solve, self, jnp.atleast_1d(times))
+        return jax.tree.map(lambda rows: rows[0], found) if times.ndim == 0 else found
 
     def __repr__(self) -> str:
         return "Dense(t -> motion)"
 
 
-def read_at(states: Callable[[Any], States], t: Any) -> States:
-    """Return the motion at a time () or at times (n_t,), from a function of times (n_t,).
-
-    Raises
-    ------
-    ValueInputError
-        For times of another shape.
-    """
-    times = jnp.asarray(t, dtype=float)
-    if times.ndim > 1:
-        raise ValueInputError(f"t must be a time or times (n_t,), not of shape {times.shape}")
-    found = states(jnp.atleast_1d(times))
-    return jax.tree.map(lambda rows: rows[0], found) if times.ndim == 0 else found
-
-
-def _children(dense: Dense) -> tuple[Any, Any]:
-    return (dense.path, dense.start, dense.p, dense.c, dense.breaks), (dense.solve, dense.constants)
-
-
-def _whole(fixed: Any, children: Any) -> Dense:
-    path, start, p, c, breaks = children
-    return Dense(fixed[0], path, start, p, c, breaks, fixed[1])
-
-
-jax.tree_util.register_pytree_node(Dense, _children, _whole)
+jax.tree_util.register_pytree_node(
+    Dense,
+    lambda dense: ((dense.run,), (dense.solve, dense.constants)),
+    lambda fixed, children: Dense(fixed[0], children[0], fixed[1]),
+)
 
 
 @partial(jax.jit, static_argnums=0)
-def _states(solve: Solve, dense: Dense, t: Any) -> States:
+def solved_of(solve: AnySolve, t: Any, initial: Any, p: Any, given: Any) -> Solved:
+    """Return the motion: compiled once for equal functions, and a part of the program where one is traced."""
+    with mesh_of((t, initial, p, given)):
+        return solve.motion(*laid_on_mesh(varying_alike((t, initial, p, given))))
+
+
+@partial(jax.jit, static_argnums=0)
+def _states(solve: AnySolve, dense: Dense, t: Any) -> States:
     """Return the motion at times t (n_t,): compiled once for each number of times."""
     with mesh_of((dense, t)):
         return solve.states(*laid_on_mesh(varying_alike((dense, t))))

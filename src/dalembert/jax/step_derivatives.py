@@ -14,11 +14,10 @@ from ..methods.tableau import Tableau
 from .blocks import Conditional
 from .runs.adjoint import InTurn
 from .runs.derivatives import Steps, jacobians
-from .runs.implicit import implicit_slopes
-from .runs.pairs import slopes_of, weighted
-from .runs.products import contracted, product
-from .runs.projection import Projections, Rows, project
+from .runs.pairs import implicit_slopes, slopes_of, weighted
+from .runs.precision import contracted, product
 from .runs.run_constants import RunConstants
+from .runs.step_rules import Projections, Rows, project
 
 
 def _settled(projections: Callable[[Any], Projections], steps: Steps, ends: Rows) -> Rows:

@@ -13,11 +13,11 @@ from ..codegen.printers import JAX
 from ..errors import OptionError, UnknownNameError, list_names, unknown_name
 from ..ir.program import Layout, Program
 from .arguments import by_name
-from .kernels import compile_kernel
+from .modules import compile_kernel
 from .pieces import EXPLICIT
 from .runs.mesh_axes import stack, varying_like
 from .runs.pairs import slopes_of
-from .runs.projection import CORRECTIONS, Projections, Rows, project
+from .runs.step_rules import CORRECTIONS, Projections, Rows, project
 
 Tableau = tuple[tuple[tuple[float, ...], ...], tuple[float, ...], tuple[float, ...]]
 """Weights of earlier slopes in each stage, weights of the slopes in the step, and times of the stages."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..ir.program import WIDTH
 from ..methods.status import RUNNING, Status
 from ..steps.step_control import largest_step, status_after
-from ..stops.input_steps import pass_knots, take_sides
+from ..stops.input_records import pass_knots, take_sides
 from ..stops.stops import act, begin_stops, end_of_steps, is_due, prepare_lanes, take_next
 from ..subset.compiled_subset import call_code, compiled_subset, lowest, row
 from ..transforms.runge_kutta_parts import CONTROLS, PROPOSAL_AT

@@ -17,8 +17,8 @@ class SweepKernels(NamedTuple):
     """Addresses of what the loop over lanes calls, 0 for what there is not.
 
     The step, what fills in its memory before the first step, the projections, constants from parameters, states from
-    given values, the function that accepts steps of all lanes at once (`dalembert.codegen.llvm.lane_kernels`), and the
-    test of what cases are made from (`dalembert.codegen.llvm.lane_kernels`).
+    given values, the function that accepts steps of all lanes at once (`dalembert.codegen.lane_runs`), and the
+    test of what cases are made from (`dalembert.codegen.lane_runs`).
     """
 
     step: Address

@@ -200,7 +200,7 @@ class EventWorkspace(NamedTuple):
     rounding of the state made of them where each lane began. ``may_change`` are 1 for events that may change their sign
     in the present step, else 0. ``rates`` belong to its beginning; its rows `BEND`, `DOUBT` and `LIMIT` are, over the
     step, the bends of armed events that are zero there, the errors of bends along its polynomials, and bounds of these
-    errors (`dalembert.events.zero_starts`).
+    errors (`dalembert.events.event_rules`).
 
     ``values`` are those of expressions at the points of a piece of a step, ``between`` those between these points.
 

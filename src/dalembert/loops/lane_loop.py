@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..events.lane_events import handle_events, hold_for_events, test_steps, watch_case
-from ..interrupts import STOPPED
 from ..lanes.case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes, runs_on
 from ..lanes.lane_steps import (
     accept_steps,
@@ -28,6 +27,7 @@ from ..lanes.lane_stops import begin_lane_stops, pass_lane_stops, run_on_at_stop
 from ..lanes.step_records import compensate_steps, record_cases, record_steps, records_are_full
 from ..lanes.sweep_arguments import SweepArguments
 from ..subset.compiled_subset import compiled_subset, lowest
+from ..threads import STOPPED
 
 
 @compiled_subset

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..interrupts import check
 from ..methods.status import RUNNING, Status
 from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK
 from ..steps.dense_output import PiecewisePolynomial
@@ -20,6 +19,7 @@ from ..steps.projection import end_in
 from ..stops.stops import no_stops, table_of
 from ..subset.addresses import NO_CODE, OwnedAddress
 from ..subset.arguments import address_of, pack, place_of, replace_array
+from ..threads import check
 from ..transforms.taylor import scale_floor
 from .prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
 

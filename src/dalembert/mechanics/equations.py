@@ -10,7 +10,7 @@ from ..errors import list_names
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph
 from ..ir.node import Node
-from ..scene.model import ControllerModel
+from ..scene.model import ControllerModel, SceneModel
 from ..scene.symbol_table import SymbolTable
 from ..transforms.conditions import Condition, decide
 from ..transforms.linear import Matrix
@@ -229,6 +229,12 @@ class EquationsOfMotion:
         Controllers, which change some of the states at sampling instants.
     angles : tuple of str
         Coordinates without a unit: angles and components of quaternions.
+    scene : SceneModel or None
+        The scene on the graph that the equations were derived on, for balances of bodies; None where it has no
+        positions.
+    mode_reactions : mapping of str to Node
+        Reactions that a mode of the contacts gives, in terms of those that it leaves: zero, or friction of a sliding
+        contact.
     """
 
     name: str
@@ -265,6 +271,8 @@ class EquationsOfMotion:
     state_rates: tuple[Node, ...] = ()
     controllers: tuple[ControllerModel, ...] = ()
     angles: tuple[str, ...] = ()
+    scene: SceneModel | None = None
+    mode_reactions: Mapping[str, Node] = field(default_factory=dict)
 
     @property
     def variables(self) -> tuple[Node, ...]:
@@ -308,25 +316,25 @@ def copied(equations: EquationsOfMotion) -> EquationsOfMotion:
     """
     graph = equations.graph.copy()
     changed = {
-        field.name: _moved(getattr(equations, field.name), equations.graph, graph)
+        field.name: moved_to(getattr(equations, field.name), equations.graph, graph)
         for field in fields(equations)
-        if field.name not in ("graph", "symbols")  # names have no nodes
+        if field.name not in ("graph", "symbols", "scene")  # names have no nodes, and a scene has its own graph
     }
     return replace(equations, graph=graph, **changed)
 
 
-def _moved(value: Any, old: Graph, new: Graph) -> Any:
+def moved_to(value: Any, old: Graph, new: Graph) -> Any:
     """Return a value whose nodes are those of a copied graph."""
     if isinstance(value, Node):
         return new.nodes[value.index] if value.graph is old else value
     if isinstance(value, tuple | list):
-        moved = [_moved(each, old, new) for each in value]
+        moved = [moved_to(each, old, new) for each in value]
         return value if all(a is b for a, b in zip(value, moved, strict=True)) else type(value)(moved)
     if isinstance(value, Mapping):
-        table = {key: _moved(each, old, new) for key, each in value.items()}
+        table = {key: moved_to(each, old, new) for key, each in value.items()}
         return value if all(value[key] is each for key, each in table.items()) else table
     if is_dataclass(value) and not isinstance(value, type):
-        changed = {field.name: _moved(getattr(value, field.name), old, new) for field in fields(value)}
+        changed = {field.name: moved_to(getattr(value, field.name), old, new) for field in fields(value)}
         different = {name: each for name, each in changed.items() if each is not getattr(value, name)}
         return replace(value, **different) if different else value
     return value

@@ -125,18 +125,27 @@ def _samples(
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield the constraint Jacobian and values of other nodes at a few positions that satisfy the constraints."""
     jacobian = [node for row in rows for node in row]
+    for nodes, place in places_on_manifold(q, others, positions, jacobian):
+        flat = _numbers(nodes, place)[len(positions) :]
+        yield flat[: len(jacobian)].reshape(-1, len(q)), flat[len(jacobian) :]
+
+
+def places_on_manifold(
+    q: Sequence[Node], others: Sequence[Node], positions: Sequence[Node], jacobian: Sequence[Node]
+) -> Iterator[tuple[Sequence[Node], dict[Node, float]]]:
+    """Yield all nodes, and values of their inputs at a few positions that satisfy the constraints.
+
+    `jacobian` are the rows of the constraint Jacobian, one behind the other, first those of `positions`.
+    """
     nodes = [*positions, *jacobian, *others]
     found = 0
     for seed in range(_DRAWS):
         draw = random.Random(seed)
         values = random_inputs([*nodes, *q], draw)
         place = _consistent(nodes, q, len(positions), values | {x: draw.uniform(-1.5, 1.5) for x in q})
-        if place is None:
+        if place is None or not np.all(np.isfinite(_numbers(nodes, place))):
             continue
-        flat = _numbers(nodes, place)[len(positions) :]
-        if not np.all(np.isfinite(flat)):
-            continue
-        yield flat[: len(jacobian)].reshape(-1, len(q)), flat[len(jacobian) :]
+        yield nodes, place
         found += 1
         if found == _POINTS:
             return

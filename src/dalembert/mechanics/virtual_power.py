@@ -13,9 +13,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..ir.graph import Graph
 from ..ir.node import Node
 from ..ir.zero_tests import agree
-from ..scene.model import Components
+from ..scene.model import BodyModel, Components
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix
 from . import kinematics as vec
@@ -63,8 +64,7 @@ def powers(kinematics: Kinematics) -> Powers:
         second = body.inertia or (vec.zero(graph), vec.zero(graph), vec.zero(graph))
         _add_inertia(inertias, pose, _Inertia(body.mass, vec.zero(graph), second))
         momentum = vec.rotate(second, pose.omega)
-        rate = vec.add(vec.rotate(second, pose.alpha), vec.cross(pose.omega, momentum))
-        _add_screw(wrenches, pose, (vec.scale(body.mass, pose.a), rate))
+        _add_screw(wrenches, pose, inertia_screw(graph, body, pose))
         energy = body.mass * vec.dot(pose.v, pose.v) + vec.dot(pose.omega, momentum)
         kinetic = kinetic + energy / 2
         potential = potential + said
@@ -90,6 +90,17 @@ def powers(kinematics: Kinematics) -> Powers:
             if pose.parent is not None:
                 _add_screw(wrenches, pose.parent, _carry_screw(pose, wrench))
     return Powers(mass_matrix, forcing, kinetic, potential, weighing)
+
+
+def inertia_screw(graph: Graph, body: BodyModel, pose: Pose) -> Screw:
+    """Return the rates of momentum and of angular momentum of a body about its mass centre, with the bias of its pose.
+
+    Those of the accelerations that the pose has; gravity is an acceleration of the referential.
+    """
+    second = body.inertia or (vec.zero(graph), vec.zero(graph), vec.zero(graph))
+    momentum = vec.rotate(second, pose.omega)
+    rate = vec.add(vec.rotate(second, pose.alpha), vec.cross(pose.omega, momentum))
+    return vec.scale(body.mass, pose.a), rate
 
 
 def _same_slopes(kinematics: Kinematics, a: Node, b: Node) -> bool:

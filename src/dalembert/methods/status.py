@@ -44,8 +44,10 @@ class Status(enum.IntEnum):
     def message_for(self, formulations: Sequence[str], methods: str) -> str:
         """Return the message for a run in these formulations by these methods: without advice that it has followed."""
         said = self.message
+        projected = "projected" in formulations
         for advice, followed in (
-            (_PROJECTED, "projected" in formulations),
+            (_PASSING, projected and "taylor" in methods),
+            (_TAYLOR, projected),
             (_IMPLICIT, all(method.strip() in IMPLICIT_METHODS for method in methods.split(","))),
         ):
             if followed:
@@ -59,7 +61,8 @@ RUNNING = -1
 IMPLICIT_METHODS = ("radau", "bdf", "lsoda", "kvaerno5")
 """Integration methods that stiff problems do not slow down."""
 
-_PROJECTED = 'use formulation="projected", which passes through most of them, end', "end"
+_PASSING = 'use formulation="projected" and method="taylor", which pass through most of them, end', "end"
+_TAYLOR = _PASSING[0], 'use method="taylor", which passes through most of them, end'
 _IMPLICIT = (
     "raise max_steps, loosen rtol and atol, or choose an implicit method if the problem is stiff",
     "raise max_steps, or loosen rtol and atol",
@@ -101,8 +104,8 @@ _MESSAGES = {
     ),
     Status.SINGULAR_CONFIGURATION: (
         "The run met a configuration at which the constraints lose rank, and the motion beyond it is not determined by "
-        'them alone: use formulation="projected", which passes through most of them, end the time span before it, or '
-        "choose coordinates that are regular there."
+        'them alone: use formulation="projected" and method="taylor", which pass through most of them, end the time '
+        "span before it, or choose coordinates that are regular there."
     ),
     Status.SINGULAR_COORDINATES: (
         "The run met an attitude at which the angles that orient a body are singular (gimbal lock): two of them turn "

@@ -139,8 +139,5 @@ deep; the halvings of a step once the number is used up.
 Smooth functions need few deep pieces, however often they oscillate; jumps and double zeros one or two for each halving;
 a function of which nothing but rounding is left needs all that there are, 2**44."""
 
-MOST = 1 << 17
-"""Largest number of pieces where the pieces of all steps are cut together, besides some for each step."""
-
 ROOT_TRIES, ROOT_PRECISION = 200, 4e-16
 """Largest number of evaluations for one zero, and the relative precision to which it is located."""

@@ -138,7 +138,7 @@ def _evaluate(
 
 def _traced(*given: Any) -> bool:
     """Return whether JAX traces a value in the arguments, mappings and records included; for models in JAX."""
-    from ..jax.runs.traced import is_traced
+    from ..jax.runs.precision import is_traced
 
     values = [each for value in given for each in (value.values() if isinstance(value, Mapping) else (value,))]
     records = [array for value in values if isinstance(value, Samples) for array in (value.t, value.values)]
@@ -245,6 +245,6 @@ def monitors(self: CompiledModel, c: FloatArray, t: FloatArray, x: FloatArray) -
     t, x : ndarray (n_t,), (n_t, 2 n_q + n_z)
         Times [s]; coordinates, rates and first-order states.
     """
-    from ..starts.monitors import conserved
+    from ..starts.first_integrals import conserved
 
     return conserved(self.stages.program, self.derived.invariants, c, t, x)

@@ -95,6 +95,7 @@ def _program_lines(model: CompiledModel, passes: bool, formulations: bool) -> li
         f"formulations  {_formulations(model, every=formulations)}",
         "compilation   " + ", ".join(f"{stage} {1e3 * s:.0f} ms" for stage, s in stages.seconds.items()),
     ]
+    lines += [f"joint         {item.name}: {item.text}" for item in stages.scene.connections if item.text]
     return [*lines, *(_passes(stages) if passes else [])]
 
 
@@ -199,21 +200,27 @@ def _outputs(stages: Stages) -> list[str]:
     names = program.layout.outputs
     counts = describe_counts(program.kernel("outputs")) if names else ""
     own, ends = ([name for name in names if (name in guards) == guard] for guard in (False, True))
+    released = [f"released      {stages.reduced.released}"] if stages.reduced.released else []
     if not ends:
-        return [f"outputs       {list_names(own)}" + (f" ({counts})" if own else "")]
+        return [f"outputs       {list_names(own)}" + (f" ({counts})" if own else ""), *released]
     alone = "outputs of the model of this mode alone, not of a run"
-    return [f"outputs       {list_names(own)}", f"guards        {list_names(ends)} (with outputs {counts}): {alone}"]
+    guarding = f"guards        {list_names(ends)} (with outputs {counts}): {alone}"
+    return [f"outputs       {list_names(own)}", guarding, *released]
 
 
 def _left_out(stages: Stages) -> list[str]:
     """Return the parts of the scene that no output or state depends on."""
     program, layout = stages.program, stages.program.layout
     out = []
-    reactions = [name for name in layout.unknowns if name not in layout.outputs]
+    reactions = [name for name in layout.unknowns if name not in {*layout.outputs, *layout.undetermined}]
     if reactions:
         out.append(f"the reactions {list_names(reactions)}, which no output needs")
-    if layout.undetermined:
-        out.append(f"{list_names(layout.undetermined)}, which the equations do not determine")
+    read = {joint.name for joint in stages.scene.joints}
+    silent = [item.name for item in stages.scene.connections if item.name not in read]
+    if silent:
+        out.append(f"the reactions of {list_names(map(repr, silent))}, such as '{silent[0]}.force_x'")
+    if hidden := [name for name in layout.undetermined if name not in layout.outputs]:
+        out.append(f"{list_names(hidden)}, which the equations do not determine")
     if stages.equations.reaction_values:
         out.append("constraints: reactions are given forces")
     elif not layout.constraints:

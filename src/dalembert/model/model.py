@@ -22,8 +22,7 @@ from ..starts import inputs as run_input
 from ..starts.symbol_assumptions import ROUNDING, ValueReader
 from . import choices, derivatives, evaluation, motions, states, sweeps, traced
 from .choices import OfOneMode
-from .derived import Derived
-from .variants import Variants
+from .derived import Derived, Variants
 
 if TYPE_CHECKING:
     from ..codegen.engine import FunctionEngine, TracedEngine

@@ -13,7 +13,7 @@ from ..options import PrepareOptions, simulate_options
 from ..progress import run_meter
 from ..runs.capabilities import refuse_functions
 from ..runs.elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_from, with_offsets
-from ..runs.event_parameters import with_event_parameters
+from ..runs.events import with_event_parameters
 from ..runs.run_notes import warn_of_small_motion
 from ..runs.simulate import simulate_in_own_time
 from ..starts.input_values import read_inputs

@@ -18,7 +18,7 @@ from ..starts import inputs as run_input
 
 if TYPE_CHECKING:
     from ..codegen.engine import TracedEngine
-    from ..codegen.host_runs import HostedRuns
+    from ..codegen.runs import HostedRuns
     from .model import CompiledModel
 
 

@@ -80,7 +80,7 @@ class CommonProgram:
             normals += [contact.constraint] if state != OPEN and contact.constraint is not None else []
             slips += own if state == STICK else []
         found: dict[int, int] | None = None
-        for place, each in enumerate([x, *self._apart(t, x, p), *self._closed(normals, t, x, p)]):
+        for place, each in enumerate([x, *self._apart(x), *self._closed(normals, t, x, p)]):
             rows = jacobians(self.equations, self.values(t, each, p))[0]
             if not np.isfinite(rows).all():
                 return None
@@ -109,7 +109,7 @@ class CommonProgram:
             found[d] = b
         return found
 
-    def _apart(self, t: FloatArray, x: FloatArray, p: FloatArray) -> list[FloatArray]:
+    def _apart(self, x: FloatArray) -> list[FloatArray]:
         """Return states at which no gap is closed: what depends there does so everywhere."""
         rng, n = np.random.default_rng(_SEED), len(self.equations.q)
         found = []
@@ -124,7 +124,7 @@ class CommonProgram:
         n, k = len(self.equations.q), len(self.equations.contacts)
         gaps = {c.constraint: (i, c.sense) for i, c in enumerate(self.equations.contacts)}
         found = []
-        for moved in self._apart(t, x, p):
+        for moved in self._apart(x):
             for _ in range(_ROUNDS):
                 values = self.values(t, moved, p)
                 left = np.array([gaps[row][1] * values[0, gaps[row][0] - len(NUMBERS) * k] for row in normals])

@@ -1,22 +1,25 @@
-"""Runs and sweeps of scenes with contacts from given values, in the time of the model."""
+"""Runs, sweeps and prepared runs of scenes with contacts from given values, in the time of the model."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from threading import get_ident
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..arrays import FloatArray
+from ..codegen.llvm.prepared import Admission
+from ..codegen.runs import Final, Prepared, PreparedStates
 from ..contacts.contact_cases import UNDECIDED
 from ..contacts.contact_laws import Mode
 from ..errors import OptionError, ValueInputError, list_names
 from ..ir.interpret import interpret_rows
 from ..ir.program import along_run
 from ..methods.status import RUNNING, Status
-from ..options import SimulateOptions, SweepOptions, tighter
+from ..options import PrepareOptions, SimulateOptions, SweepOptions, tighter
 from ..progress import meter
 from ..reduction.baumgarte import GAINS, Baumgarte
 from ..results.statistics import SweepStatistics
@@ -25,18 +28,19 @@ from ..results.sweep_states import ContactStates
 from ..results.trajectory import Trajectory
 from ..runs.case_settings import common_settings
 from ..runs.cases import Cases, with_grid
-from ..runs.event_parameters import moving_events
+from ..runs.events import moving_events
 from ..runs.reductions import reduction_table
 from ..runs.simulate import NO_ESTIMATE
 from ..starts import inputs
+from ..starts.inputs import warn_below_floor
 from ..starts.symbol_assumptions import warn_of_motion
 from .case_runs import CaseRuns
 from .mode_models import ModeModels, all_modes
+from .motion_recorder import MotionRequest
 from .output_values import OutputValues, PhaseReductions
-from .request import MotionRequest
 from .runner_choice import RunnerChoice
 from .simulate import simulate
-from .stops import Stops
+from .stops import Stops, stops_of
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
@@ -263,3 +267,42 @@ def _starting_mode(modes: ModeModels, given: Iterable[str]) -> Mode:
         if known.issuperset((*entry.names, *entry.needs)):
             known |= set(entry.targets)
     return modes.open_mode if known.issuperset((*modes.layout.coordinates, *modes.layout.rates)) else modes.closed_mode
+
+
+def prepare_with_contacts(
+    model: CompiledModel, t_span: tuple[float, float], options: PrepareOptions
+) -> tuple[str, Prepared]:
+    """Return the method and the run of a model with several modes, in the time of the model."""
+    modes = refuse_kept_invariants(model, options.project_invariants)
+    warn_below_floor(options.rtol, options.atol)
+    refuse_open_gains(modes)
+    opened = modes.model(modes.open_mode)
+    method = opened.choose_method(options.method, options.rtol, options.atol, many=True)
+    return method, _prepared(modes, t_span, options)
+
+
+def _prepared(modes: ModeModels, t_span: tuple[float, float], options: PrepareOptions) -> Prepared:
+    """Return a function from variables (2 n_q + n_z,) and parameters of the scene (n_p,) to the final variables.
+
+    Every thread keeps its memory.
+    """
+    tests = modes.admission
+    admission = None if tests is None else Admission(tests, t_span[0], options.rtol)
+    spans = np.array([t_span[0]]), np.array([t_span[1]])
+    stopping = modes.changes or (options.inputs is not None and options.inputs.sampled)
+    names, backward = modes.layout.parameters, t_span[1] < t_span[0]
+    own: dict[int, CaseRuns] = {}
+
+    def run(x: FloatArray, p: FloatArray) -> Final:
+        if not (np.isfinite(x.sum()) and np.isfinite(p.sum())):
+            return np.full_like(x, np.nan), Status.NON_FINITE
+        p = along_run(names, p, backward=backward)
+        case = own.get(get_ident())
+        if case is None:
+            case = own[get_ident()] = CaseRuns(RunnerChoice(modes, options, PhaseReductions({}, ())))
+        stops = stops_of(modes, options.inputs, p[np.newaxis], spans) if stopping else None
+        case.begin(*t_span, x, p, stops)
+        case.run()
+        return case.cases.x[0].copy(), case.status
+
+    return PreparedStates(run, admission)

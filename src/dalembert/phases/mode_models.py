@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..codegen.engine import Engine
-from ..codegen.llvm.admission import AdmissionCode
+from ..codegen.llvm.prepared import AdmissionCode
 from ..contacts.automaton import HybridAutomaton
 from ..contacts.contact_laws import OPEN, SLIP, Mode, mode_parameters
 from ..contacts.switched_modes import any_mode, switched_guards, switches

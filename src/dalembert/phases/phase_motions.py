@@ -13,6 +13,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..events.recorded_motion import Occurrence, step_polynomials
 from ..ir.conditions import CONDITION_TIME
+from ..lanes.host_stops import joined
 from ..lanes.step_records import ATTEMPTS_AT, ENDED_AT, FIRST_AT
 from ..methods.status import Status
 from ..options import SimulateOptions
@@ -22,14 +23,12 @@ from ..results.statistics import RunStatistics
 from ..results.trajectory import Trajectory
 from ..starts import inputs
 from ..starts.symbol_assumptions import warn_of_motion
-from ..steps.chaining import joined
 from ..steps.dense_output import PiecewisePolynomial
 from ..steps.problem import Solution
 from ..steps.projection import projected
 from ..stops.segments import Constants, Segments, constants_at
 from .mode_models import ModeModels
-from .motion_recorder import RecordedPhase
-from .request import MotionRequest
+from .motion_recorder import MotionRequest, RecordedPhase
 from .stops import Stops
 
 if TYPE_CHECKING:

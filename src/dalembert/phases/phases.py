@@ -19,12 +19,12 @@ from ..contacts.automaton import BITS
 from ..contacts.phase_loop import PhaseArguments
 from ..contacts.phase_stops import PhaseStops, no_stops
 from ..contacts.phase_tables import NO_RUNNER, CaseTable, PhasePlan, PhaseProgress, RunnerTable, ThreadWorkspace
-from ..interrupts import STOPPED, check, stopped_by
 from ..lanes.sweep_arguments import SweepArguments
 from ..lanes.workspace import aligned
 from ..runs.case_blocks import run_shared
 from ..subset.addresses import AddressTable
 from ..subset.arguments import address_of, kind_of, pack
+from ..threads import STOPPED, check, stopped_by
 from .decisions import LOOP
 from .runner_choice import RunnerChoice
 

@@ -19,9 +19,8 @@ from ..results.statistics import RunStatistics
 from ..results.trajectory import Trajectory
 from ..runs.simulate import simulate_in_own_time
 from .mode_models import ModeModels
-from .motion_recorder import RecordedPhase, recorder_of
+from .motion_recorder import MotionRequest, RecordedPhase, recorder_of
 from .phase_motions import parameters_of_phases, trajectories
-from .request import MotionRequest
 
 _SAME = 1e-9
 """Share of a state by which the state after an impact differs at least."""

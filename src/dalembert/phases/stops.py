@@ -17,7 +17,7 @@ from ..runs.sampling import Sampling
 from ..runs.stop_lists import stop_lists
 from ..starts.input_values import GivenInputs
 from ..stops.breakpoints import CaseBreaks
-from ..stops.input_steps import no_inputs
+from ..stops.input_records import no_inputs
 from ..subset.addresses import AddressTable, OwnedAddress
 from .mode_models import ModeModels
 

@@ -116,6 +116,8 @@ class ReducedSystem:
     inertia : tuple of (str, Node)
         Name of a coordinate or speed, and the pivot of the mass matrix for it, where that is a function of the
         parameters that could vanish.
+    released : str
+        Reactions that come from balances of bodies, and the bodies that were moved for them; else empty.
     """
 
     formulation: str
@@ -140,6 +142,7 @@ class ReducedSystem:
     redundancy: Redundancy | None = None
     pivots: tuple[tuple[str, Node], ...] = ()
     inertia: tuple[tuple[str, Node], ...] = ()
+    released: str = ""
 
     @property
     def state_rates(self) -> tuple[Node, ...]:

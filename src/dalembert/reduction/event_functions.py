@@ -192,6 +192,7 @@ class _Reader:
         equations = system.equations
         self.symbols = equations.symbols
         self.energy_note = equations.load_energy.incomplete(equations.name)
+        self.reactions = {name for item in scene.connections for name in item.components}
         reader = symbol_reader_of(scene)
         self.expressions = reader.expressions
         self.graph: Graph = self.expressions.graph
@@ -255,7 +256,7 @@ class _Reader:
         self.table |= dict(zip(names, self.graph.adopt(self._accelerations), strict=True))
 
     def _unknown(self, name: str, place: str) -> str:
-        if name in self.symbols.unknowns:
+        if name in self.symbols.unknowns or name in self.reactions:
             return f"{place}: {name!r} is a reaction; request it with compile_model(scene, outputs=[{name!r}])"
         names = [*self.table, *self.symbols.parameters, self.symbols.time]
         known = [each for each in names if " of " not in each]  # without those that modes of contacts add

@@ -128,6 +128,7 @@ class Minimal(Formulation):
             projection=normalisation(scene, kept, len(best.names)),
             outputs=wanted.outputs,
             undetermined=wanted.undetermined,
+            released=wanted.released,
             pivots=best.pivots,
             inertia=inertia_pivots(equations, motion.factors, best.names) if motion.factors else (),
             notes=(f"independent speeds: {', '.join(best.names) or 'none'}", *best.notes, *unit_notes(scene)),

@@ -54,5 +54,6 @@ def prescribed(equations: EquationsOfMotion, requested: Sequence[str]) -> Reduce
         projection=None,
         outputs=wanted.outputs,
         undetermined=wanted.undetermined,
+        released=wanted.released,
         notes=("all contacts stick: nothing moves" if still else "all contacts stick: the constraints fix every rate",),
     )

@@ -8,33 +8,35 @@ random positions that satisfy the constraints, where a pin that closes a loop ca
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
-from ..errors import RELEASE, ConstraintError, UnknownNameError, list_names, unknown_name
+from ..errors import ConstraintError, UnknownNameError, list_names, unknown_name
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import EquationsOfMotion
 from ..mechanics.manifold import outside_span_on_manifold
+from ..mechanics.released_balances import released_balances, require_balance
 from ..naming import acceleration_input, acceleration_name, rate_name
-from ..transforms.linear import Matrix, dependence, factorize, matmul, matvec, transpose
+from ..transforms.linear import Matrix, factorize, matmul, matvec, transpose
 from .base import ReducedSystem
+from .reaction_columns import independent_columns, reaction_solver, weighted_columns
+from .released_reactions import solve_released
 from .unit_sphere import unit_values
 
 _SHIFT = 1e-7
-_ORDINARY = 1e-2, 1e2
-"""Squares of radii of gyration for which forces and torques are compared as they are."""
 
 
 @final
 @dataclass(frozen=True)
 class Requested:
-    """Outputs by name, in terms of t and the state."""
+    """Outputs by name, in terms of t and the state; reactions that no equation determines; what was released."""
 
     outputs: Mapping[str, Node]
     undetermined: tuple[str, ...]
+    released: str = ""
 
 
 def undetermined_unknowns(equations: EquationsOfMotion) -> tuple[str, ...]:
@@ -121,19 +123,48 @@ def requested_outputs(
     if energies and held:
         nodes = dict(zip(nodes, _with_energies(graph, list(nodes.values()), energies), strict=True))
     needed = _needed_unknowns(equations, nodes)
-    lost = [name for name in needed if name in undetermined and not equations.minimum_norm]
-    if lost:
-        raise ConstraintError(_undetermined(equations, lost))
     replace = dict(values)
     held = _inputs_of(nodes.values())
     replace |= {graph.input(x): a for x, a in zip(seconds.values(), accelerations, strict=True) if x in held}
     if held & set(state_rates):
         rates = graph.substitute(list(state_rates.values()), values)
         replace |= dict(zip(map(graph.input, state_rates), rates, strict=True))
+    released = ""
     if needed and solve:
-        replace.update(_solve(equations, values, accelerations, plain))
+        solved, released = _solved(equations, needed, undetermined, (values, accelerations, plain))
+        replace.update(solved)
     found = graph.substitute(list(nodes.values()), replace)
-    return Requested(dict(zip(nodes, found, strict=True)), undetermined)
+    return Requested(dict(zip(nodes, found, strict=True)), undetermined, released)
+
+
+def _solved(
+    equations: EquationsOfMotion,
+    needed: Sequence[str],
+    undetermined: Sequence[str],
+    motion: tuple[Mapping[Node, Node], Sequence[Node], Sequence[Node] | None],
+) -> tuple[dict[Node, Node], str]:
+    """Return reactions in terms of the state, and what was released for them.
+
+    Those that the coordinates hide, and all where no joint exerts the reactions of some constraint, come from balances
+    of bodies.
+    """
+    names, graph = equations.symbols.unknowns, equations.graph
+    silent = [x for x in undetermined if all(vanishes(row[names.index(x)]) for row in equations.reactions)]
+    lost = [x for x in needed if x in (silent if equations.minimum_norm else undetermined)]
+    solved: dict[Node, Node] = {}
+    if len(lost) < len(needed):
+        try:
+            solved = _solve(equations, *motion)
+        except ConstraintError:
+            lost = list(needed)
+    idle = [x for x in needed if (value := solved.get(graph.input(x))) is not None and value.is_zero]
+    if idle and not equations.contacts:
+        require_balance(equations, idle)
+    if not lost:
+        return solved, ""
+    released = released_balances(equations, lost)
+    found = solve_released(equations, released, *motion[:2])
+    return {x: v for x, v in solved.items() if x not in found} | found, released.text
 
 
 def _inputs_of(nodes: Iterable[Node]) -> set[str]:
@@ -146,50 +177,12 @@ def _with_energies(graph: Graph, nodes: Sequence[Node], energies: Mapping[str, N
     return graph.substitute(nodes, {graph.input(name): node for name, node in energies.items()})
 
 
-def _undetermined(equations: EquationsOfMotion, lost: Sequence[str]) -> str:
-    """Return why reactions cannot be computed, and what to do."""
-    names = equations.symbols.unknowns
-    silent = [x for x in lost if all(vanishes(row[names.index(x)]) for row in equations.reactions)]
-    rest = [x for x in lost if x not in silent]
-    why = []
-    if silent:
-        why.append(f"{list_names(silent)} appear in no equation, because they have no power on any coordinate")
-    if rest:
-        why.append(f"only a combination of {list_names(rest)} with others appears in the equations")
-    return (
-        f"scene {equations.name!r}: the reactions {list_names(lost)} are not determined by the equations of motion:"
-        f" {'; '.join(why)}. Release the coordinate along which each acts: {RELEASE}"
-    )
-
-
 def _needed_unknowns(equations: EquationsOfMotion, nodes: Mapping[str, Node]) -> list[str]:
     deps = 0
     for node in nodes.values():
         deps |= node.deps
     names = equations.symbols.unknowns
     return [name for name, node in zip(names, equations.unknowns, strict=True) if node.deps & deps]
-
-
-def independent_columns(matrix: Matrix) -> tuple[list[int], set[int]]:
-    """Return columns that are independent for almost every state, and those whose weight is not determined.
-
-    A graph of its own decides it: it keeps the form in which a value was computed first, and weights computed here add
-    lengths to angles, so that they lose their digits in small and large units.
-    """
-    graph = Graph()
-    columns = [graph.adopt(column) for column in transpose(matrix)] if matrix and matrix[0] else []
-    independent: list[int] = []
-    free: set[int] = set()
-    for number, column in enumerate(columns):
-        if all(vanishes(entry) for entry in column):
-            free.add(number)
-            continue
-        weights = dependence(graph, [columns[i] for i in independent], column)
-        if weights is None:
-            independent.append(number)
-        else:
-            free |= {number} | {i for i, weight in zip(independent, weights, strict=True) if not vanishes(weight)}
-    return independent, free
 
 
 def _solve(
@@ -246,43 +239,6 @@ def _require_exerted(equations: EquationsOfMotion, left: Sequence[Node]) -> None
         )
 
 
-def reaction_solver(equations: EquationsOfMotion, reactions: Matrix) -> Callable[[Sequence[Node]], list[Node]]:
-    """Return the function from what reactions have to supply (n_q,) to these (k,), by normal equations.
-
-    `reactions` are independent columns (n_q, k) of power coefficients.
-    """
-    graph, columns = equations.graph, _weighted_columns(equations, reactions)
-    normal = factorize(graph, matmul(graph, columns, reactions))
-    return lambda supplied: normal.solve(matvec(graph, columns, supplied))
-
-
-def _weighted_columns(equations: EquationsOfMotion, matrix: Matrix) -> Matrix:
-    """Return the columns of power coefficients (n_q, k) for normal equations, rows of angles by an inverse square.
-
-    It is that of the radius of gyration, by the entries of the mass matrix that are functions of the parameters: beside
-    forces, the torques of supports a micrometre apart would be lost in rounding. It is one where the radius is of the
-    size of one, or where nothing is mixed.
-    """
-    graph, columns = equations.graph, transpose(matrix)
-    angles = [name in equations.angles for name in equations.symbols.coordinates]
-    kinds = {angle for angle, row in zip(angles, matrix, strict=True) if any(not entry.is_zero for entry in row)}
-    if len(columns) < 2 or len(kinds) < 2:
-        return columns
-    moving = ~graph.mask(equations.symbols.parameters)
-    diagonal = [row[i] for i, row in enumerate(equations.mass_matrix)]
-    known = [(entry, angle) for entry, angle in zip(diagonal, angles, strict=True) if not entry.deps & moving]
-    inertia = graph.sum(entry for entry, angle in known if angle)
-    mass = graph.sum(entry for entry, angle in known if not angle)
-    if inertia.is_zero or mass.is_zero:
-        return columns
-    turns = graph.call("less", graph.zero, inertia)
-    square = mass / graph.call("select", turns, inertia, mass)
-    low, high = (graph.node(bound) for bound in _ORDINARY)
-    above = graph.call("select", graph.call("less", square, high), graph.one, square)
-    weight = graph.call("select", graph.call("less", low, square), above, square)
-    return [[entry * weight if angle else entry for entry, angle in zip(c, angles, strict=True)] for c in columns]
-
-
 def _minimum_norm(
     equations: EquationsOfMotion, matrix: Matrix, residual: Sequence[Node], improvements: int = 1
 ) -> list[Node]:
@@ -291,7 +247,7 @@ def _minimum_norm(
     Of the normal equations with a small part of their trace on the diagonal, improved so often by what they leave. The
     equations are then off by the power of that part with one more than the improvements: 1e-14 or more after one.
     """
-    graph, columns = equations.graph, _weighted_columns(equations, matrix)
+    graph, columns = equations.graph, weighted_columns(equations, matrix)
     normal = matmul(graph, columns, matrix)
     small = graph.node(_SHIFT) * graph.sum(normal[i][i] for i in range(len(normal)))
     for i in range(len(normal)):

@@ -272,6 +272,7 @@ def reduce_saddle(
         projection=projection,
         outputs=wanted.outputs,
         undetermined=wanted.undetermined,
+        released=wanted.released,
         inertia=inertia_pivots(equations, saddle.mass, equations.symbols.coordinates),
         notes=tuple(notes),
     )

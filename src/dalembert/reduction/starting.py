@@ -30,7 +30,7 @@ from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
 from .jumps import has_jumps
 from .knot_starts import KnotStarts
-from .reactions import independent_columns
+from .reaction_columns import independent_columns
 from .start_limits import LEAST_SHARE, StartLimits, left_by_rounding_of_start
 from .variational import seeds_of, with_weights
 

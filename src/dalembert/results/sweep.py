@@ -13,7 +13,6 @@ from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
 from ..ir.program import Layout
 from ..methods.status import Status
-from .estimate import Estimated, NamedArrays
 from .labels import (
     NamedValues,
     attributes,
@@ -29,7 +28,7 @@ from .labels import (
     xarray_package,
 )
 from .parts import ENERGIES
-from .statistics import CaseFailure, EventCounts, SweepStatistics
+from .statistics import CaseFailure, Estimated, EventCounts, NamedArrays, SweepStatistics
 from .sweep_states import ContactStates, ProgramStates
 
 if TYPE_CHECKING:
@@ -86,7 +85,7 @@ class Sweep(Estimated):
         self.reduced: NamedValues[FloatArray] = NamedValues("reduction", {})
         self.t, self.status, self.steps = ends[:, 0], ends[:, 1].astype(np.int8), ends[:, 2].astype(np.int64)
         self.t_eval = t_eval
-        self._own_t, self._own_t_eval = self.t, t_eval
+        self._own_t = self.t
         self.axes, self.stats, self._states = dict(axes), stats, states
 
     @property

@@ -16,12 +16,11 @@ from ..ir.program import Layout
 from ..methods.status import Status
 from ..values import times_of
 from . import labels, plots
-from .estimate import Estimated, NamedArrays, SamePhases
 from .events import EventRecords
 from .labels import ranges, summary
 from .other_times import own_times, rows_by_number, rows_of_phases
 from .parts import ENERGIES, Part, Phase, joined_variables
-from .statistics import RunStatistics
+from .statistics import Estimated, NamedArrays, RunStatistics, SamePhases
 
 if TYPE_CHECKING:
     from ..scene import Scene

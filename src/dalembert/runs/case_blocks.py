@@ -13,11 +13,11 @@ import numpy as np
 
 from ..codegen.engine import Engine
 from ..codegen.runs import CaseRun
-from ..interrupts import STOPPED, check, stopped_by
 from ..lanes.cases import BlockResult
 from ..methods.status import Status
 from ..once import once
 from ..progress import meter
+from ..threads import STOPPED, check, stopped_by
 from .case_settings import CaseSettings
 from .cases import Cases, single_problem
 

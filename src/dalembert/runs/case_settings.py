@@ -14,8 +14,8 @@ from ..errors import OptionError, ValueInputError
 from ..events.event_code import EventCode
 from ..lanes.cases import BlockResult, CaseBlock
 from ..options import SweepOptions
-from ..processors import available_threads
 from ..steps.problem import IntegrationProblem
+from ..threads import available_threads
 
 if TYPE_CHECKING:
     from .cases import Cases

@@ -20,7 +20,7 @@ from ..scene.elapsed import Offset, time_symbol, timed
 from ..scene.symbol_table import SymbolTable
 from ..starts.inputs import named_parameters
 from ..steps.problem import times_wanted
-from .event_parameters import moving_events
+from .events import moving_events
 
 if TYPE_CHECKING:
     from ..events.event_code import Event

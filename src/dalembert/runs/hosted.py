@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..codegen.host_runs import HostedRuns, HostRun
+from ..codegen.runs import HostedRuns, HostRun
 from ..errors import InitialStateError, OptionError, list_names, unknown_name
 from ..events.event_code import Event, event_list
 from ..ir.program import coefficient_places
@@ -22,7 +22,7 @@ from ..scene.expressions import symbols_called
 from ..scene.symbol_table import InputSymbol
 from ..stops.samples import Samples, samples
 from .elapsed import check_watched
-from .event_parameters import watched_expressions
+from .events import watched_expressions
 from .reductions import Reduction, reduction_table
 
 if TYPE_CHECKING:

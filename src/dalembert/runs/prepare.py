@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..codegen.llvm.admission import Admission
+from ..codegen.llvm.prepared import Admission
 from ..codegen.runs import Final, Prepared, PreparedStates
 from ..errors import InitialStateError, ValueInputError, list_names, nesting_named
 from ..ir.interpret import interpret, interpret_rows
@@ -21,9 +21,9 @@ from ..options import PrepareOptions, SimulateOptions
 from ..reduction.invariant_projection import refuse_formulation
 from ..reduction.starting import Start
 from ..starts import inputs
+from ..starts.first_integrals import keeping_model, kept_values, refuse_unknown
 from ..starts.input_values import GivenInputs
 from ..starts.inputs import span_of
-from ..starts.invariant_projection import keeping_model, kept_values, refuse_unknown
 from ..starts.segment_constants import starting_constants
 from ..steps.problem import IntegrationProblem
 from ..values import array_of
@@ -218,7 +218,7 @@ def prepare(model: CompiledModel, t_span: tuple[float, float], options: PrepareO
     if other is None:
         run_prepared = prepare_in_own_time
         if model.modes is not None:
-            from ..phases.prepare import prepare_with_contacts as run_prepared
+            from ..phases.given_values import prepare_with_contacts as run_prepared
         method, run = run_prepared(model, t_span, options)
         return PreparedRun(run, method, model.layout, again, given, t_span)
     elapsed = options if given is None else replace(options, inputs=given.counted_from(t0))

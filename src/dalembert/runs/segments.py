@@ -33,7 +33,7 @@ from .sampling import NoInstants, Sampling
 from .stop_lists import Stopping
 
 if TYPE_CHECKING:
-    from ..codegen.llvm.admission import Admission
+    from ..codegen.llvm.prepared import Admission
     from ..codegen.runs import CaseRun
     from ..events.event_code import EventCode
     from ..events.recorded_motion import RecordedCase

@@ -22,13 +22,13 @@ from ..results.sweep_states import NO_MODE, ProgramStates
 from ..starts import inputs
 from ..starts.constraint_choice import divisible_model, independent_model
 from ..starts.constraint_rank import unlike
-from ..starts.invariant_projection import keeping_model, kept_values, refuse_jumps
+from ..starts.first_integrals import keeping_model, kept_values, refuse_jumps
 from ..starts.symbol_assumptions import warn_of_motion
 from .case_blocks import fitted, run_cases
 from .case_settings import CaseSettings, common_settings
 from .cases import Cases, single_problem, spans_of, with_grid
 from .elapsed import begins_elsewhere, elapsed_times, far, in_elapsed_time, offset_columns
-from .event_parameters import with_event_parameters
+from .events import with_event_parameters
 from .gains import give_gains
 from .reductions import reduction_table
 from .run_checks import checked_cases

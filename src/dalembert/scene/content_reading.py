@@ -10,7 +10,7 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import dynamicsymbols
 
-from ..errors import RELEASE, list_names
+from ..errors import list_names
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..ir.zero_tests import agree
@@ -27,8 +27,8 @@ from .joints import Joint
 from .model import Action, BodyModel, Components, ConstraintModel, ContactModel, ControllerModel
 
 _IMPLIED = (
-    "is already implied by the parametrization: it vanishes for all coordinates. Remove it; for its reaction, release a"
-    f" coordinate: {RELEASE}"
+    "is already implied by the parametrization: it vanishes for all coordinates. Remove it; declare its reaction as an"
+    " unknown of a joint, which may be an output without it"
 )
 
 
@@ -164,8 +164,13 @@ class ContentReader(GeometryReader):
         at, vector = self._point(point, where), self._vector(force, where)
         return Action(where, "body force", names.index(name), at, vector, ())
 
+    def _label(self, kind: str, constraint: Any, number: int) -> str:
+        """Return what messages call a constraint: by its joint, or by its number."""
+        owners = [name for row, name in self.scene.constraint_names if row is constraint]
+        return f"{kind} constraint of {owners[0]!r}" if owners else f"{kind} constraint {number + 1}"
+
     def _holonomic(self, constraint: Any, number: int) -> ConstraintModel:
-        label = f"holonomic constraint {number + 1}"
+        label = self._label("holonomic", constraint, number)
         before = len(self.expressions.faults)
         node = self._scalar(constraint, f"{label} ({short(constraint)})")
         self._without_states([node], f"{label} ({short(constraint)})")
@@ -178,7 +183,7 @@ class ContentReader(GeometryReader):
         return ConstraintModel(f"{label}, {short(constraint)} = 0", node)
 
     def _nonholonomic(self, constraint: Any, number: int) -> ConstraintModel:
-        label = f"nonholonomic constraint {number + 1}"
+        label = self._label("nonholonomic", constraint, number)
         before = len(self.expressions.faults)
         node = self._scalar(constraint, f"{label} ({short(constraint)})")
         rates = self._mask("rates")

@@ -21,6 +21,7 @@ from .prescribed_velocities import located, read_given
 from .scene import Scene
 from .symbol_table import SymbolTable
 from .symbols import RESERVED_OUTPUTS, Requirement
+from .sympy_joints import tree_faults
 from .velocity_checks import velocity_faults
 
 # Reader of requested outputs onto the graph of a scene.
@@ -229,6 +230,7 @@ class _SceneReader(ContentReader):
         if not self.faults and placed:
             self.faults += points_off_particles(self.scene)
             self.faults += velocity_faults(self.scene, self.frames, self.points, self._met)
+        self.faults += tree_faults(self.scene, self.frames, self.points) if placed else []
         self.faults += rough_tables(self.graph, requirements)
         faults = self.faults + self.expressions.faults
         if faults:
@@ -301,7 +303,7 @@ class _SceneReader(ContentReader):
 def _unwritable_names(scene: Scene) -> list[str]:
     """Return a fault for every name that cannot be written to a file."""
     named = [("scene", scene.name), *(("body", name) for name in scene.body_names())]
-    named += [("joint", str(getattr(joint, "name", ""))) for joint in scene.joints]
+    named += [("joint", str(getattr(joint, "name", ""))) for joint in (*scene.joints, *scene.connections)]
     named += [("contact", str(getattr(item, "label", ""))) for item in (*scene.contacts, *scene.frictions)]
     return [
         f"the name of {kind} {name!a} has a lone surrogate, half of a character; use another name"

@@ -15,11 +15,13 @@ from sympy.physics.vector import Vector
 
 from ..errors import SceneError, nesting_named
 from . import release_impose
+from .connections import add_connection
 from .contact_geometry import GeometricContact
 from .contacts import CoulombFriction, UnilateralContact
 from .controllers import Controller
 from .joints import Joint
 from .orientation import FreeOrientation
+from .reactions import Connection, reaction, require_new_name
 from .shapes import Shape, checked_shapes
 
 
@@ -40,9 +42,9 @@ class Scene:
         The Newtonian referential.
     origin : Point
         A point fixed in it.
-    coordinates : sequence of dynamicsymbols
-        The coordinates q, in the order of every array of the compiled model. They need not be
-        independent: the kinetic energy is formed as if they were (assumption 13.1.2).
+    coordinates : sequence of dynamicsymbols, optional
+        The coordinates q, in the order of every array of the compiled model; those of SymPy's joints need not be among
+        them. They need not be independent: the kinetic energy is formed as if they were (assumption 13.1.2).
 
     Raises
     ------
@@ -63,7 +65,7 @@ class Scene:
     """
 
     @nesting_named
-    def __init__(self, name: str, frame: ReferenceFrame, origin: Point, coordinates: Sequence[Expr]) -> None:
+    def __init__(self, name: str, frame: ReferenceFrame, origin: Point, coordinates: Sequence[Expr] = ()) -> None:
         faults = []
         if not isinstance(frame, ReferenceFrame):
             faults.append(f"frame must be a ReferenceFrame, not {frame!r}")
@@ -80,6 +82,8 @@ class Scene:
         self.coordinates: tuple[Expr, ...] = tuple(coordinates)
         self.bodies: tuple[RigidBody | Particle, ...] = ()
         self.joints: tuple[Joint, ...] = ()
+        self.connections: tuple[Connection, ...] = ()
+        self.constraint_names: tuple[tuple[Expr, str], ...] = ()
         self.loads: tuple[Any, ...] = ()
         self.actuators: tuple[Any, ...] = ()
         self.holonomic_constraints: tuple[Expr, ...] = ()
@@ -160,11 +164,66 @@ class Scene:
         names the coordinates along which it is not theirs, or along which no load acts. One that is the body's own
         weight in the field of `apply_uniform_gravity` counts once.
         """
-        self.bodies += bodies
+        for body in bodies:
+            if not any(body is own for own in self.bodies):
+                self.bodies += (body,)
 
-    def add_joints(self, *joints: Joint) -> None:
-        """Add joints with unknown reactions."""
-        self.joints += joints
+    @nesting_named
+    def add_joints(self, *joints: Any) -> None:
+        """Add joints: those of ``sympy.physics.mechanics``, those that constrain, or a `Joint` with unknown reactions.
+
+        `PinJoint`, `PrismaticJoint`, `CylindricalJoint`, `PlanarJoint`, `SphericalJoint` and `WeldJoint` build a tree.
+        Each adds its bodies and coordinates, unless the scene has them, and its speeds. A parent at rest is the fixed
+        frame. `Closure`, `Rod`, `Gear`, `RollingDisc` and `RollingSphere` add constraints, `Rope` and `Stop` contacts.
+        The reaction of a joint "elbow" is an output by name: "elbow.force_x", ..., "elbow.torque_z" act on the child at
+        the joint's ``child_point``, with axes of its ``parent_interframe``. See `reaction` for other axes.
+
+        A reaction need not have power on the coordinates. It is computed where it is the same whatever connections of
+        bodies carry that no joint declares; otherwise the error names the bodies.
+
+        Raises
+        ------
+        SceneError
+            For a second joint of the same name, and for arguments that contradict the scene, such as a SymPy joint that
+            closes a loop.
+        """
+        for joint in joints:
+            if isinstance(joint, Joint):
+                if any(joint.name == item.name for item in self.connections):
+                    require_new_name(self, joint.name)
+                self.joints += (joint,)
+            elif not add_connection(self, joint):
+                self.joints += (joint,)
+
+    def reaction(self, joint: str, frame: ReferenceFrame | None = None) -> dict[str, Expr]:
+        """Return the reaction of a joint that constrains, as outputs by name.
+
+        Parameters
+        ----------
+        joint : str
+            Name of a joint of the scene that constrains.
+        frame : ReferenceFrame, optional
+            Axes of the components, which are called such as "elbow.force_x on N"; by default those of the joint.
+
+        Returns
+        -------
+        dict of str to Expr
+            Forces [N] and torques [N m] on the child at the joint's point, for ``outputs=``.
+
+        Raises
+        ------
+        UnknownNameError
+            For a joint that the scene does not have, or that does not constrain.
+        OptionError
+            For axes of a joint whose reaction is no force or torque at a point, such as that of a gear.
+
+        Examples
+        --------
+        ::
+
+            model = da.compile_model(scene, outputs=scene.reaction("elbow", frame=N))
+        """
+        return reaction(self, joint, frame)
 
     def add_loads(self, *loads: Any) -> None:
         """Add given actions: ``Force``/``Torque`` of SymPy, pairs (point, force), (frame, torque), or forces on bodies.
@@ -266,7 +325,9 @@ class Scene:
         Contacts by geometry, such as ``PointPlane`` or ``SphereSphere``, make their joint and friction themselves when
         the scene is compiled.
         """
-        self.contacts += contacts
+        for contact in contacts:
+            if not add_connection(self, contact):
+                self.contacts += (contact,)
 
     def add_shapes(self, shapes: Mapping[str, Shape | Sequence[Shape]]) -> None:
         """Add shapes for pictures; the motion does not depend on them.
@@ -301,7 +362,8 @@ class Scene:
         This scene stays as it is: write ``scene = scene.release(...)``, and compile what it returns.
 
         This is the "fictitious" coordinate of section 13.4: a further Lagrange equation, which determines
-        the reaction that the parametrization hides. The motion stays as it is.
+        the reaction that the parametrization hides. The motion stays as it is. Outputs do not need it:
+        `dalembert.compile_model` computes reactions that the parametrization hides by itself.
 
         Parameters
         ----------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, final
 
 import numpy as np
@@ -106,18 +106,39 @@ class Cylinder:
 @final
 @dataclass(frozen=True)
 class Rod:
-    """A straight line between two points, of one body or of several.
+    """A straight line between two points, of one body or of several; with a length, a massless rod that holds them.
+
+    ``scene.add_shapes`` draws it. ``scene.add_joints`` takes one with a name, a child and a length: the points then
+    stay at that distance, and "strut.force" is the tension [N] of the rod "strut".
 
     Parameters
     ----------
     start, end : Point
+        A rod that holds has its start on the parent, and its end on the child.
     color : str, optional
         See `Sphere`.
+    name : str, optional
+        Name of the joint.
+    parent, child : str, RigidBody or Particle, optional
+        The bodies that the rod holds; a parent None is the fixed frame.
+    length : number or expression of parameters [m], optional
+
+    Examples
+    --------
+    ::
+
+        strut = da.Rod(P, Q, name="strut", parent="frame", child="wheel", length=l)
+        scene.add_joints(strut)
+        scene.add_shapes({"strut": strut})
     """
 
     start: Point
     end: Point
     color: str | None = None
+    name: str | None = field(default=None, kw_only=True)
+    parent: Any = field(default=None, kw_only=True)
+    child: Any = field(default=None, kw_only=True)
+    length: Any = field(default=None, kw_only=True)
 
 
 @final
@@ -185,7 +206,11 @@ Shape = Sphere | Disk | Box | Cylinder | Rod | Spring | Ground | Path
 BODY_SHAPES = (Sphere, Disk, Box, Cylinder)
 """Shapes that move with a body, whose name is their key."""
 
-_POINTS, _VECTORS, _OTHER = ("at", "start", "end", "point"), ("axis", "normal"), ("color", "coils")
+_POINTS, _VECTORS, _OTHER = (
+    ("at", "start", "end", "point"),
+    ("axis", "normal"),
+    ("color", "coils", "name", "parent", "child"),
+)
 
 
 def checked_shapes(shapes: Any) -> tuple[tuple[str, Shape], ...]:
@@ -213,22 +238,22 @@ def checked_shapes(shapes: Any) -> tuple[tuple[str, Shape], ...]:
 
 
 def _check(name: str, shape: Shape) -> None:
-    for field in fields(shape):
-        value, kind = getattr(shape, field.name), None
-        if value is None and field.default is None:
+    for each in fields(shape):
+        value, kind = getattr(shape, each.name), None
+        if value is None and each.default is None:
             continue
-        if field.name in _POINTS and not isinstance(value, Point):
+        if each.name in _POINTS and not isinstance(value, Point):
             kind = "a Point"
-        elif field.name in _VECTORS and not isinstance(value, Vector):
+        elif each.name in _VECTORS and not isinstance(value, Vector):
             kind = "a Vector"
-        elif field.name == "color" and not isinstance(value, str):
+        elif each.name == "color" and not isinstance(value, str):
             kind = "the name of a colour"
-        elif field.name == "coils" and not (isinstance(value, int) and value > 0):
+        elif each.name == "coils" and not (isinstance(value, int) and value > 0):
             kind = "a positive whole number"
-        elif field.name not in (*_POINTS, *_VECTORS, *_OTHER) and not isinstance(value, int | float | Expr):
+        elif each.name not in (*_POINTS, *_VECTORS, *_OTHER) and not isinstance(value, int | float | Expr):
             kind = "a length: a number, or an expression of the scene's parameters"
         if kind is not None:
-            raise OptionError(f"shape {name!r}: {field.name} must be {kind}, not {value!r}")
+            raise OptionError(f"shape {name!r}: {each.name} must be {kind}, not {value!r}")
 
 
 # Numbers of shapes and forces of a scene, for pictures.

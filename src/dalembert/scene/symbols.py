@@ -98,7 +98,7 @@ class SymbolReader:
             else:
                 good.append(q)
         if not self.scene.coordinates:
-            self.faults.append("the scene has no coordinates; give them as coordinates=[...]")
+            self.faults.append("the scene has no coordinates; give them as coordinates=[...], or add joints of SymPy")
         return tuple(good)
 
     def _functions_of_time(self) -> tuple[Any, ...]:

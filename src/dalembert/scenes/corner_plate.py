@@ -50,8 +50,8 @@ def corner_plate(*, friction: bool = False) -> Scene:
     .. math:: |F_Q| = \mu N_Q
 
     while the plate slips, with the sign that opposes the slip velocity of Q. The power of the force at A is
-    taken along N.x alone, because A moves on the ground by parametrization: N_A is determined once that
-    coordinate is released, ``scene.release(y, A, N.y)``.
+    taken along N.x alone, because A moves on the ground by parametrization: N_A is an output of models, and
+    `dalembert.lagrange` has it once that coordinate is released, ``scene.release(y, A, N.y)``.
     """
     x, theta = dynamicsymbols("x theta")
     m, l, h, g, F_A = symbols("m l h g F_A", positive=True)

@@ -39,8 +39,8 @@ def edge_plate() -> Scene:
     .. math:: z = h \sin\theta
 
     The joint is ideal when X = Y = 0 and L = N = 0. No coordinate is left on which M has power: the two
-    angles keep the edge horizontal, and M is determined once a rotation about A.y is released,
-    ``scene.release(phi, A, A.y)``.
+    angles keep the edge horizontal. It is an output of models, and `dalembert.lagrange` has it once a rotation about
+    A.y is released, ``scene.release(phi, A, A.y)``.
     """
     x, y, z, psi, theta = dynamicsymbols("x y z psi theta")
     m, A, B, C, h, g = symbols("m A B C h g", positive=True)

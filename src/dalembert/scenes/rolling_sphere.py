@@ -49,7 +49,7 @@ def rolling_sphere() -> Scene:
     the centre moves uniformly on a straight line, and the rotation is about an axis fixed in space. The
     rates of the three angles follow from omega; only the sum or the difference of psi and phi has a meaning
     where sin(theta) = 0. The height of G is r by parametrization, so N has no power in any virtual motion
-    and no equation determines it, until that coordinate is released: then N = m g.
+    and no equation of a coordinate determines it: it is m g, from the balance of the sphere along N.z.
     """
     x, y, psi, theta, phi = dynamicsymbols("x y psi theta phi")
     m, r, g = symbols("m r g", positive=True)

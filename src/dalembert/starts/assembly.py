@@ -188,7 +188,7 @@ def _closed(constraints: _Constraints, start: FloatArray, movable: np.ndarray[An
         return start
     q = _least_residual(constraints, start, movable)
     if not _within(constraints, q):
-        raise InitialStateError(_open(constraints, q, start, movable))
+        raise InitialStateError(_open(constraints, q, movable))
     q = _drawn(constraints, q, start, movable)
     for _ in range(3):
         q = _newton(constraints, q, movable)
@@ -272,7 +272,7 @@ def _within(constraints: _Constraints, q: FloatArray) -> bool:
     return bool(np.all(np.abs(constraints.positions(q)) <= limits))
 
 
-def _open(constraints: _Constraints, q: FloatArray, start: FloatArray, movable: np.ndarray[Any, Any]) -> str:
+def _open(constraints: _Constraints, q: FloatArray, movable: np.ndarray[Any, Any]) -> str:
     """Return why loops do not close: the residual of each constraint at the best position found."""
     layout = constraints.program.layout
     left = constraints.left(constraints.positions(q), _limits(constraints.jacobian(q, holonomic=True), q))

@@ -253,5 +253,8 @@ def indeterminate(program: Program, t: float, y: FloatArray, c: FloatArray) -> s
     _, values, directions = np.linalg.svd(matrix / np.where(lengths > 0.0, lengths, 1.0))
     loose = directions[int(np.sum(values > LOST * values.max(initial=0.0))) :]
     weights = np.max(np.abs(loose), axis=0, initial=0.0)
-    names = [n for n, weight in zip(layout.unknowns, weights, strict=True) if weight > LOST and n in layout.outputs]
+    from_bodies = {n for n, column in zip(layout.unknowns, matrix.T, strict=True) if not column.any()}
+    from_bodies &= {*layout.undetermined}  # what no coordinate determines comes from balances of bodies
+    asked = [name for name in layout.outputs if name not in from_bodies]
+    names = [n for n, weight in zip(layout.unknowns, weights, strict=True) if weight > LOST and n in asked]
     return f"the reactions {list_names(names)} are not determined here, and the least ones are given" if names else ""

@@ -12,8 +12,6 @@ from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
 from ..methods.step_constants import SMALLEST_PREVIOUS
 from ..methods.tableau import Tableau
-from ..subset.addresses import NO_CODE, OwnedAddress
-from ..subset.arguments import Address
 from ..subset.compiled_subset import compiled_subset
 from .explicit_stages import (
     LANES,
@@ -30,6 +28,7 @@ from .packed_tableaus import PackedTableau, packed_tableau
 from .problem import IntegrationProblem, Solution
 from .recorded_runs import (
     Run,
+    RunCodes,
     RunSettings,
     all_finite,
     begin_status,
@@ -52,27 +51,6 @@ _STOPPED = RUNNING - 1
 """Value that the loop returns in place of a status where it stopped a run that is held up by stability."""
 
 
-class ExplicitAddresses(NamedTuple):
-    """Addresses of the right-hand side, the projections and the limits at knots of tables; 0 where there is none."""
-
-    rhs: Address
-    position: Address
-    velocity: Address
-    knots: Address
-
-
-@final
-@dataclass(frozen=True)
-class ExplicitCode:
-    """Compiled code: the loop of this module, and what it calls."""
-
-    loop: Callable[..., int]
-    rhs: OwnedAddress
-    position: OwnedAddress = NO_CODE
-    velocity: OwnedAddress = NO_CODE
-    knots: OwnedAddress = NO_CODE
-
-
 @final
 @dataclass(frozen=True, eq=False)
 class StiffnessStop:
@@ -86,21 +64,28 @@ class StiffnessStop:
 class ExplicitArguments(NamedTuple):
     """Arguments of the loop."""
 
-    codes: ExplicitAddresses
+    codes: RunCodes
     tableau: PackedTableau
     settings: RunSettings
     run: Run
 
 
 def integrate(
-    code: ExplicitCode, tableau: Tableau, problem: IntegrationProblem, *, stop_if_stiff: bool = False
+    loop: Callable[[ExplicitArguments], int],
+    codes: RunCodes,
+    tableau: Tableau,
+    problem: IntegrationProblem,
+    *,
+    stop_if_stiff: bool = False,
 ) -> Solution | StiffnessStop:
     """Integrate a problem with an explicit Runge-Kutta pair.
 
     Parameters
     ----------
-    code
-        Kernels of the arguments of a step (`dalembert.transforms.taylor.STEP_ARGUMENTS`), for one lane.
+    loop
+        Compiled `LOOP`.
+    codes
+        What it calls.
     tableau
         The method.
     problem
@@ -114,14 +99,14 @@ def integrate(
         Numerical failure is its status, never an exception. `StiffnessStop` where the run was stopped.
     """
     settings, packed = settings_of(problem, tableau.degree, stop_if_stiff=stop_if_stiff), packed_tableau(tableau)
-    n, codes = settings.kept, ExplicitAddresses(code.rhs, code.position, code.velocity, code.knots)
+    n = settings.kept
     work = np.zeros((packed.first + packed.total, -(-n // LANES) * LANES))
     work[0, :n] = problem.y0
 
-    def loop(run: Run) -> int:
-        return code.loop(ExplicitArguments(codes, packed, settings, run))
+    def of_block(run: Run) -> int:
+        return loop(ExplicitArguments(codes, packed, settings, run))
 
-    status, run, pieces = run_in_blocks(loop, problem, settings, work)
+    status, run, pieces = run_in_blocks(of_block, problem, settings, work)
     if status == _STOPPED:
         return StiffnessStop(float(run.progress.t), float(run.progress.size), work[run.progress.row, :n].copy())
     return solution(problem, status, run, pieces)
@@ -140,7 +125,7 @@ def LOOP(arguments: ExplicitArguments) -> int:
 
 
 @compiled_subset
-def _begin(codes: ExplicitAddresses, tableau: PackedTableau, settings: RunSettings, run: Run) -> bool:
+def _begin(codes: RunCodes, tableau: PackedTableau, settings: RunSettings, run: Run) -> bool:
     """Evaluate the first stage and choose the first step; return whether the former is finite."""
     t0, t1, progress = settings.t0, settings.t1, run.progress
     run.progress.previous = SMALLEST_PREVIOUS
@@ -160,7 +145,7 @@ def _begin(codes: ExplicitAddresses, tableau: PackedTableau, settings: RunSettin
 
 @compiled_subset
 def _test_step(
-    codes: ExplicitAddresses,
+    codes: RunCodes,
     tableau: PackedTableau,
     settings: RunSettings,
     run: Run,
@@ -182,7 +167,7 @@ def _test_step(
 
 
 @compiled_subset
-def _attempt(codes: ExplicitAddresses, tableau: PackedTableau, settings: RunSettings, run: Run) -> int:
+def _attempt(codes: RunCodes, tableau: PackedTableau, settings: RunSettings, run: Run) -> int:
     """Attempt a step, and accept or reject it; return the status."""
     progress, work, n = run.progress, run.work, settings.kept
     y, y_new, t = progress.row, 1 - progress.row, progress.t

@@ -8,8 +8,7 @@ Software 20 (1994) 496-517.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple, final
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,8 +16,6 @@ from ..arrays import FloatArray
 from ..methods.collocation import NODES
 from ..methods.status import RUNNING, Status
 from ..methods.step_constants import LARGEST_GROWTH, LARGEST_REDUCTION, SAFETY
-from ..subset.addresses import NO_CODE, OwnedAddress
-from ..subset.arguments import Address
 from ..subset.compiled_subset import compiled_subset, exp, log, sqrt
 from .implicit_stages import between, estimate, first_step, keep_polynomial, scale_of, write_polynomial
 from .newton import (
@@ -39,6 +36,7 @@ from .packed_tableaus import POINT
 from .problem import IntegrationProblem, Solution
 from .recorded_runs import (
     Run,
+    RunCodes,
     RunSettings,
     all_finite,
     begin_status,
@@ -70,60 +68,36 @@ _UNIT = 2.2e-16
 """Rounding in the tolerance and the rate of Newton's iteration, two digits of it as in RADAU5."""
 
 
-class ImplicitAddresses(NamedTuple):
-    """Addresses of kernels, see `ImplicitCode`."""
-
-    rhs: Address
-    jacobian: Address
-    tangent: Address
-    position: Address
-    velocity: Address
-    knots: Address
-    multipliers: Address
-
-
-@final
-@dataclass(frozen=True)
-class ImplicitCode:
-    """Compiled code: the loop of this module, and what it calls; 0 for what there is not.
-
-    Kernels have the arguments of a step (`dalembert.transforms.taylor.STEP_ARGUMENTS`). Either ``jacobian``, which
-    writes the derivatives of ``rhs`` row by row, or ``tangent``, which writes its derivative along the second half
-    of a state of twice the length, must be there. ``multipliers`` gives components without rates behind stops;
-    ``states`` counts the first-order states, the last with rates.
-    """
-
-    loop: Callable[..., int]
-    rhs: OwnedAddress
-    jacobian: OwnedAddress
-    tangent: OwnedAddress
-    position: OwnedAddress = NO_CODE
-    velocity: OwnedAddress = NO_CODE
-    knots: OwnedAddress = NO_CODE
-    multipliers: OwnedAddress = NO_CODE
-    states: int = 0
-
-
 class ImplicitArguments(NamedTuple):
     """Arguments of the loop."""
 
-    codes: ImplicitAddresses
+    codes: RunCodes
     settings: RunSettings
     workspace: NewtonWorkspace
     run: Run
 
 
-def integrate(code: ImplicitCode, problem: IntegrationProblem, multipliers: FloatArray | None = None) -> Solution:
+def integrate(
+    loop: Callable[[ImplicitArguments], int],
+    codes: RunCodes,
+    problem: IntegrationProblem,
+    multipliers: FloatArray | None = None,
+    states: int = 0,
+) -> Solution:
     """Integrate a problem with Radau IIA of order 5.
 
     Parameters
     ----------
-    code
-        The loop and the kernels.
+    loop
+        Compiled `LOOP`.
+    codes
+        What it calls.
     problem
         The problem; its arrays are copied.
     multipliers
         Initial values (k,) of components without rates, which the kernels take after those of the state.
+    states
+        Number of first-order states, the last with rates.
 
     Returns
     -------
@@ -133,15 +107,12 @@ def integrate(code: ImplicitCode, problem: IntegrationProblem, multipliers: Floa
     y0 = np.concatenate([problem.y0, [] if multipliers is None else multipliers])
     work = np.zeros((ROWS, len(y0)))
     work[0] = y0
-    projections = code.position, code.velocity
-    codes = ImplicitAddresses(code.rhs, code.jacobian, code.tangent, *projections, code.knots, code.multipliers)
-    paired = len(problem.y0) - code.states
-    settings, space = settings_of(problem, DEGREE), newton_workspace(len(y0), paired)
+    settings, space = settings_of(problem, DEGREE), newton_workspace(len(y0), len(problem.y0) - states)
 
-    def loop(run: Run) -> int:
-        return code.loop(ImplicitArguments(codes, settings, space, run))
+    def of_block(run: Run) -> int:
+        return loop(ImplicitArguments(codes, settings, space, run))
 
-    status, run, pieces = run_in_blocks(loop, problem, settings, work)
+    status, run, pieces = run_in_blocks(of_block, problem, settings, work)
     return solution(problem, status, run, pieces)
 
 
@@ -158,7 +129,7 @@ def LOOP(arguments: ImplicitArguments) -> int:
 
 
 @compiled_subset
-def _begin(codes: ImplicitAddresses, settings: RunSettings, run: Run) -> bool:
+def _begin(codes: RunCodes, settings: RunSettings, run: Run) -> bool:
     """Evaluate the first slope and choose the first step; return whether the former is finite."""
     progress, span = run.progress, abs(settings.t1 - settings.t0)
     progress.previous, progress.rate, progress.known_rate = _SMALLEST_PREVIOUS, 1.0, 1.0
@@ -194,9 +165,7 @@ def _predicted(quotient: float, h: float, last: float, error: float, previous: f
 
 
 @compiled_subset
-def _increments(
-    codes: ImplicitAddresses, settings: RunSettings, space: NewtonWorkspace, run: Run, h: float
-) -> tuple[int, int]:
+def _increments(codes: RunCodes, settings: RunSettings, space: NewtonWorkspace, run: Run, h: float) -> tuple[int, int]:
     """Solve for the increments of a step; return how that ended, and the iterations."""
     progress, rtol = run.progress, settings.rtol
     y, t, kept = progress.row, progress.t, settings.kept
@@ -234,9 +203,7 @@ def _diverged(settings: RunSettings, run: Run, h: float, outcome: int) -> int:
 
 
 @compiled_subset
-def _error(
-    codes: ImplicitAddresses, settings: RunSettings, space: NewtonWorkspace, run: Run, h: float, y_new: int
-) -> float:
+def _error(codes: RunCodes, settings: RunSettings, space: NewtonWorkspace, run: Run, h: float, y_new: int) -> float:
     """Return the norm of the error of a step over the tolerances."""
     progress, work = run.progress, run.work
     y, kept, rtol, atol = progress.row, settings.kept, settings.rtol, settings.atol
@@ -249,9 +216,7 @@ def _error(
 
 
 @compiled_subset
-def _test_step(
-    codes: ImplicitAddresses, settings: RunSettings, run: Run, error: float, t_new: float, y_new: int
-) -> int:
+def _test_step(codes: RunCodes, settings: RunSettings, run: Run, error: float, t_new: float, y_new: int) -> int:
     """Test the error of a step, project its end and evaluate the slope there; return the result of the test."""
     outcome = error_test(error)
     if outcome != ACCEPTED:
@@ -268,7 +233,7 @@ def _test_step(
 
 
 @compiled_subset
-def _attempt(codes: ImplicitAddresses, settings: RunSettings, space: NewtonWorkspace, run: Run) -> int:
+def _attempt(codes: RunCodes, settings: RunSettings, space: NewtonWorkspace, run: Run) -> int:
     """Attempt a step, and accept or reject it; return the status."""
     progress, work = run.progress, run.work
     y, y_new = progress.row, 1 - progress.row
@@ -312,7 +277,7 @@ def _attempt(codes: ImplicitAddresses, settings: RunSettings, space: NewtonWorks
 
 
 @compiled_subset
-def _begin_piece(codes: ImplicitAddresses, settings: RunSettings, run: Run, y: int, t: float, proposed: float) -> None:
+def _begin_piece(codes: RunCodes, settings: RunSettings, run: Run, y: int, t: float, proposed: float) -> None:
     """Discard the Jacobian and the predictions from the last steps, which are those of the motion before the stop."""
     progress = run.progress
     _solve_multipliers(codes, settings, run, y)
@@ -325,7 +290,7 @@ def _begin_piece(codes: ImplicitAddresses, settings: RunSettings, run: Run, y: i
 
 
 @compiled_subset
-def _solve_multipliers(codes: ImplicitAddresses, settings: RunSettings, run: Run, y: int) -> None:
+def _solve_multipliers(codes: RunCodes, settings: RunSettings, run: Run, y: int) -> None:
     """Compute the components without rates of a state behind a stop, where there are any."""
     if codes.multipliers == 0:
         return

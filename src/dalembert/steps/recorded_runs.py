@@ -10,6 +10,7 @@ from typing import NamedTuple
 from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
 from ..stops.stops import StopTable, begin_stops, end_of_steps, is_due, pass_stops, take_stops
+from ..subset.addresses import NO_CODE
 from ..subset.arguments import Address, IntVector, Matrix, Record, Vector
 from ..subset.compiled_subset import call_code, compiled_subset, flat, fma, row
 from .packed_tableaus import POINT
@@ -37,6 +38,23 @@ class RunSettings(NamedTuple):
     dense: bool
     stop_if_stiff: bool
     behind: bool
+
+
+class RunCodes(NamedTuple):
+    """Kernels of one case with the arguments of a step (`dalembert.transforms.taylor.STEP_ARGUMENTS`); 0 for none.
+
+    ``knots`` limits steps at knots of tables. The implicit loop needs ``jacobian``, which writes the derivatives of
+    ``rhs`` row by row, or ``tangent``, which writes its derivative along the second half of a state of twice the
+    length. ``multipliers`` gives components without rates behind stops.
+    """
+
+    rhs: Address
+    position: Address = NO_CODE
+    velocity: Address = NO_CODE
+    knots: Address = NO_CODE
+    jacobian: Address = NO_CODE
+    tangent: Address = NO_CODE
+    multipliers: Address = NO_CODE
 
 
 class Progress(Record):

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from ..arrays import FloatArray
-from ..interrupts import check, is_observed
 from ..methods.status import RUNNING, Status
 from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK, SMALLEST_SCALE
 from ..stops.stops import table_of
 from ..subset.addresses import NO_CODE
+from ..threads import check, is_observed
 from .dense_output import PiecewisePolynomial
 from .problem import IntegrationProblem, Solution
 from .recorded_runs import Progress, Run, RunSettings

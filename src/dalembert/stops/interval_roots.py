@@ -75,7 +75,7 @@ class RootSearch:
                 stuck.append((row[zero], low[zero], high[zero]))
                 row, low, high = row[~zero], low[~zero], high[~zero]
             if max(total, len(row), sum(len(part[0]) for part in stuck) / 4) > self.most:
-                self._refuse(row, low, high)
+                self._refuse(low, high)
         if stuck:
             some = self._across(*(np.concatenate(part) for part in zip(*stuck, strict=True)))
             rows.append(some[0])
@@ -143,7 +143,7 @@ class RootSearch:
             bottom, top = np.ceil(np.minimum(first, last)), np.floor(np.maximum(first, last))
             counts = np.nan_to_num(np.maximum(top - bottom + 1.0, 0.0), nan=0.0)
             if float(np.sum(counts)) > self.most:
-                self._refuse(row, low, high)
+                self._refuse(low, high)
             repeats = counts.astype(np.intp)
             source = np.repeat(np.arange(len(row)), repeats)
             level = bottom[source] + (np.arange(len(source)) - np.repeat(np.cumsum(repeats) - repeats, repeats))
@@ -181,7 +181,7 @@ class RootSearch:
         middle = low + 0.5 * (high - low)
         return row[differ], middle[differ]
 
-    def _refuse(self, row: IntArray, low: FloatArray, high: FloatArray) -> None:
+    def _refuse(self, low: FloatArray, high: FloatArray) -> None:
         where = f" between t = {float(np.min(low)):.6g} and {float(np.max(high)):.6g}" if len(low) else ""
         raise BreakTimesError(
             f"a condition on time changes too often{where}: more than {_MOST_ROOTS:,} times, or without end, as"

@@ -241,7 +241,7 @@ def _array(name: str, given: Any) -> Any:
         array = np.array(array_of(given), dtype=float, order="C")
     except ValueError as reason:
         if traced_note(reason):
-            from ..jax.runs.traced import traced_array
+            from ..jax.runs.precision import traced_array
 
             return traced_array(given)
         raise ValueInputError(f"samples: {name} {reason}") from None

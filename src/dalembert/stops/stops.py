@@ -20,7 +20,7 @@ from ..methods.step_constants import SMALLEST_OF_TIME
 from ..subset.addresses import NO_CODE, AddressTable, OwnedAddress
 from ..subset.arguments import AddressVector, IntVector, Matrix, Vector, constant_group
 from ..subset.compiled_subset import call_code, compiled_subset, lowest, row
-from .input_steps import InputTable, begin_inputs, no_inputs, pass_knots, take_sides
+from .input_records import InputTable, begin_inputs, no_inputs, pass_knots, take_sides
 
 if TYPE_CHECKING:
     from .input_records import InputRecords

@@ -13,7 +13,7 @@ from ..methods.status import Status
 from ..options import SweepOptions
 from ..results.labels import distinct, value_name
 from ..runs.cases import Cases, spans_of
-from ..runs.event_parameters import with_event_parameters
+from ..runs.events import with_event_parameters
 from ..runs.sweep import sweep_cases
 from ..starts.input_values import GivenInputs, read_inputs
 from .request import CasePart, Request

@@ -16,9 +16,9 @@ import numpy as np
 
 from ..errors import MissingExtraError, OptionError, StoredSweepError
 from ..options import StoreOptions, SweepOptions
-from ..processors import available_threads
 from ..progress import meter
 from ..results.labels import given_name, with_units
+from ..threads import available_threads
 from ..version import __version__
 from .chunks import ChunkJob, LostCluster, Outcomes, SweptModel, columns_of, results_of
 from .description import DIGEST, difference, machine, names_of, packages

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .addresses import AddressTable, OwnedAddress
-from .kinds import (
+from .compiled_subset import (
     ADDRESS,
     ADDRESS_VECTOR,
     FLAG,

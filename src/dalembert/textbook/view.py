@@ -14,6 +14,7 @@ from ..naming import rate_name
 from ..once import deriving
 from ..scene import Scene, Unknown
 from ..scene.made_contacts import with_made_contacts
+from ..scene.reactions import with_closures
 from ..scene.reading import read
 from ..scene.speeds import without_speeds
 from .actions import Actions, Screw
@@ -64,7 +65,7 @@ def lagrange(scene: Scene, *, kinetic_energy: Any = None) -> LagrangeView:
     """
     if not isinstance(scene, Scene):
         raise SceneError(type(scene).__name__, [f"lagrange takes a Scene, not {scene!r}"])
-    scene = without_speeds(with_made_contacts(scene))
+    scene = with_closures(without_speeds(with_made_contacts(scene)))
     read(scene)
     return LagrangeView(scene.copy(), kinetic_energy)
 

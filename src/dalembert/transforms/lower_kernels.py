@@ -1,13 +1,23 @@
-"""Lowering of graph nodes to straight-line kernels."""
+"""Lowering of graph nodes to straight-line kernels, in forms with fewer products of varying values.
+
+A Taylor step pays for each product, quotient or square of varying values with a sum over all orders, and next
+to nothing for sums and fixed factors. Each value is tried in other forms, got by factoring its polynomial; how
+much a form costs is what it adds to what other values need anyway, less what only the old form needed. Both
+follow from reference counts: DAG-aware rewriting (Mishchenko, Chatterjee, Brayton, DAC 2006). A form that loses
+digits which the value as it came has (`dalembert.ir.accuracy`) is not taken.
+"""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
+from itertools import islice
+from typing import final
 
 from ..errors import ExpressionError
+from ..ir.accuracy import Probed, loses, probed, probed_form
 from ..ir.graph import Graph
 from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..ir.node import Node
@@ -15,9 +25,149 @@ from ..ir.ops import GRAPH_OPERATIONS
 from ..ir.tables import ORIGIN, coefficient_row, table_of
 from ..ir.tables import value as table_value
 from ..naming import Namer
-from .forms import Forms
+from .forms import FormBuilder, Forms, UnsuitableForm, frequent
 from .pipelines import KERNEL_PASSES, PassRecord
-from .rewriting import rewritten
+from .polynomial import Form, Polynomial, Polynomials, pythagorean
+
+_PASSES = 3
+_THOROUGH, _LARGEST = 300, 1000
+"""Values up to which every form is tried, and up to which any is: the time goes with their number."""
+_FIRST_SLACK = 1.5
+"""Factor by which a form may cost more in the first pass: that a product can be shared shows once others do so."""
+
+
+def rewritten(graph: Graph, nodes: Sequence[Node], fixed: Sequence[str]) -> tuple[Forms, list[Node]]:
+    """Return forms for `nodes`, copied to a graph of their own, where inputs called `fixed` do not vary."""
+    order = list(islice(graph.topological(nodes), _LARGEST + 1))
+    if len(order) > _LARGEST:
+        return Forms(graph), list(nodes)
+    copy = Graph()
+    new: dict[int, Node] = {}
+    forms = Forms(copy, 0)
+    for node in order:
+        made = copy.adopt_one(node, new)
+        new[node.index] = made
+        if node.op == "input" and str(node.payload) not in fixed:
+            forms.moving |= made.deps
+    for node in order:
+        forms.choose(new[node.index], (node.op, tuple(new[arg.index] for arg in node.args)))
+    outputs = [new[node.index] for node in nodes]
+    for output in outputs:
+        if output.deps & forms.moving:
+            forms.uses[output.index] += 1
+            if forms.uses[output.index] == 1:
+                forms.acquire(output)
+    before = forms.work(outputs)
+    errors: dict[int, Probed] = {}
+    for output in outputs:
+        probed(output, errors, forms.of)
+    _Rewriter(forms, [new[node.index] for node in order], errors).run()
+    after: dict[int, Probed] = {}
+    if forms.work(outputs) > before or any(loses(probed(n, after, forms.of), errors[n.index]) for n in outputs):
+        return Forms(graph), list(nodes)
+    return forms, outputs
+
+
+@final
+class _Rewriter:
+    """Rounds over all values, operands first; each value takes the cheapest of the forms tried."""
+
+    def __init__(self, forms: Forms, order: Sequence[Node], errors: dict[int, Probed]) -> None:
+        self.forms, self.graph, self.order, self.errors = forms, forms.graph, order, errors
+        self.thorough = len(order) <= _THOROUGH
+        self.values = Polynomials(self.graph, forms.moving, forms.of)
+        self.builder, self.slack = FormBuilder(forms, order), 0.0
+        self.changed: set[int] | None = None
+
+    def run(self) -> None:
+        """Rewrite until nothing gets cheaper."""
+        for number in range(_PASSES if self.thorough else 1):
+            self._count_pairs()
+            self.slack = _FIRST_SLACK if number == 0 and self.thorough else -1e-9
+            near, self.changed = self.changed, set()
+            for node in self.order:
+                if self._is_open(node) and self.forms.uses[node.index] and (near is None or self._touches(node, near)):
+                    self._rewrite(node)
+            if not self.changed:
+                return
+
+    def _touches(self, node: Node, near: set[int]) -> bool:
+        """Whether a value, its operands or theirs are among `near`."""
+        args = self.forms.args
+        return node.index in near or any(a.index in near or any(b.index in near for b in args(a)) for a in args(node))
+
+    def _is_open(self, node: Node) -> bool:
+        return bool(node.deps & self.forms.moving) and self.forms.of(node)[0] in ("add", "sub", "mul", "div", "neg")
+
+    def _count_pairs(self) -> None:
+        """Count how often two atoms meet in a term, so that products which will be shared are formed first."""
+        pairs = self.builder.pairs
+        pairs.clear()
+        opened = Polynomials(self.graph, self.forms.moving, self.forms.of, lambda node, inside: self._is_product(node))
+        whole = {arg.index for n in self.order if not self._is_product(n) for arg in self.forms.args(n)}
+        for node in self.order:
+            if self.forms.uses[node.index] and self._is_product(node) and node.index in whole:
+                for monomial in opened.of(node):
+                    atoms = [atom for atom, exponent in monomial if exponent > 0]
+                    pairs.update((a, b) for i, a in enumerate(atoms) for b in atoms[i + 1 :])
+
+    def _is_product(self, node: Node) -> bool:
+        return self.forms.of(node)[0] in ("mul", "div")
+
+    def _rewrite(self, node: Node) -> None:
+        """Set the form of `node` to its cheapest one."""
+        forms, builder, old = self.forms, self.builder, self.forms.of(node)
+        best_cost, best = forms.weight(node) + forms.release(node), old
+        for p in self._polynomials(node):
+            for factored in (True, False) if len(p) > 2 and frequent(p) else (True,):
+                builder.begin(node, best_cost + self.slack)
+                try:
+                    made = builder.build(p, factored)
+                except UnsuitableForm:
+                    continue
+                if made is not node or not builder.final[0]:
+                    continue
+                forms.choose(node, builder.final)
+                cost = forms.weight(node) + forms.acquire(node)
+                forms.release(node)
+                if cost < best_cost + self.slack and self._is_accurate(node, builder.final):
+                    best_cost, best = cost, builder.final
+        forms.choose(node, best)
+        forms.acquire(node)
+        if best is not old:
+            assert self.changed is not None
+            self.changed |= {node.index, *(arg.index for arg in (*old[1], *best[1]))}
+
+    def _is_accurate(self, node: Node, form: Form) -> bool:
+        """Return whether a form loses no digit that the original form of the value has."""
+        known = dict(self.errors)
+        for arg in form[1]:
+            probed(arg, known, self.forms.of)
+        return not loses(probed_form(*form, known), self.errors[node.index])
+
+    def _polynomials(self, node: Node) -> Iterator[Polynomial]:
+        """Yield polynomials of a value, opened more and more deeply; what is in use elsewhere is opened late."""
+        uses, graph, forms = self.forms.uses, self.graph, self.forms
+
+        def open_unused(n: Node, inside: bool) -> bool:
+            return n is node or (not uses[n.index] and (self._is_product(n) or not inside))
+
+        def open_products(n: Node, inside: bool) -> bool:
+            return n is node or self._is_product(n) or not (uses[n.index] or inside)
+
+        def open_unused_sums(n: Node, inside: bool) -> bool:
+            return n is node or not uses[n.index] or self._is_product(n)
+
+        seen: list[Polynomial] = []
+        for opened in (open_unused, open_products, open_unused_sums) if self.thorough else (open_unused_sums,):
+            found = Polynomials(graph, forms.moving, forms.of, opened).of(node)
+            seen.append(pythagorean(graph, found, forms.of, canonical=False))
+        if self.thorough:
+            seen.append(pythagorean(graph, self.values.of(node), forms.of, canonical=False))
+        for place, p in enumerate(seen):
+            if p not in seen[:place] and p.keys() != {((node.index, 1),)}:
+                yield p
+
 
 ARGUMENTS = ("t", "y", "p")
 

@@ -45,10 +45,11 @@ def nonanalytic_operations(kernel: Kernel) -> dict[str, str]:
     absolute tolerances leave unseen by every method).
     """
     factors = factors_of(kernel)
+    guards = _guards(kernel)
     found: dict[str, str] = {}
     squares: set[str] = set()
     for line in kernel.body:
-        if line.target not in factors:
+        if line.target not in factors or line.target in guards or (line.op == "select" and line.args[0] in guards):
             continue
         own = factors[line.target]
         parts = (part for arg in line.args for part in factors.get(arg, {}).items())
@@ -298,6 +299,16 @@ def _guards(kernel: Kernel) -> set[Operand]:
         if arg in guards and not (line.op == "select" and place == 0 and SET_ASIDE in line.args[1:])
     }
     return guards - others - set(kernel.outputs)
+
+
+def guarded_pivots(kernel: Kernel, varying: Set[str]) -> tuple[str, ...]:
+    """Return the pivots of constraints that may lose rank, as their guards give them."""
+    guards = _guards(kernel)
+    return tuple(
+        line.target
+        for line in kernel.body
+        if line.op == "select" and line.args[0] in guards and SET_ASIDE in line.args[1:] and line.target in varying
+    )
 
 
 def _decided(kernel: Kernel, varying: Set[str]) -> set[Operand]:

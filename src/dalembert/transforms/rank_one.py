@@ -75,7 +75,7 @@ def diagonal_less_dyad(graph: Graph, a: Sequence[Sequence[Node]], moving: int) -
             terms[i, j] = terms[j, i] = monomial, c
     squares = []
     for i in size:
-        square = _square(graph, terms, i, [j for j in size if j != i])
+        square = _square(terms, i, [j for j in size if j != i])
         if square is None:
             return None
         squares.append(square)
@@ -92,7 +92,7 @@ def _form(node: Node) -> tuple[str, tuple[Node, ...]]:
 
 
 def _square(
-    graph: Graph, terms: dict[tuple[int, int], tuple[Monomial, Node]], i: int, others: Sequence[int]
+    terms: dict[tuple[int, int], tuple[Monomial, Node]], i: int, others: Sequence[int]
 ) -> tuple[Monomial, Node] | None:
     """Return entry i, i of the dyad that has the entries off the diagonal, or None where they are of no dyad."""
     found: tuple[Monomial, Node] | None = None

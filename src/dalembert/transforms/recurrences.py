@@ -16,6 +16,7 @@ from ..ir.kernel import Assignment, Kernel, Operand
 from .nonsmooth import (
     INVERSE,
     Switch,
+    guarded_pivots,
     last_of,
     leading_to,
     left_to_control,
@@ -68,6 +69,8 @@ class Recurrences:
         Kinks and jumps at which steps end.
     hidden : tuple of str
         Kinds of the operations that a power series may not show, without the switches.
+    pivots : tuple of str
+        Guarded pivots of constraints that may lose rank: steps do not end where one nearly vanishes.
     """
 
     kernel: Kernel
@@ -84,11 +87,12 @@ class Recurrences:
     roots: tuple[str, ...] = ()
     switches: tuple[Switch, ...] = ()
     hidden: tuple[str, ...] = ()
+    pivots: tuple[str, ...] = ()
 
     @property
     def watched(self) -> tuple[str, ...]:
-        """Values whose series the end of a step reads whole: arguments of tables, roots, arguments of switches."""
-        return (*(argument for argument, _ in self.tables), *self.roots, *self.switch_arguments)
+        """Values whose series the end of a step reads whole."""
+        return (*(argument for argument, _ in self.tables), *self.roots, *self.pivots, *self.switch_arguments)
 
     @property
     def switch_arguments(self) -> tuple[str, ...]:
@@ -161,6 +165,7 @@ def recurrences(kernel: Kernel, events_with_series: int = 0, *, step_growth_limi
         roots,
         switches,
         tuple(hidden.values()),
+        guarded_pivots(kernel, varying),
     )
 
 

@@ -218,7 +218,7 @@ class Attempt(Parts):
         results = [kept(value, old) for value, old in zip(new, self.y, strict=True)]
         results += [kept(self.size, 0.0), lines.op("select", finite, 0.0, 1.0), *control]
         results += [kept(slope, old) for slope, old in zip(last, self.slopes[0], strict=False)]
-        return results + (self._polynomials(new) if self.dense else [])
+        return results + (self._polynomials() if self.dense else [])
 
     def _error_square(self, new: Vector) -> Operand:
         """Return the square of the RMS norm of the error over the tolerances (see `Tableau.error`).
@@ -257,7 +257,7 @@ class Attempt(Parts):
         factor = lines.op("max", lines.op("min", factor, _GROWTH), gains.LARGEST_REDUCTION)
         return lines.mul(self.size, lines.op("select", finite, factor, gains.REDUCTION_BLIND)), error
 
-    def _polynomials(self, new: Vector) -> Vector:
+    def _polynomials(self) -> Vector:
         """Return the dense output, whose end is the new state up to rounding."""
         columns = [self._sums(column) for column in np.asarray(self.tableau.P).T]
         scaled = [[self.lines.mul(value, self.h) for value in column] for column in columns]

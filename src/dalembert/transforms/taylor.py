@@ -25,6 +25,7 @@ from .nonsmooth import largest_degree
 from .pipelines import STEP_PASSES
 from .recurrences import Integrated, Recurrences
 from .residual_control import PREVIOUS, grown, reached
+from .singular_steps import beside, passing
 from .step_ends import CLOCK, before_zeros, within_piece
 from .switch_steps import before_switches
 
@@ -127,15 +128,19 @@ def closing(
     """
     largest, direction, floor = SETTING_NAMES
     scale = _scale(lines, recurrences, floor)
-    radius = _radius(lines, recurrences, rates, order, scale)
+    radius = _radius(lines, recurrences, rates, order, scale, _orders_read(recurrences, order))
+    tables, vanishing, pivots = len(recurrences.tables), len(recurrences.roots), len(recurrences.pivots)
+    arguments, roots, others = watched[:tables], watched[tables : tables + vanishing], watched[tables + vanishing :]
+    if radius is not None and pivots:
+        clean = _radius(lines, recurrences, rates, order, scale, (order // 2, order // 2 + 1))
+        assert clean is not None
+        radius = passing(lines, others[:pivots], order, radius, clean, direction)
     size: Operand = largest if radius is None else lines.op("min", radius, largest)
     for pole in poles:
         size = lines.op("min", size, lines.op("rough_exp2", lines.op("min", *_share_of_itself(lines, pole, order))))
     if recurrences.step_growth_limited:
         size = grown(lines, size, largest)
-    tables, vanishing = len(recurrences.tables), len(recurrences.roots)
-    arguments, roots = watched[:tables], watched[tables : tables + vanishing]
-    deciding = dict(zip(recurrences.switch_arguments, watched[tables + vanishing :], strict=True))
+    deciding = dict(zip(recurrences.switch_arguments, others[pivots:], strict=True))
     for (_, key), series in zip(recurrences.tables, arguments, strict=True):
         size = within_piece(lines, series, key, order, size, direction)
     tolerance = _FLOOR if order == _FLOOR_ORDER else math.exp(-_GROWTH * (order - 1))
@@ -148,6 +153,7 @@ def closing(
         }
         begun |= {name: series[0] for name, series in deciding.items()}
         size = reached(lines, recurrences, rates, order, size, direction, scale, tolerance, begun)
+    size = beside(lines, others[:pivots], order, size, direction)
     h = lines.op("mul", size, direction)
     faithful = order >= FAITHFUL_ORDER
     new: list[Operand] = []
@@ -219,8 +225,10 @@ def _scale(lines: Lines, recurrences: Recurrences, floor: Operand) -> Operand:
     return largest
 
 
-def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: int, scale: Operand) -> Operand | None:
-    """Return the step that the last coefficients of the state allow, read off those of its rate.
+def _radius(
+    lines: Lines, recurrences: Recurrences, rates: list[Series], order: int, scale: Operand, read: Sequence[int]
+) -> Operand | None:
+    """Return the step that coefficients of the state of the orders `read` allow, read off those of its rate.
 
     None, which allows any step, where all are zero whatever the state is, as of a polynomial in time.
     """
@@ -228,7 +236,7 @@ def _radius(lines: Lines, recurrences: Recurrences, rates: list[Series], order: 
     rates, event_series = rates[:own], rates[own:]
     size = lines.op("rough_log2", scale)
     steps = []
-    for k in _orders_read(recurrences, order):
+    for k in read:
         norm = _norm(lines, [coefficient(rate, k - 1) for rate in rates], _LESS)
         if norm != _LESS:
             gap = lines.op("add", lines.op("sub", size, lines.op("rough_log2", norm)), math.log2(k))

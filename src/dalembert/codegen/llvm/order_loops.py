@@ -16,12 +16,11 @@ from typing import Any, final
 
 from ...ir.kernel import Operand
 from ...transforms.expansion import Expansion, Series
-from ...transforms.order_pass import Ahead
+from ...transforms.order_pass import Ahead, Pack, Row, planned_sums
 from ...transforms.recurrences import Recurrences
 from ...transforms.taylor import LOW_TERMS, closing, closing_loads
 from ..rendering import render
 from .lane_printer import LanePrinter
-from .order_loop_sums import Pack, Row, planned_sums
 from .target import constant, fma_name, memory_of_call, vector
 from .vector_functions import prelude_variables
 

@@ -10,7 +10,6 @@ import numpy as np
 from ...arrays import FloatArray
 from ...events.event_code import EventCode
 from ...events.recorded_motion import RecordedCase
-from ...interrupts import check, is_observed
 from ...lanes.cases import BlockResult, CaseColumns
 from ...lanes.step_records import ENDED_AT
 from ...lanes.sweep_arguments import CaseRows, SweepKernels
@@ -20,6 +19,7 @@ from ...steps.problem import IntegrationProblem
 from ...subset.addresses import OwnedAddress
 from ...subset.arguments import address_of, pack
 from ...subset.compiled_subset import call_code
+from ...threads import check, is_observed
 from ...transforms.runge_kutta_parts import PROPOSAL_AT
 from ..host_code import columns_at, host_code, raise_failure
 from ..steppers import Stepper

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import FloatArray
-from ...interrupts import STOPPED, check
 from ...lanes.cases import BlockResult, CaseColumns
 from ...lanes.step_records import FIRST_AT
 from ...lanes.sweep_arguments import (
@@ -37,6 +36,7 @@ from ...steps.row_loops import SampleArguments
 from ...stops.stops import StopTable, no_stops
 from ...subset.addresses import AddressTable
 from ...subset.arguments import address_of, owned_address, pack
+from ...threads import STOPPED, check
 from ..host_code import raise_failure
 from ..runs import CaseRun, LoopCall
 from .loops import loop_named

@@ -16,11 +16,11 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...errors import OptionError
-from ...interrupts import check
 from ...methods.status import Status
 from ...methods.step_constants import SMALLEST_SCALE
 from ...steps.problem import IntegrationProblem, Kernels, Solution
 from ...steps.projection import end_differences
+from ...threads import check
 from .kernel_calls import KernelCalls, NonFiniteError, StepInterpolants
 from .methods import METHODS, PROJECTABLE
 

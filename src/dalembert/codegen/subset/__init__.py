@@ -20,7 +20,7 @@ from typing import Any, final
 import numpy as np
 
 from ...subset.arguments import arguments_of, kind_of
-from ...subset.kinds import FLAG, INTEGER, NUMBER, Array, Kind
+from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Kind
 from .statements import translated
 from .values import Value, rounded
 

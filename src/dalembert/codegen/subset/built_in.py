@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from ...subset import compiled_subset as code
-from ...subset.kinds import FLAG, INT_VECTOR, INTEGER, MATRIX, NUMBER, VECTOR, Array, Group, Kind
+from ...subset.compiled_subset import FLAG, INT_VECTOR, INTEGER, MATRIX, NUMBER, VECTOR, Array, Group, Kind
 from .values import Value, rounded
 
 if TYPE_CHECKING:

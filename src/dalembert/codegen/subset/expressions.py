@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ...subset.kinds import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
+from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
 from .built_in import BUILT_IN
 from .values import Lines, Value, literal, unified
 

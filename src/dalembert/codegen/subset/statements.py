@@ -7,7 +7,7 @@ import inspect
 import textwrap
 from typing import Any, final
 
-from ...subset.kinds import FLAG, INTEGER, NUMBER, Group, Kind
+from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Group, Kind
 from .expressions import UNKNOWN, Expressions, Functions
 from .values import Value, by_reference
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import final
 
-from ...subset.kinds import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind, Scalar
+from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind, Scalar
 
 _ORDER = (FLAG, INTEGER, NUMBER)
 

@@ -17,7 +17,7 @@ from jax import lax
 from ...methods.tableau import Tableau
 from .derivatives import Over, StepsRecord
 from .mesh_axes import varying_like
-from .products import product
+from .precision import product
 
 _CHUNK = 64
 """Attempts whose stages are kept together."""

@@ -15,10 +15,9 @@ import jax
 import jax.numpy as jnp
 
 from .derivatives import CHUNK, Linear, Over, Steps, StepsRecord, Turns, pulled, pushed
-from .linear_maps import LinearMap, apply
+from .linear_maps import Given, LinearMap, PushedRows, apply
 from .mesh_axes import stack
-from .projection import Rows
-from .row_maps import Given, PushedRows
+from .step_rules import Rows
 
 
 class Differentiable(Linear, Protocol):

@@ -15,8 +15,8 @@ from jax import lax
 from jax.custom_derivatives import SymbolicZero
 
 from .mesh_axes import varying_like
-from .projection import Rows
 from .run_constants import RunConstants
+from .step_rules import Rows
 
 CHUNK = 16
 """Steps that are differentiated together."""

@@ -1,22 +1,92 @@
-"""Jumps of the rates that a recorded run went across in states that vary with what is differentiated.
+"""Times at which states jump or change, along recorded runs that vary with what is differentiated.
 
-Derivatives of a motion jump there, too, and what is computed along its steps does not know of it. A kink, at which the
-rates are the same on both sides, is no harm.
+Where rates jump, derivatives of a motion jump, too, and what is computed along its steps does not know of it. A kink,
+at which the rates are the same on both sides, is no harm.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple, final
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 
 from .derivatives import CHUNK, StepsRecord
+from .linear_maps import LinearMap
 from .mesh_axes import varying_like
 from .precision import precision_of
-from .projection import Rows
 from .run_constants import RunConstants
+from .step_rules import Rows
+
+Rates = Callable[[Any, Any, Any, Any], Any]
+"""From times (n_t,), states (n_t, n_y), constants (n_c,) and breaks (n,) to rates (n_t, n_y)."""
+
+
+@final
+class At(NamedTuple):
+    """Times (n_t,), the states there (n_t, n_y), constants (n_c,), and breaks (n,)."""
+
+    t: Any
+    y: Any
+    c: Any
+    breaks: Any
+
+
+def _changed(rates: Rates, at: At, dy: Any, dc: Any) -> Any:
+    """Return the changes of rates (n_t, n_y)."""
+    return jax.jvp(lambda y, c: rates(at.t, y, c, at.breaks), (at.y, at.c), (dy, dc))[1]
+
+
+@final
+@dataclass(frozen=True)
+class Timed:
+    """Changes of states (n_t, n_y) as they are, given with those of the constants (n_c,).
+
+    With the times, they change as the rates do.
+    """
+
+    rates: Rates
+
+    def __call__(self, held: At, moving: Any) -> Any:
+        """See `LinearMap`."""
+        return moving[0]
+
+    @property
+    def transposed(self) -> LinearMap:
+        """See `LinearMap`."""
+        return _Given(self.rates)
+
+    def change(self, held: At, dheld: At, moving: Any, still: At) -> Any:
+        """See `LinearMap`."""
+        if still.t:
+            return jnp.zeros_like(held.y)
+        return dheld.t[:, None] * _changed(self.rates, held, *moving)
+
+
+@final
+@dataclass(frozen=True)
+class _Given:
+    """The transpose of `Timed`."""
+
+    rates: Rates
+
+    def __call__(self, held: At, moving: Any) -> Any:
+        return moving, jnp.zeros_like(held.c)
+
+    @property
+    def transposed(self) -> LinearMap:
+        return Timed(self.rates)
+
+    def change(self, held: At, dheld: At, moving: Any, still: At) -> Any:
+        if still.t:
+            return jnp.zeros_like(held.y), jnp.zeros_like(held.c)
+        back = jax.vjp(partial(_changed, self.rates, held), held.y, held.c)[1]
+        return back(dheld.t[:, None] * moving)
+
 
 _HALVINGS = 52
 _AT_ONCE = 1e-12

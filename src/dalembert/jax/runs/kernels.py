@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from ...ir.program import Program
 from .mesh_axes import stack
-from .projection import CORRECTIONS, Rows, Tolerances, project
+from .step_rules import CORRECTIONS, Rows, Tolerances, project
 
 Function = Callable[..., tuple[Any, ...]]
 

@@ -17,8 +17,7 @@ from jax import lax
 
 from ...methods.status import RUNNING, Status
 from ...methods.step_constants import ANY_START
-from .projection import Projections, Rows, project
-from .step_limits import smallest_step
+from .step_rules import Projections, Rows, project, smallest_step
 
 Function = Callable[..., Rows]
 

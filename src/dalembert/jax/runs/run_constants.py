@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .projection import Rows
+from .step_rules import Rows
 
 Reading = Callable[[Rows, Any, Any], Rows]
 

@@ -14,7 +14,7 @@ from .along import Differentiable
 from .derivatives import Steps, StepsRecord
 from .lanes import Attempts, Function
 from .mesh_axes import vectorised
-from .projection import Projections, Rows
+from .step_rules import Projections, Rows
 
 
 class Stepping(Differentiable, Protocol):

@@ -1,19 +1,144 @@
-"""Runs of one method for one program as they are: traced loops or calls of machine code, alone and in batches."""
+"""Runs of one method for one program as they are: traced loops or calls of machine code, alone and many.
+
+Loops that rules of ours differentiate are guarded (`ruled`). Where JAX differentiates ``jax.lax.scan`` forward over
+reverse, it takes functions with derivatives of their own apart and differentiates what is inside: a loop without a
+derivative, or one whose derivative is another. It leaves functions with batches of their own whole, with what they
+hold.
+"""
 
 from __future__ import annotations
 
-from typing import Any, final
+import math
+from typing import Any, NoReturn, final
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 
-from ...methods.status import Status
+from ...errors import CapabilityError
+from ...methods.status import RUNNING, Status
 from .derivatives import Over, Steps, StepsRecord
-from .lanes import Batch
-from .mesh_axes import stack
-from .recording import course_of
-from .ruled import ruled
+from .lanes import Attempts, Batch, State, advanced, begun, direction_of
+from .mesh_axes import stack, varying_like
 from .run_data import Limits, Reached, RunPieces, in_order, middles
+from .step_rules import Projections, Rows
+
+_BLOCK = 32
+"""Attempts that a run without derivatives takes down before it looks which of them pass over requested times."""
+
+
+def _rows(part: Any, shape: tuple[int, ...]) -> Any:
+    """Return an array whose last axes have a shape, which may hold no cases, with one axis before them."""
+    leading = jnp.shape(part)[: jnp.ndim(part) - len(shape)]
+    return jnp.reshape(part, (math.prod(leading), *shape))
+
+
+def block_of(
+    attempts: Attempts, projections: Projections, room: int, batch: Batch, state: State, *, whole: bool = False
+) -> tuple[Any, Any, State]:
+    """Return the number of attempts, what they were (room, 2 + n_y, ...), and how cases stand behind them.
+
+    An attempt is one row, its start, its size and the state, as every array that is written to costs an attempt time.
+    The block ends with the runs, or where its room is filled; not so where the `whole` runs are wanted.
+    """
+    shape = jnp.shape(batch.t0)
+
+    def row(t: Any, size: Any, y: Rows) -> Any:
+        return jnp.concatenate([_rows(part, shape) for part in (t, size, *y)])
+
+    def body(carry: Any) -> Any:
+        i, state, taken = carry
+        after, size = advanced(attempts, projections, batch, batch.t1, state)
+        if room:
+            new = row(state.t, size, state.y)
+            taken = lax.dynamic_update_index_in_dim(taken, new, i, 0)
+        return i + 1, after, taken
+
+    def goes_on(carry: Any) -> Any:
+        running = jnp.any(carry[1].status == RUNNING)
+        return running if whole else running & (carry[0] < room)
+
+    width = len(jax.eval_shape(row, batch.t0, batch.t0, batch.y))
+    first = varying_like((0, state, jnp.zeros((room, width, *shape))), batch)
+    count, end, taken = lax.while_loop(goes_on, body, first)
+    return jnp.asarray(count), taken, end
+
+
+def _passing(attempts: Attempts, projections: Projections, room: int, batch: Batch, t: Any) -> tuple[Any, Any, State]:
+    """Return the number of attempts, where those began that pass over times t (n_t, ...), and how the run ended.
+
+    The beginnings (n_t, 1 + n_y, ...) are a time and the state there. Attempts are taken down in blocks of `room`, so
+    that memory does not grow with their number.
+    """
+    shape = jnp.shape(batch.t0)
+    direction = direction_of(batch)
+
+    def row(state: State) -> Any:
+        return jnp.concatenate([_rows(part, shape) for part in (state.t, *state.y)])
+
+    def attempt(carry: Any) -> Any:
+        i, state, block = carry
+        block = lax.dynamic_update_index_in_dim(block, row(state), i, 0)
+        return i + 1, advanced(attempts, projections, batch, batch.t1, state)[0], block
+
+    def goes_on(carry: Any) -> Any:
+        return (carry[0] < room) & jnp.any(carry[1].status == RUNNING)
+
+    def found(count: Any, block: Any, times: Any, direction: Any, begins: Any) -> Any:
+        starts = jnp.where(jnp.arange(room) < count, direction * block[:, 0], jnp.inf)
+        at = jnp.searchsorted(starts, direction * times, side="right") - 1
+        return jnp.where((at >= 0)[:, None], block[jnp.maximum(at, 0)], begins)
+
+    if shape:
+        found = jax.vmap(found, (None, -1, -1, -1, -1), -1)
+
+    def body(carry: Any) -> Any:
+        total, state, block, begins = carry
+        count, state, block = lax.while_loop(goes_on, attempt, varying_like((0, state, block), batch))
+        return total + count, state, block, found(count, block, t, direction, begins)
+
+    start = begun(attempts, batch)
+    first = row(start)
+    begins = jnp.broadcast_to(first, (len(t), *first.shape))
+    carry = (0, start, jnp.zeros((room, *first.shape)), begins)
+    carry = varying_like(carry, batch)
+    count, end, _, begins = lax.while_loop(lambda carry: jnp.any(carry[1].status == RUNNING), body, carry)
+    return jnp.asarray(count), begins, end
+
+
+def course_of(attempts: Attempts, projections: Projections, room: int, batch: Batch, t: Any) -> tuple[Any, Any, State]:
+    """Return the result of `block_of` where there is room, else of `_passing` for times t (n_t, ...) between ends."""
+    if room or not len(t):
+        return block_of(attempts, projections, room, batch, begun(attempts, batch), whole=True)
+    return _passing(attempts, projections, _BLOCK, batch, t)
+
+
+@jax.custom_batching.custom_vmap
+def ruled(*values: Any) -> Any:
+    """Return values from which something is computed that has derivatives by a rule alone.
+
+    Differentiating them raises a `CapabilityError`.
+    """
+    return _guarded(*values)
+
+
+@ruled.def_vmap
+def _(size: int, batched: Any, *values: Any) -> tuple[Any, Any]:
+    return ruled(*values), tuple(batched)
+
+
+@jax.custom_jvp
+def _guarded(*values: Any) -> Any:
+    return values
+
+
+@_guarded.defjvp
+def _(primals: Any, tangents: Any) -> NoReturn:
+    raise CapabilityError(
+        "JAX has dropped the rule by which a run is differentiated, as it does where jax.lax.scan or jax.lax.map is"
+        " differentiated forward over reverse (jax.hessian, jax.jacfwd of jax.grad). Use jax.jacrev(jax.jacfwd(f)) or"
+        " jax.jacfwd(jax.jacfwd(f)) there, or jax.vmap in place of jax.lax.map"
+    )
 
 
 @final

@@ -14,10 +14,9 @@ from jax import lax
 from ...methods.status import RUNNING, Status
 from ...steps.problem import IntegrationProblem, Solution
 from ...transforms.taylor import scale_floor
-from .compiling import compiled
-from .precision import double_precision
+from .precision import compiled, double_precision
 from .record import BlockRecord
-from .step_limits import smallest_step
+from .step_rules import smallest_step
 
 if TYPE_CHECKING:
     from .kernels import ArrayKernels

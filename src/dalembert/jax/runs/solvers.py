@@ -24,12 +24,10 @@ from ...methods.status import Status
 from ...methods.step_constants import ANY_START
 from ...once import once
 from ...steps.problem import IntegrationProblem, Solution
-from .compiling import compiled
-from .control import Control, StepController
-from .precision import double_precision
-from .projected import projecting
+from .control import Control, StepController, projecting
+from .precision import compiled, double_precision
 from .record import BlockRecord
-from .step_limits import limit_at_knots
+from .step_rules import limit_at_knots
 
 if TYPE_CHECKING:
     from .kernels import ArrayKernels

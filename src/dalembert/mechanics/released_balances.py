@@ -1,0 +1,187 @@
+"""The balances that determine reactions which the coordinates hide: [EquationsOfMotion] -> [Released].
+
+Bodies are moved along the directions that the coordinates leave out, in the program of reactions alone; the motion has
+no further coordinate. As few bodies and unknowns as serve are taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import final
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..errors import ConstraintError, list_names
+from .balance_choice import BalanceChoice, BodySystem, Released
+from .connections import Pair, components, in_span, null_space, pair_of, wrench_columns
+from .equations import EquationsOfMotion
+
+_SMALL = 1e-8
+
+
+def require_balance(equations: EquationsOfMotion, wanted: Sequence[str]) -> None:
+    """Raise where some reactions, which the coordinates' equations give, leave bodies without balance.
+
+    Raises
+    ------
+    ConstraintError
+        With the bodies on which a force or torque is missing.
+    """
+    system = BodySystem(equations, wanted)
+    if system.samples and not system.balances.floating:
+        _Search(system).carried()
+
+
+def released_balances(equations: EquationsOfMotion, wanted: Sequence[str]) -> Released:
+    """Return the balances that determine some reactions.
+
+    Raises
+    ------
+    ConstraintError
+        Where a reaction depends on what undeclared connections carry, with the bodies that these connect.
+    """
+    return _Search(BodySystem(equations, wanted)).found()
+
+
+@final
+class _Search:
+    """What undeclared connections may carry, and whether that changes the wanted reactions."""
+
+    def __init__(self, system: BodySystem) -> None:
+        self.system = system
+
+    # -- what may carry something --------------------------------------------------------------------
+
+    def found(self) -> Released:
+        """Return the balances."""
+        if not self.system.samples:
+            raise self.system.fault(
+                "no positions were found that satisfy its constraints, to search for their balances"
+            )
+        if self.system.balances.floating:
+            raise self.system.fault(
+                f"the loads {list_names(self.system.balances.floating)} act at what is no point or frame of a body;"
+                " write them as (body, point, force)"
+            )
+        bodies, open_pairs = self.carried()
+        self._require_determined(open_pairs, bodies)
+        return BalanceChoice(self.system, bodies, open_pairs).released()
+
+    def carried(self) -> tuple[set[int], list[dict[Pair, FloatArray]]]:
+        """Return the bodies that matter, and what undeclared connections may carry, where that balances the bodies."""
+        bodies = self._bodies()
+        for undeclared in self._hypotheses(bodies):
+            open_pairs = [self._open(number, undeclared[number], bodies) for number in range(len(self.system.samples))]
+            if self._consistent(open_pairs, bodies):
+                return bodies, open_pairs
+        raise self._unbalanced(open_pairs, bodies)
+
+    def _bodies(self) -> set[int]:
+        """Return the bodies that are connected with those of the wanted reactions."""
+        first = self.system.connections[0]
+        pairs = [*first.by_pair, *first.undeclared, *self.system.balances.ties]
+        own = {
+            i
+            for joint in self.system.joints
+            if self.system.has(joint, self.system.wanted)
+            for i in joint.pair
+            if i is not None
+        }
+        groups = components(len(self.system.names), pairs)
+        return {body for group in groups if group & own for body in group}
+
+    def _hypotheses(self, bodies: set[int]) -> Iterator[list[dict[Pair, FloatArray]]]:
+        """Yield undeclared connections at each sample: none where each body has a joint, then all there may be."""
+        with_joint = {i for pair in self.system.connections[0].by_pair for i in pair}
+        if bodies <= with_joint:
+            yield [{} for _ in self.system.samples]
+        yield [connections.undeclared for connections in self.system.connections]
+
+    def _open(self, number: int, undeclared: Mapping[Pair, FloatArray], bodies: set[int]) -> dict[Pair, FloatArray]:
+        """Return all that may be carried beside the unknowns, by the pairs of bodies."""
+        connections = self.system.connections[number]
+        found = {pair: matrix for pair, (matrix, _) in connections.complete.items() if set(pair) & bodies}
+        tied = {pair_of(*tie): connections.wrenches(pair_of(*tie)) for tie in self.system.balances.ties}
+        for pair, matrix in (*undeclared.items(), *tied.items()):
+            if set(pair) & bodies:
+                found[pair] = np.hstack([found[pair], matrix]) if pair in found else matrix
+        return found
+
+    def _rows(self, bodies: set[int]) -> list[int]:
+        return [6 * body + k for body in sorted(bodies) for k in range(6)]
+
+    def _consistent(self, open_pairs: Sequence[Mapping[Pair, FloatArray]], bodies: set[int]) -> bool:
+        """Whether joints and undeclared connections can exert what the motion needs."""
+        rows = self._rows(bodies)
+        for sample, columns, pairs in zip(self.system.samples, self.system.columns, open_pairs, strict=True):
+            whole = np.hstack([columns, wrench_columns(sample, pairs)])[rows]
+            if not in_span(sample.demand[rows], whole, float(np.abs(sample.demand[rows]).max())):
+                return False
+        return True
+
+    def _unbalanced(self, open_pairs: Sequence[Mapping[Pair, FloatArray]], bodies: set[int]) -> ConstraintError:
+        """Return the error for bodies on which some force is missing: on one of those whose balance could be it."""
+        sample, columns = self.system.samples[0], self.system.columns[0]
+        rows = self._rows(bodies)
+        whole = np.hstack([columns, wrench_columns(sample, open_pairs[0])])[rows]
+        demand, own = sample.demand[rows], np.eye(len(rows))
+        size = float(np.abs(demand).max())
+        alone = [
+            self.system.names[b]
+            for i, b in enumerate(sorted(bodies))
+            if in_span(demand, np.hstack([whole, own[:, 6 * i : 6 * i + 6]]), size)
+        ]
+        names = list_names(map(repr, alone or [self.system.names[b] for b in sorted(bodies)]))
+        what = "exert the reactions of its constraints" if self.system.equations.constraints else "hold its bodies"
+        return ConstraintError(
+            f"scene {self.system.equations.name!r}: its joints cannot {what}: a force or torque on {names} is missing,"
+            " which no joint declares. Give a joint of these bodies the unknown component that holds them"
+        )
+
+    def _require_determined(self, open_pairs: Sequence[Mapping[Pair, FloatArray]], bodies: set[int]) -> None:
+        """Raise unless the wanted reactions are the same whatever else is carried."""
+        rows, names = self._rows(bodies), self.system.equations.symbols.unknowns
+        own_undeclared = {*self.system.connections[0].undeclared, *(pair_of(*tie) for tie in self.system.balances.ties)}
+        for sample, columns, pairs in zip(self.system.samples, self.system.columns, open_pairs, strict=True):
+            parts = {pair: matrix for pair, matrix in pairs.items() if matrix.shape[1]}
+            whole = np.hstack([columns, wrench_columns(sample, parts)])[rows]
+            scale = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
+            free = null_space(whole / scale)
+            free = free[:, np.abs(free[self.system.targets]).max(axis=0, initial=0.0) > _SMALL]
+            if not free.shape[1]:
+                continue
+            moved = np.abs(free).max(axis=1) > _SMALL
+            involved, start = [], len(names)
+            for pair, matrix in parts.items():
+                known = self.system.connections[0].complete.get(pair, (None, False))[1] and pair not in own_undeclared
+                if not known and moved[start : start + matrix.shape[1]].any():
+                    involved.append(pair)
+                start += matrix.shape[1]
+            lost = [name for name, i in zip(self.system.wanted, self.system.targets, strict=True) if moved[i]]
+            others = [name for name, m in zip(names, moved, strict=False) if m and name not in lost]
+            raise self.system.fault(self._why(lost, others, involved))
+
+    def _why(self, hidden: Sequence[str], others: Sequence[str], pairs: Sequence[Pair]) -> str:
+        if not pairs:
+            rest = f" with {list_names(others)}" if others else ""
+            return f"only a combination of {list_names(hidden)}{rest} appears in the balances of the bodies"
+        own, lost = self.system.connections[0], list_names(hidden)
+        labels = [self.system.equations.constraints[i].label for i in own.unheld()]
+        if labels:
+            return (
+                f"no joint exerts the reaction of {'; '.join(labels)}, and {lost} would be another with another place"
+                " of it. Give a joint the unknown force or torque component that holds the constraint"
+            )
+        structure = [pair for pair in pairs if pair in dict(own.structure)] or list(pairs)
+        said = "; ".join(f"{self._body(b)} and {self._body(a)}" for a, b in structure)
+        tied = [pair_of(*tie) for tie in self.system.balances.ties]
+        load = " A load acts at what belongs to both: write it as (body, point, force)." if set(pairs) & {*tied} else ""
+        return (
+            f"{lost} would be another with another force or torque between {said}, which no joint declares.{load}"
+            " Declare it, scene.add_joints(da.Joint(name, body, other=..., at=..., force=..., torque=...)), with all"
+            " unknown components that this connection has"
+        )
+
+    def _body(self, body: int | None) -> str:
+        return "the fixed frame" if body is None else repr(self.system.names[body])

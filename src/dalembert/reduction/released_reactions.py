@@ -1,0 +1,81 @@
+"""Reactions from balances of bodies, which the coordinates hide."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from ..ir.node import Node
+from ..mechanics.balance_choice import Released
+from ..mechanics.equations import EquationsOfMotion
+from ..naming import acceleration_input
+from ..transforms.derivatives import tangents
+from ..transforms.linear import Matrix, factorize, matmul, matvec, transpose
+from .reaction_columns import independent_columns
+
+
+def solve_released(
+    equations: EquationsOfMotion, released: Released, values: Mapping[Node, Node], accelerations: Sequence[Node]
+) -> dict[Node, Node]:
+    """Return the released reactions in terms of the state.
+
+    Parameters
+    ----------
+    equations : EquationsOfMotion
+    released : Released
+        Balances that determine them.
+    values : mapping of Node to Node
+        Coordinates and rates in terms of the state.
+    accelerations : sequence of Node, length n_q
+        Second rates in terms of the state.
+    """
+    graph, unknowns = equations.graph, equations.unknowns
+    powers = iter(graph.adopt([balance.power for balance in released.balances if balance.power is not None]))
+    names = map(acceleration_input, equations.symbols.coordinates)
+    seconds = dict(zip(map(graph.input, names), accelerations, strict=True))
+    given = {graph.input(name): value for name, value in equations.mode_reactions.items()}
+    rows: Matrix = []
+    demands: list[Node] = []
+    for balance in released.balances:
+        if balance.coordinate is None:
+            power = next(powers)
+        else:
+            power = _along_coordinate(equations, balance.coordinate, list(seconds))
+        power = graph.substitute([power], given)[0] if given else power
+        own = [unknowns[i] for i in balance.unknowns]
+        slopes = [graph.freed_of(tangents(graph, [power], {x: graph.one})[0], unknowns) for x in own]
+        rest = graph.substitute([power], dict.fromkeys(unknowns, graph.zero))[0]
+        found = graph.substitute([*(-x for x in slopes if x is not None), rest], {**values, **seconds})
+        row = dict(zip(balance.unknowns, found, strict=False))
+        rows.append([row.get(i, graph.zero) for i in range(len(unknowns))])
+        demands.append(found[-1])
+    solved: dict[Node, Node] = {}
+    for some, columns in _blocks(rows):
+        block = [[rows[i][j] for j in columns] for i in some]
+        independent, _ = independent_columns(block)
+        matrix = [[row[i] for i in independent] for row in block]
+        across = transpose(matrix)
+        factors = factorize(graph, matmul(graph, across, matrix))
+        solution = factors.solve(matvec(graph, across, [demands[i] for i in some]))
+        solved |= {unknowns[columns[i]]: value for i, value in zip(independent, solution, strict=True)}
+    return {graph.input(name): solved[graph.input(name)] for name in released.unknowns}
+
+
+def _blocks(rows: Matrix) -> list[tuple[list[int], list[int]]]:
+    """Return the numbers of rows and columns that depend on each other, block by block."""
+    blocks: list[tuple[list[int], set[int]]] = []
+    for i, row in enumerate(rows):
+        columns = {j for j, entry in enumerate(row) if not entry.is_zero}
+        own = [i]
+        for other in [block for block in blocks if block[1] & columns]:
+            blocks.remove(other)
+            own, columns = other[0] + own, columns | other[1]
+        blocks.append((own, columns))
+    return [(sorted(own), sorted(columns)) for own, columns in blocks if columns]
+
+
+def _along_coordinate(equations: EquationsOfMotion, number: int, seconds: Sequence[Node]) -> Node:
+    """Return the equation of a coordinate: inertia less loads and reactions."""
+    graph = equations.graph
+    inertia = graph.sum(m * a for m, a in zip(equations.mass_matrix[number], seconds, strict=True))
+    reactions = graph.sum(c * x for c, x in zip(equations.reactions[number], equations.unknowns, strict=True))
+    return inertia - equations.forcing[number] - reactions
