@@ -4,14 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from ..ir.graph import Graph
 from ..ir.node import Node
-from ..ir.zero_tests import vanishes
+from ..ir.zero_tests import terms_of, values_of, vanishes
 from ..mechanics.equations import EquationsOfMotion
+from ..mechanics.manifold import places_on_manifold
 from ..transforms.linear import Matrix, dependence, factorize, matmul, matvec, transpose
 
 _ORDINARY = 1e-2, 1e2
 """Squares of radii of gyration for which forces and torques are compared as they are."""
+
+_BRANCHING = frozenset({"sqrt", "pow", "asin", "acos", "atan", "atan2", "abs", "sign", "floor", "min", "max", "less", "less_equal", "select"})
+"""Operations that are not one analytic function: what has none of them vanishes everywhere or almost nowhere."""
+
+_CANCELLED = 1e-9
+"""Share of its terms below which a power coefficient has cancelled at a position on the constraints."""
+
+_WEIGHT = 1e-6
+"""Weight of a unit column from which on it takes part in a dependence."""
 
 
 def independent_columns(matrix: Matrix) -> tuple[list[int], set[int]]:
@@ -34,6 +46,38 @@ def independent_columns(matrix: Matrix) -> tuple[list[int], set[int]]:
         else:
             free |= {number} | {i for i, weight in zip(independent, weights, strict=True) if not vanishes(weight)}
     return independent, free
+
+
+def loose_on_constraints(equations: EquationsOfMotion) -> tuple[set[str], set[str]]:
+    """Return the unknowns without power, and those whose power others have too, at some position on the constraints.
+
+    Independent columns may vanish or depend on each other there: by the constraints, or on one branch of a root, such
+    as r cos(a) - r sqrt(cos(a)**2) where the cosine is positive. Numbers at random positions decide it, up to the
+    rounding of the terms of each coefficient; a graph of its own has these terms.
+    """
+    names, graph = equations.symbols.unknowns, Graph()
+    entries = [entry for row in equations.reactions for entry in row]
+    rows = [row for row in equations.constraints if row.position is not None]
+    if not names or not (rows or any(node.op in _BRANCHING for node in Graph.topological(entries))):
+        return set(), set()
+    entries = graph.adopt(entries)
+    q = graph.adopt(equations.q)
+    positions = graph.adopt([row.position for row in rows if row.position is not None])
+    jacobian = graph.adopt([entry for row in rows for entry in row.jacobian])
+    both = [*entries, *(terms_of(graph, entry) for entry in entries)]
+    silent, tied = np.zeros(len(names), bool), np.zeros(len(names), bool)
+    for nodes, values in places_on_manifold(q, both, positions, jacobian):
+        numbers = np.array(values_of(nodes[-len(both) :], values))
+        powers, terms = numbers.reshape(2, len(equations.q), len(names))
+        powers = np.where(np.abs(powers) > _CANCELLED * terms, powers, 0.0)
+        lengths = np.linalg.norm(powers, axis=0)
+        silent |= lengths == 0.0
+        _, sizes, across = np.linalg.svd(powers / np.where(lengths > 0.0, lengths, 1.0))
+        loose = across[int(np.sum(sizes > _CANCELLED)) :]
+        tied |= np.abs(loose).max(axis=0, initial=0.0) > _WEIGHT
+    tied &= ~silent
+    without, shared = ({names[i] for i in np.flatnonzero(found)} for found in (silent, tied))
+    return without, shared
 
 
 def reaction_solver(equations: EquationsOfMotion, reactions: Matrix) -> Callable[[Sequence[Node]], list[Node]]:

@@ -22,7 +22,7 @@ from ..mechanics.released_balances import released_balances, require_balance
 from ..naming import acceleration_input, acceleration_name, rate_name
 from ..transforms.linear import Matrix, factorize, matmul, matvec, transpose
 from .base import ReducedSystem
-from .reaction_columns import independent_columns, reaction_solver, weighted_columns
+from .reaction_columns import independent_columns, loose_on_constraints, reaction_solver, weighted_columns
 from .released_reactions import solve_released
 from .unit_sphere import unit_values
 
@@ -145,24 +145,32 @@ def _solved(
 ) -> tuple[dict[Node, Node], str]:
     """Return reactions in terms of the state, and what was released for them.
 
-    Those that the coordinates hide, and all where no joint exerts the reactions of some constraint, come from balances
-    of bodies.
+    Those that the coordinates hide, identically or on the constraints, and all where no joint exerts the reactions of
+    some constraint, come from balances of bodies. Those that redundant constraints share are the least ones.
     """
     names, graph = equations.symbols.unknowns, equations.graph
     silent = [x for x in undetermined if all(vanishes(row[names.index(x)]) for row in equations.reactions)]
-    lost = [x for x in needed if x in (silent if equations.minimum_norm else undetermined)]
+    without, shared = ((set(), set()) if equations.reaction_values else loose_on_constraints(equations))
+    hidden = {*silent} if equations.minimum_norm else {*undetermined}
+    lost = [x for x in needed if x in hidden | without]
+    tied = [] if equations.minimum_norm else [x for x in needed if x in shared and x not in lost]
     solved: dict[Node, Node] = {}
     if len(lost) < len(needed):
         try:
-            solved = _solve(equations, *motion)
+            solved = _solve(equations, *motion, loose=bool(without or shared))
         except ConstraintError:
-            lost = list(needed)
+            lost, tied = list(needed), []
     idle = [x for x in needed if (value := solved.get(graph.input(x))) is not None and value.is_zero]
     if idle and not equations.contacts:
         require_balance(equations, idle)
-    if not lost:
+    try:
+        released = released_balances(equations, [*lost, *tied]) if lost or tied else None
+    except ConstraintError:
+        if not tied or motion[2] is None:
+            raise
+        released = released_balances(equations, lost) if lost else None
+    if released is None:
         return solved, ""
-    released = released_balances(equations, lost)
     found = solve_released(equations, released, *motion[:2])
     return {x: v for x, v in solved.items() if x not in found} | found, released.text
 
@@ -190,8 +198,10 @@ def _solve(
     values: Mapping[Node, Node],
     accelerations: Sequence[Node],
     plain: Sequence[Node] | None,
+    *,
+    loose: bool,
 ) -> dict[Node, Node]:
-    """Return the determined reactions in terms of the state."""
+    """Return the determined reactions in terms of the state; with `loose` some are not, where the constraints hold."""
     graph, given = equations.graph, equations.reaction_values
     if given:
         return dict(zip(map(graph.input, given), graph.substitute(list(given.values()), values), strict=True))
@@ -213,7 +223,7 @@ def _solve(
     solution = reaction_solver(equations, reactions)(residual)
     left = [a - r for a, r in zip(matvec(graph, reactions, solution), residual, strict=True)]
     _require_exerted(equations, left)
-    if plain is not None:
+    if plain is not None or loose:
         residual = [a - f for a, f in zip(matvec(graph, mass, accelerations), forcing, strict=True)]
         solution = _minimum_norm(equations, reactions, residual)
     unknowns = equations.unknowns
