@@ -16,7 +16,10 @@ from ..transforms.linear import Matrix, dependence, factorize, matmul, matvec, t
 _ORDINARY = 1e-2, 1e2
 """Squares of radii of gyration for which forces and torques are compared as they are."""
 
-_BRANCHING = frozenset({"sqrt", "pow", "asin", "acos", "atan", "atan2", "abs", "sign", "floor", "min", "max", "less", "less_equal", "select"})
+_BRANCHING = frozenset(
+    {"sqrt", "pow", "asin", "acos", "atan", "atan2", "abs", "sign", "floor", "min", "max"}
+    | {"less", "less_equal", "select"}
+)
 """Operations that are not one analytic function: what has none of them vanishes everywhere or almost nowhere."""
 
 _CANCELLED = 1e-9

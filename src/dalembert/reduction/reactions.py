@@ -150,7 +150,7 @@ def _solved(
     """
     names, graph = equations.symbols.unknowns, equations.graph
     silent = [x for x in undetermined if all(vanishes(row[names.index(x)]) for row in equations.reactions)]
-    without, shared = ((set(), set()) if equations.reaction_values else loose_on_constraints(equations))
+    without, shared = (set(), set()) if equations.reaction_values else loose_on_constraints(equations)
     hidden = {*silent} if equations.minimum_norm else {*undetermined}
     lost = [x for x in needed if x in hidden | without]
     tied = [] if equations.minimum_norm else [x for x in needed if x in shared and x not in lost]
