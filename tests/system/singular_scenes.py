@@ -23,7 +23,12 @@ def _cranks(name, count, more):
     return scene, N, tips
 
 
-def windows(count):
+def unequal_window():
+    """One window whose bar is longer than its base by D: it is nearly singular where the cranks lie down."""
+    return windows(1, sp.Symbol("D", positive=True))
+
+
+def windows(count, longer=0):
     """The N-four-bar mechanism (multibody benchmark A02): all bars are parallel at every quarter turn."""
     angles = dynamicsymbols(f"b0:{count}")
     scene, N, tips = _cranks(f"windows_{count}", count + 1, angles)
@@ -31,7 +36,7 @@ def windows(count):
         F = N.orientnew(f"bar{i}", "Axis", (angle, N.z))
         G = tips[i].locatenew(f"H{i}", L / 2 * F.x)
         scene.add_bodies(RigidBody(f"bar{i}", G, F, m, (inertia(F, 0, 0, m * L**2 / 12), G)))
-        gap = tips[i].locatenew(f"end{i}", L * F.x).pos_from(tips[i + 1])
+        gap = tips[i].locatenew(f"end{i}", (L + longer) * F.x).pos_from(tips[i + 1])
         scene.add_holonomic_constraints(gap.dot(N.x), gap.dot(N.y))
     scene.apply_uniform_gravity(-g * N.y)
     return scene

@@ -29,6 +29,10 @@ _BEYOND = 1.2
 _ADMITTED = 1e6
 """Factor by which the last terms of such a step may exceed their bound."""
 
+_CLEAN = 0.5
+"""Share of the step that coefficients in the middle allow up to which it passes: what turns the motion beside a place
+where rank is nearly lost, and not rounding, shows in them."""
+
 _VANISHES, _TERMS = 1e-3, 10
 """Share of a pivot below which its least value counts as none, and terms of its series that find where it is."""
 
@@ -56,7 +60,7 @@ def passing(
         meets = lines.mul(meets, lines.op("less", 0.0, time))
         way = lines.op("min", way, lines.op("select", meets, time, _NEVER))
     leap = lines.mul(way, _BEYOND)
-    most = lines.op("min", lines.mul(size, _ADMITTED ** (1.0 / order)), clean)
+    most = lines.op("min", lines.mul(size, _ADMITTED ** (1.0 / order)), lines.mul(clean, _CLEAN))
     return lines.op("select", lines.op("less", leap, most), lines.op("max", size, leap), size)
 
 
