@@ -44,7 +44,7 @@ _TIGHT = 1e-9
 """Tolerance below which Runge-Kutta steps come to an end where constraints lose rank."""
 
 _STUCK = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED)
-"""How such runs end."""
+"""Statuses with which such runs end."""
 
 
 @final

@@ -46,7 +46,7 @@ def released_balances(equations: EquationsOfMotion, wanted: Sequence[str]) -> Re
 
 @final
 class _Search:
-    """What undeclared connections may carry, and whether that changes the wanted reactions."""
+    """The wrenches of undeclared connections, and whether they change the wanted reactions."""
 
     def __init__(self, system: BodySystem) -> None:
         self.system = system

@@ -1,4 +1,4 @@
-"""What of one model is derived when it is first needed, and kept: kernels, facts, and other models of its scene.
+"""Parts of one model that are derived when first needed, and kept: kernels, facts, and other models of its scene.
 
 Modules that derive them are imported then, because that takes a while.
 """

@@ -89,7 +89,7 @@ class Closure:
 
 @final
 class _Ends:
-    """What a closure connects: bodies, frames, points, unit axes, and the way from the parent's point to the child's.
+    """The parts of a closure: bodies, frames, points, unit axes, and the way from the parent's point to the child's.
 
     A body None is the fixed frame.
     """

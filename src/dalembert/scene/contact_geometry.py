@@ -31,7 +31,7 @@ from .contact_tangents import tangents_of_plane
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GeometricContact(ABC):
-    """What contacts by geometry have in common.
+    """The common part of contacts by geometry.
 
     Parameters
     ----------

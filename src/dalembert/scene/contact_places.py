@@ -23,7 +23,7 @@ Moves = Callable[[Vector], bool]
 
 
 class GeometryFault(Exception):
-    """What is wrong with a contact by geometry; the name of the contact stands before the text."""
+    """A fault of a contact by geometry; the name of the contact stands before the text."""
 
 
 @final
