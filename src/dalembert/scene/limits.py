@@ -76,7 +76,7 @@ class Stop:
 @final
 @dataclass(frozen=True)
 class _Guided:
-    """The limited quantity of a stop: an expression, and the unit force or torque on a body that has the power of its rate."""
+    """The limited quantity of a stop: an expression, and the unit force or torque that has the power of its rate."""
 
     value: Any
     body: Any
