@@ -91,6 +91,88 @@ def test_sphere_has_its_normal_force_beside_multipliers():
     assert np.abs(run["F_u"]).max() < 1e-12
 
 
+# -- power that vanishes on a branch, or on the constraints, alone ----------------------------------------
+
+
+def coin(components):
+    """A coin in coordinates of its contact point, and the arm to it by a root: the height is r |cos(lean)| there."""
+    heading, lean, spin = dynamicsymbols("heading lean spin")
+    H = N.orientnew("H", "Axis", (heading, N.z))
+    S = H.orientnew("S", "Axis", (lean, H.x))
+    D = S.orientnew("D", "Axis", (spin, S.y))
+    G = O.locatenew("P", x * N.x + y * N.y).locatenew("G", r * S.z)
+    scene = da.Scene("coin", frame=N, origin=O, coordinates=[x, y, heading, lean, spin])
+    scene.apply_uniform_gravity(-g * N.z)
+    scene.add_bodies(RigidBody("coin", G, D, m, (inertia(D, m * r**2 / 4, m * r**2 / 2, m * r**2 / 4), G)))
+    arm = -r * (N.z - N.z.dot(D.y) * D.y) / sqrt(1 - N.z.dot(D.y) ** 2)
+    slip = G.pos_from(O).dt(N) + D.ang_vel_in(N).cross(arm)
+    scene.add_nonholonomic_constraints(slip.dot(N.x), slip.dot(N.y))
+    force = sum((f * axis for f, axis in zip(da.unknowns("A B C"), components(S), strict=True)), 0 * N.x)
+    scene.add_joints(da.Joint("floor", body="coin", at=G.locatenew("C", arm), force=force))
+    needed = m * (G.pos_from(O).dt(N).dt(N) + g * N.z)
+    return scene, [force.dot(axis) - needed.dot(axis) for axis in N], force.dot(N.z)
+
+
+@pytest.mark.parametrize("formulation", ["minimal", "projected"])
+@pytest.mark.parametrize("components", [lambda S: (N.x, N.y, N.z), lambda S: (S.x, S.y, S.z)])
+def test_normal_force_of_a_coin_whose_arm_has_a_root(formulation, components):
+    """No column of power vanishes identically; one does, or a combination of three, where the coin is upright."""
+    scene, missing, normal = coin(components)
+    outputs = {f"missing_{i}": value for i, value in enumerate(missing)} | {"normal": normal}
+    model = da.compile_model(scene, backend="numpy", formulation=formulation, outputs=outputs)
+    start = {"x": 0, "y": 0, "heading": 0, "lean": 0.3, "spin": 0, "heading_dot": 0.8, "lean_dot": 0, "spin_dot": 4}
+    run = model.simulate((0, 0.2), start, {m: 0.1, r: 0.2, g: 9.81})
+    assert run["normal"][0] == pytest.approx(0.8897115, abs=1e-7)
+    for i in range(3):
+        np.testing.assert_allclose(run[f"missing_{i}"], 0, atol=1e-13)
+
+
+def test_tension_by_a_root_is_nan_on_the_other_branch():
+    """Beyond the horizontal the direction of the force is not that of the rod."""
+    S = N.orientnew("S", "Axis", (theta, N.z))
+    P = O.locatenew("P", -l * S.y)
+    scene = scene_of("branch", [theta])
+    scene.add_bodies(Particle("bob", P, m))
+    scene.add_joints(da.Joint("rod", body="bob", at=P, force=T * (-sin(theta) * N.x + sqrt(1 - sin(theta) ** 2) * N.y)))
+    model = da.compile_model(scene, backend="numpy", outputs=["T"])
+    run = model.simulate((0, 0.2), SWING, PENDULUM)
+    np.testing.assert_allclose(run["T"], tension(run), rtol=1e-12)
+    run = model.simulate((0, 0.2), {theta: 2.5, theta.diff(): 1.0}, PENDULUM)
+    assert np.isnan(run["T"]).all() and "the reactions T are NaN" in run.message
+
+
+def test_power_that_vanishes_on_the_constraint_alone():
+    """A bead in a parabolic slot: F has power only beside the slot."""
+    gap = y - x**2 / 2
+    P = O.locatenew("P", x * N.x + y * N.y)
+    scene = da.Scene("slot", frame=N, origin=O, coordinates=[x, y])
+    scene.add_bodies(Particle("bead", P, m))
+    scene.apply_uniform_gravity(-g * N.z)
+    scene.add_holonomic_constraints(gap)
+    scene.add_joints(da.Joint("slot", body="bead", at=P, force=T * (N.y - x * N.x) + F * (N.z + gap * N.x)))
+    for formulation in ("minimal", "projected"):
+        model = da.compile_model(scene, backend="numpy", formulation=formulation, outputs=["T", "F"])
+        run = model.simulate((0, 0.2), {"x": 0.3, "x_dot": 1.0}, {m: 1.3, g: 9.81})
+        np.testing.assert_allclose(run["F"], 1.3 * 9.81, rtol=1e-12)
+        wanted = 1.3 * run["x_dot"] ** 2 / (1 + run["x"] ** 2)  # x x'' + x'^2 along y, of forces across the slot alone
+        np.testing.assert_allclose(run["T"], wanted, rtol=1e-8)
+
+
+def test_force_of_a_dome_by_a_root():
+    """Random places beside the dome have no height, and are left out."""
+    P = O.locatenew("P", x * N.x + y * N.y + sqrt(r**2 - x**2 - y**2) * N.z)
+    scene = da.Scene("dome", frame=N, origin=O, coordinates=[x, y])
+    scene.add_bodies(Particle("bead", P, m))
+    scene.apply_uniform_gravity(-g * N.z)
+    scene.add_joints(da.Joint("dome", body="bead", at=P, force=T * P.pos_from(O) / r))
+    model = da.compile_model(scene, backend="numpy", outputs=["T"])
+    run = model.simulate((0, 0.1), {"x": 0.1, "y": 0.05, "x_dot": 0.2, "y_dot": -0.1}, {m: 1.3, r: 0.4, g: 9.81})
+    height = np.sqrt(0.16 - run["x"] ** 2 - run["y"] ** 2)
+    square = run["x_dot"] ** 2 + run["y_dot"] ** 2
+    square += ((run["x"] * run["x_dot"] + run["y"] * run["y_dot"]) / height) ** 2
+    np.testing.assert_allclose(run["T"], 1.3 * (9.81 * height - square) / 0.4, rtol=1e-10)
+
+
 # -- chains ----------------------------------------------------------------------------------------------
 
 alpha, beta = dynamicsymbols("alpha beta")

@@ -11,7 +11,7 @@ from ..ir.node import Node
 from ..ir.zero_tests import terms_of, values_of, vanishes
 from ..mechanics.equations import EquationsOfMotion
 from ..mechanics.manifold import places_on_manifold
-from ..transforms.linear import Matrix, dependence, factorize, matmul, matvec, transpose
+from ..transforms.linear import SET_ASIDE, Matrix, dependence, factorize, matmul, matvec, transpose
 
 _ORDINARY = 1e-2, 1e2
 """Squares of radii of gyration for which forces and torques are compared as they are."""
@@ -24,6 +24,9 @@ _BRANCHING = frozenset(
 
 _CANCELLED = 1e-9
 """Share of its terms below which a power coefficient has cancelled at a position on the constraints."""
+
+_PRESENT = 1e-3
+"""Share of its terms from which on a power coefficient that should vanish does not, for drift from constraints."""
 
 _WEIGHT = 1e-6
 """Weight of a unit column from which on it takes part in a dependence."""
@@ -61,7 +64,7 @@ def loose_on_constraints(equations: EquationsOfMotion) -> tuple[set[str], set[st
     names, graph = equations.symbols.unknowns, Graph()
     entries = [entry for row in equations.reactions for entry in row]
     rows = [row for row in equations.constraints if row.position is not None]
-    if not names or not (rows or any(node.op in _BRANCHING for node in Graph.topological(entries))):
+    if not names or not (rows or branches(entries)):
         return set(), set()
     entries = graph.adopt(entries)
     q = graph.adopt(equations.q)
@@ -81,6 +84,33 @@ def loose_on_constraints(equations: EquationsOfMotion) -> tuple[set[str], set[st
     tied &= ~silent
     without, shared = ({names[i] for i in np.flatnonzero(found)} for found in (silent, tied))
     return without, shared
+
+
+def branches(nodes: Sequence[Node]) -> bool:
+    """Whether some values have an operation that is not one analytic function."""
+    return any(node.op in _BRANCHING for node in Graph.topological(nodes))
+
+
+def where_determined(value: Node, column: Sequence[Node], *, hidden: bool) -> Node:
+    """Return a reaction where its power coefficients vanish as they should, or do not, and NaN elsewhere.
+
+    Parameters
+    ----------
+    value : Node
+        The reaction.
+    column : sequence of Node
+        Its power coefficients.
+    hidden : bool
+        Whether it comes from balances of bodies because it has no power; it must have some otherwise.
+    """
+    graph = value.graph
+    present = [entry for entry in column if not entry.is_zero]
+    power = graph.sum(entry * entry for entry in present)
+    terms = graph.sum(size * size for size in (terms_of(graph, entry) for entry in present))
+    bound = graph.node((_PRESENT if hidden else _CANCELLED) ** 2) * terms
+    kept = graph.call("less", power, bound) if hidden else graph.call("less", bound, power)
+    one_or_huge = graph.call("select", kept, graph.one, graph.node(SET_ASIDE))
+    return value * graph.call("sqrt", graph.node(2) - one_or_huge)  # the root is 1 or NaN
 
 
 def reaction_solver(equations: EquationsOfMotion, reactions: Matrix) -> Callable[[Sequence[Node]], list[Node]]:

@@ -22,7 +22,14 @@ from ..mechanics.released_balances import released_balances, require_balance
 from ..naming import acceleration_input, acceleration_name, rate_name
 from ..transforms.linear import Matrix, factorize, matmul, matvec, transpose
 from .base import ReducedSystem
-from .reaction_columns import independent_columns, loose_on_constraints, reaction_solver, weighted_columns
+from .reaction_columns import (
+    branches,
+    independent_columns,
+    loose_on_constraints,
+    reaction_solver,
+    weighted_columns,
+    where_determined,
+)
 from .released_reactions import solve_released
 from .unit_sphere import unit_values
 
@@ -169,10 +176,16 @@ def _solved(
         if not tied or motion[2] is None:
             raise
         released = released_balances(equations, lost) if lost else None
-    if released is None:
-        return solved, ""
-    found = solve_released(equations, released, *motion[:2])
-    return {x: v for x, v in solved.items() if x not in found} | found, released.text
+    found = solve_released(equations, released, *motion[:2]) if released is not None else {}
+    solved = {x: v for x, v in solved.items() if x not in found} | found
+    for x in needed:
+        node = graph.input(x)
+        column = [row[names.index(x)] for row in equations.reactions]
+        own = node not in found and not equations.minimum_norm and branches(column)
+        if (x in without or own) and not all(entry.is_zero for entry in column):
+            value = where_determined(solved[node], column, hidden=x in without)
+            solved[node] = graph.substitute([value], motion[0])[0]
+    return solved, released.text if released is not None else ""
 
 
 def _inputs_of(nodes: Iterable[Node]) -> set[str]:
@@ -206,7 +219,11 @@ def _solve(
     if given:
         return dict(zip(map(graph.input, given), graph.substitute(list(given.values()), values), strict=True))
     size = len(equations.q)
-    independent, _ = independent_columns(equations.reactions)
+    columns = equations.reactions
+    if loose:  # constraints may make them dependent in terms of the state
+        entries = graph.substitute([entry for row in columns for entry in row], values)
+        columns = [entries[i * len(columns[0]) : (i + 1) * len(columns[0])] for i in range(size)]
+    independent, _ = independent_columns(columns)
     if equations.minimum_norm:
         independent = list(range(len(equations.unknowns)))
     flat = [entry for row in equations.mass_matrix for entry in row] + list(equations.forcing)

@@ -87,6 +87,26 @@ def lost_directions(model: CompiledModel, solution: Solution, c: Constants) -> s
     return f"at t = {solution.t[-1]:.6g} {'; '.join(lost)}" if lost else ""
 
 
+# Reactions that have no value where a run ended.
+
+
+def lost_reactions(model: CompiledModel, solution: Solution, c: Constants) -> str:
+    """Return which requested reactions are NaN where a run ended in numbers, "" for none."""
+    layout, program = model.layout, model.stages.program
+    asked = [(i, name) for i, name in enumerate(layout.outputs) if name in layout.unknowns]
+    if not asked or not len(solution.t) or not np.all(np.isfinite(solution.y[-1])):
+        return ""
+    t = solution.t[-1:]
+    values = interpret_rows(program.kernel("outputs"), t, solution.y[-1:], constants_at(c, t))[0]
+    lost = [name for i, name in asked if np.isnan(values[i])]
+    if not lost:
+        return ""
+    return (
+        f"at t = {t[0]:.6g} the reactions {list_names(lost)} are NaN: this is another branch of a root or an absolute"
+        " value than where they were derived. Write the direction and the point of the joint without it"
+    )
+
+
 # Motions so small that the absolute tolerance decides their error.
 
 _FEW = 100.0

@@ -29,7 +29,7 @@ from ..steps.projection import projected
 from ..stops.segments import Constants
 from .gains import with_gains
 from .run_checks import checked
-from .run_notes import lost_directions, slid_along
+from .run_notes import lost_directions, lost_reactions, slid_along
 from .singular import checked_run, searched
 
 if TYPE_CHECKING:
@@ -225,7 +225,8 @@ def integrate(
         solution = engine.integrate(problem, method)
     solution, notes = checked(model, problem, method, solution)
     along = model.engine.constants_along(problem)
-    notes = [note, *notes, lost_directions(model, solution, along), slid_along(model, solution, along)]
+    about = [find(model, solution, along) for find in (lost_directions, slid_along, lost_reactions)]
+    notes = [note, *notes, *about]
     if problem.dense and not wanted:
         solution = replace(solution, dense=None)
     statistics = RunStatistics(
