@@ -17,6 +17,7 @@ from sympy.physics.mechanics import (
 
 import dalembert as da
 from dalembert.errors import SceneError
+from system.test_joints_between_bodies import mechanism
 
 m, g, e = sp.symbols("m g e", positive=True)
 N, O = ReferenceFrame("N"), Point("O")
@@ -70,6 +71,38 @@ def test_a_stop_of_an_expression():
     run = compiled(scene, ["wall.upper"]).simulate((0, 2), {x: 0, "x_dot": 0}, {m: 2, F: 3.0}, rtol=1e-10)
     assert run.phases[1].t0 == pytest.approx(np.sqrt(2 / 1.5), abs=1e-9)
     assert run["x"][-1] == pytest.approx(1, abs=1e-12) and run["wall.upper"][-1] == pytest.approx(3.0, abs=1e-12)
+
+
+def test_a_stop_of_a_four_bar_starts_without_the_rates_that_the_loop_gives():
+    """Runs and sweeps of the open contact are those of the linkage alone."""
+    scene, _, start, p = mechanism("four_bar")
+    free, stopped = scene.copy(), scene.copy()
+    angle, upper = stopped.coordinates[2], start["c"] + 0.05
+    stopped.add_joints(da.Stop("stop", angle, lower=0, upper=upper, body="rocker", axis=stopped.frame.z))
+    model = compiled(stopped, ["stop.upper"])
+    alone = compiled(free, ()).simulate((0, 0.02), start, p)
+    run = model.simulate((0, 0.02), start, p)
+    assert run.qdot[0] == pytest.approx(alone.qdot[0], rel=1e-13)
+    assert run.q[-1] == pytest.approx(alone.q[-1], rel=1e-7)
+    sweep = model.sweep((0, 0.02), {**start, "a_dot": np.array([2.0, start["a_dot"]])}, p)
+    assert sweep.success.all() and sweep["c"][1] == pytest.approx(alone.q[-1][2], rel=1e-7)
+    run = model.simulate((0, 0.5), start, p)
+    assert run.success and run.q[:, 2].max() == pytest.approx(upper, abs=1e-8)
+
+
+def test_contacts_that_are_apart_are_open_at_a_start_and_the_others_give_a_rate():
+    """A bead on a floor, left to fall, has a wall in some distance."""
+    x, y = dynamicsymbols("x y")
+    P = O.locatenew("P", x * N.x + y * N.y)
+    scene = da.Scene("corner", frame=N, origin=O, coordinates=[x, y])
+    scene.add_bodies(Particle("bead", P, m))
+    scene.apply_uniform_gravity(-g * N.y)
+    scene.add_joints(da.Stop("wall", x, upper=1, body="bead", at=P, direction=N.x))
+    scene.add_joints(da.Stop("floor", y, lower=0, body="bead", at=P, direction=N.y))
+    model = compiled(scene, ["floor.lower"])
+    run = model.simulate((0, 0.5), {x: 0, y: 0, x.diff(): 1.0}, {m: 2, g: 9.81})
+    assert run["x"][-1] == pytest.approx(0.5, abs=1e-9) and not run["y"].any()
+    assert run["floor.lower"] == pytest.approx(2 * 9.81, rel=1e-12)
 
 
 def test_faults():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from threading import get_ident
 from typing import TYPE_CHECKING, Any
@@ -14,10 +14,11 @@ from ..arrays import FloatArray
 from ..codegen.llvm.prepared import Admission
 from ..codegen.runs import Final, Prepared, PreparedStates
 from ..contacts.contact_cases import UNDECIDED
-from ..contacts.contact_laws import Mode
 from ..errors import OptionError, ValueInputError, list_names
+from ..ir.graph import Graph
 from ..ir.interpret import interpret_rows
 from ..ir.program import along_run
+from ..ir.zero_tests import values_of
 from ..methods.status import RUNNING, Status
 from ..options import PrepareOptions, SimulateOptions, SweepOptions, tighter
 from ..progress import meter
@@ -171,7 +172,8 @@ def start_state(
     modes: ModeModels, t: float, values: Mapping[str, float], parameters: Mapping[str, float]
 ) -> FloatArray:
     """Return consistent coordinates, rates and first-order states (2 n_q + n_z,)."""
-    model = modes.model(_starting_mode(modes, values))
+    apart = _apart(modes, {**parameters, **values, modes.equations.symbols.time: t})
+    model = modes.model(modes.starting_mode(frozenset(values), apart))
     y = model.state(values, parameters, t=t)
     return model.expand(t, y, parameters)
 
@@ -230,8 +232,8 @@ def run_cases(
         raise OptionError(NO_ESTIMATE)
     if options.grid is not None:
         initial, parameters = with_grid(layout, options.grid, initial, parameters)
-    known = {layout.aliases.get(str(key), str(key)) for key in initial}
-    first = modes.model(_starting_mode(modes, known))
+    known = frozenset(layout.aliases.get(str(key), str(key)) for key in initial)
+    first = modes.model(modes.starting_mode(known))
     program = first.stages.program
     cases = Cases(program, first.derived.start, t_span, initial, parameters)
     settings = common_settings(
@@ -260,13 +262,17 @@ def run_cases(
     return run.with_twin(sweep(replace(request, options=tighter(request.options)), varied, stop))
 
 
-def _starting_mode(modes: ModeModels, given: Iterable[str]) -> Mode:
-    """Return the mode whose model starts from given values: all contacts close where these leave something out."""
-    known = set(given)
-    for entry in modes.equations.symbols.entries:
-        if known.issuperset((*entry.names, *entry.needs)):
-            known |= set(entry.targets)
-    return modes.open_mode if known.issuperset((*modes.layout.coordinates, *modes.layout.rates)) else modes.closed_mode
+def _apart(modes: ModeModels, given: Mapping[str, float]) -> frozenset[int]:
+    """Return the numbers of the contacts whose gaps are positive at given values; not those these do not tell."""
+    found = set()
+    for number, contact in enumerate(modes.equations.contacts):
+        if contact.constraint is None or contact.gap is None:
+            continue
+        inputs = {node: str(node.payload) for node in Graph.topological([contact.gap]) if node.op == "input"}
+        if given.keys() >= set(inputs.values()):
+            gap = values_of([contact.gap], {node: given[name] for node, name in inputs.items()})[0]
+            found |= {number} if gap > 0.0 else set()
+    return frozenset(found)
 
 
 def prepare_with_contacts(

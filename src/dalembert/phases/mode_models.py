@@ -15,6 +15,7 @@ from ..codegen.llvm.prepared import AdmissionCode
 from ..contacts.automaton import HybridAutomaton
 from ..contacts.contact_laws import OPEN, SLIP, Mode, mode_parameters
 from ..contacts.switched_modes import any_mode, switched_guards, switches
+from ..errors import InitialStateError
 from ..events.event_code import Event, armed
 from ..ir.conditions import CONDITION_TIME, Conditions
 from ..ir.graph import Graph
@@ -67,6 +68,7 @@ class ModeModels:
     _guards: dict[Mode, list[Guard]] = field(default_factory=dict, init=False)
     _kinked: dict[Mode, set[str]] = field(default_factory=dict, init=False)
     _expansions: dict[Mode, Kernel] = field(default_factory=dict, init=False)
+    _starting: dict[tuple[frozenset[str], frozenset[int]], Mode] = field(default_factory=dict, init=False)
 
     @property
     def automaton(self) -> HybridAutomaton:
@@ -233,6 +235,24 @@ class ModeModels:
     def closed_mode(self) -> Mode:
         """The mode in which all contacts are closed and slip."""
         return self.automaton.sliding_mode([])
+
+    def starting_mode(self, given: frozenset[str], apart: frozenset[int] = frozenset()) -> Mode:
+        """Return the mode whose model starts from values of given names.
+
+        Its constraints fix what is left out, as a loop fixes rates of a linkage. The first that does is taken: contacts
+        are open, or else only those that are apart (their numbers), or else none is.
+        """
+
+        def first() -> Mode:
+            for mode in (self.open_mode, self.automaton.sliding_mode(apart)):
+                try:
+                    self.model(mode).derived.start(given)
+                except InitialStateError:
+                    continue
+                return mode
+            return self.closed_mode
+
+        return derived_once(self._starting, (given, apart), first)
 
     def named(self, mode: Mode) -> dict[str, str]:
         """Return what each contact does in a mode."""
