@@ -91,11 +91,12 @@ def branches(nodes: Sequence[Node]) -> bool:
     return any(node.op in _BRANCHING for node in Graph.topological(nodes))
 
 
-def where_determined(value: Node, column: Sequence[Node], *, hidden: bool) -> Node:
+def where_determined(graph: Graph, value: Node, column: Sequence[Node], *, hidden: bool) -> Node:
     """Return a reaction where its power coefficients vanish as they should, or do not, and NaN elsewhere.
 
     Parameters
     ----------
+    graph : Graph
     value : Node
         The reaction.
     column : sequence of Node
@@ -103,7 +104,6 @@ def where_determined(value: Node, column: Sequence[Node], *, hidden: bool) -> No
     hidden : bool
         Whether it comes from balances of bodies because it has no power; it must have some otherwise.
     """
-    graph = value.graph
     present = [entry for entry in column if not entry.is_zero]
     power = graph.sum(entry * entry for entry in present)
     terms = graph.sum(size * size for size in (terms_of(graph, entry) for entry in present))

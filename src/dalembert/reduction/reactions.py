@@ -183,7 +183,7 @@ def _solved(
         column = [row[names.index(x)] for row in equations.reactions]
         own = node not in found and not equations.minimum_norm and branches(column)
         if (x in without or own) and not all(entry.is_zero for entry in column):
-            value = where_determined(solved[node], column, hidden=x in without)
+            value = where_determined(graph, solved[node], column, hidden=x in without)
             solved[node] = graph.substitute([value], motion[0])[0]
     return solved, released.text if released is not None else ""
 

@@ -87,23 +87,25 @@ def lost_directions(model: CompiledModel, solution: Solution, c: Constants) -> s
     return f"at t = {solution.t[-1]:.6g} {'; '.join(lost)}" if lost else ""
 
 
-# Reactions that have no value where a run ended.
+# Reactions that have no value where a run began or ended.
 
 
 def lost_reactions(model: CompiledModel, solution: Solution, c: Constants) -> str:
-    """Return which requested reactions are NaN where a run ended in numbers, "" for none."""
+    """Return which requested reactions are NaN where a run began or ended in numbers, "" for none."""
     layout, program = model.layout, model.stages.program
     asked = [(i, name) for i, name in enumerate(layout.outputs) if name in layout.unknowns]
-    if not asked or not len(solution.t) or not np.all(np.isfinite(solution.y[-1])):
+    if not asked or not len(solution.t):
         return ""
-    t = solution.t[-1:]
-    values = interpret_rows(program.kernel("outputs"), t, solution.y[-1:], constants_at(c, t))[0]
-    lost = [name for i, name in asked if np.isnan(values[i])]
-    if not lost:
+    t, y = solution.t[[0, -1]], solution.y[[0, -1]]
+    values = interpret_rows(program.kernel("outputs"), t, y, constants_at(c, t))
+    lost = np.isnan(values) & np.all(np.isfinite(y), axis=1)[:, np.newaxis]
+    names = [name for i, name in asked if lost[:, i].any()]
+    if not names:
         return ""
+    at = ", ".join(f"{time:.6g}" for time, row in zip(t, lost, strict=True) if any(row[i] for i, _ in asked))
     return (
-        f"at t = {t[0]:.6g} the reactions {list_names(lost)} are NaN: this is another branch of a root or an absolute"
-        " value than where they were derived. Write the direction and the point of the joint without it"
+        f"the reactions {list_names(names)} are not determined at t = {at}, and NaN: the configuration is singular for"
+        " them, or on another branch of a root or an absolute value than where they were derived"
     )
 
 
