@@ -157,7 +157,8 @@ def _solved(
     """
     names, graph = equations.symbols.unknowns, equations.graph
     silent = [x for x in undetermined if all(vanishes(row[names.index(x)]) for row in equations.reactions)]
-    without, shared = (set(), set()) if equations.reaction_values else loose_on_constraints(equations)
+    in_modes = bool(equations.reaction_values or equations.guards)  # contacts judge their reactions themselves
+    without, shared = (set(), set()) if in_modes else loose_on_constraints(equations)
     hidden = {*silent} if equations.minimum_norm else {*undetermined}
     lost = [x for x in needed if x in hidden | without]
     tied = [] if equations.minimum_norm else [x for x in needed if x in shared and x not in lost]
@@ -181,7 +182,7 @@ def _solved(
     for x in needed:
         node = graph.input(x)
         column = [row[names.index(x)] for row in equations.reactions]
-        own = node not in found and not equations.minimum_norm and branches(column)
+        own = node not in found and not equations.minimum_norm and not in_modes and branches(column)
         if (x in without or own) and not all(entry.is_zero for entry in column):
             value = where_determined(graph, solved[node], column, hidden=x in without)
             solved[node] = graph.substitute([value], motion[0])[0]
