@@ -15,8 +15,8 @@ from dalembert.errors import MissingExtraError, OptionError, StoredSweepError, S
 from dalembert.store import cluster as on_cluster
 from dalembert.store import sweep as stored_sweep
 from dalembert.store.chunks import ChunkJob
-from dalembert.store.cluster import device_of
 from dalembert.store.description import difference, machine
+from dalembert.store.jax_device import device_of
 
 zarr = pytest.importorskip("zarr")
 xarray = pytest.importorskip("xarray")
