@@ -156,16 +156,16 @@ def _solved(
     some constraint, come from balances of bodies. Those that redundant constraints share are the least ones.
     """
     names, graph = equations.symbols.unknowns, equations.graph
-    silent = [x for x in undetermined if all(vanishes(row[names.index(x)]) for row in equations.reactions)]
+    silent = {x for x in names if all(vanishes(row[names.index(x)]) for row in equations.reactions)}
     in_modes = bool(equations.reaction_values or equations.guards)  # contacts judge their reactions themselves
     without, shared = (set(), set()) if in_modes else loose_on_constraints(equations)
-    hidden = {*silent} if equations.minimum_norm else {*undetermined}
+    hidden = silent & {*undetermined} if equations.minimum_norm else {*undetermined}
     lost = [x for x in needed if x in hidden | without]
     tied = [] if equations.minimum_norm else [x for x in needed if x in shared and x not in lost]
     solved: dict[Node, Node] = {}
     if len(lost) < len(needed):
         try:
-            solved = _solve(equations, *motion, loose=bool(without or shared))
+            solved = _solve(equations, *motion, loose=bool(without - silent or shared))
         except ConstraintError:
             lost, tied = list(needed), []
     idle = [x for x in needed if (value := solved.get(graph.input(x))) is not None and value.is_zero]
