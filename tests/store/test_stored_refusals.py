@@ -245,7 +245,7 @@ DEVICES = """
 from types import SimpleNamespace
 import distributed
 distributed.get_worker = lambda: SimpleNamespace(name=1)
-from dalembert.store.cluster import take_own_device
+from dalembert.store.jax_device import take_own_device
 take_own_device()
 import jax.numpy as jnp
 print(*(device.id for device in jnp.zeros(3).devices()))
