@@ -13,8 +13,7 @@ from sympy.physics.vector import Vector
 from ..errors import list_names
 from .frames import Tree
 from .identity import vanishes
-from .joint_parts import add_constraints, body_of, counted, frame_of, require
-from .places import constant_in, fixed_on
+from .joint_parts import add_constraints, body_of, constant_in, counted, fixed_on, frame_of, require
 from .reactions import (
     NOTHING,
     Connection,

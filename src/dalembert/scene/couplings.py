@@ -17,8 +17,7 @@ from .closures import (
 )
 from .contacts import UnilateralContact
 from .identity import vanishes
-from .joint_parts import add_constraints, add_velocity_constraints, body_of, frame_of, require
-from .places import constant_in
+from .joint_parts import add_constraints, add_velocity_constraints, body_of, constant_in, frame_of, require
 from .reactions import ActionPair, Connection, has_body, require_new_name, unknown
 from .shapes import Rod
 

@@ -12,8 +12,16 @@ from sympy.physics.vector import Vector
 
 from .frames import Tree
 from .identity import equal, vanishes
-from .joint_parts import add_constraints, add_velocity_constraints, body_of, counted, frame_of, require
-from .places import constant_in, fixed_on
+from .joint_parts import (
+    add_constraints,
+    add_velocity_constraints,
+    body_of,
+    constant_in,
+    counted,
+    fixed_on,
+    frame_of,
+    require,
+)
 from .reactions import ActionPair, Connection, has_body, orthogonal, require_new_name, unknown
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from sympy.physics.mechanics.joint import Joint as AnyJoint
 
 from ..errors import SceneError, list_names
 from .frames import Tree
-from .places import at_rest
+from .joint_parts import at_rest
 from .reactions import (
     NOTHING,
     Connection,
