@@ -48,5 +48,7 @@ def test_examples_run_as_written(pendulum, name):
     assert code.strip(), f"{name} has no example"
     mu, z, frame = sympy.Symbol("mu"), mechanics.dynamicsymbols("z"), mechanics.ReferenceFrame("B")
     free = dict(zip(("R_x", "R_y"), da.unknowns("R_x R_y"), strict=True))
+    free |= {name: mechanics.Point(name) for name in "ACGH"} | {"L": mechanics.ReferenceFrame("L")}
+    free |= {name: sympy.Symbol(name, positive=True) for name in ("a", "b", "r", "R", "T_0")}
     scene = pendulum["scene"].copy()
     exec(code, {**pendulum, "scene": scene, "mu": mu, "z": z, "B": frame, "model": pendulum["model"], **free})

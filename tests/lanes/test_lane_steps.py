@@ -24,6 +24,7 @@ from dalembert.lanes.workspace import (
     NEXT,
     NOW,
     REJECTIONS,
+    SHORTENED,
     lane_state,
     no_event_workspace,
     no_events,
@@ -208,6 +209,14 @@ def test_a_loaded_case_enters_or_is_refused(status):
         assert (state.numbers.case[0], progress.active) == (-1, 1)
 
 
+def test_the_step_after_a_failed_projection_is_a_shorter_one():
+    arguments = sweep()
+    state = arguments.state
+    state.tally[SHORTENED, 0] = 0.25 * LARGEST
+    assert runs_on(arguments, 0) and state.settings[0, 0] == 0.25 * LARGEST
+    assert runs_on(arguments, 0) and state.settings[0, 0] == LARGEST
+
+
 def test_no_case_is_left_after_the_last():
     arguments = sweep(cases=2)
     arguments.turn[0] = 2  # other threads took them
@@ -216,7 +225,7 @@ def test_no_case_is_left_after_the_last():
 
 @pytest.mark.parametrize(
     ("memory", "attempts", "status"),
-    [(0, 3.0, Status.PROJECTION_FAILED), (MEMORY, 3.0, RUNNING), (MEMORY, 9.0, Status.MAX_STEPS)],
+    [(0, 3.0, RUNNING), (0, 9.0, Status.MAX_STEPS), (MEMORY, 3.0, RUNNING), (MEMORY, 9.0, Status.MAX_STEPS)],
 )
 def test_a_step_whose_end_cannot_be_projected_is_undone(monkeypatch, memory, attempts, status):
     arguments = sweep(memory, t_eval=[1.25], position=1)
@@ -241,3 +250,5 @@ def test_a_step_whose_end_cannot_be_projected_is_undone(monkeypatch, memory, att
     if memory:
         assert state.states[old + N + PROPOSAL_AT, 1] == pytest.approx(0.05)
         assert state.states[old + N + GROWTH_AT, 1] == 1.0
+    else:
+        assert state.tally[SHORTENED, 1] == pytest.approx(0.05)

@@ -105,10 +105,9 @@ def test_a_step_that_is_all_that_is_left_may_be_of_any_size():
 
 
 def test_blind_retry():
-    assert control.blind_retry(0.5, 1.0, 2.0, True) == constants.REDUCTION_BLIND * 0.5
-    assert control.blind_retry(0.5, 1.0, 2.0, False) == 0.0
-    assert control.blind_retry(9.9 * LEAST, 1.0, 2.0, True) == 0.0
-    assert control.blind_retry(10.1 * LEAST, 1.0, 2.0, True) > 0.0
+    assert control.blind_retry(0.5, 1.0, 2.0) == constants.REDUCTION_BLIND * 0.5
+    assert control.blind_retry(9.9 * LEAST, 1.0, 2.0) == 0.0
+    assert control.blind_retry(10.1 * LEAST, 1.0, 2.0) > 0.0
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from ..steps.step_control import largest_step
 from ..subset.compiled_subset import call_code, call_test, compiled_subset, element, prefetch, row, take
 from .step_records import end_record, refuse_record
 from .sweep_arguments import Columns, SweepArguments
-from .workspace import ATTEMPTS, END, FIRST, IDLE, LONG_ENDS, NEXT, NOW, REJECTIONS
+from .workspace import ATTEMPTS, END, FIRST, IDLE, LONG_ENDS, NEXT, NOW, REJECTIONS, SHORTENED
 
 
 @compiled_subset
@@ -45,7 +45,10 @@ def runs_on(arguments: SweepArguments, lane: int) -> bool:
 def _limit_step(arguments: SweepArguments, lane: int) -> None:
     """Set the largest size of the next step of a lane."""
     state = arguments.state
-    state.settings[0, lane] = largest_step(state.clock[NOW, lane], state.clock[END, lane], arguments.limits[0, 0])
+    largest = largest_step(state.clock[NOW, lane], state.clock[END, lane], arguments.limits[0, 0])
+    if state.tally[SHORTENED, lane] > 0.0:
+        largest, state.tally[SHORTENED, lane] = min(largest, state.tally[SHORTENED, lane]), 0.0
+    state.settings[0, lane] = largest
 
 
 @compiled_subset
@@ -205,6 +208,7 @@ def enter_next(arguments: SweepArguments, lane: int) -> bool:
     state.clock[NOW, lane], state.clock[END, lane], state.clock[NEXT, lane] = t0, t1, t1
     state.settings[1, lane] = state.settings_ahead[1, place]
     state.tally[ATTEMPTS, lane], state.tally[REJECTIONS, lane], state.tally[FIRST, lane] = 0.0, 0.0, t0
+    state.tally[SHORTENED, lane] = 0.0
     state.numbers.case[lane], state.numbers.sampled[lane] = i, 0
     state.numbers.status[lane] = Status.SUCCESS if t0 == t1 else RUNNING
     progress.active += 1

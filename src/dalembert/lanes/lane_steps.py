@@ -10,8 +10,9 @@ from ..steps.projection import FAILED, NONE, PENDING, correct
 from ..steps.step_control import ACCEPTED, REJECTED, attempt_test, blind_retry, end_of_step, status_after
 from ..subset.compiled_subset import call_code, call_test, compiled_subset, fma, lowest, row
 from ..transforms.runge_kutta_parts import GROWTH_AT, PROPOSAL_AT
+from .step_records import drop_compensation
 from .sweep_arguments import SweepArguments
-from .workspace import ATTEMPTS, BEFORE, END, NOW, REJECTIONS
+from .workspace import ATTEMPTS, BEFORE, END, NOW, REJECTIONS, SHORTENED
 
 
 @compiled_subset
@@ -223,9 +224,13 @@ def _undo(arguments: SweepArguments, lane: int) -> None:
         states[old + m, lane] = states[new + m, lane]
     state.clock[NOW, lane], state.numbers.sampled[lane] = before, state.numbers.sampled_before[lane]
     state.tally[REJECTIONS, lane] += 1.0
-    smaller = blind_retry(size, before, rest, shape.memory > 0)
+    smaller = blind_retry(size, before, rest)
     if smaller == 0.0:
         state.numbers.status[lane] = Status.PROJECTION_FAILED
         return
     state.numbers.status[lane] = status_after(False, state.tally[ATTEMPTS, lane], arguments.limits[0, 1])
-    states[size_at + PROPOSAL_AT, lane], states[size_at + GROWTH_AT, lane] = smaller, 1.0
+    if shape.memory > 0:
+        states[size_at + PROPOSAL_AT, lane], states[size_at + GROWTH_AT, lane] = smaller, 1.0
+    else:
+        state.tally[SHORTENED, lane] = smaller
+        drop_compensation(arguments, lane)

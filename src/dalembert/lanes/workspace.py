@@ -20,7 +20,7 @@ BOUNDS = 7
 NOW, END, NEXT = range(3)
 """Rows of ``LaneState.clock``."""
 
-ATTEMPTS, REJECTIONS, BEFORE, FIRST = range(4)
+ATTEMPTS, REJECTIONS, BEFORE, FIRST, SHORTENED = range(5)
 """Rows of ``LaneState.tally``."""
 
 RATE, BEND, DOUBT, LIMIT = range(4)
@@ -93,7 +93,8 @@ class LaneState(NamedTuple):
     """State of the lanes, one column each.
 
     ``clock`` are time, end and the next time to record; ``tally`` attempts, rejected attempts, the time before the last
-    step and that of the start. A step reads the state in one half of ``states`` and writes the other. Others are for
+    step, that of the start, and the size of the next attempt after one whose end could not be projected, if steps do
+    not remember it. A step reads the state in one half of ``states`` and writes the other. Others are for
     cases that come next: ``given`` values, state, checks and memory in ``begun``.
     """
 
@@ -119,7 +120,7 @@ def lane_state(lanes: int, n: int, n_c: int, n_s: int, rows: int, given: int, be
     `given` values, which gives `begun` numbers.
     """
     count, integers = max(n_c, 1), len(LaneNumbers._fields)
-    sizes = 3, n_s, count, 2 * rows, n, 4, integers, max(given, 1), begun, 2, n_s, count
+    sizes = 3, n_s, count, 2 * rows, n, 5, integers, max(given, 1), begun, 2, n_s, count
     block, ends = aligned(sum(sizes), lanes), tuple(accumulate(sizes))  # one, as arrays of their own take longer
     parts = iter([block[end - size : end] for size, end in zip(sizes, ends, strict=True)])
     return LaneState(

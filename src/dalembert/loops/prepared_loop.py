@@ -68,13 +68,17 @@ class PreparedLimits(NamedTuple):
 
 
 class PreparedProgress(Record):
-    """The point at which a run pauses: time, where steps must end next, steps, attempts, and row of the state."""
+    """The point at which a run pauses: time, where steps must end next, steps, attempts, and row of the state.
+
+    After an attempt whose end could not be projected, also the size of the next one if the step does not remember it.
+    """
 
     t: float
     end: float
     steps: int
     attempts: int
     row: int
+    shortened: float
 
 
 class PreparedArguments(NamedTuple):
@@ -244,6 +248,8 @@ def _attempting(recorded: bool) -> Callable[[PreparedArguments], int]:
         new = old + 1 if recorded else 1 - old
         rest = abs(progress.end - t - low[n]) if recorded else abs(progress.end - t)
         clock[0, 0], settings[0, 0] = t, min(limits.largest, rest)
+        if progress.shortened > 0.0:
+            settings[0, 0], progress.shortened = min(settings[0, 0], progress.shortened), 0.0
         step, c = arguments.kernels.step, row(constants, 0)
         call_code(step, row(clock, 0), row(states, old), c, row(settings, 0), row(states, new))
         progress.attempts += 1
@@ -270,10 +276,15 @@ def _attempting(recorded: bool) -> Callable[[PreparedArguments], int]:
             if not project_row(
                 position, velocity, end, clock, states, new, states, old, constants, delta, mark, rtol, atol
             ):
-                smaller = blind_retry(size, t, rest, retries)
+                smaller = blind_retry(size, t, rest)
                 if smaller == 0.0:
                     return Status.PROJECTION_FAILED
-                states[old, n + PROPOSAL_AT], states[old, n + GROWTH_AT] = smaller, 1.0
+                if retries:
+                    states[old, n + PROPOSAL_AT], states[old, n + GROWTH_AT] = smaller, 1.0
+                else:
+                    progress.shortened = smaller
+                    for m in range(low.shape[0]):
+                        low[m] = 0.0  # what rounding took from the end of the attempt
                 return status_after(False, progress.attempts, limits.attempts)
             progress.t = end
             progress.steps += 1

@@ -33,7 +33,7 @@ class SphereSphere(GeometricContact):
     --------
     Two balls of billiards::
 
-        scene.add_contacts(da.SphereSphere("balls", bodies=("a", "b"), centres=(A, B), radii=(r, r), restitution=0.95))
+        scene.add_contacts(da.SphereSphere("balls", bodies=("a", "b"), centres=(A, C), radii=(r, r), restitution=0.95))
     """
 
     bodies: tuple[Any, Any]

@@ -99,10 +99,10 @@ def attempt_test(size: float, broken: bool, proposed: float, retries: bool, t: f
 
 
 @compiled_subset
-def blind_retry(size: float, t: float, rest: float, retries: bool) -> float:
+def blind_retry(size: float, t: float, rest: float) -> float:
     """Return the size of another attempt after a failed projection, 0 where none is possible."""
     smaller = REDUCTION_BLIND * size
-    return smaller if retries and smaller >= smallest_step(t, rest) else 0.0
+    return smaller if smaller >= smallest_step(t, rest) else 0.0
 
 
 @compiled_subset

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from ...methods.status import RUNNING, Status
-from ...methods.step_constants import ANY_START
+from ...methods.step_constants import ANY_START, REDUCTION_BLIND
 from .step_rules import Projections, Rows, project, smallest_step
 
 Function = Callable[..., Rows]
@@ -84,27 +84,30 @@ class TaylorAttempts:
     """Steps (t, y, c, s) -> (new state, size, check), as `dalembert.transforms.taylor.step_kernel` gives them.
 
     Those that do not grow at once, `step_growth_limited`, are told the size of the step before, as a last row of y.
+    What is remembered is the largest size after a projection that failed, and that size.
     """
 
     def __init__(self, step: Function, *, step_growth_limited: bool, sides: Sides | None = None) -> None:
         self._step, self._paced, self.sides, self.sized = step, step_growth_limited, sides, False
 
     def start(self, batch: Batch, direction: Any) -> Any:
-        """Return the size of no step, where steps are told."""
-        return (jnp.zeros(jnp.shape(batch.t0)),) if self._paced else ()
+        """Return that no projection has failed, and the size of no step, where steps are told."""
+        none = jnp.zeros(jnp.shape(batch.t0))
+        return (none + jnp.inf, none) if self._paced else (none + jnp.inf,)
 
     def attempt(self, batch: Batch, t: Any, y: Rows, largest: Any, direction: Any, memory: Any) -> Attempted:
         """Take a step; one that is too small to advance the time is not accepted."""
-        values = self._step(t, (*y, *memory), batch.c, (largest, direction, batch.floor))
+        most, *told = memory
+        values = self._step(t, (*y, *told), batch.c, (jnp.minimum(largest, most), direction, batch.floor))
         size, finite = values[len(y)], values[len(y) + 1] == 0.0
         accepted = finite & ~((size < largest) & (size < smallest_step(t, jnp.abs(batch.t1 - t))))
-        return Attempted(
-            tuple(values[: len(y)]), size, finite, accepted, jnp.where(finite, size, 0.0), memory and (size,)
-        )
+        memory = (jnp.full_like(most, jnp.inf), size) if self._paced else (jnp.full_like(most, jnp.inf),)
+        return Attempted(tuple(values[: len(y)]), size, finite, accepted, jnp.where(finite, size, 0.0), memory)
 
     def retry(self, memory: Any, size: Any) -> tuple[Any, Any]:
-        """Return that there is no other attempt, because the step chooses its size."""
-        return memory, jnp.zeros_like(size)
+        """Return the memory for an attempt of a smaller step, and its size (`step_control.blind_retry`)."""
+        smaller = REDUCTION_BLIND * size
+        return (smaller, *memory[1:]), smaller
 
 
 @final

@@ -12,6 +12,7 @@ import numpy as np
 from jax import lax
 
 from ...methods.status import RUNNING, Status
+from ...methods.step_constants import REDUCTION_BLIND
 from ...steps.problem import IntegrationProblem, Solution
 from ...transforms.taylor import scale_floor
 from .precision import compiled, double_precision
@@ -43,12 +44,14 @@ class _Span(NamedTuple):
 class _Block(NamedTuple):
     """The state of a block of steps: time and state reached, size of the last step, number of steps.
 
+    `most` is the largest size of the next attempt: smaller than any after one whose end could not be projected.
     Their ends are t (k,), the states there y (k, n_y), the terms of the series increments (k, order, n_y), where k is
     `BLOCK_STEPS`.
     """
 
     count: Any
     now: Any
+    most: Any
     before: Any
     state: Any
     status: Any
@@ -77,6 +80,7 @@ def _advance(
     start = _Block(
         jnp.array(0),
         t,
+        jnp.array(jnp.inf),
         before,
         y,
         jnp.array(RUNNING),
@@ -94,16 +98,17 @@ def _after_step(
     n, order = len(block.state), block.increments.shape[1]
     exponents = jnp.arange(1, order + 1)[:, None]
     rest = jnp.abs(span.t1 - block.now)
-    settings = (jnp.minimum(rest, span.max_step), span.direction, span.floor)
+    settings = (jnp.minimum(jnp.minimum(rest, span.max_step), block.most), span.direction, span.floor)
     known = jnp.append(block.state, block.before) if step_growth_limited else block.state
     values = jnp.stack([jnp.asarray(v, dtype=float) for v in step(block.now, known, span.c, settings)])
     size, finite = values[n], values[n + 1] == 0.0
-    stuck = (size < smallest_step(block.now, rest)) & (size < rest)
+    least, smaller = smallest_step(block.now, rest), REDUCTION_BLIND * size
+    stuck = (size < least) & (size < rest)
     now = jnp.where(size == rest, span.t1, block.now + span.direction * size)
     new = kernels.project(now, values[:n], span.c, block.state, (span.rtol, span.atol))
     held = jnp.all(jnp.isfinite(new))
     status = jnp.where(now == span.t1, int(Status.SUCCESS), RUNNING)
-    status = jnp.where(held, status, int(Status.PROJECTION_FAILED))
+    status = jnp.where(held, status, jnp.where(smaller < least, int(Status.PROJECTION_FAILED), RUNNING))
     status = jnp.where(stuck, int(Status.STEP_TOO_SMALL), status)
     status = jnp.where(finite, status, int(Status.NON_FINITE))
     moved = finite & ~stuck & held
@@ -111,7 +116,8 @@ def _after_step(
     return _Block(
         block.count + moved,
         jnp.where(moved, now, block.now),
-        size,
+        jnp.where(moved, jnp.inf, smaller),
+        jnp.where(moved, size, block.before),
         jnp.where(moved, new, block.state),
         status,
         block.t.at[block.count].set(now),
