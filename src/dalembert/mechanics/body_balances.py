@@ -106,7 +106,7 @@ class BodyBalances:
             fixed = not self._turning(action.target)
         else:
             assert action.at is not None
-            found = [i for i in range(len(self.poses)) if self._carries(i, action.at)]
+            found = [i for i in range(len(self.poses)) if self.carries(i, action.at)]
             fixed = not self._travelling(action.at)
         if not found:
             self.floating += [] if fixed else [action.name]
@@ -128,7 +128,7 @@ class BodyBalances:
         ]
         return own or bodies
 
-    def _carries(self, body: int, point: int) -> bool:
+    def carries(self, body: int, point: int) -> bool:
         """Whether a point is fixed on a body."""
         model = self.model.bodies[body]
         arm = self.kinematics.between(model.centre, point, self.poses[body].frame)
@@ -155,32 +155,46 @@ class BodyBalances:
 
     # -- what bodies are located from ----------------------------------------------------------
 
-    def parents(self, body: int) -> list[int | None]:
-        """Return the bodies that a body is located and oriented from; None for the fixed frame."""
-        own = self.model.bodies[body]
-        by_point, by_frame = self._located_from(body), None
-        if own.inertia is not None:
-            by_frame = self._on_frames(self.kinematics.ancestry(own.frame)[:-1], body)
-        found = [parent for parent in dict.fromkeys((by_point, by_frame)) if parent is not None]
-        return [*found] or [None]
+    def parents(self, body: int) -> tuple[list[int | None], list[int | None]]:
+        """Return the bodies with which one shares its centre or its axes, and those that it may be located from.
 
-    def _located_from(self, body: int) -> int | None:
+        None is the fixed frame.
+        """
+        own, on_frame = self.model.bodies[body], []
+        beside: list[int | None] = [i for i, b in enumerate(self.model.bodies) if i != body and b.centre == own.centre]
+        if own.inertia is not None:
+            on_frame = self._on_frames(self.kinematics.ancestry(own.frame)[:-1], body)
+        return [*beside, *on_frame], self._located_from(body)
+
+    def _located_from(self, body: int) -> list[int | None]:
+        """Return the bodies with the last of the points that a body is located from which is a point of some body.
+
+        The centre about which a wheel turns is a point of the wheel and of what carries it, so of several.
+        """
         own = self.model.bodies[body]
         outer = self.kinematics.ancestry(own.frame) if own.inertia is not None else []
-        centres = {other.centre: i for i, other in enumerate(self.model.bodies) if i != body}
+        found: list[int | None] = []
+        common: int | None = None
         for number in reversed(self._points(own.centre)):
-            if number in centres and not (number == own.centre and centres[number] > body):
-                return centres[number]
+            centred = [i for i, other in enumerate(self.model.bodies) if other.centre == number]
+            if common is None and centred and number != own.centre:
+                found, common = [*centred], number
             for piece in self.model.points[number].position:
                 inner = [f for f in self.kinematics.ancestry(piece.frame) if f not in outer]
-                if (found := self._on_frames(inner, body)) is not None:
-                    return found
-        return None
+                more = [i for i in self._on_frames(inner, body) if common is None or self.carries(i, common)]
+                if more:
+                    return [*found, *more]
+        if common is None or not self._travelling(common):
+            found.append(None)
+        return found
 
-    def _on_frames(self, frames: Sequence[int], body: int) -> int | None:
-        """Return the body on the last of the frames that has one."""
-        rigid = {b.frame: i for i, b in reversed(list(enumerate(self.model.bodies))) if i != body and b.inertia}
-        return next((rigid[frame] for frame in reversed(frames) if frame in rigid and frame != 0), None)
+    def _on_frames(self, frames: Sequence[int], body: int) -> list[int]:
+        """Return the bodies on the last of the frames that has some."""
+        rigid: dict[int, list[int]] = {}
+        for i, other in enumerate(self.model.bodies):
+            if i != body and other.inertia and other.frame != 0:
+                rigid.setdefault(other.frame, []).append(i)
+        return next((rigid[frame] for frame in reversed(frames) if frame in rigid), [])
 
     # -- balances -----------------------------------------------------------------------------
 

@@ -1,7 +1,7 @@
 """Connections between bodies that no joint declares, and the reactions that are the same whatever these carry.
 
-The coordinates of a scene connect bodies: each to what it is located from, and to others that share a coordinate with
-it. What no joint declares may carry every wrench without power on the motion that the coordinates allow between its two
+The coordinates of a scene connect bodies: each to what it is located from, where a point belongs to several to each of
+these, and to others that share a coordinate with it. What no joint declares may carry every wrench without power on the motion that the coordinates allow between its two
 bodies. A reaction is determined where the balances of all bodies give it for every value of those. All is decided by
 numbers at random states that satisfy the constraints.
 """
@@ -102,11 +102,11 @@ class Connections:
     def __init__(self, balances: BodyBalances, joints: Sequence[Declared], sample: BodySample) -> None:
         self.balances, self.joints, self.sample = balances, joints, sample
         self.size = len(balances.poses)
-        self.structure = [(pair_of(parent, b), b) for b in range(self.size) for parent in balances.parents(b)]
         self.by_pair: dict[Pair, list[Declared]] = {}
         for joint in joints:
             self.by_pair.setdefault(joint.pair, []).append(joint)
         self.complete = {pair: self._declared_rest(pair) for pair in self.by_pair}
+        self.structure = [(pair_of(parent, b), b) for b in range(self.size) for parent in self._parents(b)]
 
     # -- wrenches between two bodies -------------------------------------------------------------
 
@@ -118,7 +118,7 @@ class Connections:
         """Return the wrenches between two bodies as columns: forces at a point, and couples between rigid bodies."""
         a, b = pair
         both_rigid = self.rigid(a) and self.rigid(b)
-        if not both_rigid:
+        if not both_rigid and at is None:
             at = self.sample.places[b if not self.rigid(b) else a]
         at = np.zeros(3) if at is None else at
         matrix = np.zeros((6 * self.size, 6 if both_rigid else 3))
@@ -131,9 +131,17 @@ class Connections:
                 matrix[6 * body + 3 : 6 * body + 6, 3:] = sign * np.eye(3)[:, : matrix.shape[1] - 3]
         return matrix
 
-    def ideal(self, pair: Pair) -> FloatArray:
-        """Return the wrenches without power on the motions that the coordinates allow between two bodies."""
-        wrenches = self.wrenches(pair)
+    def ideal(self, pair: Pair, at: FloatArray | None = None, *, anywhere: bool = False) -> FloatArray:
+        """Return the wrenches without power on the motions that the coordinates allow between two bodies.
+
+        With `anywhere`, a particle that moves relative to a body may stand for a body that only translates: a force
+        between them acts on any line.
+        """
+        wrenches = self.wrenches(pair, at)
+        if anywhere and self.rigid(pair[0]) != self.rigid(pair[1]) and self.moved_by(pair):
+            body = pair[0] if self.rigid(pair[0]) else pair[1]
+            if body is not None:
+                wrenches = np.hstack([wrenches, self.wrenches((None, body))[:, 3:]])
         return np.asarray(wrenches @ null_space(self.sample.twists.T @ wrenches))
 
     def moved_by(self, pair: Pair) -> set[int]:
@@ -162,7 +170,7 @@ class Connections:
             rest.append(forces @ null_space(np.vstack([own[:3].T, self.sample.twists.T @ forces])))
             if turns.shape[1]:
                 rest.append(turns @ null_space(np.vstack([couples.T, self.sample.twists.T @ turns])))
-        found, ideal = np.hstack(rest), self.ideal(pair)
+        found, ideal = np.hstack(rest), self.ideal(pair, self.place(joints[0]))
         known = np.hstack([declared, found])
         if rank(np.hstack([known, ideal])) == rank(known):
             return found, True
@@ -176,15 +184,36 @@ class Connections:
 
     # -- connections that no joint declares --------------------------------------------------------
 
+    def _parents(self, body: int) -> list[int | None]:
+        """Return what may carry a body; of all that a point belongs to, what a joint connects the body with."""
+        beside, located = self.balances.parents(body)
+        joined = [parent for parent in located if self._explained(pair_of(parent, body))]
+        return list(dict.fromkeys([*beside, *(joined or located)]))
+
+    def _explained(self, pair: Pair) -> bool:
+        """Whether a joint holds all that the coordinates leave out between two bodies, at a point that rests on one."""
+        if pair not in self.by_pair or not self.complete[pair][1]:
+            return False
+        points = [self.balances.model.actions[joint.action].at for joint in self.by_pair[pair]]
+        ends = [end for end in pair if end is not None]
+        return any(at is not None and self.balances.carries(end, at) for at in points for end in ends)
+
+    @cached_property
+    def beside_joints(self) -> dict[Pair, FloatArray]:
+        """Return the undeclared connections of bodies whose places no joint explains."""
+        explained = {body for pair in self.by_pair if self._explained(pair) for body in pair}
+        pairs = [pair for pair, body in self.structure if pair not in self.by_pair and body not in explained]
+        return {pair: self.ideal(pair, anywhere=True) for pair in pairs}
+
     @cached_property
     def undeclared(self) -> dict[Pair, FloatArray]:
         """Return the connections that no joint declares: of the structure, of shared coordinates, of constraints."""
-        found = {pair: self.ideal(pair) for pair, _ in self.structure if pair not in self.by_pair}
+        found = {pair: self.ideal(pair, anywhere=True) for pair, _ in self.structure if pair not in self.by_pair}
         moved = [(pair, b, self.moved_by(pair)) for pair, b in self.structure]
         for (first, b, one), (second, c, other) in combinations(moved, 2):
             pair = pair_of(b, c) if b != c else first
             if one & other and pair not in self.by_pair and pair not in found and first != second:
-                found[pair] = self.ideal(pair)
+                found[pair] = self.ideal(pair, anywhere=True)
         for pair, wrenches in self._of_constraints(moved).items():
             known = found.get(pair)
             found[pair] = wrenches if known is None else np.hstack([known, wrenches])

@@ -6,7 +6,7 @@ no further coordinate. As few bodies and unknowns as serve are taken.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import final
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..errors import ConstraintError, list_names
 from .balance_choice import BalanceChoice, BodySystem, Released
-from .connections import Pair, components, in_span, null_space, pair_of, wrench_columns
+from .connections import Pair, components, in_span, null_space, pair_of, rank, wrench_columns
 from .equations import EquationsOfMotion
 
 _SMALL = 1e-8
@@ -69,12 +69,20 @@ class _Search:
         return BalanceChoice(self.system, bodies, open_pairs).released()
 
     def carried(self) -> tuple[set[int], list[dict[Pair, FloatArray]]]:
-        """Return the bodies that matter, and what undeclared connections may carry, where that balances the bodies."""
+        """Return the bodies that matter, and what undeclared connections may carry, where that balances the bodies.
+
+        Declared joints that hold all bodies by themselves are taken to be all joints of the bodies whose places they
+        explain.
+        """
         bodies = self._bodies()
-        for undeclared in self._hypotheses(bodies):
-            open_pairs = [self._open(number, undeclared[number], bodies) for number in range(len(self.system.samples))]
-            if self._consistent(open_pairs, bodies):
-                return bodies, open_pairs
+        connections = self.system.connections
+        if bodies <= {i for pair in connections[0].by_pair for i in pair}:
+            declared = self._open([{} for _ in connections], bodies)
+            if self._consistent(declared, bodies) and self._hold(declared, bodies):
+                return bodies, self._open([own.beside_joints for own in connections], bodies)
+        open_pairs = self._open([own.undeclared for own in connections], bodies)
+        if self._consistent(open_pairs, bodies):
+            return bodies, open_pairs
         raise self._unbalanced(open_pairs, bodies)
 
     def _bodies(self) -> set[int]:
@@ -91,22 +99,17 @@ class _Search:
         groups = components(len(self.system.names), pairs)
         return {body for group in groups if group & own for body in group}
 
-    def _hypotheses(self, bodies: set[int]) -> Iterator[list[dict[Pair, FloatArray]]]:
-        """Yield undeclared connections at each sample: none where each body has a joint, then all there may be."""
-        with_joint = {i for pair in self.system.connections[0].by_pair for i in pair}
-        if bodies <= with_joint:
-            yield [{} for _ in self.system.samples]
-        yield [connections.undeclared for connections in self.system.connections]
-
-    def _open(self, number: int, undeclared: Mapping[Pair, FloatArray], bodies: set[int]) -> dict[Pair, FloatArray]:
-        """Return all that may be carried beside the unknowns, by the pairs of bodies."""
-        connections = self.system.connections[number]
-        found = {pair: matrix for pair, (matrix, _) in connections.complete.items() if set(pair) & bodies}
-        tied = {pair_of(*tie): connections.wrenches(pair_of(*tie)) for tie in self.system.balances.ties}
-        for pair, matrix in (*undeclared.items(), *tied.items()):
-            if set(pair) & bodies:
-                found[pair] = np.hstack([found[pair], matrix]) if pair in found else matrix
-        return found
+    def _open(self, undeclared: Sequence[Mapping[Pair, FloatArray]], bodies: set[int]) -> list[dict[Pair, FloatArray]]:
+        """Return at each sample all that may be carried beside the unknowns, by the pairs of bodies."""
+        opened = []
+        for connections, beside in zip(self.system.connections, undeclared, strict=True):
+            found = {pair: matrix for pair, (matrix, _) in connections.complete.items() if set(pair) & bodies}
+            tied = {pair_of(*tie): connections.wrenches(pair_of(*tie)) for tie in self.system.balances.ties}
+            for pair, matrix in (*beside.items(), *tied.items()):
+                if set(pair) & bodies:
+                    found[pair] = np.hstack([found[pair], matrix]) if pair in found else matrix
+            opened.append(found)
+        return opened
 
     def _rows(self, bodies: set[int]) -> list[int]:
         return [6 * body + k for body in sorted(bodies) for k in range(6)]
@@ -117,6 +120,15 @@ class _Search:
         for sample, columns, pairs in zip(self.system.samples, self.system.columns, open_pairs, strict=True):
             whole = np.hstack([columns, wrench_columns(sample, pairs)])[rows]
             if not in_span(sample.demand[rows], whole, float(np.abs(sample.demand[rows]).max())):
+                return False
+        return True
+
+    def _hold(self, open_pairs: Sequence[Mapping[Pair, FloatArray]], bodies: set[int]) -> bool:
+        """Whether joints and undeclared connections can exert what any motion and any load would need."""
+        rows = [row for row in self._rows(bodies) if row % 6 < 3 or self.system.connections[0].rigid(row // 6)]
+        for sample, columns, pairs in zip(self.system.samples, self.system.columns, open_pairs, strict=True):
+            motions = sample.twists @ null_space(sample.constraints)
+            if rank(np.hstack([columns, wrench_columns(sample, pairs), motions])[rows]) < len(rows):
                 return False
         return True
 
