@@ -139,6 +139,11 @@ def test_tension_by_a_root_is_nan_on_the_other_branch():
     np.testing.assert_allclose(run["T"], tension(run), rtol=1e-12)
     run = model.simulate((0, 0.2), {theta: 2.5, theta.diff(): 1.0}, PENDULUM)
     assert np.isnan(run["T"]).all() and "the reactions T are not determined at t = 0, 0.2, and NaN" in run.message
+    angles = {theta: [0.6, 2.5, np.nan, 0.3], theta.diff(): 0.1}
+    sweep = model.sweep((0, 0.2), angles, PENDULUM)
+    assert [failure.case for failure in sweep.failures()] == [2]
+    assert "reactions are not determined at the end, and NaN: T in 1 of 4 cases; the config" in sweep.stats.note
+    assert not model.sweep((0, 0.2), {theta: [0.6, 0.3], theta.diff(): 0.1}, PENDULUM).stats.note
 
 
 def test_power_that_vanishes_on_the_constraint_alone():

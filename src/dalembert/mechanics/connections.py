@@ -1,9 +1,9 @@
 """Connections between bodies that no joint declares, and the reactions that are the same whatever these carry.
 
 The coordinates of a scene connect bodies: each to what it is located from, where a point belongs to several to each of
-these, and to others that share a coordinate with it. What no joint declares may carry every wrench without power on the motion that the coordinates allow between its two
-bodies. A reaction is determined where the balances of all bodies give it for every value of those. All is decided by
-numbers at random states that satisfy the constraints.
+these, and to others that share a coordinate with it. What no joint declares may carry every wrench without power on the
+motion that the coordinates allow between its two bodies. A reaction is determined where the balances of all bodies give
+it for every value of those. All is decided by numbers at random states that satisfy the constraints.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import OptionError, nesting_named
 from ..options import StoreOptions, SweepOptions
 from ..runs.capabilities import refuse_functions
-from ..runs.run_notes import warn_of_small_cases
+from ..runs.run_notes import warn_of_small_cases, with_lost_reactions
 from ..starts.input_values import read_inputs
 
 if TYPE_CHECKING:
@@ -149,7 +149,7 @@ def sweep(
 
         found = sweep_cases(self, t_span, initial, parameters, options)
         warn_of_small_cases(found, options.rtol, options.atol)
-        return found
+        return with_lost_reactions(self, found)
     where = StoreOptions(to=to, chunk=chunk, client=client, resume=resume, units=units)
     from ..store.sweep import stored_sweep
 

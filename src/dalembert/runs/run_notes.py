@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -89,6 +90,11 @@ def lost_directions(model: CompiledModel, solution: Solution, c: Constants) -> s
 
 # Reactions that have no value where a run began or ended.
 
+_SINGULAR = (
+    "the configuration is singular for them, or on another branch of a root or an absolute value than where they were"
+    " derived"
+)
+
 
 def lost_reactions(model: CompiledModel, solution: Solution, c: Constants) -> str:
     """Return which requested reactions are NaN where a run began or ended in numbers, "" for none."""
@@ -103,10 +109,22 @@ def lost_reactions(model: CompiledModel, solution: Solution, c: Constants) -> st
     if not names:
         return ""
     at = ", ".join(f"{time:.6g}" for time, row in zip(t, lost, strict=True) if any(row[i] for i, _ in asked))
-    return (
-        f"the reactions {list_names(names)} are not determined at t = {at}, and NaN: the configuration is singular for"
-        " them, or on another branch of a root or an absolute value than where they were derived"
-    )
+    return f"the reactions {list_names(names)} are not determined at t = {at}, and NaN: {_SINGULAR}"
+
+
+def with_lost_reactions(model: CompiledModel, sweep: Sweep) -> Sweep:
+    """Return a sweep whose note has the requested reactions that are NaN where some cases end in numbers."""
+    asked = [name for name in model.layout.outputs if name in model.layout.unknowns]
+    if not asked or not len(sweep):
+        return sweep
+    found = sweep._states.at_ends([*asked, *model.layout.variables])
+    known = np.all(np.isfinite(found[len(asked) :]), axis=0)
+    lost = {name: int(np.sum(np.isnan(values) & known)) for name, values in zip(asked, found, strict=False)}
+    texts = [f"{name} in {count} of {len(sweep)} cases" for name, count in lost.items() if count]
+    if texts:
+        note = f"reactions are not determined at the end, and NaN: {', '.join(texts)}; {_SINGULAR}"
+        sweep.stats = replace(sweep.stats, note="; ".join(text for text in (sweep.stats.note, note) if text))
+    return sweep
 
 
 # Motions so small that the absolute tolerance decides their error.
