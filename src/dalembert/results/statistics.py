@@ -46,8 +46,8 @@ class SweepStatistics:
     """Cost of a sweep, and its tolerances, NaN where they are not known.
 
     `note` says why "auto" took another method than it usually does, where it did, and in how many cases which reactions
-    are NaN at the end because the configuration does not determine them. `methods` are those of each mode of contacts by number,
-    `NO_MODE` without contacts, and by `rtol`.
+    are NaN at the end because the configuration does not determine them. `methods` are those of each mode of contacts
+    by number, `NO_MODE` without contacts, and by `rtol`.
     """
 
     method: str
