@@ -104,7 +104,8 @@ class _ModeEquations:
                 known[graph.input(names[i])] = -k * pressing
         for contact, _ in self.contacts:
             if contact.normal_load is not None:
-                known[graph.input(names[contact.normal])] = contact.normal_load
+                given = contact.normal_load if contact.normal_value is None else contact.normal_value
+                known[graph.input(names[contact.normal])] = given
         for contact in self.idle:
             known |= {graph.input(names[i]): graph.zero for i in contact.tangential}
         for contact, state in self.contacts:

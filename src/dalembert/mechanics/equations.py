@@ -73,6 +73,8 @@ class ContactRow:
         What friction has for its normal reaction where that is given; the unknown has no power then.
     slip_speed : Node or None
         The input that `mu` has for the slip speed where it is a function of that.
+    normal_value : Node or None
+        The normal reaction with its sign, where a balance of bodies gives it.
     """
 
     name: str
@@ -88,6 +90,7 @@ class ContactRow:
     regularization: Node | None
     normal_load: Node | None = None
     slip_speed: Node | None = None
+    normal_value: Node | None = None
 
 
 @final
