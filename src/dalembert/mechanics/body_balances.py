@@ -155,16 +155,15 @@ class BodyBalances:
 
     # -- what bodies are located from ----------------------------------------------------------
 
-    def parents(self, body: int) -> tuple[list[int | None], list[int | None]]:
-        """Return the bodies with which one shares its centre or its axes, and those that it may be located from.
+    def parents(self, body: int) -> tuple[list[int], list[int], list[int | None]]:
+        """Return the bodies with which one shares its centre, those from which it is oriented, and located from.
 
         None is the fixed frame.
         """
-        own, on_frame = self.model.bodies[body], []
-        beside: list[int | None] = [i for i, b in enumerate(self.model.bodies) if i != body and b.centre == own.centre]
-        if own.inertia is not None:
-            on_frame = self._on_frames(self.kinematics.ancestry(own.frame)[:-1], body)
-        return [*beside, *on_frame], self._located_from(body)
+        own = self.model.bodies[body]
+        beside = [i for i, other in enumerate(self.model.bodies) if i != body and other.centre == own.centre]
+        turned = [] if own.inertia is None else self._on_frames(self.kinematics.ancestry(own.frame)[:-1], body)
+        return beside, turned, self._located_from(body)
 
     def _located_from(self, body: int) -> list[int | None]:
         """Return the bodies with the last of the points that a body is located from which is a point of some body.

@@ -185,10 +185,21 @@ class Connections:
     # -- connections that no joint declares --------------------------------------------------------
 
     def _parents(self, body: int) -> list[int | None]:
-        """Return what may carry a body; of all that a point belongs to, what a joint connects the body with."""
-        beside, located = self.balances.parents(body)
+        """Return what may carry a body; of all that a point belongs to, what a joint connects the body with.
+
+        One that is located from the centre of another and oriented from its axes, with coordinates of its own, is
+        carried by that.
+        """
+        beside, turned, located = self.balances.parents(body)
         joined = [parent for parent in located if self._explained(pair_of(parent, body))]
-        return list(dict.fromkeys([*beside, *(joined or located)]))
+        own = [parent for parent in turned if parent in (*beside, *located) and not self._moved(parent, body)]
+        joined = own or joined
+        return list(dict.fromkeys([*beside, *turned, *(joined or located)]))
+
+    def _moved(self, parent: int, body: int) -> bool:
+        """Whether a body moves with some coordinate that another moves with relative to it."""
+        moving = sorted(self.moved_by(pair_of(parent, body)))
+        return bool(np.abs(self.sample.twists[6 * parent : 6 * parent + 6, moving]).max(initial=0.0) > _SMALL)
 
     def _explained(self, pair: Pair) -> bool:
         """Whether a joint holds all that the coordinates leave out between two bodies, at a point that rests on one."""
