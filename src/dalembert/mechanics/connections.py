@@ -192,7 +192,9 @@ class Connections:
         """
         beside, turned, located = self.balances.parents(body)
         joined = [parent for parent in located if self._explained(pair_of(parent, body))]
-        own = [parent for parent in turned if parent in (*beside, *located) and not self._moved(parent, body)]
+        own: list[int | None] = [
+            parent for parent in turned if parent in (*beside, *located) and not self._moved(parent, body)
+        ]
         joined = own or joined
         return list(dict.fromkeys([*beside, *turned, *(joined or located)]))
 
