@@ -132,6 +132,11 @@ def tolerances(rtol: Any, atol: Any) -> tuple[float, float]:
     OptionError
         For what is none, and for numbers that are negative or not finite.
     """
+    if isinstance(atol, str | Mapping):
+        raise OptionError(
+            f'atol must be one number for the whole state, or "auto" in simulate, sweep and sensitivity, not {atol!r}.'
+            " Scale coordinates of other magnitudes by a factor, so that one number serves all"
+        )
     found = option("rtol", rtol), option("atol", atol)
     for name, value in zip(("rtol", "atol"), found, strict=True):
         if not 0.0 <= value < np.inf:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, cast
 
 from ..errors import CapabilityError, list_names, nesting_named
 from ..options import SensitivityOptions, TrimOptions
@@ -30,7 +31,7 @@ def sensitivity(
     t_eval: Any = None,
     method: str = "auto",
     rtol: float = 1e-8,
-    atol: float = 1e-10,
+    atol: float | str = 1e-10,
     max_steps: int = 1_000_000,
 ) -> Sensitivity:
     """Simulate one trajectory with its derivatives.
@@ -41,7 +42,7 @@ def sensitivity(
     Parameters
     ----------
     t_span, initial, parameters, inputs, t_eval, method, rtol, atol, max_steps
-        As for `simulate`.
+        As for `simulate`; ``atol="auto"`` is the one of the motion alone.
     wrt : iterable of symbols or names
         Parameters, and values given in `initial`. Values that the constraints fix, if left out, vary with them.
         An input is the number that it is given, or the values of its samples, which are called "u[0]", "u[1]", ...;
@@ -73,7 +74,7 @@ def sensitivity(
     options = SensitivityOptions(
         method=method,
         rtol=rtol,
-        atol=atol,
+        atol=cast(float, atol),
         max_steps=max_steps,
         wrt=wrt,
         of=of,
@@ -85,6 +86,10 @@ def sensitivity(
             f"derivatives across changes of contacts ({list_names(self.contacts)}) are not computed: differentiate runs"
             " of one mode, as model.mode().sensitivity(...), or take differences of runs"
         )
+    if options.fits_atol:
+        steps = {"method": method, "rtol": rtol, "max_steps": max_steps}
+        motion = self.simulate(t_span, initial, parameters, inputs=inputs, t_eval=t_eval, atol=atol, **steps)
+        options = replace(options, atol=motion.stats.atol, fits_atol=False)
     from ..analysis.sensitivity import differentiate_run
 
     return differentiate_run(self, t_span, initial, parameters, options)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,8 +15,8 @@ from ..progress import run_meter
 from ..runs.capabilities import refuse_functions
 from ..runs.elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_from, with_offsets
 from ..runs.events import with_event_parameters
-from ..runs.run_notes import warn_of_small_motion
 from ..runs.simulate import simulate_in_own_time
+from ..runs.small_motions import simulate_at_scale
 from ..starts.input_values import read_inputs
 from ..starts.inputs import span_of
 from ..values import tolerances
@@ -38,7 +39,7 @@ def simulate(
     t_eval: Any = None,
     method: str = "auto",
     rtol: float = 1e-8,
-    atol: float = 1e-10,
+    atol: float | str = 1e-10,
     first_step: float | None = None,
     max_step: float = np.inf,
     max_steps: int = 1_000_000,
@@ -72,8 +73,11 @@ def simulate(
         Times to record; without it, the accepted steps.
     method : str
         A name in `methods`, or "auto".
-    rtol, atol : float
-        Tolerances of the local error of every component of the state.
+    rtol : float
+        Relative tolerance of the local error of every component of the state.
+    atol : float or "auto"
+        Absolute one. "auto" takes a hundredth of `rtol` times the size of a small motion: its largest given initial
+        value, or from rest its largest component in a first run at the default; the note of ``stats`` says so.
     first_step, max_step : float, optional
         First and largest step [s].
     max_steps : int
@@ -148,13 +152,13 @@ def simulate(
         from ..phases.given_values import run_motion
 
         run_model = run_motion
+    begin = partial(run_model, model, span, initial, parameters)
     if options.progress:
         with run_meter(*span) as show:
-            run = run_model(model, span, initial, parameters, options)
+            run = simulate_at_scale(begin, options, initial)
             show(run.t_end)
     else:
-        run = run_model(model, span, initial, parameters, options)
-    warn_of_small_motion(run, options.rtol, options.atol)
+        run = simulate_at_scale(begin, options, initial)
     return run if elapsed is None else run.counted_from(t0, times, noted_from(run.stats.note, t0))
 
 

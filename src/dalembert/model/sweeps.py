@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from ..errors import OptionError, nesting_named
 from ..options import StoreOptions, SweepOptions
 from ..runs.capabilities import refuse_functions
-from ..runs.run_notes import warn_of_small_cases, with_lost_reactions
+from ..runs.run_notes import with_lost_reactions
+from ..runs.small_motions import warn_of_small_cases
 from ..starts.input_values import read_inputs
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ def sweep(
     t_eval: Any = None,
     method: str = "auto",
     rtol: float = 1e-8,
-    atol: float = 1e-10,
+    atol: float | str = 1e-10,
     max_step: float = np.inf,
     max_steps: int = 1_000_000,
     threads: int | None = None,
@@ -66,7 +67,8 @@ def sweep(
     t_eval : array_like (n_t,), optional
         Times to record for all cases; without it, final states only.
     method, rtol, atol, max_step
-        As for `simulate`.
+        As for `simulate`. With ``atol="auto"`` cases that are small, at the start or else at the end and the samples,
+        run again, each with one that serves it.
     max_steps : int
         As for `simulate`; but of a case that is cut at breaks or acts of controllers, the attempts within one part
         count, and then the accepted steps of all parts together.
@@ -125,7 +127,7 @@ def sweep(
     options = SweepOptions(
         method=method,
         rtol=rtol,
-        atol=atol,
+        atol=cast(float, atol),
         max_step=max_step,
         max_steps=max_steps,
         grid=grid,
@@ -148,7 +150,8 @@ def sweep(
         from ..runs.sweep import sweep_cases
 
         found = sweep_cases(self, t_span, initial, parameters, options)
-        warn_of_small_cases(found, options.rtol, options.atol)
+        if not options.fits_atol:
+            warn_of_small_cases(found, options.rtol, options.atol)
         return with_lost_reactions(self, found)
     where = StoreOptions(to=to, chunk=chunk, client=client, resume=resume, units=units)
     from ..store.sweep import stored_sweep

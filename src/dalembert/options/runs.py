@@ -36,6 +36,8 @@ class RunOptions:
         A name in `methods` of the model, or "auto".
     rtol, atol : float
         Tolerances of the local error of every component of the state.
+    fits_atol : bool
+        Whether `atol` was given as "auto"; it is the default then, until the size of the motion is known.
     max_steps : int
         Attempted steps after which a run ends with a status.
     inputs : GivenInputs or None
@@ -52,9 +54,15 @@ class RunOptions:
     atol: float = DEFAULT_TOLERANCES[1]
     max_steps: int = MAX_STEPS
     inputs: Any = None
+    fits_atol: bool = False
 
     def __post_init__(self) -> None:
+        given: object = self.atol
+        if isinstance(given, str) and given == "auto":
+            set_checked(self, atol=DEFAULT_TOLERANCES[1], fits_atol=True)
         rtol, atol = tolerances(self.rtol, self.atol)
+        if self.fits_atol and rtol == 0.0:
+            raise OptionError('atol="auto" is a share of rtol times the size of the motion: set rtol above 0')
         set_checked(self, rtol=rtol, atol=atol, max_steps=whole("max_steps", self.max_steps))
 
     @property
@@ -214,6 +222,14 @@ class PrepareOptions(StepOptions):
     """
 
     project_invariants: Any = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.fits_atol:
+            raise OptionError(
+                'prepared runs do not look at the size of their motions: give atol as a number, not "auto", such as'
+                ' the one of a run, model.simulate(..., atol="auto").stats.atol'
+            )
 
 
 @final

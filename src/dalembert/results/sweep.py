@@ -172,9 +172,9 @@ class Sweep(Estimated):
         self.reduced |= {name: starts + self.reduced[name] for name in crossings if name in self.reduced}
         return self
 
-    def with_cases(self, some: NDArray[np.bool_], other: Self, starts: FloatArray) -> Self:
-        """Return this sweep with some cases (n_case,) of another, whose times are not those since the starts."""
-        self._own_t[some] = (other.t - starts)[some]
+    def with_cases(self, some: NDArray[np.bool_], other: Self, starts: FloatArray | None = None) -> Self:
+        """Return this sweep with some cases (n_case,) of another, whose times are not those since the `starts`."""
+        self._own_t[some] = (other._own_t if starts is None else other.t - starts)[some]
         for name in ("t", "status", "steps"):
             getattr(self, name)[some] = getattr(other, name)[some]
         self._states.take(some, cast(Any, other._states), self._own_t)

@@ -120,10 +120,14 @@ class ContactStates:
         return alike
 
     def take(self, some: NDArray[np.bool_], other: ContactStates, t: FloatArray) -> None:
-        """Copy the final states of some cases (n_case,) of another sweep, which are at times t (n_case,)."""
+        """Copy the states of some cases (n_case,) of another sweep, which end at times t (n_case,)."""
         self.phases[some] = other.phases[some]
         for mine, theirs in zip(self.last.arrays(), other.last.arrays(), strict=True):
             mine[some] = theirs[some]
+        if self.samples_of_cases is not None and other.samples_of_cases is not None:
+            rows = np.repeat(some, len(self.samples_of_cases.t) // len(some))
+            for mine, theirs in zip(self.samples_of_cases.arrays(), other.samples_of_cases.arrays(), strict=True):
+                mine[rows] = theirs[rows]
         self.last.t[some] = t[some]
         self.words.update(other.words)
 
@@ -155,8 +159,10 @@ class ProgramStates:
         return self._values(names, self.samples, np.broadcast_to(self.t_eval, self.samples.shape[:2]))
 
     def take(self, some: NDArray[np.bool_], other: ProgramStates, t: FloatArray) -> None:
-        """Copy the final states of some cases (n_case,) of another sweep."""
+        """Copy the states of some cases (n_case,) of another sweep."""
         self.y[some] = other.y[some]
+        if self.samples is not None and other.samples is not None:
+            self.samples[some] = other.samples[some]
 
     def _values(self, keys: Sequence[str], y: FloatArray, t: FloatArray) -> list[FloatArray]:
         """Return values (n_case, n_t) of some keys at states (n_case, n_t, n_y), a block of cases at a time."""

@@ -1,4 +1,4 @@
-"""Notes on runs: jumps along which they slide, pathways of length zero, and motions that are small against `atol`."""
+"""Notes on runs and sweeps: jumps along which they slide, pathways of length zero, reactions without a value."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import FloatArray
-from ..errors import PrecisionWarning, list_names, warn_caller
+from ..errors import list_names
 from ..ir.interpret import interpret_rows
 from ..methods.status import Status
 from ..reduction.event_functions import event_functions
@@ -20,7 +20,6 @@ from ..stops.segments import Constants, constants_at
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
     from ..results.sweep import Sweep
-    from ..results.trajectory import Trajectory
 
 
 _LAST, _OTHERS = 100, 200
@@ -125,56 +124,3 @@ def with_lost_reactions(model: CompiledModel, sweep: Sweep) -> Sweep:
         note = f"reactions are not determined at the end, and NaN: {', '.join(texts)}; {_SINGULAR}"
         sweep.stats = replace(sweep.stats, note="; ".join(text for text in (sweep.stats.note, note) if text))
     return sweep
-
-
-# Motions so small that the absolute tolerance decides their error.
-
-_FEW = 100.0
-"""Absolute tolerances within which a motion is small: an oscillator of that size was 2e-4 to 2e-2 of its size off."""
-_ROUNDING = 1e-15
-"""Starts up to this size are zero but for rounding."""
-
-
-def warn_of_small_motion(run: Trajectory, rtol: float, atol: float) -> None:
-    """Warn of a run of which no component of the state becomes large against `atol`."""
-    last = run.parts[-1].y
-    # most runs end here, in half a microsecond
-    if not len(last) or max(map(abs, last[-1].tolist()), default=0.0) >= _FEW * atol:
-        return
-    largest = max(_largest(part.y) for part in run.parts)
-    if largest >= _FEW * atol or not largest > _ROUNDING:
-        return
-    # from rest, steps let the rounding of forces grow up to `atol`
-    if _largest(run.parts[0].y[:1]) > _ROUNDING or largest > atol:
-        _warn_of_size(f"no coordinate or rate of this motion exceeds {largest:.2g}", largest, rtol, atol)
-
-
-def _largest(y: FloatArray) -> float:
-    """Return the largest component of states (k, n)."""
-    return float(np.max(np.abs(y), initial=0.0))
-
-
-def warn_of_small_cases(sweep: Sweep, rtol: float, atol: float) -> None:
-    """Warn of the cases of a sweep that start, and end, with no component of the state large against `atol`."""
-    sizes = np.zeros(1)
-    for values in sweep.initial.values():
-        sizes = np.maximum(sizes, np.abs(values))
-    if not np.any((sizes > _ROUNDING) & (sizes < _FEW * atol)):
-        return
-    sizes = np.maximum(sizes, np.max(np.abs(sweep.y), axis=1, initial=0.0))  # NaN, of cases that failed, is not small
-    small = (sizes > _ROUNDING) & (sizes < _FEW * atol)
-    if np.any(small):
-        largest, number = float(np.max(sizes[small])), np.count_nonzero(small)
-        cases = "one case" if number == 1 else f"{number} cases"
-        _warn_of_size(
-            f"no coordinate or rate exceeds {largest:.2g} at the start and the end of {cases}", largest, rtol, atol
-        )
-
-
-def _warn_of_size(what: str, largest: float, rtol: float, atol: float) -> None:
-    """Warn of a motion of a size, and say which tolerance serves it."""
-    warn_caller(
-        f"{what}, and atol = {atol:g} allows errors of a large share of that. Pass a smaller one, such as"
-        f" atol={1e-2 * rtol * largest:.0e}, or choose units in which the motion is larger",
-        PrecisionWarning,
-    )

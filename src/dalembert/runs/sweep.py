@@ -33,6 +33,7 @@ from .gains import give_gains
 from .reductions import reduction_table
 from .run_checks import checked_cases
 from .simulate import NO_ESTIMATE
+from .small_motions import sweep_at_scale
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
@@ -45,6 +46,15 @@ def sweep_cases(
 ) -> Sweep:
     """Return the results of many cases; see `CompiledModel.sweep`."""
     model = with_event_parameters(model, parameters, options.events, options.reduce, options.grid)
+    return sweep_at_scale(
+        model, lambda start, p, own: _from_starts(model, t_span, start, p, own), (initial, parameters), options
+    )
+
+
+def _from_starts(
+    model: CompiledModel, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
+) -> Sweep:
+    """Return the results of many cases at one `atol`, those that start far from zero in the time since their start."""
     run_model: Callable[..., Sweep] = sweep_in_own_time
     if model.modes is not None:
         from ..phases.given_values import run_cases as run_contact_cases

@@ -1,0 +1,208 @@
+"""Motions that are small against `atol`: warnings, and `atol="auto"`, which takes one that serves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..errors import PrecisionWarning, warn_caller
+from ..options import SimulateOptions, SweepOptions
+from ..values import number
+from .cases import with_grid
+
+if TYPE_CHECKING:
+    from ..model.model import CompiledModel
+    from ..results.sweep import Sweep
+    from ..results.trajectory import Trajectory
+
+_FEW = 100.0
+"""Absolute tolerances within which a motion is small: an oscillator of that size was 2e-4 to 2e-2 of its size off."""
+_ROUNDING = 1e-15
+"""Starts up to this size are zero but for rounding."""
+_SHARE = 1e-2
+"""Share of rtol and the size of a motion that is the absolute tolerance which serves."""
+_MOST_RUNS = 40
+"""Runs of a sweep with `atol="auto"`, at most: each serves the cases of one decade of sizes."""
+_MOST_TRIES = 4
+"""The same for one motion, whose size is known better after each."""
+
+
+def serving_atol(rtol: float, size: float) -> float:
+    """Return the absolute tolerance that serves motions of a size, the same for all of one decade."""
+    return float(_SHARE * rtol * 10.0 ** math.floor(math.log10(size)))
+
+
+def _decides(atol: Any, rtol: float, size: Any) -> Any:
+    """Whether `atol`, and not `rtol`, decides the errors of motions of a size."""
+    return rtol * size < atol
+
+
+def simulate_at_scale(
+    run: Callable[[SimulateOptions], Trajectory], options: SimulateOptions, initial: Mapping[Any, Any]
+) -> Trajectory:
+    """Return a motion; where `atol` is "auto", with one that serves, and else with a warning where it does not.
+
+    A start beyond rounding decides, and else the largest component of a run at the default.
+    """
+    if not options.fits_atol:
+        found = run(options)
+        warn_of_small_motion(found, options.rtol, options.atol)
+        return found
+    size, default = _start_size(initial), options.atol
+    if size > _ROUNDING:
+        if not _decides(default, options.rtol, size):
+            return run(options)
+        atol = serving_atol(options.rtol, size)
+        found, other = run(replace(options, atol=atol)), None
+        if not found.success:
+            other = run(options)
+        return _chosen(found, f"a start of {size:.2g}", atol) if other is None else _better(other, found, atol)
+    found, atol = run(options), default
+    for _ in range(_MOST_TRIES):
+        size = max(_largest(part.y) for part in found.parts)
+        if not size > 0.0 or not _decides(atol, options.rtol, size):
+            break
+        atol = serving_atol(options.rtol, size)
+        other = run(replace(options, atol=atol))
+        if found.success and not other.success:
+            return _better(found, other, atol)
+        found = _chosen(other, f"a motion of {size:.2g}", atol)
+    return found
+
+
+def _chosen(run: Trajectory, what: str, atol: float) -> Trajectory:
+    """Return a run, with the tolerance that it took in its note."""
+    run.stats = replace(
+        run.stats, note="; ".join(filter(None, (run.stats.note, f'atol = {atol:g} by "auto", for {what}')))
+    )
+    return run
+
+
+def _better(found: Trajectory, failed: Trajectory, atol: float) -> Trajectory:
+    """Return the run at the default where it succeeded, with a warning, and else the one that failed at `atol`."""
+    if not found.success:
+        return failed
+    note = _kept(found.stats.atol, atol, "the run")
+    found.stats = replace(found.stats, note="; ".join(filter(None, (found.stats.note, note))))
+    return found
+
+
+def sweep_at_scale(
+    model: CompiledModel,
+    run: Callable[[Mapping[Any, Any], Mapping[Any, Any], SweepOptions], Sweep],
+    given: tuple[Mapping[Any, Any], Mapping[Any, Any]],
+    options: SweepOptions,
+) -> Sweep:
+    """Return the results of many cases; where `atol` is "auto", each with one that serves it.
+
+    The cases that are small run again, those of one decade of sizes together.
+    """
+    found = run(*given, options)
+    if not options.fits_atol:
+        return found
+    count, default = len(found), options.atol
+    used, begin = np.full(count, default), _start_sizes(found)
+    if options.grid is not None:
+        given = with_grid(model.layout, options.grid, *given)
+    notes: list[str] = []
+    for _ in range(_MOST_RUNS):
+        sizes = np.where(begin > _ROUNDING, begin, _sizes(found))
+        small = (sizes > 0.0) & _decides(used, options.rtol, sizes)
+        if not np.any(small):
+            break
+        atol = serving_atol(options.rtol, float(np.min(sizes[small])))
+        some = small & (sizes < 10.0 * atol / (_SHARE * options.rtol) * (1.0 + 1e-12))
+        initial = {name: np.where(some, np.asarray(values, float), np.nan) for name, values in given[0].items()}
+        other = run(initial, given[1], replace(options, grid=None, progress=False, atol=atol))
+        lost = some & found.success & ~other.success
+        better = some & ~lost
+        begin[lost], used[some] = 0.0, np.where(lost[some], 0.0, atol)  # 0: looked at
+        if np.any(better):
+            found.with_cases(better, other)
+            notes.append(f"{atol:g} for {np.count_nonzero(better)}")
+        if np.any(lost):
+            number_lost = np.count_nonzero(lost)
+            notes.append(_kept(default, atol, f"{number_lost} {'case' if number_lost == 1 else 'cases'}"))
+    if notes:
+        found.stats = replace(
+            found.stats, note="; ".join(filter(None, (found.stats.note, f'atol by "auto": {", ".join(notes)} cases')))
+        )
+    return found
+
+
+def _start_size(initial: Mapping[Any, Any]) -> float:
+    """Return the largest of the given initial values; 0.0 where they are not numbers, which the run says."""
+    try:
+        return max((abs(number(value)) for value in initial.values()), default=0.0)
+    except (AttributeError, ValueError):
+        return 0.0
+
+
+def _kept(default: float, atol: float, what: str) -> str:
+    """Warn that what a run at another tolerance does not reach keeps the default; return the note."""
+    note = f"{what} kept atol = {default:g}, because with atol = {atol:g}, which its size asks for, it fails"
+    warn_caller(f'atol="auto": {note}. Choose units in which the motion is larger', PrecisionWarning)
+    return note
+
+
+def warn_of_small_motion(run: Trajectory, rtol: float, atol: float) -> None:
+    """Warn of a run of which no component of the state becomes large against `atol`."""
+    last = run.parts[-1].y
+    # most runs end here, in half a microsecond
+    if not len(last) or max(map(abs, last[-1].tolist()), default=0.0) >= _FEW * atol:
+        return
+    largest = max(_largest(part.y) for part in run.parts)
+    if largest >= _FEW * atol or not largest > _ROUNDING:
+        return
+    # from rest, steps let the rounding of forces grow up to `atol`
+    if _largest(run.parts[0].y[:1]) > _ROUNDING or largest > atol:
+        _warn_of_size(f"no coordinate or rate of this motion exceeds {largest:.2g}", largest, rtol, atol)
+
+
+def _largest(y: FloatArray) -> float:
+    """Return the largest component of states (k, n)."""
+    return float(np.max(np.abs(y), initial=0.0))
+
+
+def _start_sizes(sweep: Sweep) -> FloatArray:
+    """Return the largest given initial value of each case (n_case,)."""
+    sizes = np.zeros(len(sweep))
+    for values in sweep.initial.values():
+        sizes = np.maximum(sizes, np.abs(values))
+    return sizes
+
+
+def _sizes(sweep: Sweep) -> FloatArray:
+    """Return the largest component of the state of each case at its end and its samples; NaN where it failed."""
+    sizes = np.max(np.abs(sweep.y), axis=1, initial=0.0)
+    samples = sweep.samples
+    return sizes if samples is None else np.maximum(sizes, np.nanmax(np.abs(samples), axis=(1, 2), initial=0.0))
+
+
+def warn_of_small_cases(sweep: Sweep, rtol: float, atol: float) -> None:
+    """Warn of the cases of a sweep that start, and end, with no component of the state large against `atol`."""
+    sizes = _start_sizes(sweep)
+    if not np.any((sizes > _ROUNDING) & (sizes < _FEW * atol)):
+        return
+    sizes = np.maximum(sizes, np.max(np.abs(sweep.y), axis=1, initial=0.0))  # NaN, of cases that failed, is not small
+    small = (sizes > _ROUNDING) & (sizes < _FEW * atol)
+    if np.any(small):
+        largest, number_small = float(np.max(sizes[small])), np.count_nonzero(small)
+        cases = "one case" if number_small == 1 else f"{number_small} cases"
+        _warn_of_size(
+            f"no coordinate or rate exceeds {largest:.2g} at the start and the end of {cases}", largest, rtol, atol
+        )
+
+
+def _warn_of_size(what: str, largest: float, rtol: float, atol: float) -> None:
+    """Warn of a motion of a size, and say which tolerance serves it."""
+    warn_caller(
+        f"{what}, and atol = {atol:g} allows errors of a large share of that. Pass a smaller one, such as"
+        f' atol={_SHARE * rtol * largest:.0e}, or atol="auto", or choose units in which the motion is larger',
+        PrecisionWarning,
+    )
