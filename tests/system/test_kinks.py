@@ -75,15 +75,65 @@ def test_power_series_come_to_a_kink_and_go_on_behind_it(force, place, end, rtol
 
 
 @pytest.mark.parametrize("name", BACKENDS)
-def test_kinks_are_left_to_pairs_unless_asked_for(name):
+def test_kinks_at_which_no_step_ends_are_left_to_pairs(name):
+    """Compiled Taylor steps end at kinks, but not at those in a root; XLA takes pairs for all of them."""
     backend = backend_named(name)
-    rough = da.compile_model(pushed(-c * sp.Abs(v)), backend=name)
+    rough = da.compile_model(pushed(-c * sp.sqrt(sp.Max(v, 0))), backend=name)
+    ended = da.compile_model(pushed(-c * sp.Abs(v)), backend=name)
     smooth = da.compile_model(pushed(-c * v + sp.Abs(c)), backend=name)
     assert set(rough.methods) == set(smooth.methods) == set(backend.methods)
+    compiled = name in ("llvm", "numba")
     for many in (False, True):
         assert rough.choose_method("auto", 1e-8, 1e-10, many=many) not in backend.series
+        assert (ended.choose_method("auto", 1e-8, 1e-10, many=many) in backend.series) == compiled
     assert ("auto takes another method" in rough.explain()) == bool(backend.series)
+    assert ("auto takes another method" in ended.explain()) == (bool(backend.series) and not compiled)
     assert "kink" not in smooth.explain()
+
+
+@pytest.mark.parametrize("force", ["Piecewise", "Min"])
+def test_a_chain_that_slides_off_a_table(force):
+    """Taylor steps end where the last link leaves the table; the pair that "auto" took was 1e-4 off."""
+    weight = 9.81 * (sp.Piecewise((x, x < 1), (1, True)) if force == "Piecewise" else sp.Min(x, 1))
+    model, start = da.compile_model(pushed(weight)), {"x": 0.01, "x_dot": 0}
+    rate = np.sqrt(9.81)
+    leaves = np.arccosh(100) / rate
+    speed, fall = 0.01 * rate * np.sinh(rate * leaves), 3 - leaves
+    exact = 1 + speed * fall + 9.81 / 2 * fall**2
+    for rtol in (1e-4, 1e-6, 1e-8, 1e-12):
+        run = model.simulate((0, 3), start, {}, rtol=rtol, atol=1e-2 * rtol)
+        swept = model.sweep((0, 3), start, {}, rtol=rtol, atol=1e-2 * rtol)
+        assert run.stats.method == swept.stats.method == "taylor"
+        assert run.stats.steps < 20
+        assert abs(run["x"][-1] - exact) < 0.3 * rtol * exact + 1e-13
+        assert abs(swept["x"][0] - exact) < 0.3 * rtol * exact + 1e-13
+
+
+REST_ENDS = [
+    # a second mass at t - 1 ends the rest of x at a kink: x = s - sin(s), s = 2
+    (lambda x, y: -sp.Abs(x) + sp.Max(y, 0), 2 - np.sin(2)),
+    (lambda x, y: -4 * sp.Max(x, 0) + sp.Max(y, 0), 2 / 4 - np.sin(4) / 8),
+    (lambda x, y: sp.Piecewise((-4 * x, x > 0), (0, True)) + sp.Piecewise((y, y > 0), (0, True)), 0.5 - np.sin(4) / 8),
+]
+
+
+@pytest.mark.parametrize(("force", "exact"), REST_ENDS)
+def test_a_rest_at_a_kink_that_another_coordinate_ends(force, exact):
+    """Taylor steps were 2,000 at 1e-10: terms that take a motion back to a kink counted without those before them."""
+    frame, origin, y = ReferenceFrame("N"), Point("O"), dynamicsymbols("y")
+    scene = da.Scene("rest_at_a_kink", frame, origin, [x, y])
+    for name, q, load in (("a", x, force(x, y)), ("b", y, 0)):
+        point = origin.locatenew(name, q * frame.x)
+        scene.add_bodies(Particle(name, point, 1))
+        scene.add_loads((point, load * frame.x))
+    model, start = da.compile_model(scene), {"x": 0, "x_dot": 0, "y": -1, "y_dot": 1}
+    for method in ("auto", "taylor", "dop853", "tsit5", "radau"):
+        run = model.simulate((0, 3), start, {}, method=method, rtol=1e-10, atol=1e-12)
+        swept = model.sweep((0, 3), start, {}, method=method, rtol=1e-10, atol=1e-12)
+        assert abs(run["x"][-1] - exact) < 2e-10
+        assert abs(swept["x"][0] - exact) < 2e-10
+        if run.stats.method == "taylor":
+            assert run.stats.steps < 12
 
 
 def test_powers_written_as_decimals_are_powers():

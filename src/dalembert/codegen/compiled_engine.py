@@ -97,13 +97,14 @@ class CompiledEngine(Engine):
         return self._code.of(kernel, self.steps.lanes), self.steps.lanes
 
     def automatic(self, methods: Sequence[str], rtol: float, atol: float, *, many: bool = False) -> str:
-        """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair for long rates, kinks and roots at rest.
+        """See `Engine.automatic`: Taylor steps, or a Runge-Kutta pair for long rates and roots at rest.
 
+        Kinks at which Taylor steps end are costs alone; at others, pairs feel their way.
         Where constraints may lose rank, sweeps to tight tolerances take Taylor steps; single runs can be repeated.
         """
         if "taylor" not in methods:
             return methods[0]
-        if self.steps.nonsmooth or self.steps.singular_at_rest:
+        if not self.steps.ends_at_kinks or self.steps.singular_at_rest:
             return "dop853"
         tolerance = clipped_tolerance(rtol, atol)
         order = order_for(tolerance)

@@ -19,7 +19,7 @@ from ..transforms.partials import jacobian_kernel, tangent_kernel
 from ..transforms.periodic import angles_of
 from ..transforms.recurrences import Recurrences, recurrences
 from ..transforms.residual_control import cost
-from ..transforms.step_ends import roots_vanish_at_rest
+from ..transforms.roots_at_rest import roots_vanish_at_rest
 from ..transforms.taylor import STEP_ARGUMENTS
 
 _LARGEST_JACOBIAN = 6000
@@ -208,6 +208,11 @@ class KernelLibrary(ABC):
     def nonsmooth(self) -> bool:
         """Whether rates have kinks or jumps in state or time."""
         return self._recurrences.nonsmooth
+
+    @property
+    def ends_at_kinks(self) -> bool:
+        """Whether Taylor steps end at all kinks and jumps."""
+        return self._recurrences.ends_at_kinks
 
     @once_property
     def singular_at_rest(self) -> bool:

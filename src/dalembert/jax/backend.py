@@ -21,7 +21,7 @@ from ..once import computed_once, once_property
 from ..options import SolveOptions
 from ..steps.problem import IntegrationProblem, Solution
 from ..transforms.recurrences import Recurrences, recurrences
-from ..transforms.step_ends import roots_vanish_at_rest
+from ..transforms.roots_at_rest import roots_vanish_at_rest
 from ..transforms.taylor import clipped_tolerance, order_at, order_for, step_kernel
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from ..once import deriving
 from ..reduction import FORMULATIONS, reduce
 from ..transforms.nonsmooth import nonanalytic_operations
 from ..transforms.recurrences import recurrences
-from ..transforms.step_ends import roots_vanish_at_rest
+from ..transforms.roots_at_rest import roots_vanish_at_rest
 
 if TYPE_CHECKING:
     from ..pipeline import Stages
@@ -140,7 +140,8 @@ def _nonanalytic(stages: Stages, methods: Mapping[str, str]) -> list[str]:
             "              roots vanish at rest, where they have no power series: auto takes another method than"
             f" {list_names(series)}"
         )
-    rough = ", and auto takes another method because of the kinks" if known.nonsmooth else ""
+    ends = known.ends_at_kinks and next(iter(methods)) in series
+    rough = ", and auto takes another method because of the kinks" if known.nonsmooth and not ends else ""
     if known.hidden:
         lines.append(
             f"              a power series may not show {list_names(sorted(set(known.hidden)))} of state or time:"

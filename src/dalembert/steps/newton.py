@@ -8,6 +8,7 @@ step is one real and one complex system with the matrices REAL/h E - J and COMPL
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -73,7 +74,11 @@ def _power(x: float, k: int) -> float:
 
 @compiled_subset
 def evaluate_jacobian(jacobian: int, tangent: int, t: float, run: Run, y: int, space: NewtonWorkspace) -> None:
-    """Write the Jacobian at ``work[y]`` into ``j``: at once, or column by column where it is too long for that."""
+    """Write the Jacobian at ``work[y]`` into ``j``: at once, or column by column where it is too long for that.
+
+    Entries that are not finite, as of a root that vanishes there, count as zero: the iteration converges without them,
+    or takes a smaller step.
+    """
     j, wide, n = space.j, space.wide, run.work.shape[1]
     run.clock[0, 0] = t
     clock, point, c, out = row(run.clock, 0), row(wide, 0), row(run.constants, 0), row(wide, 1)
@@ -83,7 +88,7 @@ def evaluate_jacobian(jacobian: int, tangent: int, t: float, run: Run, y: int, s
         call_code(jacobian, clock, point, c, 0, out)
         for m in range(n):
             for k in range(n):
-                j[m, k] = wide[1, m * n + k]
+                j[m, k] = wide[1, m * n + k] if math.isfinite(wide[1, m * n + k]) else 0.0
         return
     for k in range(n):
         wide[0, n + k] = 0.0
@@ -92,7 +97,7 @@ def evaluate_jacobian(jacobian: int, tangent: int, t: float, run: Run, y: int, s
         call_code(tangent, clock, point, c, 0, out)
         wide[0, n + k] = 0.0
         for m in range(n):
-            j[m, k] = wide[1, m]
+            j[m, k] = wide[1, m] if math.isfinite(wide[1, m]) else 0.0
 
 
 @compiled_subset

@@ -61,6 +61,8 @@ class Recurrences:
         Whether steps do not grow at once, so that what happens is not passed over.
     nonsmooth : bool
         Whether there are kinks or jumps in state or time.
+    ends_at_kinks : bool
+        Whether steps end at all of these, and none is in a root.
     tables : tuple of (str, float)
         Arguments of tables that vary, and the keys of these: a step ends where an argument leaves a piece.
     roots : tuple of str
@@ -83,6 +85,7 @@ class Recurrences:
     poles: tuple[str, ...] = ()
     step_growth_limited: bool = False
     nonsmooth: bool = False
+    ends_at_kinks: bool = True
     tables: tuple[tuple[str, float], ...] = ()
     roots: tuple[str, ...] = ()
     switches: tuple[Switch, ...] = ()
@@ -157,6 +160,7 @@ def recurrences(kernel: Kernel, events_with_series: int = 0, *, step_growth_limi
         poles,
         step_growth_limited or bool(controlled),
         bool(kinks),
+        not nonsmooth_values(hidden) and not any(_root(line) and line.args[0] in flat for line in kernel.body),
         tuple(
             (str(line.args[0]), float(line.args[1]))
             for line in kernel.body

@@ -11,14 +11,10 @@ times the spacing of times: so steps make progress, and the argument is past the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
 
-import numpy as np
-
-from ..ir.interpret import interpret_rows
-from ..ir.kernel import Assignment, Lines, Operand
-from ..ir.program import Program
+from ..ir.kernel import Lines, Operand
 from ..ir.tables import LOWER, UPPER, table_of
 from ..methods.step_constants import EPSILON, SMALLEST_OF_TIME
 from .expansion import Series, coefficient
@@ -135,14 +131,9 @@ class Side:
     @classmethod
     def of(cls, lines: Lines, terms: Series, turned: bool) -> Side:
         """Return the bounds towards the upper end, or the lower where `turned`."""
-        rise: Operand = 0.0
-        bend: Operand = 0.0
-        for k, term in enumerate(terms[1:], 1):
-            if term == 0.0:
-                continue
-            forward = lines.op("max", lines.neg(term) if turned else term, 0.0)
-            rise = lines.add(rise, forward)
-            bend = lines.fma(forward, float(k * (k - 1)), bend)
+        forward = [lines.neg(term) if turned else term for term in terms]
+        rise = _at_most(lines, forward[1:])
+        bend = _at_most(lines, [lines.mul(term, float(k * (k - 1))) for k, term in enumerate(forward[2:], 2)])
         most = lines.op("fma", lines.op("add", lines.op("abs", terms[1]), bend), 4.0, _TINY)
         return cls(rise, bend, most)
 
@@ -155,6 +146,22 @@ class Side:
         above = lines.op("select", leaves, lines.sub(root, slope), twice)
         below = lines.op("select", leaves, self.bend, lines.add(slope, root))
         return lines.op("div", above, lines.op("add", below, _TINY))
+
+
+def _at_most(lines: Lines, terms: Series) -> Operand:
+    """Return a bound of a polynomial with these coefficients, from the lowest order up, between 0 and 1.
+
+    A negative term takes from all later positive ones, which are nowhere larger than their share at 1 times its power.
+    """
+    most: Operand = 0.0
+    spare: Operand = 0.0
+    for term in terms:
+        if term == 0.0:
+            continue
+        left = lines.add(term, spare)
+        most = lines.add(most, lines.op("max", left, 0.0))
+        spare = lines.op("min", left, 0.0)
+    return most
 
 
 # Ends of Taylor steps at zeros of square roots: [series of a root] -> [size of the step].
@@ -266,34 +273,3 @@ def _dips(lines: Lines, first: Operand, middle: Operand, end: Operand) -> Operan
     lowest = lines.fma(second, -_ROOT_MARGIN, middle)
     within = lines.op("less", lines.op("abs", turn), lines.mul(second, _WITHIN))
     return lines.mul(within, lines.op("less", lines.mul(lines.mul(second, 8.0), lowest), lines.mul(turn, turn)))
-
-
-# Roots that vanish in motions from rest, where rates are finite and power series do not exist.
-
-_SAMPLES = 4
-
-
-def roots_vanish_at_rest(program: Program) -> bool:
-    """Return whether a root is zero, and all rates are finite, where all speeds are zero or the whole state is.
-
-    Drag in proportion to a speed times a velocity is such a force: its rates at rest have one-sided derivatives only.
-    Roots are square roots, and powers with exponents that are not whole.
-    """
-    roots = [line.target for line in program.kernel("rhs").body if line.op == "sqrt" or _is_root(line)]
-    if not roots:
-        return False
-    rhs, layout = program.kernel("rhs"), program.layout
-    random = np.random.default_rng(0)
-    t, c = random.uniform(0.5, 1.5, _SAMPLES), random.uniform(0.5, 1.5, (_SAMPLES, layout.constants))
-    resting = random.uniform(0.5, 1.5, (_SAMPLES, len(layout.state)))
-    resting[:, [name not in layout.coordinates for name in layout.state]] = 0.0
-    states = np.vstack([resting, np.zeros_like(resting)])
-    kernel = replace(rhs, outputs=(*roots, *rhs.outputs))
-    values = interpret_rows(kernel, np.tile(t, 2), states, np.tile(c, (2, 1)))
-    found = np.all(np.isfinite(values), axis=1) & np.any(values[:, : len(roots)] == 0.0, axis=1)
-    return bool(np.any(np.all(found.reshape(2, _SAMPLES), axis=1)))
-
-
-def _is_root(line: Assignment) -> bool:
-    exponent = line.args[-1]
-    return line.op == "pow" and (isinstance(exponent, str) or exponent != round(exponent))
