@@ -58,7 +58,8 @@ def _vanishes_in_flow(rhs: Kernel, value: Operand, speeds: Set[int], t: float, y
         Time, state (n_y,) and constants (n_c,), of which the speeds are varied.
     """
     needed = leading_to(rhs, [value])
-    moved = [load.index for load in rhs.loads if load.array == "y" and load.target in needed and load.index in speeds]
+    read = {load.index for load in rhs.loads if load.array == "y" and load.target in needed}
+    moved = [i for i in sorted(speeds) if i in read]
     count = len(moved)
     if not 0 < count <= _MOST_SPEEDS:
         return False
