@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 from ..errors import CapabilityError, list_names, nesting_named
@@ -87,8 +88,8 @@ def sensitivity(
             " of one mode, as model.mode().sensitivity(...), or take differences of runs"
         )
     if options.fits_atol:
-        steps = {"method": method, "rtol": rtol, "max_steps": max_steps}
-        motion = self.simulate(t_span, initial, parameters, inputs=inputs, t_eval=t_eval, atol=atol, **steps)
+        simulate = partial(self.simulate, t_span, initial, parameters, inputs=inputs, t_eval=t_eval)
+        motion = simulate(method=method, rtol=rtol, atol=atol, max_steps=max_steps)
         options = replace(options, atol=motion.stats.atol, fits_atol=False)
     from ..analysis.sensitivity import differentiate_run
 
