@@ -196,6 +196,14 @@ def _table(x: Probed, key: Probed, order: Probed) -> Probed:
     return _rounded(at(0.0), np.abs(at(1.0)) * x[1])
 
 
+def _surface(x: Probed, y: Probed, key: Probed, i: Probed, j: Probed) -> Probed:
+    def at(a: int, b: int) -> NDArray[np.float64]:
+        rows = zip(x[0], y[0], key[0], i[0] + a, j[0] + b, strict=True)
+        return np.array([GRAPH_OPERATIONS["surface"].evaluate(*row) for row in rows])
+
+    return _rounded(at(0, 0), np.abs(at(1, 0)) * x[1] + np.abs(at(0, 1)) * y[1])
+
+
 _RULES: dict[str, Callable[..., Probed]] = {
     "add": _sum,
     "sub": lambda a, b: _sum(a, (-b[0], b[1])),
@@ -222,4 +230,5 @@ _RULES: dict[str, Callable[..., Probed]] = {
         for name in ("sign", "floor", "less", "less_equal", "min", "max", "select", "piece", "entry")
     },
     "table": _table,
+    "surface": _surface,
 }

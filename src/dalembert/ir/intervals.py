@@ -15,7 +15,7 @@ import numpy as np
 from ..arrays import FloatArray
 from .bounds import Bounds, arc_slope, cosine, even, hull, one_plus, plus, reciprocal, root, sine, square, times, wider
 from .interpret import ARRAY_OPERATIONS
-from .tables import array_piece, table_of
+from .tables import array_piece, numbers_of
 
 
 @final
@@ -189,7 +189,7 @@ def _number(a: Interval) -> float:
 
 def _entry(place: Interval, key: Interval, row: Interval) -> Interval:
     """Return the bounds of a number of all pieces from the lowest to the highest."""
-    numbers = table_of(_number(key)).row(int(_number(row)))
+    numbers = numbers_of(_number(key)).row(int(_number(row)))
     ends = np.atleast_1d(place.low).astype(int), np.atleast_1d(place.high).astype(int)
     pairs = list(zip(*ends, strict=True))
     low = np.array([np.min(numbers[i : j + 1]) for i, j in pairs]).reshape(np.shape(place.low))

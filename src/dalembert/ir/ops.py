@@ -12,7 +12,7 @@ import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from . import ieee, tables
+from . import ieee, surfaces, tables
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,12 +94,17 @@ TABLE_OPERATIONS: dict[str, Operation] = {
     operation.name: operation
     for operation in (
         Operation("table", 3, 30.0, 0, tables.generic),
+        Operation("surface", 5, 60.0, 0, surfaces.generic_surface),
         Operation("piece", 2, 20.0, 0, tables.piece),
         Operation("entry", 3, 2.0, 0, tables.entry),
     )
 }
-"""Operations on tables, whose operands but the first are numbers (see `dalembert.ir.tables`). Kernels have pieces and
-entries in place of ``table``, which at random points is a function of which nothing is known."""
+"""Operations on tables and surfaces, whose operands but the first (for a surface the first two) are numbers (see
+`dalembert.ir.tables` and `dalembert.ir.surfaces`). Kernels have pieces and entries in place of ``table`` and
+``surface``, which at random points are functions of which nothing is known."""
+
+TABLE_ARGUMENTS: dict[str, int] = {name: 2 if name == "surface" else 1 for name in TABLE_OPERATIONS}
+"""How many operands of an operation on tables are values."""
 
 GRAPH_OPERATIONS: dict[str, Operation] = OPERATIONS | TABLE_OPERATIONS
 

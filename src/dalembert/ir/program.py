@@ -16,7 +16,7 @@ from .kernel import Kernel
 from .notation import Reader, word
 from .ops import TABLE_OPERATIONS
 from .program_fields import LAYOUT_FIELDS, PROGRAM_FIELDS, field_lines, read_fields, read_table, table_text
-from .tables import Table, table_of
+from .tables import PieceNumbers, numbers_of
 
 # Decay rates of constraint violations, which follow the direction of time.
 
@@ -206,11 +206,11 @@ class Program:
         return KnotSides(self.kernel("near_knots"), self.kernel("knot_sides")) if "knot_sides" in self else None
 
     @property
-    def tables(self) -> tuple[Table, ...]:
-        """The tables that kernels read, in the order in which they occur."""
+    def tables(self) -> tuple[PieceNumbers, ...]:
+        """The tables and surfaces that kernels read, in the order in which they occur; axes before their surface."""
         functions = self.kernels if self.conditions is None else (*self.kernels, *self.conditions.kernels)
         keys = [line.args[1] for kernel in functions for line in kernel.body if line.op in TABLE_OPERATIONS]
-        return tuple(table_of(key) for key in dict.fromkeys(keys) if not isinstance(key, str))
+        return tuple(numbers_of(key) for key in dict.fromkeys(keys) if not isinstance(key, str))
 
     def __str__(self) -> str:
         fields = field_lines(PROGRAM_FIELDS, self) + field_lines(LAYOUT_FIELDS, self.layout)
@@ -236,14 +236,14 @@ class Program:
         reader.end_line()
         values = read_fields(reader, {**PROGRAM_FIELDS, **LAYOUT_FIELDS})
         layout = Layout(**{key: value for key, value in values.items() if key in LAYOUT_FIELDS})
-        while reader.sees("table"):
+        while reader.sees("table") or reader.sees("surface"):
             read_table(reader)
         kernels = []
         while reader.sees("kernel"):
             kernels.append(Kernel.read(reader))
         conditions = Conditions.read(reader) if reader.sees("conditions") else None
         if not reader.done:
-            reader.fail("'table', 'kernel', 'conditions' or the end")
+            reader.fail("'table', 'surface', 'kernel', 'conditions' or the end")
         own = {key: value for key, value in values.items() if key in PROGRAM_FIELDS}
         return cls(name=name, layout=layout, kernels=tuple(kernels), conditions=conditions, **own)
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from ..errors import list_names
 from .notation import Reader, literal_text, word
-from .tables import Table, registered
+from .surfaces import Surface
+from .tables import PieceNumbers, Table, registered, table_of
 
 _WIDTH, _INDENT = 100, 16
 """Columns up to which a list continues on one line, and the column that values begin at."""
@@ -136,7 +137,7 @@ def field_lines(fields: Mapping[str, _Field], values: object) -> list[str]:
 def read_fields(reader: Reader, fields: Mapping[str, _Field]) -> dict[str, Any]:
     """Return the values of the fields that come next in a text, one a line, and the defaults of those left out."""
     values: dict[str, Any] = {}
-    while not (reader.done or any(map(reader.sees, ("table", "kernel", "conditions")))):
+    while not (reader.done or any(map(reader.sees, ("table", "surface", "kernel", "conditions")))):
         left = [key for key in fields if key not in values]
         key = next((key for key in left if reader.take(key)), None)
         if key is None:
@@ -154,12 +155,19 @@ def read_fields(reader: Reader, fields: Mapping[str, _Field]) -> dict[str, Any]:
 # Text form of tables in programs: printer and reader.
 
 
-def table_text(table: Table) -> str:
-    """Return a table in the notation of `dalembert.ir.notation`; `read_table` reads it back."""
+def table_text(table: PieceNumbers) -> str:
+    """Return a table or a surface in the notation of `dalembert.ir.notation`; `read_table` reads it back."""
 
     def numbers(values: np.ndarray) -> str:
         return ", ".join(literal_text(value) for value in values)
 
+    if isinstance(table, Surface):
+        lines = [f"surface {table.key}", f"  name {word(table.name)}"]
+        lines.append(f"  axes {', '.join(str(axis.key) for axis in table.axes)}")
+        lines.append(f"  cells {', '.join(map(str, table.coefficients.shape))}")
+        lines += [f"  column {numbers(column.ravel())}" for column in table.coefficients]
+        return "\n".join(lines)
+    assert isinstance(table, Table)
     lines = [f"table {table.key}", f"  name {word(table.name)}", f"  smoothness {table.smoothness}"]
     lines.append(f"  range {literal_text(table.first)}, {literal_text(table.last)}")
     lines += [f"  edges {numbers(table.edges)}", f"  origins {numbers(table.origins)}"]
@@ -167,14 +175,41 @@ def table_text(table: Table) -> str:
     return "\n".join(lines)
 
 
-def read_table(reader: Reader) -> Table:
-    """Return the table that comes next in a text, and register it; the digest that it begins with must be its own."""
-    reader.require("table")
-    key = reader.whole("the key of the table")
+def read_table(reader: Reader) -> PieceNumbers:
+    """Return the table or surface that comes next in a text, and register it.
+
+    The digest that it begins with must be its own.
+    """
+    kind = "surface" if reader.sees("surface") else "table"
+    reader.require(kind)
+    key = reader.whole(f"the key of the {kind}")
     reader.end_line()
     reader.require("name")
-    name = reader.word("the name of the table")
+    name = reader.word(f"the name of the {kind}")
     reader.end_line()
+    read = _read_surface if kind == "surface" else _read_curve
+    found = read(reader, name)
+    if found.key != key:
+        reader.fail(f"a {kind} with the digest {key}, which is {found.key},")
+    return registered(found)
+
+
+def _read_surface(reader: Reader, name: str) -> PieceNumbers:
+    reader.require("axes")
+    first, second = reader.listed(lambda: reader.whole("the key of an axis"))
+    reader.end_line()
+    reader.require("cells")
+    shape = reader.listed(reader.whole)
+    reader.end_line()
+    columns: list[list[float]] = []
+    while reader.sees("column"):
+        reader.require("column")
+        columns.append(reader.listed(reader.number))
+        reader.end_line()
+    return Surface(name, (table_of(first), table_of(second)), np.array(columns).reshape(shape))
+
+
+def _read_curve(reader: Reader, name: str) -> PieceNumbers:
     reader.require("smoothness")
     smoothness = reader.whole()
     reader.end_line()
@@ -192,7 +227,4 @@ def read_table(reader: Reader) -> Table:
         reader.require("power", str(len(columns)))
         columns.append(reader.listed(reader.number))
         reader.end_line()
-    table = Table(name, np.array(edges), np.array(origins), np.array(columns).T, smoothness, first, last)
-    if table.key != key:
-        reader.fail(f"a table with the digest {key}, which is {table.key},")
-    return registered(table)
+    return Table(name, np.array(edges), np.array(origins), np.array(columns).T, smoothness, first, last)

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import hashlib
 import math
+from abc import ABC, abstractmethod
 from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, final
+from typing import Any, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +31,28 @@ _BITS = 48
 """Bits of a key: a double holds it exactly."""
 
 
+class PieceNumbers(ABC):
+    """Numbers of pieces, in rows: those of a `Table`, or of the cells of a `dalembert.ir.surfaces.Surface`."""
+
+    name: str
+
+    @property
+    @abstractmethod
+    def key(self) -> int:
+        """Whole number that stands for it."""
+
+    @abstractmethod
+    def row(self, number: int) -> NDArray[np.float64]:
+        """Return a number of each piece."""
+
+    @abstractmethod
+    def jumps(self, number: int) -> bool:
+        """Return whether a row has coefficients of something that jumps at the ends of pieces."""
+
+
 @final
 @dataclass(frozen=True, eq=False)
-class Table:
+class Table(PieceNumbers):
     """A piecewise polynomial of one value x.
 
     Attributes
@@ -82,7 +102,11 @@ class Table:
         numbers = (self.edges, self.origins, self.coefficients, (self.smoothness, self.first, self.last))
         parts = [np.ascontiguousarray(part, dtype="<f8").tobytes() for part in numbers]
         text = f"{self.name}\x1f{self.coefficients.shape}".encode()
-        return int.from_bytes(hashlib.sha256(b"\x1f".join([text, *parts])).digest()[: _BITS // 8], "big")
+        return digest(hashlib.sha256(b"\x1f".join([text, *parts])))
+
+    def jumps(self, number: int) -> bool:
+        """See `PieceNumbers.jumps`; the rows before those of coefficients have none."""
+        return self.smoothness < (number - _FIRST) // _ROWS - 1
 
     def row(self, number: int) -> NDArray[np.float64]:
         """Return a number of each piece (m + 1,): its origin, an end, or a coefficient (see `coefficient_row`)."""
@@ -133,27 +157,38 @@ class Table:
         return raised
 
 
-_KNOWN: dict[int, Table] = {}
+def digest(found: Any) -> int:
+    """Return the key that a hash gives."""
+    return int.from_bytes(found.digest()[: _BITS // 8], "big")
 
 
-def registered(table: Table) -> Table:
-    """Register a table with these numbers and return it; `table_of` finds it by its key."""
-    return _KNOWN.setdefault(table.key, table)
+_KNOWN: dict[int, PieceNumbers] = {}
+
+_Kind = TypeVar("_Kind", bound=PieceNumbers)
+
+
+def registered(numbers: _Kind) -> _Kind:
+    """Register a table or a surface with these numbers and return it; `numbers_of` finds it by its key."""
+    found = _KNOWN.setdefault(numbers.key, numbers)
+    assert isinstance(found, type(numbers))
+    return found
+
+
+def numbers_of(key: float) -> PieceNumbers:
+    """Return the table or surface with a key; ``KeyError`` for one that is not registered in this process."""
+    return _KNOWN[int(key)]
 
 
 def table_of(key: float) -> Table:
     """Return the table with a key; ``KeyError`` for one that is not registered in this process."""
-    return _KNOWN[int(key)]
+    found = numbers_of(key)
+    assert isinstance(found, Table)
+    return found
 
 
 def coefficient_row(order: int, power: int) -> int:
     """Return the row of the coefficient of a power, in the derivative of an order."""
     return _FIRST + _ROWS * (order + 1) + power
-
-
-def order_of(row: float) -> int:
-    """Return the order of the derivative that a row of coefficients belongs to; -2 for the rows before these."""
-    return (int(row) - _FIRST) // _ROWS - 1
 
 
 def _horner(coefficients: Any, s: float) -> float:
@@ -170,7 +205,7 @@ def piece(x: float, key: float) -> float:
 
 def entry(place: float, key: float, row: float) -> float:
     """Return a number of a piece."""
-    return float(table_of(key).row(int(row))[int(place)])
+    return float(numbers_of(key).row(int(row))[int(place)])
 
 
 def array_piece(x: Any, key: float) -> Any:
@@ -181,7 +216,7 @@ def array_piece(x: Any, key: float) -> Any:
 
 def array_entry(place: Any, key: float, row: float) -> Any:
     """Return `entry` of an array."""
-    return table_of(key).row(int(row))[np.asarray(place).astype(np.int64)]
+    return numbers_of(key).row(int(row))[np.asarray(place).astype(np.int64)]
 
 
 def array_value(x: Any, key: float, order: float) -> Any:

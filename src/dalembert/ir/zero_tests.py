@@ -20,7 +20,7 @@ from .conditions import CONDITION_TIME, DECIDED, weighted_select
 from .graph import Graph
 from .interning import TOLERANCE
 from .node import Node, UnitName
-from .ops import GRAPH_OPERATIONS, TABLE_OPERATIONS
+from .ops import GRAPH_OPERATIONS, TABLE_ARGUMENTS
 
 _ROUNDING = 0.01
 """Rounding of an operation of this test, as a share of its result: 1e-15 after `TOLERANCE`."""
@@ -181,7 +181,7 @@ def _operation(op: str, args: Sequence[Sized]) -> Sized:
     value = float(function(*x))
     size = _ROUNDING * abs(value)
     for place, (point, error, _) in enumerate(args):
-        named = op in TABLE_OPERATIONS and place > 0
+        named = place >= TABLE_ARGUMENTS.get(op, len(args))
         if error and op not in DECIDED and not named and not (op == "select" and place == 0):
             step = _STEP * max(1.0, abs(point))
             moved = float(function(*x[:place], point + step, *x[place + 1 :]))

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..ir.tables import table_of
+from ..ir.tables import numbers_of, table_of
 
 
 def guarded(function: Callable[..., Any], *arguments: Any) -> Any:
@@ -88,4 +88,4 @@ def piece(x: Any, key: int) -> Any:
 
 def entry(place: Any, key: int, row: int) -> Any:
     """Return a number of a piece of a table."""
-    return jnp.asarray(table_of(key).row(row))[lax.stop_gradient(place).astype(int)]
+    return jnp.asarray(numbers_of(key).row(row))[lax.stop_gradient(place).astype(int)]

@@ -191,7 +191,7 @@ class ModeModels:
         def make() -> set[str]:
             outputs = self.serving(mode).stages.reduced.outputs
             nodes = {guard.output: Graph.topological([outputs[guard.output]]) for guard in self.guards(mode)}
-            return {name for name, found in nodes.items() if any(node.op == "table" for node in found)}
+            return {name for name, found in nodes.items() if any(node.op in ("table", "surface") for node in found)}
 
         return derived_once(self._kinked, self.program(mode), make)
 

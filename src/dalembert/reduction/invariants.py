@@ -23,11 +23,11 @@ from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph
 from ..ir.kernel import Kernel
 from ..ir.node import Node
-from ..ir.tables import table_of
 from ..mechanics.equations import EquationsOfMotion
 from ..transforms.derivatives import tangents
 from ..transforms.linear import matvec
 from ..transforms.lower_kernels import lower_kernel
+from ..transforms.step_limits import own_tables
 
 # Expressions whose switches, tables and steep functions are independent of the state.
 #
@@ -35,7 +35,7 @@ from ..transforms.lower_kernels import lower_kernel
 # has no power before. Where decisions and arguments of such functions are free, any state shows all of their branches.
 
 _DECIDING = frozenset({"abs", "sign", "min", "max", "less", "less_equal"})
-_OF_ARGUMENTS = frozenset({"floor", "table", "exp", "sinh", "cosh", "tanh"})
+_OF_ARGUMENTS = frozenset({"floor", "table", "surface", "exp", "sinh", "cosh", "tanh"})
 """Functions with many pieces, and such as may be below rounding at one state and large at another."""
 
 
@@ -98,7 +98,8 @@ class _Rebuilding:
         if _branches(node, self.variables):
             if node.op in _DECIDING:
                 return self._decided(node, args)
-            args = [self._input(node.args[0], _range(node)), *args[1:]]
+            for place, where in enumerate(_ranges(node)):
+                args[place] = self._input(node.args[place], where)
         return self.graph.call(node.op, *args)
 
     def _decided(self, node: Node, args: list[Node]) -> Node:
@@ -123,12 +124,11 @@ class _Rebuilding:
         return self.free[node.index][0]
 
 
-def _range(node: Node) -> FreeArgument:
-    """Return where the argument of a function has to be, so that its pieces are met."""
-    if node.op != "table":
-        return FreeArgument()
-    table = table_of(float(node.args[1].payload))  # type: ignore[arg-type]
-    return FreeArgument((table.first + table.last) / 2, (table.last - table.first) / 2 or 1.0)
+def _ranges(node: Node) -> list[FreeArgument]:
+    """Return where the arguments of a function have to be, so that its pieces are met."""
+    found = [table for _, table, _ in own_tables(node)]
+    ranges = [((table.first + table.last) / 2, (table.last - table.first) / 2 or 1.0) for table in found]
+    return [FreeArgument(*each) for each in ranges] or [FreeArgument()]
 
 
 @final

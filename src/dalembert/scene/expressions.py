@@ -21,7 +21,7 @@ from ..transforms.conditions import Condition
 from ..transforms.derivatives import tangents
 from .elapsed import ElapsedTime
 from .joints import Unknown
-from .tables import TableFunction, outside
+from .table_functions import TableFunction, outside
 from .time_conditions import FUNCTIONS, JUMPING, RECIPROCALS, TimeConditions, is_exhaustive, supported
 
 _EXPONENT = 1_000_000
@@ -192,14 +192,15 @@ class ExpressionReader:
         return self._function(e)
 
     def _table(self, e: TableFunction) -> Node:
-        x, curve = self._read(e.args[0]), e.curve
-        if x.number is not None and outside(float(x.number), curve.table):
-            first, last = curve.table.first, curve.table.last
-            return self.fault(
-                f"{e} is outside of the knots of the table {curve.table.name!r}, which go from {first:g} to {last:g};"
-                ' give it extrapolate="hold" or "linear", or more knots'
-            )
-        return self.graph.call("table", x, self.graph.const(curve.table.key), self.graph.const(curve.order))
+        curve, values = e.curve, [self._read(x) for x in e.values]
+        for x, axis in zip(values, curve.axes, strict=True):
+            if x.number is not None and outside(float(x.number), axis):
+                return self.fault(
+                    f"{e} is outside of the knots of the table {axis.name!r}, which go from {axis.first:g} to"
+                    f' {axis.last:g}; give it extrapolate="hold" or "linear", or more knots'
+                )
+        numbers = map(self.graph.const, (curve.table.key, *curve.orders))
+        return self.graph.call("table" if len(values) == 1 else "surface", *values, *numbers)
 
     def _decimal(self, e: Any) -> Node:
         """Return a decimal number: the binary fraction that SymPy holds, all its digits."""

@@ -13,7 +13,7 @@ from sympy.core.relational import Relational
 from ..arrays import FloatArray
 from .expressions import short
 from .joints import Unknown
-from .tables import TableFunction
+from .table_functions import TableFunction
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -43,8 +43,9 @@ def _jumps(scene: Scene) -> Iterator[ForceJump]:
         for relation in sorted(expression.atoms(Relational), key=sp.default_sort_key):
             yield ForceJump(f"the condition {short(relation)}", relation.lhs - relation.rhs, np.zeros(1))
         for table in sorted(expression.atoms(TableFunction), key=sp.default_sort_key):
-            if table.curve.table.smoothness < table.curve.order:
-                yield ForceJump(f"the table {table.curve.table.name!r}", table.args[0], table.curve.table.edges)
+            for x, axis, order in table.axes():
+                if axis.smoothness < order:
+                    yield ForceJump(f"the table {axis.name!r}", x, axis.edges)
 
 
 def _expressions(scene: Scene) -> Iterator[Any]:

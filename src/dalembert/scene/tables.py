@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections.abc import Sequence
-from typing import Any, ClassVar, final
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
 from ..errors import ExpressionError, OptionError, ValueInputError, list_names
-from ..ir.tables import Table, registered, value
-from ..ir.tables import array_value as array_value
-
-TABLE = "table_value"
-"""Name of `dalembert.ir.tables.array_value` in generated text."""
+from ..ir.surfaces import Surface
+from ..ir.tables import Table, registered
+from .table_functions import Curve, TableFunction
 
 _KINDS = {"hold": 1, "linear": 2, "cubic": 4}
 """Kinds, with the number of knots that each needs."""
@@ -32,33 +29,36 @@ _SLACK = 1e-12
 def table(
     x: Any, knots: Any, values: Any, kind: str = "linear", extrapolate: str = "error", *, name: str = "f"
 ) -> sp.Expr:
-    """Return a curve of data as a function of an expression.
+    """Return a curve of data as a function of an expression, or a surface of data as a function of two.
 
     It may stand in loads, potentials, constraints, positions, outputs and events, wherever an expression may.
 
     Parameters
     ----------
-    x : SymPy expression
-        Argument of the curve: coordinates, rates, time, parameters.
-    knots : array_like (n,)
-        Where the curve is known, increasing, in the units of `x`.
-    values : array_like (n,)
-        The curve there: numbers, and expressions in parameters where the values are to be given to runs, swept, or
-        differentiated by (at most 64 of them). The curve is linear in its values: one with expressions is the sum of
-        these, each times the table that is 1 at its knot.
+    x : SymPy expression, or a pair of expressions
+        Argument of the curve: coordinates, rates, time, parameters. A pair (x, y) gives a surface.
+    knots : array_like (n,), or a pair of array_like (n,) and (m,)
+        Where the curve is known, increasing, in the units of `x`; for a surface the lines of its grid, as SciPy's
+        ``RegularGridInterpolator`` takes them.
+    values : array_like (n,) or (n, m)
+        The curve or surface there: numbers, and expressions in parameters where the values are to be given to runs,
+        swept, or differentiated by (at most 64 of them). The curve is linear in its values: one with expressions is
+        the sum of these, each times the table that is 1 at its knot.
     kind : str
         ``"linear"`` interpolates; ``"cubic"`` is the cubic spline that SciPy calls not-a-knot, and needs 4 knots;
-        ``"hold"`` keeps the value of the last knot that is not above x.
+        ``"hold"`` keeps the value of the last knot that is not above x. A surface is that along either axis; a cubic
+        one is SciPy's ``RectBivariateSpline`` with its defaults.
     extrapolate : str
         Continuation outside of the knots: ``"error"``, where a run ends with the status ``OUTSIDE_TABLE``;
-        ``"hold"``, the value at the end; ``"linear"``, the line through the end with the slope there.
+        ``"hold"``, the value at the end; ``"linear"``, the line through the end with the slope there; for a surface
+        along either axis.
     name : str
         Name of the curve in messages and the textbook view.
 
     Returns
     -------
     sympy.Expr
-        A function of `x`, which SymPy can differentiate by `x`.
+        A function of `x`, which SymPy can differentiate by `x` (of a pair: by both).
 
     Raises
     ------
@@ -67,7 +67,7 @@ def table(
     ValueInputError
         For knots that are not increasing, numbers that are not finite, wrong shapes, too few knots.
     ExpressionError
-        Where `x` is not an expression.
+        Where `x` is neither an expression nor a pair of them.
 
     Examples
     --------
@@ -75,27 +75,96 @@ def table(
 
         torque = da.table(theta, [-2, -1, 0, 1, 2], [-9, -3, 0, 3, 9], kind="cubic")
         scene.add_loads((B, -torque * N.z))
+
+    The torque of an engine over speed and throttle, the throttle u an input of the scene::
+
+        engine = da.table((theta.diff(), u), ([0, 200, 400], [0, 1]), [[0, 90], [-10, 140], [-30, 100]])
     """
     if kind not in _KINDS:
         raise OptionError(f"table {name!r}: unknown kind {kind!r}; known: {list_names(_KINDS)}")
     if extrapolate not in _EXTRAPOLATE:
         raise OptionError(f"table {name!r}: unknown extrapolate {extrapolate!r}; known: {list_names(_EXTRAPOLATE)}")
+    if isinstance(x, tuple | list):
+        return _surface(x, knots, values, kind, extrapolate, name)
     where, (heights, weighed) = _numbers(knots, "knots", name), _heights(values, name)
     _check(where, heights, kind, name)
+    argument = _argument(x, name)
+
+    def curve(label: str, numbers: NDArray[np.float64]) -> sp.Expr:
+        return TableFunction(argument, Curve(registered(_table(label, where, numbers, kind, extrapolate))))
+
+    return _weighed(curve, heights, {(i,): weight for i, weight in weighed.items()}, name)
+
+
+def _surface(x: Sequence[Any], knots: Any, values: Any, kind: str, extrapolate: str, name: str) -> sp.Expr:
+    """Return a surface: along either axis it is what a curve of its kind is, and so linear in the values."""
+    try:
+        lines = list(knots)
+    except TypeError:
+        lines = []
+    if len(x) != 2 or len(lines) != 2:
+        raise ValueInputError(
+            f"table {name!r}: {len(x)} arguments and {len(lines)} rows of knots; a surface has two of both:"
+            " da.table((x, y), (knots_x, knots_y), values), with values[i][j] at knots_x[i] and knots_y[j]"
+        )
+    arguments = [_argument(each, name) for each in x]
+    where = [_numbers(line, f"knots of argument {i}", name) for i, line in enumerate(lines, 1)]
+    try:
+        given = np.array(values.tolist() if isinstance(values, sp.MatrixBase) else values, dtype=object)
+    except ValueError:
+        given = np.empty(0)
+    if given.shape != (len(where[0]), len(where[1])):
+        raise ValueInputError(
+            f"table {name!r}: the values have the shape {given.shape}, and the knots are"
+            f" {len(where[0])} by {len(where[1])}; give one row of values for each knot of the first argument"
+        )
+    heights, weighed = _heights(given.ravel(), name)
+    parts = [_axis(f"{name} (argument {i})", line, kind, extrapolate, name) for i, line in enumerate(where, 1)]
+    axes = parts[0][0], parts[1][0]
+
+    def surface(label: str, numbers: NDArray[np.float64]) -> sp.Expr:
+        cells = np.einsum("iap,jbq,pq->ijab", parts[0][1], parts[1][1], numbers, optimize=True)
+        return TableFunction(*arguments, Curve(registered(Surface(label, axes, cells))))
+
+    places = {divmod(i, given.shape[1]): weight for i, weight in weighed.items()}
+    return _weighed(surface, heights.reshape(given.shape), places, name)
+
+
+def _axis(
+    label: str, knots: NDArray[np.float64], kind: str, extrapolate: str, name: str
+) -> tuple[Table, NDArray[np.float64]]:
+    """Return the pieces of an axis, and the coefficients (m, degree + 1, n) of the curves that are 1 at one knot."""
+    _check(knots, knots, kind, name)
+    units = [_table(label, knots, unit, kind, extrapolate) for unit in np.eye(len(knots))]
+    first, outer = units[0], np.where(np.isnan(units[0].coefficients[:, :1]), np.nan, 0.0)
+    axis = Table(label, first.edges, first.origins, outer, first.smoothness, first.first, first.last)
+    return registered(axis), np.stack([unit.coefficients for unit in units], axis=-1)
+
+
+def _argument(x: Any, name: str) -> sp.Expr:
     try:
         argument = None if isinstance(x, str | bytes) else sp.sympify(x)
     except (sp.SympifyError, TypeError, ValueError, AttributeError):
         argument = None
     if not isinstance(argument, sp.Expr):
         raise ExpressionError(f"table {name!r}: {x!r} is not a SymPy expression; give what the curve is a function of")
+    return argument
 
-    def curve(label: str, numbers: NDArray[np.float64]) -> sp.Expr:
-        return TableFunction(argument, Curve(registered(_table(label, where, numbers, kind, extrapolate))))
 
+def _weighed(
+    curve: Callable[[str, NDArray[np.float64]], sp.Expr],
+    heights: NDArray[np.float64],
+    weighed: dict[tuple[int, ...], sp.Expr],
+    name: str,
+) -> sp.Expr:
+    """Return a curve whose values are numbers and, at some places, expressions."""
     if not weighed:
         return curve(name, heights)
-    units = np.eye(len(where))
-    parts = [weight * curve(f"{name}[{i}]", units[i]) for i, weight in weighed.items()]
+    parts = []
+    for place, weight in weighed.items():
+        unit = np.zeros_like(heights)
+        unit[place] = 1.0
+        parts.append(weight * curve(f"{name}[{', '.join(map(str, place))}]", unit))
     return sp.Add(*parts, *([curve(name, heights)] if np.any(heights) else []))
 
 
@@ -191,94 +260,3 @@ def _smoothness(kind: str, extrapolate: str, values: NDArray[np.float64]) -> int
     if kind == "linear":
         return 0
     return {"error": 2, "linear": 1, "hold": 0}[extrapolate]
-
-
-@final
-class Curve(sp.AtomicExpr):  # type: ignore[misc]
-    """The numbers of a table in a SymPy expression, with the order of the derivative that is meant."""
-
-    is_commutative: ClassVar[bool] = True
-    is_real: ClassVar[bool] = True
-    __slots__ = ("order", "table")
-    order: int
-    table: Table
-
-    def __new__(cls, table: Table, order: int = 0) -> Curve:
-        """Return the derivative of an order of a table."""
-        made: Curve = sp.AtomicExpr.__new__(cls)
-        made.table, made.order = registered(table), order
-        return made
-
-    def _hashable_content(self) -> tuple[Any, ...]:
-        return (self.table.name, self.table.key, self.order)
-
-    def __getnewargs__(self) -> tuple[Any, ...]:
-        return (self.table, self.order)
-
-    def __getstate__(self) -> None:
-        return None
-
-    @property
-    def derivative(self) -> Curve | None:
-        """The derivative, None where it is zero between the knots."""
-        return None if self.order >= self.table.degree else Curve(self.table, self.order + 1)
-
-    def sort_key(self, order: Any = None) -> Any:
-        """Return the sort key for SymPy."""
-        return (
-            self.class_key(),
-            (1, (f"{self.table.name} {self.order} {self.table.key}",)),
-            sp.S.One.sort_key(),
-            sp.S.One,
-        )
-
-    def _sympystr(self, printer: Any) -> str:
-        return self.table.name + "'" * self.order
-
-    def _latex(self, printer: Any) -> str:
-        return sp.latex(sp.Symbol(self.table.name)) + "'" * self.order
-
-
-@final
-class TableFunction(sp.Function):  # type: ignore[misc]
-    """A table, or a derivative of it, of an expression; its second argument is the `Curve`."""
-
-    nargs = 2
-    is_real: ClassVar[bool] = True
-
-    @property
-    def curve(self) -> Curve:
-        """The numbers."""
-        found: Curve = self.args[1]
-        return found
-
-    def fdiff(self, argindex: int = 1) -> Any:
-        """Return the derivative by the argument."""
-        slope = self.curve.derivative if argindex == 1 else None
-        return sp.S.Zero if slope is None else TableFunction(self.args[0], slope)
-
-    def _eval_evalf(self, prec: int) -> Any:
-        x = self.args[0].evalf()
-        if not x.is_Float and not x.is_Integer:
-            return None
-        return sp.Float(value(float(x), self.curve.table.key, self.curve.order))
-
-    def call(self, x: str) -> str:
-        """Return the text of a call of `TABLE`, with the text of the argument."""
-        return f"{TABLE}({x}, {self.curve.table.key}, {self.curve.order})"
-
-    def _numpycode(self, printer: Any) -> str:
-        return self.call(printer._print(self.args[0]))
-
-    def _sympystr(self, printer: Any) -> str:
-        return f"{printer._print(self.args[1])}({printer._print(self.args[0])})"
-
-    def _latex(self, printer: Any, exp: str | None = None) -> str:
-        name = self.curve._latex(printer) + ("" if exp is None else f"^{{{exp}}}")
-        return rf"{name}{{\left({printer._print(self.args[0])} \right)}}"
-
-
-def outside(node_value: float, table: Table) -> bool:
-    """Return whether a table has no value at x."""
-    place = bisect_right(table.edges.tolist(), node_value)
-    return table.bounded and place in (0, len(table.edges))

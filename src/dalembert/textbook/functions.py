@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ..scene.tables import TABLE, TableFunction, array_value
+from ..scene.table_functions import TABLE_CALLS, TableFunction
 
 _CALLS = {
     sp.sin: "sin",
@@ -46,9 +46,9 @@ def function_of(arguments: Sequence[Any], expressions: Sequence[Any]) -> Callabl
     try:
         results = [_written(sp.sympify(e), names, lines) for e in expressions]
     except (KeyError, TypeError):
-        return sp.lambdify(arguments, list(expressions), modules=[{TABLE: array_value}, "numpy"], cse=False)
+        return sp.lambdify(arguments, list(expressions), modules=[TABLE_CALLS, "numpy"], cse=False)
     body = "".join(f"    {line}\n" for line in lines)
-    space: dict[str, Any] = {**_NAMES, TABLE: array_value}
+    space: dict[str, Any] = {**_NAMES, **TABLE_CALLS}
     exec(f"def f({', '.join(heads)}):\n{body}    return [{', '.join(results)}]\n", space)
     return space["f"]
 
@@ -61,7 +61,7 @@ def _written(expression: Any, names: dict[Any, str], lines: list[str]) -> str:
         if e in names:
             stack.pop()
             continue
-        parts = e.args[:1] if isinstance(e, TableFunction) else e.args
+        parts = e.values if isinstance(e, TableFunction) else e.args
         pending = [part for part in parts if part not in names] if not e.is_number else []
         if pending:
             stack.extend(pending)
@@ -85,7 +85,7 @@ def _number(e: Any) -> str:
 
 def _line(e: Any, parts: list[str]) -> str:
     if isinstance(e, TableFunction):
-        return e.call(parts[0])
+        return e.call(*parts)
     if e.is_Add:
         return " + ".join(parts)
     if e.is_Mul:

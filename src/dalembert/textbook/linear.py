@@ -15,7 +15,7 @@ import sympy as sp
 from sympy.polys.fields import sfield
 
 from ..scene.identity import vanishes
-from ..scene.tables import TableFunction
+from ..scene.table_functions import TableFunction
 
 SMALL = 2500
 """Operations of a system up to which it is treated in the field of rational functions."""

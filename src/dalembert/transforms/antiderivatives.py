@@ -70,7 +70,7 @@ class Antiderivatives:
 
     def _jumps(self, h: Node) -> bool:
         """Return whether an expression has jumps; the antiderivatives on both sides of one need not agree there."""
-        jumping = ("select", "sign", "floor", "less", "less_equal", "table")
+        jumping = ("select", "sign", "floor", "less", "less_equal", "table", "surface")
         mask = sum(x.deps for x in self.moving)
         return any(node.op in jumping and node.deps & mask for node in self.graph.topological([h]))
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from ..ir.graph import Graph
 from ..ir.node import Node
+from ..ir.surfaces import surface_of
 from ..ir.tables import table_of
 
 
@@ -47,6 +48,18 @@ def _table(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
     return graph.call("table", x, key, order + 1) * tangent[0]
 
 
+def _surface(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
+    x, y, key, *orders = node.args
+    i, j = (int(order.number or 0) for order in orders)
+    degrees = surface_of(float(key.number or 0)).degrees
+    total = graph.zero
+    if i < degrees[0] and not tangent[0].is_zero:
+        total = total + graph.call("surface", x, y, key, graph.const(i + 1), graph.const(j)) * tangent[0]
+    if j < degrees[1] and not tangent[1].is_zero:
+        total = total + graph.call("surface", x, y, key, graph.const(i), graph.const(j + 1)) * tangent[1]
+    return total
+
+
 def _atan2(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
     y, x = node.args
     return (x * tangent[0] - y * tangent[1]) / (x * x + y * y)
@@ -81,6 +94,7 @@ RULES: dict[str, Rule] = {
     "less_equal": _piecewise_zero,
     "select": lambda g, n, d: g.call("select", n.args[0], d[1], d[2]),
     "table": _table,
+    "surface": _surface,
     "piece": _piecewise_zero,
     "entry": _piecewise_zero,
 }

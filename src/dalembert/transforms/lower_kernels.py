@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from itertools import islice
 from typing import final
@@ -22,12 +22,13 @@ from ..ir.graph import Graph
 from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..ir.node import Node
 from ..ir.ops import GRAPH_OPERATIONS
-from ..ir.tables import ORIGIN, coefficient_row, table_of
+from ..ir.surfaces import surface_value
 from ..ir.tables import value as table_value
 from ..naming import Namer
 from .forms import FormBuilder, Forms, UnsuitableForm, frequent
 from .pipelines import KERNEL_PASSES, PassRecord
 from .polynomial import Form, Polynomial, Polynomials, pythagorean
+from .table_lines import PieceLines
 
 _PASSES = 3
 _THOROUGH, _LARGEST = 300, 1000
@@ -225,7 +226,7 @@ def _kernel(
     operands: dict[int, Operand] = {}
     loads: list[Load] = []
     body: list[Assignment] = []
-    pieces: dict[tuple[Operand, bytes], str] = {}
+    pieces = PieceLines(namer, body)
     for node in graph.topological(nodes, forms.args):
         op, values = forms.of(node)
         if op == "input":
@@ -239,8 +240,8 @@ def _kernel(
             operands[node.index] = _literal(node, [operands[arg.index] for arg in node.args])
         else:
             args = tuple(operands[arg.index] for arg in values)
-            if op == "table":
-                operands[node.index] = _table(namer, body, pieces, *args)
+            if op in ("table", "surface"):
+                operands[node.index] = (pieces.table if op == "table" else pieces.surface)(*args)
                 continue
             target = namer(_wish(op, args))
             body.append(Assignment(target, op, args))
@@ -250,35 +251,7 @@ def _kernel(
     return Kernel(name, arguments, tuple(loads), tuple(body), outputs)
 
 
-def _table(
-    namer: Namer,
-    body: list[Assignment],
-    pieces: dict[tuple[Operand, bytes], str],
-    x: Operand,
-    key: Operand,
-    order: Operand,
-) -> Operand:
-    """Write a table, or a derivative of it, as the polynomial of the piece that x lies in; return its value.
-
-    `pieces` are those that have been found, by argument and edges: tables with the same edges share them.
-    """
-
-    def write(name: str, op: str, *args: Operand) -> str:
-        target = namer(name)
-        body.append(Assignment(target, op, args))
-        return target
-
-    assert not isinstance(key, str) and not isinstance(order, str)
-    same = x, table_of(key).edges.tobytes()
-    place = pieces.get(same) or pieces.setdefault(same, write("piece", "piece", x, key))
-    rows = [coefficient_row(int(order), power) for power in range(table_of(key).degree - int(order) + 1)]
-    value = write("number", "entry", place, key, float(rows[-1]))
-    if len(rows) == 1:
-        return value
-    s = write("z", "sub", x, write("origin", "entry", place, key, float(ORIGIN)))
-    for row in rows[-2::-1]:
-        value = write("z", "add", write("z", "mul", value, s), write("number", "entry", place, key, float(row)))
-    return value
+_EXACT: dict[str, Callable[..., float]] = {"table": table_value, "surface": surface_value}
 
 
 def _literal(node: Node, args: list[Operand]) -> float:
@@ -292,7 +265,7 @@ def _literal(node: Node, args: list[Operand]) -> float:
                 "a constant is beyond the range of double precision (1.8e308), in which models are computed; choose"
                 " units in which the numbers of the scene are smaller"
             ) from None
-    evaluate = table_value if node.op == "table" else GRAPH_OPERATIONS[node.op].evaluate
+    evaluate = _EXACT.get(node.op, GRAPH_OPERATIONS[node.op].evaluate)
     value = float(evaluate(*map(float, args)))
     if not math.isfinite(value):
         raise ExpressionError(f"the constant {node.op}({', '.join(map(str, args))}) is not finite")

@@ -10,7 +10,7 @@ from ..ir.graph import Graph
 from ..ir.kernel import Assignment, Kernel, Operand
 from ..ir.node import Node
 from ..ir.program import Program
-from ..ir.tables import order_of, table_of
+from ..ir.tables import numbers_of
 from .linear import SET_ASIDE
 
 _CHOOSING = ("select", "min", "max")
@@ -195,11 +195,7 @@ def only_in_branches(kernel: Kernel) -> frozenset[str]:
 def _jumping_pieces(kernel: Kernel) -> set[Operand]:
     """Return the pieces of tables, or of derivatives of tables, that jump at their knots."""
     entries = (line for line in kernel.body if line.op == "entry")
-    return {
-        place
-        for place, key, row in (line.args for line in entries)
-        if table_of(float(key)).smoothness < order_of(float(row))
-    }
+    return {place for place, key, row in (line.args for line in entries) if numbers_of(float(key)).jumps(int(row))}
 
 
 def decisions(program: Program) -> Kernel | None:

@@ -12,6 +12,8 @@ from typing import final
 
 from ..ir.graph import Graph
 from ..ir.node import Node
+from ..ir.ops import TABLE_ARGUMENTS
+from ..ir.surfaces import surface_of
 from ..ir.tables import LOWER, UPPER, Table, table_of
 from .derivatives import GUARDED, tangents
 from .linear import SET_ASIDE
@@ -29,16 +31,24 @@ _DEAREST = 3000.0
 
 
 def table_nodes(graph: Graph, nodes: Sequence[Node]) -> list[tuple[Node, Table, int]]:
-    """Return the tables that values depend on: argument, table, and order of the derivative."""
+    """Return the tables, and axes of surfaces, that values depend on: argument, table, order of the derivative."""
     found: list[tuple[Node, Table, int]] = []
-    if not any(node.op == "table" for node in graph.nodes):
+    if not any(node.op in ("table", "surface") for node in graph.nodes):
         return found
     for node in graph.topological(nodes):
-        if node.op == "table":
-            x, key, order = node.args
-            assert key.number is not None and order.number is not None
-            found.append((x, table_of(float(key.number)), int(order.number)))
+        found += own_tables(node)
     return found
+
+
+def own_tables(node: Node) -> list[tuple[Node, Table, int]]:
+    """Return the table of a node, or the axes of its surface, as `table_nodes`; nothing for other operations."""
+    if node.op not in ("table", "surface"):
+        return []
+    count = TABLE_ARGUMENTS[node.op]
+    key, *orders = node.args[count:]
+    number = float(key.number or 0)
+    axes = (table_of(number),) if node.op == "table" else surface_of(number).axes
+    return [(x, axis, int(n.number or 0)) for x, axis, n in zip(node.args[:count], axes, orders, strict=True)]
 
 
 def knot_limits(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any, final
 
 from ...ir.kernel import Assignment, Operand
-from ...ir.tables import table_of
+from ...ir.tables import numbers_of, table_of
 from ..rendering import render
 from .target import constant, fma_name, integer, suffix, vector
 from .vector_functions import lanewise
@@ -58,8 +58,7 @@ def with_tables(text: str) -> str:
 
 
 def _array(key: str, row: str) -> dict[str, Any]:
-    table = table_of(int(key))
-    values = table.edges if row == "edges" else table.row(int(row))
+    values = table_of(int(key)).edges if row == "edges" else numbers_of(int(key)).row(int(row))
     numbers = [constant(float(value), 1) for value in values]
     return {"name": f"table.{key}.{row}", "size": len(numbers), "numbers": numbers}
 

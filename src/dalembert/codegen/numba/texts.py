@@ -9,7 +9,7 @@ from typing import Any
 
 from ...ir.kernel import Kernel, describe_counts
 from ...ir.program import Program
-from ...ir.tables import table_of
+from ...ir.tables import numbers_of, table_of
 from ...methods.tableau import Tableau
 from ...transforms.recurrences import Recurrences
 from ...transforms.runge_kutta import AttemptPieces, attempt_kernel, attempt_pieces, start_kernel, start_pieces
@@ -30,7 +30,7 @@ def table_definitions(text: str) -> str:
     if not searched and not read:
         return ""
     rows = [(key, "edges", table_of(int(key)).edges) for key in searched]
-    rows += [(key, row, table_of(int(key)).row(int(row))) for key, row in read]
+    rows += [(key, row, numbers_of(int(key)).row(int(row))) for key, row in read]
     variables: dict[str, Any] = {
         "arrays": [{"name": f"_table_{key}_{row}", "numbers": _listed(values)} for key, row, values in rows],
         "searches": [{"key": key, "count": len(table_of(int(key)).edges)} for key in searched],
