@@ -1,12 +1,22 @@
-"""Trees of frames or points, and matrices of dyadics, of SymPy."""
+"""Trees of frames or points, checks of rotations, and matrices of dyadics, of SymPy."""
 
 from __future__ import annotations
 
+import random
+from collections.abc import Sequence
 from typing import Any, final
 
+import numpy as np
 import sympy as sp
 from sympy.physics.mechanics import ReferenceFrame
 from sympy.physics.vector import Vector
+
+from ..ir.node import Node
+from ..ir.zero_tests import random_inputs, values_of
+
+_DRAWS = 4
+_OFF = 1e-9
+"""How far the products of the rows of a rotation may be from those of unit vectors: rounding of decimals."""
 
 
 @final
@@ -44,6 +54,58 @@ class Tree:
     def number(self, node: Any) -> int:
         """Return the number of a node, assigned in order of first use."""
         return self._numbers.setdefault(id(node), len(self._numbers))
+
+
+# Rotations.
+
+
+def rotation_fault(name: str, parent: str, rows: Sequence[Sequence[Node]], constrained: int) -> str | None:
+    """Return what is wrong with the orientation of a frame, None where it is a rotation.
+
+    Numbers at random points decide. Two kinds of matrices are rotations only on part of their values, which the scene
+    keeps: with rows that depend on constrained coordinates, as direction cosines do, and with one length for all rows
+    that depends on symbols, as quaternions have it whose own length is not 1.
+
+    Parameters
+    ----------
+    name, parent : str
+        Of the frame, and of the one that it is oriented in.
+    rows : sequence of sequence of Node (3, 3)
+        The matrix.
+    constrained : int
+        Dependency bits of the coordinates in holonomic constraints.
+    """
+    nodes = [x for row in rows for x in row]
+    deps = [int(np.bitwise_or.reduce([x.deps for x in row])) for row in rows]
+    sizes: list[float] = []
+    for draw in range(_DRAWS):
+        values = np.array(values_of(nodes, random_inputs(nodes, random.Random(f"rotation {draw}")))).reshape(3, 3)
+        if not np.all(np.isfinite(values)):
+            continue
+        products, sign = values @ values.T, float(np.linalg.det(values))
+        size = products[0, 0]
+        sizes.append(float(size))
+        varies = all(deps) and (len(sizes) == 1 or abs(size - sizes[0]) > _OFF * size)
+        if varies and sign > 0.0 and np.allclose(products, size * np.eye(3), rtol=0.0, atol=_OFF * size):
+            continue
+        free = np.array([[not (a | b) & constrained for b in deps] for a in deps])
+        off = np.where(free, np.abs(products - np.eye(3)), 0.0)
+        i, j = (int(k) for k in np.unravel_index(np.argmax(off), off.shape))
+        where = " at random values of its symbols" if any(deps) else ""
+        if off[i, j] > _OFF:
+            what = f"row {i + 1} has the length {np.sqrt(products[i, i]):.9g}"
+            if i != j:
+                what = f"rows {i + 1} and {j + 1} have the product {products[i, j]:.9g}, which is 0 in a rotation"
+        elif sign < 0.0 and np.all(free):
+            what = "it is a reflection, which turns right-handed axes into left-handed ones"
+        else:
+            continue
+        return (
+            f"frame {name!r} is oriented in {parent!r} by the matrix {name}.dcm({parent}), which is no rotation:"
+            f" {what}{where} (determinant {sign:.9g}); give rows of length 1 at right angles to each other with the"
+            " determinant 1, or an orientation by angles, such as orient_axis"
+        )
+    return None
 
 
 # Matrices of dyadics, such as inertias.

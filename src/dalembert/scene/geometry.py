@@ -14,7 +14,7 @@ from ..transforms.linear import rotation_entries
 from . import release_impose
 from .angles import Angles
 from .expressions import short
-from .frames import Tree
+from .frames import Tree, rotation_fault
 from .joints import Unknown
 from .model import Components, FrameModel, Piece, Pieces, PointModel
 from .scene import Scene
@@ -58,10 +58,21 @@ class GeometryReader(SymbolReader):
                 where = f"orientation of frame {node.name!r}"
                 rows = [self._components(matrix[i, :], where) for i in range(3)]
                 self._without_states([x for row in rows for x in row], where)
+                names = node.name, parent.name
+                if rotation_fault(*names, rows, 0) and (fault := rotation_fault(*names, rows, self._constrained())):
+                    self.faults.append(fault)
                 self._met.append(node)
                 self.frame_models[known] = FrameModel(node.name, number, (rows[0], rows[1], rows[2]))
             number = known
         return number
+
+    def _constrained(self) -> int:
+        """Return the dependency bits of the coordinates in holonomic constraints."""
+        found = 0
+        for q in self.coordinates:
+            if any(isinstance(row, sp.Basic) and row.has(q) for row in self.scene.holonomic_constraints):
+                found |= self.expressions.leaves[q].deps
+        return found
 
     def _shortened(self, path: list[ReferenceFrame]) -> list[ReferenceFrame]:
         """Return the frames on a way without those that a free orientation makes superfluous."""
