@@ -9,7 +9,15 @@ import warnings
 import numpy as np
 import pytest
 import sympy as sp
-from sympy.physics.mechanics import LagrangesMethod, Particle, Point, ReferenceFrame, dynamicsymbols
+from sympy.physics.mechanics import (
+    LagrangesMethod,
+    Particle,
+    Point,
+    ReferenceFrame,
+    RigidBody,
+    dynamicsymbols,
+    inertia,
+)
 
 import dalembert as da
 from dalembert.errors import MissingExtraError, OptionError
@@ -46,7 +54,10 @@ def test_a_plane_motion_is_drawn_in_its_plane(sleigh, tmp_path):
     assert not hasattr(panel, "get_zlim") and panel.get_xlabel() == "x [m]"
     moving._draw_frame(16)
     path = panel.lines[0].get_xydata()
-    assert len(path) == 17  # 4 s of pictures, 4 a second, and the first
+    assert len(moving.drawing.t) == 17  # 4 s of pictures, 4 a second, and the first
+    between = sleigh(np.linspace(0, 2, len(path)))  # paths have points between the pictures
+    assert len(path) > 500
+    np.testing.assert_allclose(path[:, 0], between["x"] + 0.3 * np.cos(between["theta"]), atol=1e-12)
     expected = sleigh(2.0)
     np.testing.assert_allclose(path[-1, 0], expected["x"][0] + 0.3 * np.cos(expected["theta"][0]), atol=1e-12)
     assert panel.get_title() == "t = 2.00 s"
@@ -99,6 +110,50 @@ def test_a_picture_of_one_instant(sleigh):
         moving.picture("end")
 
 
+def test_a_picture_between_the_frames_is_exact(sleigh):
+    """Also with few frames, whose number does not matter; and without continuous output a recorded time is drawn."""
+    t = 0.3137
+    for fps in (1, 10):
+        moving = sleigh.animate(fps=fps)
+        path = np.asarray(moving.picture(t).axes[0].lines[0].get_xydata())
+        exact = sleigh(t)
+        np.testing.assert_allclose(path[-1, 0], exact["x"][0] + 0.3 * np.cos(exact["theta"][0]), atol=1e-12)
+        assert len(path) > 50 and moving.drawing.t[0] == 0.0 and t not in moving.drawing.t
+    backward = da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy", cache=False)
+    moving = backward.simulate((2, 0), START, PARAMETERS).animate(fps=2)
+    assert moving.picture(t).axes[0].get_title() == "t = 0.31 s"
+    for outside in (-0.1, 2.1):
+        with pytest.raises(OptionError, match="is not a time of the motion, which goes from 0 to 2 s"):
+            moving.picture(outside)
+    kept = backward.simulate((0, 2), START, PARAMETERS, dense=False)
+    assert not kept.can_evaluate
+    recorded = float(kept.t[np.abs(kept.t - t).argmin()])
+    figure = kept.animate(fps=2).picture(t)
+    assert figure.axes[0].get_title() == f"t = {recorded:.2f} s"
+    assert len(figure.axes[0].lines[0].get_xydata()) == 1 + np.abs(kept.t - t).argmin()
+
+
+def test_a_sphere_in_a_plane_is_a_circle():
+    """A sphere that turns about another axis than that of the plane is drawn in space."""
+    x, phi, (m, r) = *dynamicsymbols("x phi"), sp.symbols("m r")
+    N, O = ReferenceFrame("N"), Point("O")
+    for axis, plane in ((N.z, (0, 1)), (N.y, (0, 2)), (N.x, (0, 1, 2))):
+        B = N.orientnew("B", "Axis", (phi, axis))
+        G = O.locatenew("G", x * N.x)
+        scene = da.Scene("ball", frame=N, origin=O, coordinates=[x, phi])
+        scene.add_bodies(RigidBody("ball", G, B, m, (inertia(B, r, r, r), G)))
+        scene.add_shapes({"ball": da.Sphere(radius=r)})
+        model = da.compile_model(scene, backend="numpy", cache=False)
+        motion = model.simulate((0, 1), {x: 0, x.diff(): 1, phi: 0, phi.diff(): 2}, {m: 1, r: 0.25})
+        drawing = motion.animate(fps=4).drawing
+        assert drawing.plane == plane
+        (ball,) = drawing.surfaces
+        distance = np.linalg.norm(ball.vertices - motion(drawing.t)["x"][:, None, None] * [1, 0, 0], axis=-1)
+        np.testing.assert_allclose(np.max(distance, axis=1), 0.25, atol=1e-12)
+        if len(plane) == 2:
+            assert np.ptp(ball.vertices[..., 3 - sum(plane)]) < 1e-12
+
+
 def test_a_motion_in_space():
     scene = da.scenes.rolling_sphere()
     start = {"x": 0, "y": 0, "psi": 0, "theta": 1.0, "phi": 0, "psi_dot": 0.3, "theta_dot": 0.2, "phi_dot": 1.0}
@@ -126,7 +181,8 @@ def test_contacts():
     np.testing.assert_array_equal(motion["B_y"], motion["height"])
     moving = motion.animate(fps=10)
     moving._draw_frame(3)
-    np.testing.assert_allclose(moving._fig.axes[0].lines[0].get_xydata()[:, -1], motion(np.arange(4) / 10)["height"])
+    path = moving._fig.axes[0].lines[0].get_xydata()[:, -1]
+    np.testing.assert_allclose(path, motion(np.linspace(0, 0.3, len(path)))["height"], atol=1e-12)
     kept = model.simulate((0, end), start, parameters, dense=False)
     kept.animate(fps=10)._draw_frame(2)
     some = kept.rows(np.array([3, 0, 2]))

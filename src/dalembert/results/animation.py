@@ -13,17 +13,21 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
+from ..arrays import FloatArray
 from ..errors import MissingExtraError, OptionError
 from ..mechanics.skeleton import skeleton
 from ..stops.segments import Constants, constants_at
 from ..values import listed, option
-from .drawing import Drawing, Line, Surface, drawing_of, shape_points
+from .drawing import drawing_of, shape_points
+from .drawn_parts import Drawing, Frames, Line, Surface
 
 if TYPE_CHECKING:
     from ..scene import Scene
     from .trajectory import Trajectory
 
 _MOST_FRAMES = 5_000
+_PATH_POINTS = 500
+"""Least number of parts of a path where the motion is known between recorded times."""
 _WRITERS = {".gif": "pillow", ".html": "html", ".htm": "html", ".mp4": "ffmpeg", ".mkv": "ffmpeg", ".mov": "ffmpeg"}
 _PAGES = (".html", ".htm")
 
@@ -38,21 +42,33 @@ class Animation(FuncAnimation):
         The drawing.
     """
 
-    def __init__(self, figure: Figure, update: _Update, drawing: Drawing, fps: float) -> None:
-        self.drawing, self._figure, self._update, self._fps = drawing, figure, update, fps
+    def __init__(self, figure: Figure, update: _Update, fps: float, at: Callable[[float], Drawing]) -> None:
+        self.drawing, self._figure, self._update, self._fps, self._at = update.drawing, figure, update, fps, at
+        drawing = self.drawing
         super().__init__(figure, update, frames=len(drawing.t), interval=1e3 / fps, blit=False)
         self._draw_was_started = True  # or matplotlib tells who does not show it to call plt.show, which cannot show it
 
     def picture(self, t: float) -> Figure:
-        """Return the figure of matplotlib as it is at a time, to save it: ``picture(1.5).savefig("pose.pdf")``.
+        """Return a figure of matplotlib of the motion at a time, to save it: ``picture(1.5).savefig("pose.pdf")``.
 
         Parameters
         ----------
         t : float
-            Time [s]; the nearest one of the animation is taken.
+            Time [s] of the motion. It is met exactly; a motion without continuous output is drawn at the recorded time
+            nearest to it, which the title says.
+
+        Raises
+        ------
+        OptionError
+            For a time before the motion or after it.
         """
-        self._update(int(np.abs(self.drawing.t - option("t", t)).argmin()))
-        return self._figure
+        time = option("t", t)
+        first, last = sorted((float(self.drawing.t[0]), float(self.drawing.t[-1])))
+        if not first <= time <= last:
+            raise OptionError(f"t = {time:g} is not a time of the motion, which goes from {first:g} to {last:g} s")
+        figure, update = _figure(self._at(time))
+        update(int(np.abs(update.drawing.t - time).argmin()))
+        return figure
 
     def save(self, filename: Any, writer: Any = None, *settings: Any, **options: Any) -> None:
         """Write the animation to a file: a page ``.html``, ``.gif``, or ``.mp4`` with ffmpeg.
@@ -148,12 +164,22 @@ def animated(
     layout = motion._layout
     wanted = listed("points", points, "names of points")
     drawn = skeleton(scene, layout.parameters, [*wanted, *shape_points(scene)])
-    frames = _frames(motion, fps, speed)
-    c = constants_at(constants, frames.elapsed)
-    first = c if c.ndim == 1 else c[0]
-    values = dict(zip(layout.parameters, first.tolist(), strict=False))
+    times = _times(motion, fps, speed)
+    c = constants_at(constants, motion.elapsed[:1])
+    values = dict(zip(layout.parameters, np.ravel(c)[: len(layout.parameters)].tolist(), strict=False))
     values |= {symbol: values[name] for symbol, name in layout.aliases.items() if name in values}
-    drawing = drawing_of(frames, scene, drawn, c, values, reactions)
+
+    def drawing(wanted: FloatArray) -> Drawing:
+        return drawing_of(_frames(motion, wanted), scene, drawn, constants, values, reactions)
+
+    def at(t: float) -> Drawing:
+        whole = np.union1d(times, [t])
+        return drawing(whole if times[-1] >= times[0] else whole[::-1])
+
+    return Animation(*_figure(drawing(times)), fps, at)
+
+
+def _figure(drawing: Drawing) -> tuple[Figure, _Update]:
     figure = Figure(figsize=(6.0, 5.0), layout="constrained")
     FigureCanvasAgg(figure)
     panel = figure.add_subplot(projection="3d") if len(drawing.plane) == 3 else figure.add_subplot()
@@ -161,11 +187,11 @@ def animated(
     update = _Update(panel, drawing)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # the place of everything is found once, and not for each picture
-    return Animation(figure, update, drawing, fps)
+    return figure, update
 
 
-def _frames(motion: Trajectory, fps: float, speed: float) -> Trajectory:
-    """Return the motion at the times of the pictures; without continuous output, at recorded times near them."""
+def _times(motion: Trajectory, fps: float, speed: float) -> FloatArray:
+    """Return the times of the pictures."""
     if not len(motion.t):
         raise OptionError("the motion has no recorded times, so that there is nothing to draw")
     first, last = float(motion.t[0]), float(motion.t[-1])
@@ -176,11 +202,19 @@ def _frames(motion: Trajectory, fps: float, speed: float) -> Trajectory:
             f"{count:,} pictures are too many (at most {_MOST_FRAMES:,}); give a larger speed, such as"
             f" speed={math.ceil(speed * count / _MOST_FRAMES):g}, or smaller fps"
         )
-    times = np.linspace(first, last, count)
+    return np.linspace(first, last, count)
+
+
+def _frames(motion: Trajectory, times: FloatArray) -> Frames:
+    """Return the motion at times and along paths; without continuous output, at recorded times near them."""
     if motion.can_evaluate:
-        return motion(times)
+        count = len(times) - 1
+        parts = -(-_PATH_POINTS // max(count, 1))
+        fine = np.interp(np.arange(count * parts + 1) / parts, np.arange(count + 1), times)
+        return Frames(motion(times), motion(fine), 1 + parts * np.arange(count + 1))
     nearest = np.abs(motion.t[:, np.newaxis] - times).argmin(axis=0)
-    return motion.rows(nearest)
+    kept = np.union1d(nearest, np.linspace(0, len(motion.t) - 1, min(len(motion.t), _MOST_FRAMES)).astype(int))
+    return Frames(motion.rows(nearest), motion.rows(kept), 1 + np.searchsorted(kept, nearest))
 
 
 def _frame_panel(panel: Any, drawing: Drawing) -> None:
@@ -227,7 +261,7 @@ class _Update:
         points = line.points[..., self._plane]
 
         def move(k: int) -> None:
-            now = points[: k + 1] if line.is_path else points[k]
+            now = points[: self.drawing.reached[k]] if line.is_path else points[k]
             if len(self._plane) == 3:
                 artist.set_data_3d(*now.T)
             else:

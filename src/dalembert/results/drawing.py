@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, list_names
@@ -27,7 +25,9 @@ from ..scene.shapes import (
     length_value,
     vector_value,
 )
+from ..stops.segments import Constants, constants_at
 from . import shape_meshes
+from .drawn_parts import Drawing, Frames, Line, Surface
 
 if TYPE_CHECKING:
     from ..mechanics.skeleton import Skeleton
@@ -40,79 +40,6 @@ _GREY, _GROUND, _ARROW = "#595959", "#c8c8c8", "#d62728"
 _FLAT = 1e-9
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Line:
-    """A line, or points, over time.
-
-    Attributes
-    ----------
-    name : str
-        Text in the legend; empty without an entry.
-    color : str
-    points : ndarray (n_t, k, 3), or (n_t, 3) for the path of a point
-    width : float
-        Of the line [points]; 0 for dots.
-    """
-
-    name: str
-    color: str
-    points: FloatArray
-    width: float
-
-    @property
-    def is_path(self) -> bool:
-        """Whether this is the path of a point."""
-        return self.points.ndim == 2
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether it is the same at all times."""
-        return self.is_path
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Surface:
-    """A surface of triangles over time: vertices (n_t, k, 3), or (1, k, 3) where it is at rest, and faces (m, 3)."""
-
-    name: str
-    color: str
-    vertices: FloatArray
-    faces: NDArray[np.intp]
-    opacity: float
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether it is the same at all times."""
-        return len(self.vertices) == 1
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Drawing:
-    """A picture over time.
-
-    Attributes
-    ----------
-    t : ndarray (n_t,)
-        Times of the pictures [s].
-    surfaces : tuple of Surface
-    lines : tuple of Line
-    low, high : ndarray (3,)
-        Corners of what is shown [m].
-    plane : tuple of int
-        The axes along which anything is apart: two for a motion in a plane, else three.
-    """
-
-    t: FloatArray
-    surfaces: tuple[Surface, ...]
-    lines: tuple[Line, ...]
-    low: FloatArray
-    high: FloatArray
-    plane: tuple[int, ...]
-
-
 def shape_points(scene: Scene) -> list[Any]:
     """Return the points that shapes of a scene need."""
     found = [getattr(shape, name, None) for _, shape in scene.shapes for name in ("at", "start", "end", "point")]
@@ -120,18 +47,18 @@ def shape_points(scene: Scene) -> list[Any]:
 
 
 def drawing_of(
-    motion: Trajectory,
+    frames: Frames,
     scene: Scene,
     drawn: Skeleton,
-    constants: FloatArray,
+    constants: Constants,
     values: Mapping[str, float],
     reactions: bool,
 ) -> Drawing:
-    """Return the picture of a motion at its recorded times.
+    """Return the pictures of a motion.
 
     Parameters
     ----------
-    constants : ndarray (n_c,) or (n_t, n_c)
+    constants : ndarray (n_c,), or the constants of segments
     values : mapping of str to float
         Parameters by name.
     reactions : bool
@@ -143,30 +70,36 @@ def drawing_of(
         For shapes of bodies that do not exist, lengths that are no positive numbers, and reactions that are no
         outputs.
     """
-    positions, axes = drawn.at(motion.elapsed, motion.q, constants)
-    low, high = positions.min(axis=(0, 1)), positions.max(axis=(0, 1))
+    motion = frames.motion
+    positions, axes = drawn.at(motion.elapsed, motion.q, constants_at(constants, motion.elapsed))
+    along = frames.paths
+    traced, _ = drawn.at(along.elapsed, along.q, constants_at(constants, along.elapsed))
+    low, high = traced.min(axis=(0, 1)), traced.max(axis=(0, 1))
     extent = float(np.max(high - low))
-    builder = _Builder(scene, drawn, positions, axes, values, extent or 1.0)
+    builder = _Builder(scene, drawn, positions, traced, axes, values, extent or 1.0)
     shaped = {name for name, shape in scene.shapes if isinstance(shape, BODY_SHAPES)}
+    spheres = [(name, shape) for name, shape in scene.shapes if isinstance(shape, Sphere)]
     for name, shape in scene.shapes:
+        if not isinstance(shape, Sphere):
+            builder.add(name, shape)
+    flat = [i for i in _flat_axes(*builder.bounds()) if all(builder.turns_about(name, i) for name, _ in spheres)]
+    builder.normal = flat[0] if flat else None
+    for name, shape in spheres:
         builder.add(name, shape)
     builder.add_skeleton(shaped)
     if reactions:
         builder.add_reactions(motion)
-    boxes = [(positions.min(axis=(0, 1)), positions.max(axis=(0, 1)))]
-    boxes += [
-        (s.vertices.min(axis=(0, 1)), s.vertices.max(axis=(0, 1))) for s in builder.surfaces if len(s.vertices) > 1
-    ]
-    low, high = np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)
+    low, high = builder.bounds()
     reach = 0.12 * float(np.max(high - low)) or 0.1
-    plane = _plane(low, high)
-    return Drawing(motion.t, tuple(builder.surfaces), tuple(builder.lines), low - reach, high + reach, plane)
+    plane = tuple(i for i in range(3) if i != builder.normal)
+    surfaces, lines = tuple(builder.surfaces), tuple(builder.lines)
+    return Drawing(motion.t, surfaces, lines, low - reach, high + reach, plane, frames.reached)
 
 
-def _plane(low: FloatArray, high: FloatArray) -> tuple[int, ...]:
+def _flat_axes(low: FloatArray, high: FloatArray) -> list[int]:
+    """Return the axes along which nothing is apart, the last first."""
     extent = high - low
-    flat = [i for i in (2, 1, 0) if extent[i] <= _FLAT * max(float(extent.max()), _FLAT)]
-    return tuple(i for i in range(3) if i != flat[0]) if flat else (0, 1, 2)
+    return [i for i in (2, 1, 0) if extent[i] <= _FLAT * max(float(extent.max()), _FLAT)]
 
 
 class _Builder:
@@ -177,14 +110,33 @@ class _Builder:
         scene: Scene,
         drawn: Skeleton,
         positions: FloatArray,
+        traced: FloatArray,
         axes: FloatArray,
         values: Mapping[str, float],
         extent: float,
     ) -> None:
-        self.scene, self.drawn, self.positions, self.axes = scene, drawn, positions, axes
+        self.scene, self.drawn, self.positions, self.traced, self.axes = scene, drawn, positions, traced, axes
         self.values, self.extent = values, extent
         self.surfaces: list[Surface] = []
         self.lines: list[Line] = []
+        self.normal: int | None = None  # of the plane of a motion in a plane, where spheres are drawn as circles
+
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Return the corners (3,) of what moves."""
+        moving = [surface.vertices for surface in self.surfaces if not surface.at_rest]
+        found = [(x.min(axis=(0, 1)), x.max(axis=(0, 1))) for x in (self.positions, self.traced, *moving)]
+        return np.min([low for low, _ in found], axis=0), np.max([high for _, high in found], axis=0)
+
+    def turning(self, body: int) -> FloatArray:
+        """Return the axes (n_t, 3, 3) of a body, one a row; those of the scene for one without a frame."""
+        if body in self.drawn.framed:
+            return np.asarray(self.axes[:, self.drawn.framed.index(body)])
+        return np.broadcast_to(np.eye(3), (len(self.positions), 3, 3))
+
+    def turns_about(self, name: str, axis: int) -> bool:
+        """Return whether a body only turns about an axis of the scene, if at all."""
+        fixed = self.turning(self.body(name))[:, :, axis]
+        return bool(np.max(np.abs(fixed - fixed[0])) <= _FLAT)
 
     def color(self, body: int) -> str:
         """Return the colour of a body."""
@@ -221,7 +173,8 @@ class _Builder:
             helix = shape_meshes.coil(self.point(shape.start), self.point(shape.end), radius, shape.coils)
             self.lines.append(Line("", shape.color or _GREY, helix, 1.2))
         elif isinstance(shape, Path):
-            self.lines.append(Line("", shape.color or _GREY, self.point(shape.point), 1.0))
+            path = self.traced[:, self.drawn.points.index(shape.point.name)]
+            self.lines.append(Line("", shape.color or _GREY, path, 1.0))
         elif isinstance(shape, Ground):
             self._ground(name, shape)
         else:
@@ -241,7 +194,10 @@ class _Builder:
     def _on_body(self, name: str, shape: Sphere | Disk | Box | Cylinder) -> None:
         body = self.body(name)
         frame = getattr(self.scene.bodies[body], "frame", self.scene.frame)
-        if isinstance(shape, Sphere):
+        turned = self.turning(body)
+        if isinstance(shape, Sphere) and self.normal is not None:
+            mesh = shape_meshes.disk(self.number(shape.radius, name), turned[0, :, self.normal])
+        elif isinstance(shape, Sphere):
             mesh = shape_meshes.sphere(self.number(shape.radius, name))
         elif isinstance(shape, Disk):
             mesh = shape_meshes.disk(self.number(shape.radius, name), self.vector(shape.axis, frame, name))
@@ -251,9 +207,6 @@ class _Builder:
             axis = self.vector(shape.axis, frame, name)
             mesh = shape_meshes.cylinder(self.number(shape.radius, name), self.number(shape.length, name), axis)
         centre = self.positions[:, body] if shape.at is None else self.point(shape.at)
-        turned = np.broadcast_to(np.eye(3), (len(centre), 3, 3))
-        if body in self.drawn.framed:
-            turned = self.axes[:, self.drawn.framed.index(body)]
         color = shape.color or self.color(body)
 
         def placed(local: FloatArray) -> FloatArray:
@@ -266,7 +219,7 @@ class _Builder:
         """Add paths and mass centres of bodies, links, points, and axes of bodies without a shape."""
         drawn, count = self.drawn, len(self.drawn.bodies)
         for i in range(count):
-            self.lines.append(Line("", self.color(i), self.positions[:, i], 1.0))
+            self.lines.append(Line("", self.color(i), self.traced[:, i], 1.0))
         for link in drawn.links:
             self.lines.append(Line("", _GREY, self.positions[:, list(link)], 2.0))
         for i, name in enumerate(drawn.bodies):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import MissingExtraError
-from .drawing import Drawing, Line, Surface
+from .drawn_parts import Drawing, Line, Surface
 
 try:
     import plotly.graph_objects as go

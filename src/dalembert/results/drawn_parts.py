@@ -1,0 +1,100 @@
+"""What pictures of motions consist of: surfaces, lines and points over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import FloatArray
+
+if TYPE_CHECKING:
+    from .trajectory import Trajectory
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A line, or points, over time.
+
+    Attributes
+    ----------
+    name : str
+        Text in the legend; empty without an entry.
+    color : str
+    points : ndarray (n_t, k, 3), or (n, 3) for the path of a point, see `Drawing.reached`
+    width : float
+        Of the line [points]; 0 for dots.
+    """
+
+    name: str
+    color: str
+    points: FloatArray
+    width: float
+
+    @property
+    def is_path(self) -> bool:
+        """Whether this is the path of a point."""
+        return self.points.ndim == 2
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether it is the same at all times."""
+        return self.is_path
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A surface of triangles over time: vertices (n_t, k, 3), or (1, k, 3) where it is at rest, and faces (m, 3)."""
+
+    name: str
+    color: str
+    vertices: FloatArray
+    faces: NDArray[np.intp]
+    opacity: float
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether it is the same at all times."""
+        return len(self.vertices) == 1
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A picture over time.
+
+    Attributes
+    ----------
+    t : ndarray (n_t,)
+        Times of the pictures [s].
+    surfaces : tuple of Surface
+    lines : tuple of Line
+    low, high : ndarray (3,)
+        Corners of what is shown [m].
+    plane : tuple of int
+        The axes along which anything is apart: two for a motion in a plane, else three.
+    reached : ndarray (n_t,)
+        How many points of a path have been passed at each time; paths have points at further times, too.
+    """
+
+    t: FloatArray
+    surfaces: tuple[Surface, ...]
+    lines: tuple[Line, ...]
+    low: FloatArray
+    high: FloatArray
+    plane: tuple[int, ...]
+    reached: NDArray[np.intp]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Times of pictures: the motion there, and along paths at further times, of which `reached` are past at each."""
+
+    motion: Trajectory
+    paths: Trajectory
+    reached: NDArray[np.intp]
