@@ -104,7 +104,7 @@ class TableFunction(sp.Function):  # type: ignore[misc]
         points = [x.evalf() for x in self.values]
         if not all(x.is_Float or x.is_Integer for x in points):
             return None
-        evaluate = value if len(points) == 1 else surface_value
+        evaluate: Callable[..., float] = value if len(points) == 1 else surface_value
         return sp.Float(evaluate(*map(float, points), self.curve.table.key, *self.curve.orders))
 
     def call(self, *values: str) -> str:

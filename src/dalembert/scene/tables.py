@@ -78,7 +78,10 @@ def table(
 
     The torque of an engine over speed and throttle, the throttle u an input of the scene::
 
+        u = dynamicsymbols("u")
+        scene.add_inputs(u)
         engine = da.table((theta.diff(), u), ([0, 200, 400], [0, 1]), [[0, 90], [-10, 140], [-30, 100]])
+        scene.add_loads((B, engine * N.z))
     """
     if kind not in _KINDS:
         raise OptionError(f"table {name!r}: unknown kind {kind!r}; known: {list_names(_KINDS)}")
@@ -126,7 +129,7 @@ def _surface(x: Sequence[Any], knots: Any, values: Any, kind: str, extrapolate: 
         cells = np.einsum("iap,jbq,pq->ijab", parts[0][1], parts[1][1], numbers, optimize=True)
         return TableFunction(*arguments, Curve(registered(Surface(label, axes, cells))))
 
-    places = {divmod(i, given.shape[1]): weight for i, weight in weighed.items()}
+    places: dict[tuple[int, ...], sp.Expr] = {divmod(i, given.shape[1]): weight for i, weight in weighed.items()}
     return _weighed(surface, heights.reshape(given.shape), places, name)
 
 

@@ -7,6 +7,7 @@ polynomials of the first; the number of its cell follows from the pieces of both
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import final
 
 from ..ir.kernel import Assignment, Operand
@@ -32,7 +33,7 @@ class PieceLines:
         table = table_of(key)
         place, powers = self._place(x, table), table.degree - order + 1
         return self._polynomial(
-            [lambda n=n: self._entry(place, key, coefficient_row(order, n)) for n in range(powers)],
+            [partial(self._entry, place, key, coefficient_row(order, n)) for n in range(powers)],
             lambda: self._distance(x, place, key),
         )
 
@@ -47,10 +48,10 @@ class PieceLines:
 
         def in_x(b: int) -> Operand:
             rows = [surface_row(i, j, a, b) for a in range(degrees[0] - i + 1)]
-            return self._polynomial([lambda n=n: self._entry(cell, key, n) for n in rows], lambda: s)
+            return self._polynomial([partial(self._entry, cell, key, n) for n in rows], lambda: s)
 
         return self._polynomial(
-            [lambda b=b: in_x(b) for b in range(degrees[1] - j + 1)],
+            [partial(in_x, b) for b in range(degrees[1] - j + 1)],
             lambda: self._distance(y, row, float(along.key)),
         )
 
