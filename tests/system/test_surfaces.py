@@ -1,6 +1,8 @@
 """Surfaces of data over two values: their numbers, and motions with them on every backend, against SciPy."""
 
 import functools
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -160,6 +162,17 @@ def test_outputs_constraints_inputs_and_text():
     rough.add_holonomic_constraints(y - surface("linear").subs(y.diff(), t))
     with pytest.raises(SceneError, match=r"the table 'map \(argument 1\)' has a slope that jumps"):
         da.compile_model(rough)
+
+
+def test_the_text_of_a_program_has_the_axes_of_its_surfaces():
+    """Also where a table with the same knots finds the piece, in a process that has not met the numbers."""
+    made = scene("hold")
+    made.add_loads((made.bodies[0].masscenter, da.table(y.diff(), KNOTS[1], KNOTS[1], "cubic") * N.y))
+    text = str(da.compile_model(made).stages.program)
+    read = f"from dalembert.ir.program import Program; text = {text!r}; assert str(Program.parse(text)) == text"
+    subprocess.run([sys.executable, "-c", read], check=True)
+    for axis in surface("hold").curve.axes:
+        assert text.index(f"table {axis.key}") < text.index("surface ")
 
 
 def test_values_may_be_parameters():

@@ -16,6 +16,7 @@ from .kernel import Kernel
 from .notation import Reader, word
 from .ops import TABLE_OPERATIONS
 from .program_fields import LAYOUT_FIELDS, PROGRAM_FIELDS, field_lines, read_fields, read_table, table_text
+from .surfaces import Surface
 from .tables import PieceNumbers, numbers_of
 
 # Decay rates of constraint violations, which follow the direction of time.
@@ -210,7 +211,9 @@ class Program:
         """The tables and surfaces that kernels read, in the order in which they occur; axes before their surface."""
         functions = self.kernels if self.conditions is None else (*self.kernels, *self.conditions.kernels)
         keys = [line.args[1] for kernel in functions for line in kernel.body if line.op in TABLE_OPERATIONS]
-        return tuple(numbers_of(key) for key in dict.fromkeys(keys) if not isinstance(key, str))
+        found = [numbers_of(key) for key in dict.fromkeys(keys) if not isinstance(key, str)]
+        needed = [(*each.axes, each) if isinstance(each, Surface) else (each,) for each in found]
+        return tuple({each.key: each for group in needed for each in group}.values())
 
     def __str__(self) -> str:
         fields = field_lines(PROGRAM_FIELDS, self) + field_lines(LAYOUT_FIELDS, self.layout)
