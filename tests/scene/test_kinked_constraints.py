@@ -1,7 +1,7 @@
 """Constraints whose velocities would jump in a configuration: refused by name; smooth ones with switches are not."""
 
 import pytest
-from sympy import Abs, Heaviside, Max, Min, Piecewise, cos, floor, sign, symbols
+from sympy import Abs, Heaviside, Max, Min, Piecewise, cos, floor, sign, sqrt, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
@@ -32,6 +32,9 @@ def compiled(holonomic=(), nonholonomic=()):
         (Piecewise((x**2, x < 1), (3 * x - 2, True)) - y, "a condition"),
         (sign(x) - y, "sign"),
         (floor(x) - y, "floor"),
+        (sqrt(x**2) - y, "the root of a square"),
+        (sqrt((x - L) ** 2 * y**2) - k, "the root of a square"),
+        (sqrt(3 * (x - y) ** 2) - L, "the root of a square"),
     ],
 )
 def test_holonomic_constraints_with_a_kink_are_refused(constraint, what):
@@ -52,6 +55,9 @@ def test_nonholonomic_constraints_whose_coefficients_jump_are_refused(coefficien
         Abs(x) ** 3 - y,
         Max(0, x) ** 2 - y,
         Abs(x**2 + 1) - y,
+        sqrt(x**4) - y,
+        sqrt(x**6) - y,
+        sqrt(x**2 + y**2) - L,
         Piecewise((x**2, x < 1), (2 * x - 1, True)) - y,
         y - Max(0, TIME - 1),
     ],

@@ -3,11 +3,14 @@
 Where the gradient of a holonomic constraint jumps in a configuration, as that of ``Abs(x) - y`` at x = 0, velocities
 that obey it would have to jump too: an impact without a law. So with coefficients of nonholonomic constraints. Whether
 they jump is measured: between two points on either side of what a switch decides by, which halving brings together.
+The root of a product of squares is that of absolute values, and decides by their signs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import reduce
+from operator import mul
 
 import numpy as np
 
@@ -31,6 +34,7 @@ _DECIDING = {
     "max": "sign",
 }
 _NAMES = {"abs": "Abs", "min": "Min", "max": "Max", "less": "a condition", "less_equal": "a condition"}
+_NAMES |= {"sqrt": "the root of a square"}
 _POINTS, _LEAST, _HALVINGS = 512, 32, 64
 _PAIRS = 24
 _JUMP = 1e-6
@@ -57,7 +61,7 @@ def kinked_constraints(
     faults = []
     what = "gradient jumps" if moving == rates else "coefficients jump"
     for label, node in rows:
-        switches = [n for n in graph.topological([node]) if n.op in _DECIDING and n.deps & mask]
+        switches = [n for n in graph.topological([node]) if n.deps & mask and (n.op in _DECIDING or _squares(n))]
         name = _first_jump(graph, node, switches, [str(x.payload) for x in moving], [str(x.payload) for x in rates])
         if name:
             faults.append(
@@ -97,8 +101,26 @@ def _decision(graph: Graph, node: Node) -> Node:
     """Return a value that is constant on either side of a kink or a jump of an operation."""
     if node.op in ("less", "less_equal"):
         return node
+    if node.op == "sqrt":
+        return graph.call("sign", reduce(mul, _squares(node)))
     value = node.args[0] - node.args[1] if node.op in ("min", "max") else node.args[0]
     return graph.call(_DECIDING[node.op], value)
+
+
+def _squares(node: Node) -> list[Node]:
+    """Return what is squared in the root of a product of squares, an empty list for all else."""
+    if node.op != "sqrt":
+        return []
+    found, left = list[Node](), [node.args[0]]
+    while left:
+        factor = left.pop()
+        if factor.op == "mul" and factor.args[0] is factor.args[1]:
+            found.append(factor.args[0])
+        elif factor.op == "mul":
+            left += factor.args
+        elif factor.number is None:
+            return []
+    return found
 
 
 def _points(names: Sequence[str], moving: Sequence[str]) -> FloatArray:
