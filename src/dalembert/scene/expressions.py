@@ -181,15 +181,40 @@ class ExpressionReader:
             return self._derivative(e)
         if isinstance(e, TableFunction):
             return self._table(e)
+        if isinstance(e, sp.Subs) and isinstance(e.expr, sp.Derivative) and isinstance(e.expr.expr, AppliedUndef):
+            return self.fault(self._undefined(e.expr.expr.subs(dict(zip(e.variables, e.point, strict=True)))))
         if isinstance(e, AppliedUndef):
             if str(e) in map(str, self.leaves):
                 return self.fault(f"{e} {_OTHER}")
-            return self.fault(
+            return self.fault(self._undefined(e))
+        return self._function(e)
+
+    def _undefined(self, e: Any) -> str:
+        """Return what is wrong with an undefined function, and what is supported in its place."""
+        time, name = dynamicsymbols._t, e.func.__name__
+        if e.args == (time,):
+            return (
                 f"{e} is a function of time that is no coordinate; add it to the coordinates of the scene, declare it"
                 " as a given function of time with add_inputs, or give its rate with add_states"
                 f" (known: {list_names(str(q) for q in self.leaves if isinstance(q, AppliedUndef))})"
             )
-        return self._function(e)
+        known = len(e.args) == 1 and e.func(time) in self.leaves
+        if known and not e.args[0].has(time):
+            return f"{e} is {name!r} at a fixed time: declare a parameter for it, and give its value to runs"
+        if known:
+            return (
+                f"{e} is {name!r} at another time, and delays are not supported: approximate it by a chain of"
+                f" first-order states (add_states), n of them, z1' = n ({name} - z1) / tau, z2' = n (z1 - z2) / tau,"
+                " ..., or sample it: a da.Controller whose states are past values, {d1: "
+                f"{name}, d2: d1}}, has them of one period and two before. A given function of time is an input"
+                " (add_inputs), whose samples are given shifted"
+            )
+        where = e.args[0] if len(e.args) == 1 else "x"
+        return (
+            f"{e} is an undefined function: write the expression that it stands for in its place, or a curve of data"
+            f" dalembert.table({where}, knots, values, kind)"
+            + ("" if len(e.args) == 1 else "; a table has one argument, so that functions of several are expressions")
+        )
 
     def _table(self, e: TableFunction) -> Node:
         curve, values = e.curve, [self._read(x) for x in e.values]
@@ -269,6 +294,8 @@ class ExpressionReader:
                 f"{e} is an acceleration, which may stand in outputs, events and reductions; here only coordinates and"
                 " their first rates may be used"
             )
+        if isinstance(inner, AppliedUndef) and inner.args != (time,):
+            return self.fault(self._undefined(inner))
         return self.fault(f"{e} is the rate of something that is no coordinate of the scene")
 
     def _function(self, e: Any) -> Node:
