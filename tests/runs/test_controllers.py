@@ -1,5 +1,7 @@
 """Sampled controllers, against the closed form of sampled linear loops: a matrix exponential a period."""
 
+import re
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -327,3 +329,34 @@ def test_a_case_without_instants_fails_alone_where_constraints_are_searched(back
     sweep = model.sweep((0, 1), {x: 0.6, y: -0.8, x.diff(): 0}, {m: 1, period: [0.1, -1.0, 0.2]})
     assert sweep.status.tolist() == [Status.SUCCESS, Status.NON_FINITE, Status.SUCCESS]
     assert sweep.t.tolist() == [1.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_an_unstable_loop_is_called_divergent(backend):
+    model, start = model_of(backend), {x: 0, x.diff(): 0, e: 0}
+    run = model.simulate((0, 50), start, {**VALUES, k_p: 1e6})
+    assert run.status is Status.DIVERGED and not run.success
+    assert re.search(r"lower the gains.*Note: 'x_dot' grew to \S+ at t = \d+\S*, from 0 at the start", run.message)
+    sweep = model.sweep((0, 50), start, {**VALUES, k_p: np.array([8.0, 1e6])})
+    assert sweep.status.tolist() == [Status.SUCCESS, Status.DIVERGED]
+    (failure,) = sweep.failures()
+    assert failure.t == run.t[-1] and "loop is unstable" in failure.message
+    stopped = model.simulate((0, 100), start, VALUES, max_steps=20)  # a budget alone is no divergence
+    assert stopped.status is Status.MAX_STEPS
+
+
+def test_an_unstable_loop_whose_steps_become_small_is_called_divergent():
+    angle, (ell, gravity) = dynamicsymbols("angle"), sp.symbols("ell gravity", positive=True)
+    N, O = ReferenceFrame("N"), Point("O")
+    C = O.locatenew("C", x * N.x)
+    B = C.locatenew("B", ell * sp.sin(angle) * N.x + ell * sp.cos(angle) * N.y)
+    scene = da.Scene("pole", frame=N, origin=O, coordinates=[x, angle])
+    scene.add_bodies(Particle("cart", C, m), Particle("bob", B, m))
+    scene.add_inputs(u)
+    scene.add_loads((C, u * N.x))
+    scene.apply_uniform_gravity(-gravity * N.y)
+    scene.add_controllers(da.Controller("loop", period=T, inputs={u: k_p * (angle - x)}))
+    start = {x: 0, x.diff(): 0, angle: 0.1, angle.diff(): 0}
+    values = {m: 1, ell: 1, gravity: 9.81, T: 0.1, k_p: 1e6}
+    run = da.compile_model(scene).simulate((0, 20), start, values, max_steps=200_000)
+    assert run.status is Status.DIVERGED and "'x_dot' grew to" in run.message

@@ -25,6 +25,7 @@ class Status(enum.IntEnum):
     ASSUMPTION = 15
     TIMES_IN_NO_ORDER = 16
     OUTSIDE_TABLE = 17
+    DIVERGED = 18
 
     def __str__(self) -> str:
         return self.name
@@ -124,6 +125,11 @@ _MESSAGES = {
     Status.OUTSIDE_TABLE: (
         "The argument of a table, or the time of a run with samples, left their knots, outside of which there are no "
         'values: give more knots, or extrapolate="hold" or "linear".'
+    ),
+    Status.DIVERGED: (
+        "The motion of a loop with sampled controllers diverged: the state grew without bound until steps failed. The "
+        "loop is unstable at these gains and periods: lower the gains, shorten the period, or look at the eigenvalues "
+        "of model.linearize about an equilibrium."
     ),
     Status.INTERRUPTED: "The run was interrupted before this case had ended; run the cases that remain again.",
     Status.EVENT: "A terminal event ended the run.",

@@ -13,12 +13,17 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from ..lanes.cases import BlockResult, CaseBlock
+from ..methods.status import Status
 from ..once import once_property
 from ..steps.problem import IntegrationProblem, SamplingClock, Solution
 from ..stops.segments import Constants
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
+
+
+FAILED = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED, Status.MAX_STEPS)
+"""Statuses of runs whose steps failed, for which a check may know the reason."""
 
 
 @final

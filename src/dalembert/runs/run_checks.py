@@ -29,7 +29,8 @@ from ..steps.problem import IntegrationProblem, Solution
 from ..stops.segments import Constants, constants_at
 from ..transforms.passes import EliminateDeadCode
 from .constraint_check import ConstraintCheck
-from .run_check import EndedRun, RunCheck
+from .run_check import FAILED, EndedRun, RunCheck
+from .sampling import DivergenceCheck
 from .singular import cut
 
 if TYPE_CHECKING:
@@ -46,8 +47,6 @@ _NEAR = 0.05
 
 _NOTHING, _DEPENDENT = 1e-12, 1e-9
 """Determinant that counts as zero, and share of a constraint below which it follows from others."""
-
-_FAILED = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED, Status.MAX_STEPS)
 
 
 @final
@@ -70,7 +69,7 @@ class GimbalCheck(RunCheck):
         solution, steps, c = run.solution, run.steps, run.constants
         if len(steps.t) == 0:
             return solution, ""
-        failed = steps.status in _FAILED
+        failed = steps.status in FAILED
         values = interpret_rows(self.found.kernel, steps.t, steps.y, constants_at(c, steps.t))
         place, group = _first(values, failed=failed)
         if place < 0:
@@ -92,7 +91,7 @@ class GimbalCheck(RunCheck):
         ran = np.isin(status, (Status.SUCCESS, Status.EVENT))
         with np.errstate(invalid="ignore"):
             turned = np.any(first * last < 0.0, axis=1) & ran
-            stopped = np.any(np.abs(last) < _NEAR, axis=1) & np.isin(status, _FAILED)
+            stopped = np.any(np.abs(last) < _NEAR, axis=1) & np.isin(status, FAILED)
         met = np.flatnonzero(turned | stopped)
         if not len(met):
             return
@@ -273,7 +272,7 @@ class TableCheck(RunCheck):
             return values, (values <= low) | (values >= high)
 
 
-CHECKS = (TableCheck, GimbalCheck, ConstraintCheck)
+CHECKS = (TableCheck, DivergenceCheck, GimbalCheck, ConstraintCheck)
 """In this order: the first that ends a run says why."""
 
 

@@ -1,10 +1,10 @@
-"""Sampling instants of controllers, and their actions."""
+"""Sampling instants of controllers, their actions, and loops that diverge."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, final
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,18 @@ from ..errors import OptionError, ValueInputError, list_names
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Layout, Program
+from ..lanes.cases import BlockResult, CaseBlock
+from ..methods.status import Status
 from ..methods.step_constants import SMALLEST_OF_TIME
 from ..reduction.sampling_kernels import SamplingAction, SamplingKernels
 from ..scene.elapsed import START
-from ..steps.problem import SamplingClock
+from ..steps.problem import SamplingClock, Solution
 from ..stops.stops import StopAction
 from ..values import array_of, number
+from .run_check import FAILED, EndedRun, RunCheck
+
+if TYPE_CHECKING:
+    from ..model.model import CompiledModel
 
 _MOST = 10_000_000
 """Number of instants of one run from which on it is refused."""
@@ -187,3 +193,51 @@ def _numbers(controller: str, what: str, names: Sequence[str], given: Any) -> li
             f" {list_names(names) or 'none'}, in this order or by name"
         )
     return found
+
+
+# Runs of loops with sampled controllers that fail because they are unstable.
+
+_GROWN = 1e8
+"""Size of a component, as a share of the largest at the start, 1 at least, from which a run that fails has diverged."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class DivergenceCheck(RunCheck):
+    """The components of the state of a scene with sampled controllers, without the inputs that are held: (i, name)."""
+
+    components: tuple[tuple[int, str], ...]
+
+    @classmethod
+    def of(cls, model: CompiledModel) -> DivergenceCheck | None:
+        """Return the check of a model; None without controllers."""
+        layout = model.layout
+        free = tuple((i, name) for i, name in enumerate(layout.state) if name not in layout.held)
+        return cls(free) if model.controllers and free else None
+
+    def after(self, run: EndedRun) -> tuple[Solution, str]:
+        """See `RunCheck.after`: a run that failed where its state is huge has the status that says so."""
+        solution, problem = run.solution, run.problem
+        if solution.status not in FAILED:
+            return solution, ""
+        t, y = (solution.t[-1], solution.y[-1]) if len(solution.t) else (problem.t0, problem.y0)
+        if solution.end is not None and solution.last is not None:
+            t, y = solution.end, solution.last
+        if not self._grown(problem.y0[np.newaxis], y[np.newaxis])[0]:
+            return solution, ""
+        place, name = max(self.components, key=lambda item: abs(y[item[0]]))
+        where = f"{name!r} grew to {y[place]:.3g} at t = {float(t):.9g}, from {problem.y0[place]:.3g} at the start"
+        return replace(solution, status=Status.DIVERGED), where
+
+    def after_cases(self, method: str, block: CaseBlock, done: BlockResult) -> None:
+        """See `RunCheck.after_cases`."""
+        failed = np.isin(done.ends[:, 1], FAILED)
+        if np.any(failed):
+            done.ends[failed & self._grown(block.y, done.y), 1] = float(Status.DIVERGED)
+
+    def _grown(self, start: FloatArray, end: FloatArray) -> NDArray[np.bool_]:
+        """Return whether states (k, n_y) have grown without bound, (k,)."""
+        places = [i for i, _ in self.components]
+        start, end = start[:, places], end[:, places]
+        sizes = np.maximum(np.max(np.abs(start), axis=1, initial=0.0), 1.0)
+        return np.asarray(np.max(np.abs(end), axis=1, initial=0.0) > _GROWN * sizes)
