@@ -180,7 +180,7 @@ def test_what_is_wrong_with_functions_is_named():
         run(force, solve_fn("tsit5", dense=True))
     with pytest.raises(OptionError, match="input 'u' cannot be a function of the state"):
         solve_fn("tsit5", driven, tuple(start))(T, start, {"m": 1, "ell": 1, "g": 1}, inputs={"u": force, "v": 0.0})
-    with pytest.raises(OptionError, match="input 'u' is a function, which traced runs alone take"):
+    with pytest.raises(OptionError, match="the function of input 'u' is called as f"):
         compiled(backend="llvm").simulate((0, 1), START, PARAMETERS, inputs={"u": force})
     with pytest.raises(OptionError, match="feedback takes a function"):
         da.feedback(3.0)

@@ -53,6 +53,11 @@ def value_names(inputs: GivenInputs, symbols: SymbolTable, wrt: Sequence[str]) -
         stem = input_of(name, symbols)
         value = None if stem is None else inputs.values[stem]
         known = [f"{stem}[{i}]" for i in range(len(value.t))] if isinstance(value, Samples) else [str(stem)]
+        if isinstance(value, Samples) and value.function:
+            raise OptionError(
+                f"input {stem!r} is a function, which has no values to differentiate by: give it as"
+                " dalembert.samples(times, values, kind), or write it into the scene with parameters"
+            )
         if stem is None or name in known:
             found.append(name)
         elif name == stem:

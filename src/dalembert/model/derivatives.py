@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, cast
 from ..errors import CapabilityError, list_names, nesting_named
 from ..options import SensitivityOptions, TrimOptions
 from ..runs.capabilities import WITHOUT, refuse_functions, refuse_sampling
-from ..starts.input_values import read_inputs, with_inputs
+from ..starts.input_values import read_inputs, run_span, with_inputs
+from ..starts.inputs import span_of
 from ..values import option
 
 if TYPE_CHECKING:
@@ -80,8 +81,9 @@ def sensitivity(
         wrt=wrt,
         of=of,
         t_eval=t_eval,
-        inputs=read_inputs(self.layout, self.inputs, inputs),
     )
+    along = run_span(*span_of(t_span), options)
+    options = replace(options, inputs=read_inputs(self.layout, self.inputs, inputs, along))
     if self.modes is not None:
         raise CapabilityError(
             f"derivatives across changes of contacts ({list_names(self.contacts)}) are not computed: differentiate runs"
@@ -121,8 +123,8 @@ def linearize(
         Time [s].
     initial, parameters : mapping of symbols or names to numbers
         The state and the parameters, as for `simulate`: what the constraints fix may be left out.
-    inputs : mapping of symbols or names to numbers or samples, optional
-        Every input of the scene, the columns of `B` and `D`.
+    inputs : mapping of symbols or names to numbers, samples or functions of time, optional
+        Every input of the scene, the columns of `B` and `D`; with sampled controllers no functions.
     states : sequence of str, optional
         Names of the independent components to use, of coordinates and rates, or of ``layout.state``; by default
         the coordinates and rates that the constraints fix least, the same in every formulation (with unit

@@ -150,7 +150,7 @@ def _with_inputs(self: CompiledModel, p: FloatArray, t: FloatArray, inputs: Mapp
     places = [place + 1 for place in coefficient_places(self.layout.parameters, self.layout.inputs)]
     if inputs is None and not np.any(np.isnan(p[places])):
         return p
-    given = read_inputs(self.layout, self.inputs, inputs)
+    given = read_inputs(self.layout, self.inputs, inputs, t)
     if given is None:
         return p
     rows = np.tile(p, (len(t), 1))

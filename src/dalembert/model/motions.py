@@ -17,7 +17,7 @@ from ..runs.elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, not
 from ..runs.events import with_event_parameters
 from ..runs.simulate import simulate_in_own_time
 from ..runs.small_motions import simulate_at_scale
-from ..starts.input_values import read_inputs
+from ..starts.input_values import read_inputs, run_span
 from ..starts.inputs import span_of
 from ..values import tolerances
 
@@ -67,8 +67,12 @@ def simulate(
         be left out.
     parameters : mapping of symbols or names to numbers
         Every parameter of the scene, and of the events.
-    inputs : mapping of symbols or names to numbers or samples, optional
-        Every input of the scene: a number is constant in time, a record is made by `dalembert.samples`.
+    inputs : mapping of symbols or names to numbers, samples or functions, optional
+        Every input of the scene: a number is constant in time, a record is made by `dalembert.samples`. A function
+        f(t) -> number is sampled before the run, on every backend, as `samples` of kind "cubic": knots are added until
+        the error between them is at most 0.1 `rtol` times its largest value, and where velocities follow the input, at
+        most 0.1 `rtol` of its largest slope. The message of the run says how many they are. It is looked at 1024
+        times at least, and once in every `max_step`; a function that jumps is an error.
     t_eval : array_like (n_t,), optional
         Times to record; without it, the accepted steps.
     method : str
@@ -129,11 +133,12 @@ def simulate(
         project_invariants,
         t_eval=t_eval,
         events=events,
-        inputs=read_inputs(self.layout, self.inputs, inputs),
         progress=progress,
     )
-    model = with_event_parameters(self, parameters, options.events)
     t0, t1 = span = span_of(t_span)
+    given = read_inputs(self.layout, self.inputs, inputs, run_span(t0, t1, options))
+    options = options if given is None else replace(options, inputs=given)
+    model = with_event_parameters(self, parameters, options.events)
     if options.inputs is not None:
         options.inputs.refuse_span(t0, t1)
         parameters = options.inputs.parameters(parameters, t0, after=t1 >= t0)
@@ -159,7 +164,8 @@ def simulate(
             show(run.t_end)
     else:
         run = simulate_at_scale(begin, options, initial)
-    return run if elapsed is None else run.counted_from(t0, times, noted_from(run.stats.note, t0))
+    run = run if elapsed is None else run.counted_from(t0, times, noted_from(run.stats.note, t0))
+    return run if given is None else run.with_note(given.note)
 
 
 @nesting_named
@@ -190,8 +196,8 @@ def prepare(
     ----------
     t_span, method, rtol, atol, max_step, max_steps
         As for `simulate`.
-    inputs : mapping of symbols or names to numbers or samples, optional
-        Every input of the scene, the same for all runs. Without it each run is given its own,
+    inputs : mapping of symbols or names to numbers, samples or functions, optional
+        Every input of the scene, as for `simulate`, the same for all runs. Without it each run is given its own,
         ``run(state, p, inputs)`` with an array of numbers in the order of ``layout.inputs``, held over the run: so
         the loop around a controller of your own is closed.
     project_invariants : bool, str or sequence of str
@@ -220,8 +226,10 @@ def prepare(
         max_step=max_step,
         max_steps=max_steps,
         project_invariants=project_invariants,
-        inputs=None if inputs is None else read_inputs(self.layout, self.inputs, inputs),
     )
+    if inputs is not None:
+        along = run_span(*span_of(t_span), options)
+        options = replace(options, inputs=read_inputs(self.layout, self.inputs, inputs, along))
     from ..runs.prepare import prepare as prepare_model
 
     return prepare_model(self, t_span, options)

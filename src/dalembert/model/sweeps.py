@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -12,7 +13,7 @@ from ..options import StoreOptions, SweepOptions
 from ..runs.capabilities import refuse_functions
 from ..runs.run_notes import with_lost_reactions
 from ..runs.small_motions import warn_of_small_cases
-from ..starts.input_values import read_inputs
+from ..starts.input_values import has_functions, read_inputs, run_span
 
 if TYPE_CHECKING:
     from ..results.cases import CaseSet
@@ -59,8 +60,9 @@ def sweep(
     initial, parameters : mapping of symbols or names to numbers or array_like (n_case,)
         Scalars serve all cases. A value that is not finite, or of an array one that its symbol excludes, is the
         status of its case, not an error.
-    inputs : mapping of symbols or names to numbers, array_like (n_case,) or samples, optional
-        Every input of the scene, as for `simulate`; records may have one row a case.
+    inputs : mapping of symbols or names to numbers, array_like (n_case,), samples or functions, optional
+        Every input of the scene, as for `simulate`; records may have one row a case. A function is sampled once for
+        all cases, over all their spans; `stats.note` says how many samples there are.
     grid : Grid or CaseSampler, optional
         From ``dalembert.grid(b=..., x_dot=...)``: every combination of some parameters and initial values; or
         random cases from `random_cases` or `sobol_cases`.
@@ -138,9 +140,15 @@ def sweep(
         events=events,
         reduce=reduce,
         project_invariants=project_invariants,
-        inputs=read_inputs(self.layout, self.inputs, inputs, many=True) if to is None else None,
     )
+    span = None
+    if has_functions(inputs):
+        from ..runs.cases import spans_of
+
+        span = run_span(*spans_of(t_span), options)
+    given = None if to is not None and span is None else read_inputs(self.layout, self.inputs, inputs, span, many=True)
     if to is None:
+        options = replace(options, inputs=given)
         if chunk is not None or client is not None:
             raise OptionError("chunk and client belong to sweeps that are stored: give to= too, or leave them out")
         if units is not None:
@@ -152,8 +160,10 @@ def sweep(
         found = sweep_cases(self, t_span, initial, parameters, options)
         if not options.fits_atol:
             warn_of_small_cases(found, options.rtol, options.atol)
-        return with_lost_reactions(self, found)
+        found = with_lost_reactions(self, found)
+        return found if given is None else found.with_note(given.note)
     where = StoreOptions(to=to, chunk=chunk, client=client, resume=resume, units=units)
     from ..store.sweep import stored_sweep
 
-    return stored_sweep(self, (t_span, initial, parameters, inputs), options, where)
+    values = inputs if given is None else given.values  # chunks have the samples of all cases
+    return stored_sweep(self, (t_span, initial, parameters, values), options, where)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol, Self, final
 
 import numpy as np
@@ -106,7 +106,14 @@ class ErrorEstimate:
 class Estimated(ABC):
     """Base class of results whose errors a twin at a tighter tolerance may estimate."""
 
+    stats: Any
     _twin: Self | None = None
+
+    def with_note(self, note: str) -> Self:
+        """Return these results with one more note in their statistics, where it is not empty."""
+        if note:
+            self.stats = replace(self.stats, note="; ".join(text for text in (self.stats.note, note) if text))
+        return self
 
     @abstractmethod
     def __getitem__(self, key: Any) -> NDArray[np.float64]: ...

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, ValueInputError, list_names
 from ..ir.program import DEGREE, WIDTH, KnotSides, Layout, coefficient_places, hidden_parameters
+from ..options import RunOptions, SimulateOptions, StepOptions, SweepOptions, tighter
 from ..scene.symbol_table import InputSymbol
 from ..stops.feedback import Feedback
+from ..stops.function_samples import SampledSpan, at_instants, note_of, sampled
 from ..stops.input_records import InputRecords
 from ..stops.samples import KINDS, Samples, checked_samples, refuse_samples, unknown_input
 from ..values import array_of
@@ -46,6 +48,11 @@ class GivenInputs:
     def sampled(self) -> bool:
         """Whether any input has knots."""
         return any(isinstance(value, Samples) for value in self.values.values())
+
+    @property
+    def note(self) -> str:
+        """How many samples there are of inputs that are functions of time, "" without any."""
+        return note_of(self.values)
 
     def counted_from(self, start: Any) -> GivenInputs:
         """Return the same values for runs in the time since a start, or that of each case."""
@@ -153,7 +160,12 @@ class GivenInputs:
 
 
 def read_inputs(
-    layout: Layout, symbols: Sequence[InputSymbol], given: Mapping[Any, Any] | None, *, many: bool = False
+    layout: Layout,
+    symbols: Sequence[InputSymbol],
+    given: Mapping[Any, Any] | None,
+    span: SampledSpan | FloatArray | None = None,
+    *,
+    many: bool = False,
 ) -> GivenInputs | None:
     """Return the values that a user gave to the inputs of a scene, None for a scene without inputs.
 
@@ -164,7 +176,9 @@ def read_inputs(
     symbols : sequence of InputSymbol
         Its inputs.
     given : mapping or None
-        Names or symbols -> numbers or `Samples`.
+        Names or symbols -> numbers, `Samples` or functions of time.
+    span : SampledSpan, ndarray (k,) or None
+        Where functions are sampled: along a run, or at times that are all that counts. Without it they are refused.
     many : bool
         Whether arrays of numbers, and records, one a case, are allowed.
 
@@ -173,13 +187,17 @@ def read_inputs(
     UnknownNameError
         For missing and unknown names, all of them at once.
     ValueInputError
-        For values that are neither finite numbers nor samples.
+        For values that are neither finite numbers nor samples, and for functions that samples do not follow.
+    OptionError
+        For functions where none are sampled, and those of the state.
     """
     if not symbols and not given:
         return None
     table: Any = {} if given is None else given
     if not isinstance(table, Mapping):
-        raise ValueInputError(f"inputs must be a mapping of names or symbols to numbers or samples, not {given!r}")
+        raise ValueInputError(
+            f"inputs must be a mapping of names or symbols to numbers, samples or functions of time, not {given!r}"
+        )
     names = [each.name for each in symbols]
     values: dict[str, Any] = {}
     unknown, wrong = [], []
@@ -190,7 +208,7 @@ def read_inputs(
         elif name in values:
             unknown.append(f"input {name!r} is given twice")
         try:
-            values[name] = _value(name, value, many)
+            values[name] = value if _is_function(value) else _value(name, value, many)
         except ValueInputError as reason:
             wrong.append(str(reason))
     missing = [name for name in names if name not in {layout.aliases.get(str(key), str(key)) for key in table}]
@@ -203,7 +221,29 @@ def read_inputs(
         raise UnknownNameError("\n".join(unknown))
     if wrong:
         raise ValueInputError("; ".join(wrong))
-    return GivenInputs(tuple(symbols), {name: values[name] for name in names}, np.zeros(1))
+    values = {
+        each.name: _of_function(each, value, span) if _is_function(value) else value
+        for each, value in ((each, values[each.name]) for each in symbols)
+    }
+    return GivenInputs(tuple(symbols), values, np.zeros(1))
+
+
+def run_span(starts: Any, ends: Any, options: RunOptions) -> SampledSpan | None:
+    """Return where inputs that are functions of time are sampled for runs from starts to ends, numbers or (k,).
+
+    Runs beside others, from which errors are estimated, have the same samples.
+    """
+    rtol, atol = options.rtol, options.atol
+    if isinstance(options, SimulateOptions) and options.error_estimate:
+        rtol, atol = tighter(options).rtol, tighter(options).atol
+    if isinstance(options, SweepOptions) and options.error_estimate:
+        rtol, atol = tighter(options).rtol, tighter(options).atol
+    return SampledSpan.of(starts, ends, rtol, atol, options.max_step if isinstance(options, StepOptions) else np.inf)
+
+
+def has_functions(given: Any) -> bool:
+    """Whether any value of a mapping of inputs is a function of time."""
+    return isinstance(given, Mapping) and any(_is_function(value) for value in given.values())
 
 
 def with_inputs(
@@ -219,7 +259,7 @@ def with_inputs(
     """
     if given is None and any(hidden_parameters(each.name)[0] in parameters for each in symbols):
         return parameters
-    found = read_inputs(layout, symbols, given)
+    found = read_inputs(layout, symbols, given, np.array([t]))
     return parameters if found is None else found.parameters(parameters, t)
 
 
@@ -232,10 +272,10 @@ def _value(name: str, value: Any, many: bool) -> float | FloatArray | Samples:
                 f" ({len(value.t)},), those of a case, or use model.sweep"
             )
         return value
-    if isinstance(value, Feedback) or callable(value):
+    if isinstance(value, Feedback):
         raise OptionError(
-            f"input {name!r} is a function, which traced runs alone take: call it with the solve function of"
-            ' model.solve_fn(...), backend="jax"; or make it a da.Controller(function=...), sampled in time'
+            f"input {name!r} is a function of the state, which traced runs alone take: call it with the solve function"
+            ' of model.solve_fn(...), backend="jax"; or make it a da.Controller(function=...), sampled in time'
         )
     try:
         found = np.array(array_of(value))
@@ -255,6 +295,21 @@ def _value(name: str, value: Any, many: bool) -> float | FloatArray | Samples:
             " function of time"
         )
     return found
+
+
+def _is_function(value: Any) -> bool:
+    """Whether a value is a function of time."""
+    return callable(value) and not isinstance(value, Samples | Feedback)
+
+
+def _of_function(symbol: InputSymbol, value: Any, span: SampledSpan | FloatArray | None) -> Samples:
+    """Return samples of a function of time."""
+    if span is None:
+        raise OptionError(
+            f"input {symbol.name!r} is a function of time, which is not sampled here: give a number, or"
+            " dalembert.samples(times, values, kind)"
+        )
+    return sampled(symbol, value, span) if isinstance(span, SampledSpan) else at_instants(symbol, value, span)
 
 
 # Inputs about one instant: their values and rates as entries of the parameters.

@@ -47,6 +47,8 @@ class Samples:
         Derivatives at the knots of the kind "cubic", of the shape of the values.
     checked : bool
         Whether the arrays hold what `samples` requires; else JAX may trace them, and slopes are None.
+    function : bool
+        Whether they were taken from a function of time that a user gave.
     """
 
     t: FloatArray
@@ -55,6 +57,7 @@ class Samples:
     extrapolate: str
     slopes: FloatArray | None
     checked: bool = True
+    function: bool = False
 
     @property
     def cases(self) -> int | None:
