@@ -188,3 +188,23 @@ def test_axles_of_gears_without_their_mesh():
     scene.add_loads((A, 0.7 * N.z))
     push = 0.35 / 0.25  # half of the torque accelerates the second
     assert values_of(scene, ["Y", "Y_2"]) == pytest.approx([0.6 * 9.81 + push, 2 * 9.81 - push], rel=1e-12)
+
+
+def test_a_wheel_that_rolls_beside_a_cart_has_a_contact():
+    """Free rolling needs no force of the ground, which may carry the wheel all the same."""
+    C = O.locatenew("C", x * N.x + 2 * r * N.y)
+    E = C.locatenew("E", l * N.x - r * N.y)
+    bodies = body("cart", C, FIXED, M), body("wheel", E, N.orientnew("W", "Axis", (-x / r, N.z)))
+    axle = da.Joint("axle", body="wheel", other="cart", at=E, force=X * N.x + Y * N.y)
+    guide = da.Joint("guide", body="cart", at=C, force=V * N.y, torque=K * N.z)
+    rolls = scene_of([x], bodies, [axle, guide])
+    for output in ("X", "Y"):
+        with pytest.raises(ConstraintError, match=r"'wheel'.* is missing, which no joint declares"):
+            da.compile_model(rolls, outputs=[output])
+    road = da.Joint("road", body="wheel", at=E.locatenew("D", -r * N.y), force=F * N.x + T * N.y)
+    pulled = scene_of([x], bodies, [axle, guide, road])
+    pulled.add_loads((C, 5 * N.x))
+    with pytest.raises(ConstraintError, match="Y"):
+        da.compile_model(pulled, outputs=["Y"])
+    mass = VALUES[m] + VALUES[J] / VALUES[r] ** 2
+    assert values_of(pulled, ["X"]) == pytest.approx([5 * mass / (VALUES[M] + mass)], rel=1e-12)

@@ -81,7 +81,7 @@ class _Search:
             if self._consistent(declared, bodies) and self._hold(declared, bodies):
                 return bodies, self._open([own.beside_joints for own in connections], bodies)
         open_pairs = self._open([own.undeclared for own in connections], bodies)
-        if self._consistent(open_pairs, bodies):
+        if self._consistent(open_pairs, bodies) and self._move(open_pairs, bodies):
             return bodies, open_pairs
         raise self._unbalanced(open_pairs, bodies)
 
@@ -129,6 +129,20 @@ class _Search:
         for sample, columns, pairs in zip(self.system.samples, self.system.columns, open_pairs, strict=True):
             motions = sample.twists @ null_space(sample.constraints)
             if rank(np.hstack([columns, wrench_columns(sample, pairs), motions])[rows]) < len(rows):
+                return False
+        return True
+
+    def _move(self, open_pairs: Sequence[Mapping[Pair, FloatArray]], bodies: set[int]) -> bool:
+        """Whether joints and undeclared connections can make all bodies follow one that is pushed along its motion.
+
+        A wheel that rolls freely beside a cart needs nothing to turn with it; pushed on, its contact is missing.
+        """
+        rows = self._rows(bodies)
+        for sample, columns, pairs in zip(self.system.samples, self.system.columns, open_pairs, strict=True):
+            motions = sample.twists @ null_space(sample.constraints)
+            whole = np.hstack([columns, wrench_columns(sample, pairs), motions])[rows]
+            pushes = [np.where(np.arange(len(motions))[:, np.newaxis] // 6 == body, motions, 0.0) for body in bodies]
+            if rank(np.hstack([whole, np.hstack(pushes)[rows]])) > rank(whole):
                 return False
         return True
 
