@@ -43,7 +43,8 @@ def test_messages_say_what_is_supported(place: str) -> None:
         (F(x), r"F\(x\(t\)\) " + UNDEFINED),
         (F(x).diff(x), UNDEFINED),
         (F(t - tau), r"F\(t - tau\) " + UNDEFINED),
-        (F(x, y), UNDEFINED + ".*a table has one argument"),
+        (F(x, y), r"undefined function.*a surface of data dalembert.table\(\(x\(t\), y\(t\)\), knots"),
+        (F(x, y, x * y), "undefined function.*a table of data has one argument or two"),
         (F(t), "is a function of time that is no coordinate.*add_inputs"),
     ):
         with pytest.raises(DalembertError, match=message):

@@ -209,12 +209,12 @@ class ExpressionReader:
                 f"{name}, d2: d1}}, has them of one period and two before. A given function of time is an input"
                 " (add_inputs), whose samples are given shifted"
             )
-        where = e.args[0] if len(e.args) == 1 else "x"
-        return (
-            f"{e} is an undefined function: write the expression that it stands for in its place, or a curve of data"
-            f" dalembert.table({where}, knots, values, kind)"
-            + ("" if len(e.args) == 1 else "; a table has one argument, so that functions of several are expressions")
-        )
+        expression = f"{e} is an undefined function: write the expression that it stands for in its place"
+        if len(e.args) == 1:
+            return f"{expression}, or a curve of data dalembert.table({e.args[0]}, knots, values, kind)"
+        if len(e.args) == 2:
+            return f"{expression}, or a surface of data dalembert.table({e.args}, knots, values, kind)"
+        return f"{expression}; a table of data has one argument or two"
 
     def _table(self, e: TableFunction) -> Node:
         curve, values = e.curve, [self._read(x) for x in e.values]
