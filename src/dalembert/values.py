@@ -134,8 +134,8 @@ def tolerances(rtol: Any, atol: Any) -> tuple[float, float]:
     """
     if isinstance(atol, str | Mapping):
         raise OptionError(
-            f'atol must be one number for the whole state, or "auto" in simulate, sweep and sensitivity, not {atol!r}.'
-            " Scale coordinates of other magnitudes by a factor, so that one number serves all"
+            f'atol must be a number, not {atol!r}: one for the whole state, or "auto" in simulate, sweep and'
+            " sensitivity. Scale coordinates of other magnitudes by a factor, so that one number serves all"
         )
     found = option("rtol", rtol), option("atol", atol)
     for name, value in zip(("rtol", "atol"), found, strict=True):

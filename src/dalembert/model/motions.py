@@ -16,7 +16,7 @@ from ..runs.capabilities import refuse_functions
 from ..runs.elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_from, with_offsets
 from ..runs.events import with_event_parameters
 from ..runs.simulate import simulate_in_own_time
-from ..runs.small_motions import simulate_at_scale
+from ..runs.small_motions import simulate_at_scale, warn_of_small_motion
 from ..starts.input_values import read_inputs, run_span
 from ..starts.inputs import span_of
 from ..values import tolerances
@@ -157,13 +157,17 @@ def simulate(
         from ..phases.given_values import run_motion
 
         run_model = run_motion
-    begin = partial(run_model, model, span, initial, parameters)
+    begin: Callable[..., Trajectory] = partial(run_model, model, span, initial, parameters)
+    if options.fits_atol:
+        begin = partial(simulate_at_scale, begin, initial)
     if options.progress:
         with run_meter(*span) as show:
-            run = simulate_at_scale(begin, options, initial)
+            run = begin(options)
             show(run.t_end)
     else:
-        run = simulate_at_scale(begin, options, initial)
+        run = begin(options)
+    if not options.fits_atol:
+        warn_of_small_motion(run, options.rtol, options.atol)
     run = run if elapsed is None else run.counted_from(t0, times, noted_from(run.stats.note, t0))
     return run if given is None else run.with_note(given.note)
 

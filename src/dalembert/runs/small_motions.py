@@ -43,16 +43,12 @@ def _decides(atol: Any, rtol: float, size: Any) -> Any:
 
 
 def simulate_at_scale(
-    run: Callable[[SimulateOptions], Trajectory], options: SimulateOptions, initial: Mapping[Any, Any]
+    run: Callable[[SimulateOptions], Trajectory], initial: Mapping[Any, Any], options: SimulateOptions
 ) -> Trajectory:
-    """Return a motion; where `atol` is "auto", with one that serves, and else with a warning where it does not.
+    """Return a motion of which `atol` is "auto", with one that serves.
 
     A start beyond rounding decides, and else the largest component of a run at the default.
     """
-    if not options.fits_atol:
-        found = run(options)
-        warn_of_small_motion(found, options.rtol, options.atol)
-        return found
     size, default = _start_size(initial), options.atol
     if size > _ROUNDING:
         if not _decides(default, options.rtol, size):
@@ -98,13 +94,12 @@ def sweep_at_scale(
     given: tuple[Mapping[Any, Any], Mapping[Any, Any]],
     options: SweepOptions,
 ) -> Sweep:
-    """Return the results of many cases; where `atol` is "auto", each with one that serves it.
+    """Return the results of many cases of which `atol` is "auto", each with one that serves it.
 
     The cases that are small run again, those of one decade of sizes together.
     """
+    options = replace(options, fits_atol=False)
     found = run(*given, options)
-    if not options.fits_atol:
-        return found
     count, default = len(found), options.atol
     used, begin = np.full(count, default), _start_sizes(found)
     if options.grid is not None:

@@ -44,17 +44,13 @@ Given = Mapping[Any, Any]
 def sweep_cases(
     model: CompiledModel, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
 ) -> Sweep:
-    """Return the results of many cases; see `CompiledModel.sweep`."""
+    """Return the results of many cases; see `CompiledModel.sweep`.
+
+    Those that start far from zero run in the time since their start.
+    """
     model = with_event_parameters(model, parameters, options.events, options.reduce, options.grid)
-    return sweep_at_scale(
-        model, lambda start, p, own: _from_starts(model, t_span, start, p, own), (initial, parameters), options
-    )
-
-
-def _from_starts(
-    model: CompiledModel, t_span: tuple[Any, Any], initial: Given, parameters: Given, options: SweepOptions
-) -> Sweep:
-    """Return the results of many cases at one `atol`, those that start far from zero in the time since their start."""
+    if options.fits_atol:
+        return sweep_at_scale(model, partial(sweep_cases, model, t_span), (initial, parameters), options)
     run_model: Callable[..., Sweep] = sweep_in_own_time
     if model.modes is not None:
         from ..phases.given_values import run_cases as run_contact_cases

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import random
 from collections.abc import Sequence
+from functools import reduce
+from operator import or_
 from typing import Any, final
 
 import numpy as np
@@ -76,7 +78,7 @@ def rotation_fault(name: str, parent: str, rows: Sequence[Sequence[Node]], const
         Dependency bits of the coordinates in holonomic constraints.
     """
     nodes = [x for row in rows for x in row]
-    deps = [int(np.bitwise_or.reduce([x.deps for x in row])) for row in rows]
+    deps = [reduce(or_, [x.deps for x in row]) for row in rows]
     sizes: list[float] = []
     for draw in range(_DRAWS):
         values = np.array(values_of(nodes, random_inputs(nodes, random.Random(f"rotation {draw}")))).reshape(3, 3)
