@@ -82,7 +82,7 @@ def sensitivity(
         of=of,
         t_eval=t_eval,
     )
-    along = run_span(*span_of(t_span), options)
+    along = run_span(inputs, *span_of(t_span), options)
     options = replace(options, inputs=read_inputs(self.layout, self.inputs, inputs, along))
     if self.modes is not None:
         raise CapabilityError(

@@ -136,7 +136,7 @@ def simulate(
         progress=progress,
     )
     t0, t1 = span = span_of(t_span)
-    given = read_inputs(self.layout, self.inputs, inputs, run_span(t0, t1, options))
+    given = read_inputs(self.layout, self.inputs, inputs, run_span(inputs, t0, t1, options))
     options = options if given is None else replace(options, inputs=given)
     model = with_event_parameters(self, parameters, options.events)
     if options.inputs is not None:
@@ -232,7 +232,7 @@ def prepare(
         project_invariants=project_invariants,
     )
     if inputs is not None:
-        along = run_span(*span_of(t_span), options)
+        along = run_span(inputs, *span_of(t_span), options)
         options = replace(options, inputs=read_inputs(self.layout, self.inputs, inputs, along))
     from ..runs.prepare import prepare as prepare_model
 

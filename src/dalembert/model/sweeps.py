@@ -145,7 +145,7 @@ def sweep(
     if has_functions(inputs):
         from ..runs.cases import spans_of
 
-        span = run_span(*spans_of(t_span), options)
+        span = run_span(inputs, *spans_of(t_span), options)
     given = None if to is not None and span is None else read_inputs(self.layout, self.inputs, inputs, span, many=True)
     if to is None:
         options = replace(options, inputs=given)

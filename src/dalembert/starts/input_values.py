@@ -228,11 +228,13 @@ def read_inputs(
     return GivenInputs(tuple(symbols), values, np.zeros(1))
 
 
-def run_span(starts: Any, ends: Any, options: RunOptions) -> SampledSpan | None:
-    """Return where inputs that are functions of time are sampled for runs from starts to ends, numbers or (k,).
+def run_span(given: Any, starts: Any, ends: Any, options: RunOptions) -> SampledSpan | None:
+    """Return where the inputs that are functions are sampled for runs from starts to ends, numbers or (k,).
 
-    Runs beside others, from which errors are estimated, have the same samples.
+    None where no given one is. Runs beside others, from which errors are estimated, have the same samples.
     """
+    if given is None or not has_functions(given):
+        return None
     rtol, atol = options.rtol, options.atol
     if isinstance(options, SimulateOptions) and options.error_estimate:
         rtol, atol = tighter(options).rtol, tighter(options).atol
