@@ -167,7 +167,7 @@ def derive_scene(scene: Scene, options: CompileOptions) -> Derivation:
         )
     equations = watch("derive", lambda: with_fixed_gains(derive(model), options.gains))
     if equations.contacts:
-        from .contacts.hidden_normals import with_hidden_normals
+        from .mechanics.released_balances import with_hidden_normals
 
         bare = equations
         equations = watch("balances", lambda: with_hidden_normals(bare))

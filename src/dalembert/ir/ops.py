@@ -104,7 +104,7 @@ TABLE_OPERATIONS: dict[str, Operation] = {
 ``surface``, which at random points are functions of which nothing is known."""
 
 TABLE_ARGUMENTS: dict[str, int] = {name: 2 if name == "surface" else 1 for name in TABLE_OPERATIONS}
-"""How many operands of an operation on tables are values."""
+"""Number of operands that are values, of each operation on tables."""
 
 GRAPH_OPERATIONS: dict[str, Operation] = OPERATIONS | TABLE_OPERATIONS
 

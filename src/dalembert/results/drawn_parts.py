@@ -1,4 +1,4 @@
-"""What pictures of motions consist of: surfaces, lines and points over time."""
+"""Parts of pictures of motions: surfaces, lines and points over time."""
 
 from __future__ import annotations
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..lanes.cases import BlockResult, CaseBlock
 from ..methods.status import Status
 from ..once import once_property
@@ -47,6 +48,14 @@ class EndedRun:
     def span(self) -> tuple[float, float]:
         """Start and end [s] as they were asked for."""
         return self.problem.t0, self.problem.t1
+
+    @property
+    def stop(self) -> tuple[float, FloatArray]:
+        """Time [s] and state (n_y,) at which the loop has stopped, recorded or not."""
+        problem, solution = self.problem, self.solution
+        if solution.end is not None and solution.last is not None:
+            return solution.end, solution.last
+        return (float(solution.t[-1]), solution.y[-1]) if len(solution.t) else (problem.t0, problem.y0)
 
     @once_property
     def steps(self) -> Solution:

@@ -238,12 +238,10 @@ class TableCheck(RunCheck):
 
     def after(self, run: EndedRun) -> tuple[Solution, str]:
         """See `RunCheck.after`: a run that failed at an end of a table has the status that says so."""
-        solution, problem = run.solution, run.problem
+        solution = run.solution
         if solution.status not in _FAILED_AT_KNOT:
             return solution, ""
-        t, y = (solution.t[-1], solution.y[-1]) if len(solution.t) else (problem.t0, problem.y0)
-        if solution.end is not None and solution.last is not None:
-            t, y = solution.end, solution.last
+        t, y = run.stop
         times = np.array([float(t)])
         values, met = self._outside(times, y[np.newaxis], constants_at(run.constants, times))
         places = np.flatnonzero(met[0])

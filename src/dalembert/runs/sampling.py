@@ -220,9 +220,7 @@ class DivergenceCheck(RunCheck):
         solution, problem = run.solution, run.problem
         if solution.status not in FAILED:
             return solution, ""
-        t, y = (solution.t[-1], solution.y[-1]) if len(solution.t) else (problem.t0, problem.y0)
-        if solution.end is not None and solution.last is not None:
-            t, y = solution.end, solution.last
+        t, y = run.stop
         if not self._grown(problem.y0[np.newaxis], y[np.newaxis])[0]:
             return solution, ""
         place, name = max(self.components, key=lambda item: abs(y[item[0]]))

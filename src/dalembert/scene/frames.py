@@ -18,7 +18,7 @@ from ..ir.zero_tests import random_inputs, values_of
 
 _DRAWS = 4
 _OFF = 1e-9
-"""How far the products of the rows of a rotation may be from those of unit vectors: rounding of decimals."""
+"""Largest difference of the products of the rows of a rotation from those of unit vectors: rounding of decimals."""
 
 
 @final
