@@ -1,9 +1,10 @@
-"""Overhead of `simulate()`: what a call costs beyond the run itself in compiled code.
+"""Overhead of `simulate()` and `sweep()`: what a call costs beyond the runs themselves in compiled code.
 
 ``python benchmarks/overhead.py [--rounds N]`` prints microseconds of a warm call at the default options, of the
 compiled loop that takes and records its steps, and of their difference, which is what Python adds: reading what is
-given, the consistent start, the choice of the method, and the results. The least of many short samples counts, because
-other work of the machine only adds to it.
+given, the consistent start, the choice of the method, and the results. Of sweeps it prints a call with two cases of one
+short step each, and what each further case adds. The least of many short samples counts, because other work of the
+machine only adds to it.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from collections.abc import Callable
 from time import perf_counter
 from typing import Any, NamedTuple
 
+import numpy as np
 from cases import END, PROBLEMS, Problem
 
 import dalembert as da
@@ -21,6 +23,8 @@ from dalembert.steps.problem import IntegrationProblem
 
 SCENES = ("sleigh", "sphere")
 CALLS = 20
+SHORT, MANY = 1e-3, 4096
+"""Duration of the cases of sweeps [s], and how many the larger sweep has."""
 
 
 class Overhead(NamedTuple):
@@ -46,6 +50,26 @@ def overhead(name: str, problem: Problem, rounds: int) -> Overhead:
 
     steps = call().stats.steps
     return Overhead(name, _least(call, rounds), _loop(model, problem, rounds), steps)
+
+
+class SweepOverhead(NamedTuple):
+    """Seconds of a sweep of two short cases, and of each further one on one thread."""
+
+    scene: str
+    called: float
+    case: float
+
+
+def sweep_overhead(name: str, problem: Problem, rounds: int) -> SweepOverhead:
+    """Return the overhead of sweeps of one scene."""
+    model = da.compile_model(problem.build())
+
+    def call(count: int) -> Callable[[], Any]:
+        initial = {**problem.initial, "x": problem.initial["x"] + np.linspace(0.0, 1.0, count)}
+        return lambda: model.sweep((0.0, SHORT), initial, problem.parameters, threads=1)
+
+    two = _least(call(2), rounds)
+    return SweepOverhead(name, two, (_least(call(MANY), max(1, rounds // 20)) - two) / (MANY - 2))
 
 
 def _least(call: Callable[[], Any], rounds: int) -> float:
@@ -89,12 +113,21 @@ def table(found: list[Overhead]) -> str:
     return "\n".join(lines)
 
 
+def sweep_table(found: list[SweepOverhead]) -> str:
+    """Return the overheads of sweeps as a table in Markdown."""
+    lines = ["| scene | sweep() of two cases [us] | each further case [us] |", "|---|---|---|"]
+    lines += [f"| {each.scene} | {1e6 * each.called:.0f} | {1e6 * each.case:.3f} |" for each in found]
+    return "\n".join(lines)
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=500, help="samples of 20 calls")
     rounds = parser.parse_args().rounds
     print(table([overhead(name, PROBLEMS[name], rounds) for name in SCENES]))
+    print()
+    print(sweep_table([sweep_overhead(name, PROBLEMS[name], rounds) for name in SCENES]))
 
 
 if __name__ == "__main__":

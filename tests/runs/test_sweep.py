@@ -271,3 +271,29 @@ def test_a_forked_process_can_sweep():
 def test_no_cases_are_no_error(model):
     sweep = model.sweep((0, 1), START, {**PARAMETERS, "b": np.empty(0)}, method="taylor")
     assert len(sweep) == 0 and sweep["x"].shape == (0,)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+@pytest.mark.parametrize("t_eval", [None, [0.0, 5e-4]])
+def test_checks_look_at_the_very_starts_of_the_cases(method, t_eval):
+    """They were made once more, by NumPy, whose sines differ in the last bit."""
+    model = da.compile_model(da.scenes.rolling_sphere())
+    psi = np.linspace(-1.0, 1.0, 150_001 if t_eval is None else 6_001)  # several parts or blocks
+    psi[3] = np.nan
+    start = {"x": 0, "y": 0, "psi": psi, "theta": 0.9, "phi": 0.2, "psi_dot": 0.5, "theta_dot": 0.3, "phi_dot": 1}
+    parameters, seen, kind = {"m": 1, "r": 0.5, "g": 9.81}, [], type(model.checks[0])
+    check = kind.after_cases
+
+    def after(self, method, block, done):
+        seen.append((block.y.copy(), block.c.copy(), block.spans.copy()))
+        return check(self, method, block, done)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kind, "after_cases", after)
+        sweep = model.sweep((0, 1e-3), start, parameters, method=method, t_eval=t_eval)
+    y, c, spans = map(np.concatenate, zip(*seen, strict=True))
+    assert len(y) == len(psi) and np.all(spans == [0.0, 1e-3]) and np.all(c == c[0])
+    assert sweep.status[3] == Status.NON_FINITE and np.sum(~sweep.success) == 1
+    rows = {row.tobytes() for row in y}
+    for angle in psi[[0, 77, 3_000, -1]]:
+        assert model.state({**start, "psi": angle}, parameters).tobytes() in rows

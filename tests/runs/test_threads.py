@@ -14,6 +14,7 @@ from dalembert.codegen.runs import CaseRun
 from dalembert.methods.status import Status
 from dalembert.once import BoundedTable, computed_once, derived_once, once, once_property
 from dalembert.runs.case_blocks import run_shared
+from dalembert.threads import STOPPED
 from fuzz.cold_threads import round_of
 
 START = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
@@ -169,9 +170,48 @@ def test_the_status_of_a_prepared_run_is_that_of_the_thread():
 def test_sweeps_of_different_threads_run_at_the_same_time():
     meeting = threading.Barrier(3)
 
-    def meet():
+    def meet(paused=None):
         meeting.wait(30)
 
     runs = [CaseRun(meet, np.zeros(1, np.int64), lambda: None) for _ in range(3)]
     with ThreadPoolExecutor(3) as pool:  # a broken barrier is raised by the first
         assert all(pool.map(lambda run: run_shared(run, 10_000, 1, False), runs))
+
+
+def shared_by(work, threads, progress=False):
+    """Return how many threads a run takes that calls ``work(paused)`` in each, and the names of these threads."""
+    names, ended = [], []
+
+    def named(paused=None):
+        names.append(threading.current_thread().name)
+        work(paused)
+
+    assert run_shared(CaseRun(named, np.zeros(1, np.int64), lambda: ended.append(1)), 10, threads, progress)
+    assert ended == [1]
+    return names
+
+
+def test_few_cases_wait_for_no_other_thread():
+    """Starting another and waiting for it took longer than a hundred cases."""
+    here = threading.current_thread().name
+    assert shared_by(lambda paused: None, 8) == [here]
+    long = shared_by(lambda paused: (paused and paused(), time.sleep(0.2)), 3)
+    assert long[0] == here and len(long) == 3 and here not in long[1:]
+    assert here not in shared_by(lambda paused: None, 2, progress=True)
+
+
+def test_a_failure_of_this_thread_ends_the_others():
+    stopped, turn = [], np.zeros(1, np.int64)
+
+    def work(paused=None):
+        if paused is not None:
+            paused()
+            time.sleep(0.1)
+            raise ValueError("no")
+        while turn[0] < STOPPED:
+            time.sleep(0.01)
+        stopped.append(1)
+
+    with pytest.raises(ValueError, match="no"):
+        run_shared(CaseRun(work, turn, lambda: None), 10, 2, False)
+    assert stopped == [1]

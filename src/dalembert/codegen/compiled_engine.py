@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from ..events.event_code import EventCode
     from ..events.recorded_motion import RecordedCase
+    from ..lanes.sweep_arguments import KeptStarts
     from ..loops.taylor_runs import StepCode
     from ..reduction.starting import Start
     from ..steps.method_choice import Rates
@@ -229,12 +230,12 @@ class CompiledEngine(Engine):
     parallel: ClassVar[bool] = True
 
     def sweeper(
-        self, cases: CaseColumns, method: str, result: BlockResult, constants: FloatArray, share: int
+        self, cases: CaseColumns, method: str, result: BlockResult, kept: KeptStarts, share: int
     ) -> CaseRun | None:
         """See `Engine.sweeper`: explicit steps run in lanes, refilled as cases end."""
         if method == "radau" or not self._sizes["rhs"]:
             return None
-        return self._lanes.cases(cases, method, result, constants, share)
+        return self._lanes.cases(cases, method, result, kept, share)
 
     def prepared(
         self,

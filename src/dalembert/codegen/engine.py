@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from ..events.event_code import EventCode
     from ..events.recorded_motion import Occurrence, RecordedCase
+    from ..lanes.sweep_arguments import KeptStarts
     from ..lanes.workspace import EventKernels
     from ..options import SolveOptions
     from ..reduction.starting import Start
@@ -170,12 +171,12 @@ class Engine(ABC):
     """Whether cases are best handed to `integrate_block` as many at a time as there may be."""
 
     def sweeper(
-        self, cases: CaseColumns, method: str, result: BlockResult, constants: FloatArray, share: int
+        self, cases: CaseColumns, method: str, result: BlockResult, kept: KeptStarts, share: int
     ) -> CaseRun | None:
         """Return a run of cases that loads its own states and constants; None where the engine has no such run.
 
-        Cases that cannot start get NaN and their status. ``constants`` (k, n_c) are filled in, unless they are (0, 0).
-        A thread takes `share` cases at a time.
+        Cases that cannot start get NaN and their status. What is `kept` of the starts is filled in. A thread takes
+        `share` cases at a time.
         """
         return None
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, final
 from ..arrays import FloatArray
 from ..events.event_code import EventCode
 from ..lanes.cases import BlockResult, CaseColumns
-from ..lanes.sweep_arguments import SweepKernels
+from ..lanes.sweep_arguments import KeptStarts, SweepKernels
 from ..lanes.workspace import EventKernels
 from ..methods.step_constants import SMALLEST_OF_REST, SMALLEST_OF_TIME
 from ..once import BoundedTable, computed_once, once
@@ -129,7 +129,7 @@ class LaneRuns:
         accept = advance_lanes(lanes) if advance and not any(projections) else NO_CODE
         return SweepKernels(*stepper.codes, *projections, prepare, start, accept, check_inputs(lanes))
 
-    def cases(self, cases: CaseColumns, method: str, result: BlockResult, constants: FloatArray, share: int) -> CaseRun:
+    def cases(self, cases: CaseColumns, method: str, result: BlockResult, kept: KeptStarts, share: int) -> CaseRun:
         """Return a run of cases in lanes, refilled as cases end; see `Engine.sweeper`."""
         watched = None if cases.watch is None or not cases.watch.along else cases.watch
         n_times, lanes, sizes = len(cases.t_eval), self._library.lanes, self._code.sizes
@@ -156,7 +156,7 @@ class LaneRuns:
             stepper.settings,
             cases,
             result,
-            constants,
+            kept,
             self._steppers.events(watched, method, stepper, lanes, with_series),
             watched is not None or each_step,
         )

@@ -79,8 +79,9 @@ class CaseRun:
 
     Attributes
     ----------
-    work : function without arguments
-        Runs cases until none is left; for as many threads as there are to call it.
+    work : function
+        Runs cases until none is left; for as many threads as there are to call it. A function without arguments that it
+        is given, or None, is called when it first returns to Python before that.
     turn : ndarray (1,) of int
         Number of cases begun, at most; writing the number of all stops the work when those that have been
         begun have ended, and `dalembert.threads.STOPPED` within a fraction of a second.
@@ -93,7 +94,7 @@ class CaseRun:
         before its end, so that Ctrl-C does not reach the thread that calls it.
     """
 
-    work: Callable[[], None]
+    work: Callable[..., None]
     turn: NDArray[np.int64]
     finish: Callable[[], None]
     call: Callable[[NDArray[np.int64]], LoopCall] | None = None

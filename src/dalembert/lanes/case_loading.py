@@ -197,9 +197,7 @@ def enter_next(arguments: SweepArguments, lane: int) -> bool:
     place = progress.place
     i = progress.loaded + place
     progress.place += 1
-    if arguments.kept_constants.shape[0] > 0:
-        for m in range(arguments.kept_constants.shape[1]):
-            arguments.kept_constants[i, m] = state.constants_ahead[m, place]
+    _keep_start(arguments, i, place)
     if state.numbers.loaded[place] != RUNNING:
         _refuse(arguments, i, place)
         return False
@@ -213,6 +211,18 @@ def enter_next(arguments: SweepArguments, lane: int) -> bool:
     state.numbers.status[lane] = Status.SUCCESS if t0 == t1 else RUNNING
     progress.active += 1
     return True
+
+
+@compiled_subset
+def _keep_start(arguments: SweepArguments, i: int, place: int) -> None:
+    """Write the constants and the first state of a loaded case where they are to be kept."""
+    state, constants, states = arguments.state, arguments.kept.constants, arguments.kept.states
+    if constants.shape[0] > 0:
+        for m in range(constants.shape[1]):
+            constants[i, m] = state.constants_ahead[m, place]
+    if states.shape[0] > 0:
+        for m in range(states.shape[1]):
+            states[i, m] = state.begun[m, place]
 
 
 @compiled_subset

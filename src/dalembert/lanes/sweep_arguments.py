@@ -9,7 +9,7 @@ import numpy as np
 from ..once import once
 from ..stops.stops import StopTable
 from ..subset.addresses import NO_CODE
-from ..subset.arguments import Address, AddressVector, FlagMatrix, IntVector, Matrix, Vector
+from ..subset.arguments import Address, AddressVector, FlagMatrix, IntVector, Matrix, Vector, constant_group
 from .workspace import EventKernels, EventWorkspace, LaneState
 
 
@@ -79,7 +79,7 @@ class CaseRows(NamedTuple):
 @once
 def no_rows() -> CaseRows:
     """Return empty rows, for cases that are given as columns."""
-    return CaseRows(*(np.empty((0, 0)),) * len(CaseRows._fields))
+    return constant_group(CaseRows(*(np.empty((0, 0)),) * len(CaseRows._fields)))
 
 
 class PartSamples(NamedTuple):
@@ -115,7 +115,25 @@ class PartSamples(NamedTuple):
 def no_part_samples() -> PartSamples:
     """Return empty fields, for cases that are whole motions."""
     none, nothing = np.zeros(0, np.int64), np.empty((0, 0))
-    return PartSamples(np.empty(0), none, none, nothing, NO_CODE, *(nothing,) * 3)
+    return constant_group(PartSamples(np.empty(0), none, none, nothing, NO_CODE, *(nothing,) * 3))
+
+
+class KeptStarts(NamedTuple):
+    """What is kept of the starts of cases: (k, ...), or (0, 0) for nothing.
+
+    Attributes
+    ----------
+    constants, states : (k, n_c), (k, n_y)
+        Get constants and first states, also of cases that cannot begin.
+    """
+
+    constants: Matrix
+    states: Matrix
+
+    @classmethod
+    def nothing(cls) -> KeptStarts:
+        """Return empty arrays."""
+        return cls(np.empty((0, 0)), np.empty((0, 0)))
 
 
 class SweepArguments(NamedTuple):
@@ -135,8 +153,8 @@ class SweepArguments(NamedTuple):
         the times to record.
     inside : (k, m) or (0, 0)
         Gets the samples that were interpolated.
-    kept_constants : (k, n_c) or (0, 0)
-        Gets the constants.
+    kept : KeptStarts
+        Gets constants and first states.
     happened : (k, 3 n_events)
         Gets numbers of the events, and the times of the first and the last.
     totals : (k, n_running)
@@ -161,7 +179,7 @@ class SweepArguments(NamedTuple):
     ends: Matrix
     samples: Matrix
     inside: FlagMatrix
-    kept_constants: Matrix
+    kept: KeptStarts
     state: LaneState
     events: EventKernels
     workspace: EventWorkspace

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..methods.step_constants import DEEPEST
 from ..once import once
 from ..subset.addresses import NO_CODE, AddressTable
-from ..subset.arguments import Address, AddressVector, IntVector, Matrix, Record
+from ..subset.arguments import Address, AddressVector, IntVector, Matrix, Record, constant_group
 
 POINT_LANES = 8
 BOUNDS = 7
@@ -191,7 +191,7 @@ def no_events() -> EventKernels:
     """Return empty fields, for loops without events."""
     nothing = np.zeros(0, np.int64)
     tables = AddressTable(), *(nothing,) * 3
-    return EventKernels(*(NO_CODE,) * 6, 0, 0, *tables, *(NO_CODE,) * 3, *(nothing,) * 2)
+    return constant_group(EventKernels(*(NO_CODE,) * 6, 0, 0, *tables, *(NO_CODE,) * 3, *(nothing,) * 2))
 
 
 class EventWorkspace(NamedTuple):
@@ -300,4 +300,4 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
 @once
 def no_event_workspace() -> EventWorkspace:
     """Return empty fields, for loops without events."""
-    return EventWorkspace(*(np.empty((0, 0)),) * len(EventWorkspace._fields))
+    return constant_group(EventWorkspace(*(np.empty((0, 0)),) * len(EventWorkspace._fields)))

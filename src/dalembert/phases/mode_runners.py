@@ -16,7 +16,7 @@ from ..contacts.phase_tables import CaseTable, ThreadWorkspace
 from ..events.event_code import Event
 from ..ir.program import DIRECTION, Layout
 from ..lanes.cases import BlockResult, CaseColumns
-from ..lanes.sweep_arguments import PartSamples
+from ..lanes.sweep_arguments import KeptStarts, PartSamples
 from ..mechanics.equations import ContactRow
 from ..options import StepOptions
 from ..runs.reductions import Reduction
@@ -124,7 +124,7 @@ class ModeRunner:
         y = space.y[: k * self.size].reshape(k, self.size)
         result = BlockResult(y, space.ends, np.empty((k, 0, self.size)), happened, space.totals)
         engine = model.engine.for_segments
-        run = engine.sweeper(columns, self.method, result, np.empty((0, 0)), k)
+        run = engine.sweeper(columns, self.method, result, KeptStarts.nothing(), k)
         assert run is not None and run.call is not None
         return run.call(turn)
 

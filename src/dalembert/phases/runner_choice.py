@@ -162,7 +162,8 @@ class RunnerChoice:
         if not self._fits or cases is None:
             return method if compiled else own.method
         limits = own.rtol, own.atol, own.max_step, own.max_steps
-        return fitted(model.engine, cases, CaseSettings(None, method, *limits, threads=1, progress=False)).method
+        settings = CaseSettings(None, method, *limits, threads=1, progress=False)
+        return fitted(model.engine, cases, settings, model.derived.quick_start).method
 
     def _first_cases(self, mode: Mode, table: CaseTable, some: NDArray[np.intp]) -> Cases | None:
         """Return the first, the middle and the last of some cases; None where a symbol excludes a value of theirs."""

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from ..codegen.engine import Engine
 from ..codegen.runs import CaseRun
 from ..lanes.cases import BlockResult
+from ..lanes.sweep_arguments import KeptStarts
 from ..methods.status import Status
 from ..once import once
 from ..progress import meter
@@ -22,7 +24,9 @@ from .case_settings import CaseSettings
 from .cases import Cases, single_problem
 
 if TYPE_CHECKING:
-    from concurrent.futures import ThreadPoolExecutor
+    from concurrent.futures import Future, ThreadPoolExecutor
+
+    from ..starts.initial_states import QuickStart
 
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD = 8
@@ -33,12 +37,17 @@ _BETWEEN_LOOKS = 0.1
 _MOST_THREADS = 4096
 
 
-def fitted(engine: Engine, cases: Cases, settings: CaseSettings) -> CaseSettings:
-    """Return the settings with another method where the first, the middle or the last case shows need of it."""
+def fitted(
+    engine: Engine, cases: Cases, settings: CaseSettings, quick_start: Callable[[Iterable[str]], QuickStart]
+) -> CaseSettings:
+    """Return the settings with another method where the first, the middle or the last case shows need of it.
+
+    `quick_start` is that of the model, by names of given values.
+    """
     if not cases.program.layout.state:
         return settings
     for i in sorted({0, cases.count // 2, cases.count - 1}):
-        problem = single_problem(cases, settings, i)
+        problem = single_problem(cases, settings, i, quick_start)
         if problem is None:
             continue
         method, why = engine.fit(problem, settings.method)
@@ -61,20 +70,23 @@ def run_cases(engine: Engine, cases: Cases, settings: CaseSettings, stop: bool =
     if stop:
         return _interrupted(result)
     threads = settings.threads if engine.parallel else 1
-    # reductions need the constants of all cases of a part, and these may have long lists of stops: parts are limited
-    length = _LARGEST_BLOCK * threads if engine.cuts else max(1, count) if watch is None else _LARGEST_PART
+    # reductions and checks need the starts of all cases of a part, and these may have long lists of stops
+    length = _LARGEST_PART if watch is not None or settings.judge is not None else max(1, count)
+    length = _LARGEST_BLOCK * threads if engine.cuts else length
     share = min(_LARGEST_SHARE, max(1, min(count, length) // (threads * _SHARES_PER_THREAD)))
     for part in _slices(count, length):
         size = part.stop - part.start
-        run = None if samples else _columns_run(engine, cases, settings, part, result[part], share)
+        kept = cases.to_keep(size, settings)
+        run = None if samples else _columns_run(engine, cases, settings, part, result[part], share, kept)
         if run is None:
             _in_blocks(engine, cases, settings, result, threads)
             return result
-        if not run_shared(run, size, max(1, min(threads, -(-size // share))), settings.progress):
+        whole = run_shared(run, size, max(1, min(threads, -(-size // share))), settings.progress)
+        if not whole:
             _interrupted(result)
+        _check_results(cases, settings, part, result[part], kept)
+        if not whole:
             break
-    for block in _slices(count, _LARGEST_BLOCK):
-        _check_results(cases, settings, block, result)
     return result
 
 
@@ -100,8 +112,9 @@ def _in_blocks(engine: Engine, cases: Cases, settings: CaseSettings, result: Blo
         with stopped_by(stopping):
             check()
             try:
-                _run_block(engine, cases, settings, block, result[block])
-                _check_results(cases, settings, block, result)
+                kept = cases.to_keep(block.stop - block.start, settings)
+                _run_block(engine, cases, settings, block, result[block], kept)
+                _check_results(cases, settings, block, result[block], kept)
             except KeyboardInterrupt:  # its events and totals are not written yet, and nothing is checked
                 result.ends[block, 1] = float(Status.INTERRUPTED)
                 raise
@@ -133,49 +146,81 @@ if hasattr(os, "register_at_fork"):
 
 
 def run_shared(run: CaseRun, count: int, threads: int, progress: bool) -> bool:
-    """Run the work in threads; return whether all cases have ended. Few cases need no thread."""
-    if threads == 1 and count <= _SMALLEST_BLOCK and not progress and run.stop is None:
-        whole = True
-        try:
-            run.work()
-        except KeyboardInterrupt:
-            whole = False
-        run.finish()
-        return whole
-    from concurrent.futures import wait
+    """Run the work in threads; return whether all cases have ended.
 
-    pool = _pool()
-    workers = [pool.submit(run.work) for _ in range(threads)]
-    shown, whole = 0, True
+    This thread works, too, where it need not look at the others; these begin once it has returned to Python, so that
+    few cases wait for none.
+    """
+    workers: list[Future[None]] = []
+
+    def begin(number: int) -> None:
+        workers.extend(_pool().submit(run.work) for _ in range(number))
+
+    whole = True
     with meter(count, progress) as advance:
         try:
-            while wait(workers, _BETWEEN_LOOKS if progress or os.name == "nt" else None).not_done:
-                begun = min(int(run.turn[0]), count)
-                advance(begun - shown)
-                shown = begun
-            advance(count - shown)
-        except KeyboardInterrupt:
+            if progress or run.stop is not None:
+                begin(threads)
+            else:
+                run.work(partial(begin, threads - 1))
+                workers[:] = [worker for worker in workers if not worker.cancel()]
+            _look_at(workers, run, count, advance, progress)
+        except BaseException as reason:
+            _stop(workers, run)
+            if not isinstance(reason, KeyboardInterrupt):
+                raise
             whole = False
-            while True:
-                run.turn[0] = STOPPED
-                if run.stop is not None:
-                    run.stop()
-                if not wait(workers, _BETWEEN_LOOKS).not_done:
-                    break
     for worker in workers:
         worker.result()
     run.finish()
     return whole
 
 
-def _run_block(engine: Engine, cases: Cases, settings: CaseSettings, block: slice, here: BlockResult) -> None:
-    """Run one block of cases and write their results; cases that cannot start are left out.
+def _look_at(
+    workers: list[Future[None]], run: CaseRun, count: int, advance: Callable[[int], None], progress: bool
+) -> None:
+    """Wait until the work of threads has ended, and show how many of the cases have begun."""
+    if not workers:
+        return
+    from concurrent.futures import wait
+
+    shown = 0
+    while wait(workers, _BETWEEN_LOOKS if progress or os.name == "nt" else None).not_done:
+        begun = min(int(run.turn[0]), count)
+        advance(begun - shown)
+        shown = begun
+    advance(count - shown)
+
+
+def _stop(workers: list[Future[None]], run: CaseRun) -> None:
+    """Stop the work of threads within a fraction of a second, and wait until it has ended."""
+    run.turn[0] = STOPPED
+    workers[:] = [worker for worker in workers if not worker.cancel()]
+    if not workers:
+        return
+    from concurrent.futures import wait
+
+    while wait(workers, _BETWEEN_LOOKS).not_done:
+        run.turn[0] = STOPPED
+        if run.stop is not None:
+            run.stop()
+
+
+def _run_block(
+    engine: Engine, cases: Cases, settings: CaseSettings, block: slice, here: BlockResult, kept: KeptStarts
+) -> None:
+    """Run one block of cases and write their results and starts; cases that cannot start are left out.
 
     The totals of the results are the reductions.
     """
-    if _swept(engine, cases, settings, block, here):
+    run = _columns_run(engine, cases, settings, block, here, len(here.y), kept)
+    if run is not None:
+        run.work()
+        run.finish()
         return
     ready, status = cases.block(block, settings, exact=not engine.whole_blocks)
+    if len(kept.states):
+        kept.states[:], kept.constants[:] = ready.y, ready.c
     watch, good = settings.watch, status < 0
     if watch is None and not len(cases.program.layout.state):  # the constraints prescribe the motion
         here.ends[:] = np.column_stack([ready.spans[:, 1], np.where(good, float(Status.SUCCESS), status), 0.0 * status])
@@ -207,24 +252,24 @@ def _run_block(engine: Engine, cases: Cases, settings: CaseSettings, block: slic
         watch.conclude(done.ends, done.happened)
 
 
-def _check_results(cases: Cases, settings: CaseSettings, block: slice, result: BlockResult) -> None:
-    """Check the results of a block of cases, where the settings have a check."""
-    if settings.judge is not None and len(cases.program.layout.state):
-        settings.judge(settings.method, cases.block(block, settings)[0], result[block])
-
-
-def _swept(engine: Engine, cases: Cases, settings: CaseSettings, block: slice, here: BlockResult) -> bool:
-    """Run one block of cases where the engine makes them itself; return whether that is so."""
-    run = _columns_run(engine, cases, settings, block, here, len(here.y))
-    if run is None:
-        return False
-    run.work()
-    run.finish()
-    return True
+def _check_results(cases: Cases, settings: CaseSettings, block: slice, here: BlockResult, kept: KeptStarts) -> None:
+    """Check the results of a block of cases that kept their starts, where the settings have a check."""
+    if settings.judge is None or not len(cases.program.layout.state):
+        return
+    for part in _slices(block.stop - block.start, _LARGEST_BLOCK):
+        own = slice(block.start + part.start, block.start + part.stop)
+        started = KeptStarts(kept.constants[part], kept.states[part])
+        settings.judge(settings.method, cases.of_run(own, settings, started), here[part])
 
 
 def _columns_run(
-    engine: Engine, cases: Cases, settings: CaseSettings, block: slice, here: BlockResult, share: int
+    engine: Engine,
+    cases: Cases,
+    settings: CaseSettings,
+    block: slice,
+    here: BlockResult,
+    share: int,
+    kept: KeptStarts,
 ) -> CaseRun | None:
     """Return the run of a block of cases that the engine makes itself, None where that is not its way.
 
@@ -232,14 +277,15 @@ def _columns_run(
     """
     columns, watch, count = cases.columns(block, settings), settings.watch, len(here.y)
     if watch is None and settings.t_eval is None:
-        return engine.sweeper(columns, settings.method, here, np.empty((0, 0)), share)
+        return engine.sweeper(columns, settings.method, here, kept, share)
     reduces = watch is not None and bool(watch.plan)
-    constants = np.empty((count, cases.program.layout.constants) if reduces or watch is None else (0, 0))
+    if (reduces or watch is None) and not len(kept.constants):
+        kept = kept._replace(constants=np.empty((count, cases.program.layout.constants)))
     done = here
     if watch is not None:
         happened, totals = BlockResult.at_start(count, len(watch.events), watch.kinds)
         done = replace(here, happened=happened, totals=totals)
-    run = engine.sweeper(columns, settings.method, done, constants, share)
+    run = engine.sweeper(columns, settings.method, done, kept, share)
     if run is None or watch is None:
         return run
 
@@ -249,7 +295,7 @@ def _columns_run(
         if reduces:
             spans = np.stack([np.broadcast_to(column, count) for column in columns.spans], axis=1)
             along = columns.constants_at
-            c = constants if along is None else along(done.ends[:, :1])
+            c = kept.constants if along is None else along(done.ends[:, :1])
             here.totals[:] = watch.reduced(spans, done.ends, done.y, c, done.totals, done.happened[:, 1::3])
         watch.conclude(done.ends, done.happened)
 

@@ -4,27 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..errors import UnknownNameError, ValueInputError, list_names, unknown_name
+from ..errors import UnknownNameError, ValueInputError, list_names
 from ..ir.interpret import interpret, interpret_rows
-from ..ir.program import DIRECTION, Layout, Program, decay_rate_among, directed_rates
+from ..ir.program import DIRECTION, Program, decay_rate_among, directed_rates
 from ..lanes.cases import CaseBlock, CaseColumns
+from ..lanes.sweep_arguments import KeptStarts
 from ..methods.status import Status
 from ..reduction.starting import Start
-from ..results.cases import CaseSet, case_set
 from ..starts import inputs
 from ..starts.input_values import GivenInputs
 from ..starts.symbol_assumptions import ROUNDING, contradicts, refuse_contradictions
 from ..steps.problem import IntegrationProblem
 from ..stops.breakpoints import CaseBreaks
 from ..stops.input_records import InputRecords
-from ..values import array_of, traced_note
+from .case_columns import columns_of, spans_of
 from .case_settings import CaseSettings
+
+if TYPE_CHECKING:
+    from ..starts.initial_states import QuickStart
 
 
 @final
@@ -43,9 +46,9 @@ class Cases:
         layout = program.layout
         self.program = program
         self.records = None if given is None else given.records(layout, program.knot_sides)
-        self.initial = _columns("initial value", initial, layout.initial, layout.aliases)
+        self.initial = columns_of("initial value", initial, layout.initial, layout.aliases)
         inputs.refuse_inputs(layout, parameters)
-        self.parameters = _columns("parameter", parameters, layout.parameters, layout.aliases)
+        self.parameters = columns_of("parameter", parameters, layout.parameters, layout.aliases)
         for name, value in layout.defaults.items():
             self.parameters.setdefault(name, np.array([value]))
         missing = [name for name in layout.parameters if name not in self.parameters]
@@ -91,7 +94,7 @@ class Cases:
             one = {name: float(values[0]) for name, values in table.items() if len(values) == 1}
             refuse_contradictions(layout.assumptions, one, rounding)
             for name, values in table.items():
-                if name in layout.assumptions:
+                if name in layout.assumptions and len(values) > 1:
                     whole |= contradicts(layout.assumptions[name], values, rounding)
         return whole if np.any(whole) else None
 
@@ -185,8 +188,7 @@ class Cases:
         """
         c = self.constants(block)
         count, size = len(c), len(self.program.layout.state)
-        spans = np.empty((count, 2))
-        spans[:, 0], spans[:, 1] = _part(self._begin, block), _part(self.span["end"], block)
+        spans = self._spans(block, count)
         given = self._given(block, count)
         out = interpret_rows(self.start.kernel, spans[:, 0], given, c)
         finite = _finite_rows(c) & _finite_rows(spans) & _finite_rows(given)
@@ -200,13 +202,15 @@ class Cases:
         status[~finite] = float(Status.NON_FINITE)
         if self.refused is not None:
             status[self.refused[block]] = float(Status.ASSUMPTION)
-        t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
-        y = np.ascontiguousarray(out[:, :size])
+        return self._started(block, settings, np.ascontiguousarray(out[:, :size]), c), status
+
+    def _started(self, block: slice, settings: CaseSettings, y: FloatArray, c: FloatArray) -> CaseBlock:
+        """Return a block of cases with their states and constants."""
         return CaseBlock(
             y,
             c,
-            spans,
-            t_eval,
+            self._spans(block, len(y)),
+            np.empty(0) if settings.t_eval is None else settings.t_eval,
             settings.rtol,
             settings.atol,
             settings.max_step,
@@ -214,7 +218,39 @@ class Cases:
             settings.watch,
             self._records_of(block),
             None if settings.carried is None else settings.carried[block],
-        ), status
+        )
+
+    def _spans(self, block: slice, count: int) -> FloatArray:
+        """Return starts and ends (count, 2) of a block of cases; a start is NaN where the case is not run."""
+        spans = np.empty((count, 2))
+        spans[:, 0], spans[:, 1] = _part(self._begin, block), _part(self.span["end"], block)
+        return spans
+
+    def alone(
+        self, number: int, settings: CaseSettings, quick_start: Callable[[Iterable[str]], QuickStart]
+    ) -> CaseBlock | None:
+        """Return a case by the start of single runs; None where that does not serve it, or finds something wrong."""
+        if self._changing or self.program.conditions is not None or (self.refused is not None and self.refused[number]):
+            return None
+        block = slice(number, number + 1)
+        spans = self._spans(block, 1)
+        values = {name: float(_part(column, block)[0]) for name, column in self._values.items()}
+        p = np.array([column[0] for column in self.parameters_of(block).values()])
+        found = quick_start(self._values)(float(spans[0, 0]), values, p) if np.all(np.isfinite(spans)) else None
+        return None if found is None else self._started(block, settings, found[0][np.newaxis], found[1][np.newaxis])
+
+    def to_keep(self, count: int, settings: CaseSettings) -> KeptStarts:
+        """Return arrays for what a run of `count` cases keeps of their starts: what checks of the results look at."""
+        layout = self.program.layout
+        if settings.judge is None or self._changing:
+            return KeptStarts.nothing()
+        return KeptStarts(np.empty((count, layout.constants)), np.empty((count, len(layout.state))))
+
+    def of_run(self, block: slice, settings: CaseSettings, kept: KeptStarts) -> CaseBlock:
+        """Return a block of cases that have run, whose run has `kept` their starts; else they are made again."""
+        if not len(kept.states):
+            return self.block(block, settings)[0]
+        return self._started(block, settings, kept.states, kept.constants)
 
     def _given(self, block: slice, count: int) -> FloatArray:
         """Return the given initial values (count, n) of a block of cases, in the order of the start."""
@@ -244,54 +280,6 @@ class Cases:
             out[i] = interpret(self.start.kernel, {"t": float(t[i]), "y": given[i].tolist(), "c": c[i].tolist()})
 
 
-def spans_of(t_span: Any) -> tuple[FloatArray, FloatArray]:
-    """Return starts and ends, (k,) or (1,), of the cases of a sweep.
-
-    Raises
-    ------
-    ValueInputError
-        For what are no numbers or arrays.
-    """
-    try:
-        first, last = (np.array(array_of(t), ndmin=1, order="C") for t in t_span)
-    except (TypeError, ValueError) as error:
-        message = f"t_span must be start and end, numbers or arrays, not {t_span!r}{traced_note(error)}"
-        raise ValueInputError(message) from None
-    return first, last
-
-
-def _columns(
-    kind: str, given: Mapping[Any, Any], known: tuple[str, ...], aliases: Mapping[str, str]
-) -> dict[str, FloatArray]:
-    """Return arrays (k,) or (1,) by name; numbers that are not finite are left for the status of their case.
-
-    They are copies: results are evaluated from them later, whatever the caller does with the arrays given.
-    """
-    if not isinstance(given, Mapping):
-        raise ValueInputError(f"{kind}s must be a mapping of names or symbols to numbers or arrays, not {given!r}")
-    columns: dict[str, FloatArray] = {}
-    unknown, wrong = [], []
-    for key, value in given.items():
-        name = aliases.get(str(key), str(key))
-        if name not in known:
-            unknown.append(unknown_name(kind, str(key), known))
-            continue
-        if name in columns:
-            unknown.append(f"{kind} {name!r} is given twice")
-        try:
-            columns[name] = np.array(array_of(value), ndmin=1, order="C")
-        except ValueError as reason:
-            wrong.append(f"{name} = {value!r} {reason}")
-            continue
-        if columns[name].ndim != 1:
-            wrong.append(f"{name} has shape {columns[name].shape}; one value a case is needed")
-    if unknown:
-        raise UnknownNameError("\n".join(unknown))
-    if wrong:
-        raise ValueInputError("; ".join(wrong))
-    return columns
-
-
 def _finite_rows(values: FloatArray) -> NDArray[np.bool_]:
     """Return which rows hold nothing but finite numbers; a product does that much faster than sums of short rows."""
     with np.errstate(over="ignore", invalid="ignore"):
@@ -305,25 +293,21 @@ def _part(values: FloatArray, block: slice) -> FloatArray:
     return values if len(values) == 1 else values[block]
 
 
-def single_problem(cases: Cases, settings: CaseSettings, number: int) -> IntegrationProblem | None:
-    """Return a case alone, or None where it cannot start."""
-    block, status = cases.block(slice(number, number + 1), settings)
+def single_problem(
+    cases: Cases,
+    settings: CaseSettings,
+    number: int,
+    quick_start: Callable[[Iterable[str]], QuickStart] | None = None,
+) -> IntegrationProblem | None:
+    """Return a case alone, or None where it cannot start.
+
+    `quick_start` gives starts of single runs by the names of given values; with one the case starts from the very bits
+    of a run alone.
+    """
+    found = None if quick_start is None else cases.alone(number, settings, quick_start)
+    if found is not None:
+        return found.problem(0)
+    block, status = cases.block(slice(number, number + 1), settings, exact=quick_start is not None)
     if not len(status) or status[0] >= 0:
         return None
     return block.problem(0)
-
-
-def with_grid(
-    layout: Layout, grid: CaseSet, initial: Mapping[Any, Any], parameters: Mapping[Any, Any]
-) -> tuple[dict[Any, Any], dict[Any, Any]]:
-    """Return initial values and parameters with the columns of a grid, each where it belongs."""
-    grid = case_set(grid)
-    initial, parameters = dict(initial), dict(parameters)
-    for name, column in grid.columns().items():
-        home = parameters if name in layout.parameters else initial
-        if name not in (*layout.parameters, *layout.initial):
-            raise UnknownNameError(unknown_name("axis", name, (*layout.given, *layout.initial)))
-        if any(layout.aliases.get(str(key), str(key)) == name for key in home):
-            raise ValueInputError(f"{name!r} is an axis of the grid and is given beside it; give it once")
-        home[name] = column
-    return initial, parameters

@@ -38,6 +38,8 @@ def begins_elsewhere(t0: Any, t1: Any) -> bool:
     if type(t0) is float and t0 == 0.0:
         return False
     first, last = np.asarray(t0, dtype=float), np.asarray(t1, dtype=float)
+    if not first.any():  # NaN is not false
+        return False
     with np.errstate(invalid="ignore"):
         return bool(np.any((first != 0.0) & (first != last) & np.isfinite(first) & np.isfinite(last)))
 

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from ..codegen.runs import CaseRun
     from ..events.event_code import EventCode
     from ..events.recorded_motion import RecordedCase
+    from ..lanes.sweep_arguments import KeptStarts
 
 _MOST_KEPT = 16
 
@@ -212,7 +213,7 @@ class SegmentedEngine(Engine):
         return PreparedStates(run)
 
     def sweeper(
-        self, cases: CaseColumns, method: str, result: BlockResult, constants: FloatArray, share: int
+        self, cases: CaseColumns, method: str, result: BlockResult, kept: KeptStarts, share: int
     ) -> CaseRun | None:
         """See `Engine.sweeper`: cases pass their stops in the loop of the inner engine."""
         knots = cases.inputs is not None and not self.inner.passes_stops
@@ -223,7 +224,7 @@ class SegmentedEngine(Engine):
         for i, column in enumerate(cases.parameters):
             p[:, i] = column
         found = self._stopping(p, (t0, t1), cases.t_eval)
-        run = self.inner.sweeper(found.columns(cases), method, result, constants, share)
+        run = self.inner.sweeper(found.columns(cases), method, result, kept, share)
         if run is None or not np.any(found.bad):
             return run
 

@@ -13,7 +13,7 @@ from ..arrays import FloatArray
 from ..errors import PrecisionWarning, warn_caller
 from ..options import SimulateOptions, SweepOptions
 from ..values import number
-from .cases import with_grid
+from .case_columns import with_grid
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel

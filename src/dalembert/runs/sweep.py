@@ -25,8 +25,9 @@ from ..starts.constraint_rank import unlike
 from ..starts.first_integrals import keeping_model, kept_values, refuse_jumps
 from ..starts.symbol_assumptions import warn_of_motion
 from .case_blocks import fitted, run_cases
+from .case_columns import spans_of, with_grid
 from .case_settings import CaseSettings, common_settings
-from .cases import Cases, single_problem, spans_of, with_grid
+from .cases import Cases, single_problem
 from .elapsed import begins_elsewhere, elapsed_times, far, in_elapsed_time, offset_columns
 from .events import with_event_parameters
 from .gains import give_gains
@@ -128,7 +129,7 @@ def sweep_in_own_time(
     model, cases, settings = _model_and_cases(model, t_span, initial, parameters, options, begin)
     settings = replace(settings, carried=carried, t_eval=settings.t_eval if times is None else times)
     if options.fits:
-        settings = fitted(model.engine, cases, settings)
+        settings = fitted(model.engine, cases, settings, model.derived.quick_start)
     if any(check.guards(settings.method) for check in model.checks):
         watch = model.derived.events(options.events, options.reduce, ranks=cases.duration)
         settings = replace(settings, watch=watch)
@@ -145,7 +146,7 @@ def sweep_in_own_time(
     method = options.method_chosen(NO_MODE, method)
     finer = replace(settings, rtol=options.rtol, atol=options.atol, method=method)
     if options.fits:
-        finer = fitted(model.engine, cases, finer)
+        finer = fitted(model.engine, cases, finer, model.derived.quick_start)
     begin, stop = time.perf_counter(), bool(np.any(run.status == Status.INTERRUPTED))
     return run.with_twin(_results(model, cases, finer, run_cases(model.engine, cases, finer, stop), axes, begin))
 

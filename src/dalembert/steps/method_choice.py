@@ -101,10 +101,13 @@ def _differences(rates: Rates, t: float, y: FloatArray, directions: FloatArray) 
     return (values[: len(directions)] - values[len(directions) :]) / (2.0 * size)
 
 
-def damped_rate(rates: Rates, t: float, y: FloatArray) -> float:
-    """Return the largest decay rate [1/s] among the modes that decay faster than they oscillate, 0 without one."""
+def damped_rate(rates: Rates, t: float, y: FloatArray, least: float = 0.0) -> float:
+    """Return the largest decay rate [1/s] among the modes that decay faster than they oscillate, 0 without one.
+
+    Where all are certainly below a `least` one, return 0, too: no eigenvalue exceeds the largest sum of a row.
+    """
     jacobian = _differences(rates, t, y, np.eye(len(y))).T
-    if not np.all(np.isfinite(jacobian)):
+    if not np.abs(jacobian).sum(axis=1).max() >= least or not np.all(np.isfinite(jacobian)):
         return 0.0
     modes = np.linalg.eigvals(jacobian)
     damped = -modes.real[-modes.real >= np.abs(modes.imag)]
@@ -157,7 +160,8 @@ def fitting(
 ) -> tuple[str, str]:
     """Return the method for a problem, from its start and a short run: "radau" and why, or `method`."""
     span = abs(problem.t1 - problem.t0)
-    if method == "radau" or damped_rate(rates, problem.t0, problem.y0) * span < TIME_SCALES:
+    least = TIME_SCALES / span if span else math.inf
+    if method == "radau" or damped_rate(rates, problem.t0, problem.y0, least) < least:
         return method, ""
     trial = run(replace(problem, t_eval=None, dense=False, max_steps=min(problem.max_steps, _EXPLICIT_STEPS)), method)
     if trial.status is not Status.MAX_STEPS or len(trial.t) < 2:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from ..methods.status import Status
 from ..options import SweepOptions
 from ..results.labels import distinct, value_name
-from ..runs.cases import Cases, spans_of
+from ..runs.case_columns import spans_of
+from ..runs.cases import Cases
 from ..runs.events import with_event_parameters
 from ..runs.sweep import sweep_cases
 from ..starts.input_values import GivenInputs, read_inputs

@@ -12,7 +12,7 @@ from ...events.event_code import EventCode
 from ...events.recorded_motion import RecordedCase
 from ...lanes.cases import BlockResult, CaseColumns
 from ...lanes.step_records import ENDED_AT
-from ...lanes.sweep_arguments import CaseRows, SweepKernels
+from ...lanes.sweep_arguments import CaseRows, KeptStarts, SweepKernels
 from ...lanes.workspace import LONG_ENDS, OCCURRENCE, EventKernels
 from ...methods.status import Status
 from ...steps.problem import IntegrationProblem
@@ -92,7 +92,7 @@ class RecordedLane:
         )
         result = BlockResult(np.zeros((1, n)), np.zeros((1, LONG_ENDS)), np.empty((1, 0, n)), happened, totals)
         arrays = CaseArrays(
-            self._kernels, self._shape, self._stepper.settings, cases, result, np.empty((0, 0)), self._events, True
+            self._kernels, self._shape, self._stepper.settings, cases, result, KeptStarts.nothing(), self._events, True
         )
         self._made = arrays.arguments(np.zeros(1, np.int64))
         self._packed_args = pack(self._made)

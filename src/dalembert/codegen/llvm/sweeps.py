@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from typing import final
@@ -11,12 +11,12 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import FloatArray
 from ...lanes.cases import BlockResult, CaseColumns
 from ...lanes.step_records import FIRST_AT
 from ...lanes.sweep_arguments import (
     CaseShape,
     Columns,
+    KeptStarts,
     SweepArguments,
     SweepKernels,
     no_part_samples,
@@ -82,7 +82,7 @@ def case_run(
     settings: Sequence[float],
     cases: CaseColumns,
     result: BlockResult,
-    constants: FloatArray,
+    kept: KeptStarts,
     events: EventKernels,
     watched: bool,
 ) -> CaseRun:
@@ -93,12 +93,12 @@ def case_run(
     kernels : SweepKernels
     settings : sequence of float
         Settings of the step after the largest step and the direction of time.
-    constants : (k, n_c) or (0, 0)
-        Gets the constants.
+    kept : KeptStarts
+        Gets constants and first states.
     watched : bool
         Whether there are events or reductions, or steps are recorded.
     """
-    run = CaseArrays(kernels, shape, settings, cases, result, constants, events, watched)
+    run = CaseArrays(kernels, shape, settings, cases, result, kept, events, watched)
     loop, turn = loop_named(run.loop_name), np.zeros(1, np.int64)
 
     def call(turn: NDArray[np.int64]) -> LoopCall:
@@ -106,7 +106,7 @@ def case_run(
         about = made.state.progress, made.steps, made.workspace.occurrences
         return LoopCall(loop.entry, pack(made), *about, (run, made))
 
-    def work() -> None:
+    def work(paused: Callable[[], None] | None = None) -> None:
         made, code = run.arguments(turn), loop.call
         packed_args, progress = pack(made), made.state.progress
         pointer = ctypes.c_void_p(address_of(packed_args))
@@ -117,6 +117,9 @@ def case_run(
             raise_failure()
             going = progress.paused != 0 and turn[0] < STOPPED
             check()
+            if going and paused is not None:
+                paused()
+                paused = None
             if going and perf_counter() - begin < _QUICK:
                 progress.patience = min(2 * progress.patience, _MOST_ROUNDS)
 
@@ -134,12 +137,12 @@ class CaseArrays:
         settings: Sequence[float],
         cases: CaseColumns,
         result: BlockResult,
-        constants: FloatArray,
+        kept: KeptStarts,
         events: EventKernels,
         watched: bool,
     ) -> None:
         self.kernels, self.shape, self.settings, self.cases = kernels, shape, settings, cases
-        self.result, self.constants, self.events, self.watched = result, constants, events, watched
+        self.result, self.kept, self.events, self.watched = result, kept, events, watched
         k, n_times = cases.count, len(cases.t_eval)
         self.projected = bool(kernels.position or kernels.velocity)
         self.columns = _columns(cases)
@@ -178,7 +181,7 @@ class CaseArrays:
             ends=self.result.ends,
             samples=self.samples,
             inside=self.inside,
-            kept_constants=self.constants,
+            kept=self.kept,
             state=_state(lane_state(shape.lanes, n, shape.n_c, n_s, rows, max(parameters, given), n + checks + size)),
             events=self.events,
             workspace=self._workspace(n_s),
@@ -219,7 +222,7 @@ class CaseArrays:
         overwritten = aligned(1, lanes), aligned(n, lanes), np.ones((max(shape.n_c, 1), lanes)), aligned(n, lanes)
         numbers = np.zeros(lanes, np.int64), np.zeros(lanes, np.int64)
         codes = self.kernels.position, self.kernels.velocity
-        constants, along = self.constants, self.cases.constants_at
+        constants, along = self.kept.constants, self.cases.constants_at
         if along is not None:
             constants = along(np.broadcast_to(self.t_eval, self.inside.shape))
         loop = loop_named("sample_projection")
