@@ -1,9 +1,11 @@
 """What a user gets from the sdist and the wheel, and what `import dalembert` costs."""
 
 import os
+import re
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -133,3 +135,11 @@ def test_public_names_are_all_there_and_no_others() -> None:
     assert {name for name in dir(dalembert) if getattr(dalembert, name) is not None} == {*dalembert.__all__}
     with pytest.raises(AttributeError, match="module 'dalembert' has no attribute 'compile'"):
         dalembert.compile  # noqa: B018
+
+
+def test_the_version_is_one():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    cited = re.search(r'^version: "(.+)"$', (ROOT / "CITATION.cff").read_text(), re.M)
+    assert project == dalembert.__version__ == cited[1]
+    changes = re.findall(r"^## (?:Unreleased \()?([\d.]+)", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    assert project in changes and changes == sorted(changes, reverse=True)
