@@ -10,6 +10,8 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, 
 import dalembert as da
 from dalembert.errors import FormulationError
 from dalembert.ir.kernel import count_operations
+from dalembert.mechanics.derive import derive
+from dalembert.scene.reading import read
 from scene.builders import cartesian_pendulum, four_bar, quaternion_body
 
 m, g, l, r, h = symbols("m g l r h", positive=True)
@@ -333,3 +335,20 @@ def test_nonholonomic_constraint_that_needs_a_division_falls_back():
     model = da.compile_model(scene, backend="numpy")
     assert model.formulation == "projected"
     assert "division by a function of the configuration" in model.explain()
+
+
+def test_a_velocity_is_resolved_on_frames_near_the_root_alone():
+    """A floating base with 30 joints took a minute: the axes of every link were tried."""
+    x, y, z, *turns = dynamicsymbols("x y z a0:14")
+    m, N, O = symbols("m", positive=True), ReferenceFrame("N"), Point("O")
+    scene = da.Scene("floating_chain", frame=N, origin=O, coordinates=[x, y, z, *turns])
+    frame, point = N, O.locatenew("P", x * N.x + y * N.y + z * N.z)
+    for i, turn in enumerate(turns):
+        frame = frame.orientnew(f"E{i}", "Axis", (turn, (frame.z, frame.y, frame.x)[i % 3]))
+        if i > 2:
+            point = point.locatenew(f"P{i}", frame.x)
+        if i > 1:
+            scene.add_bodies(RigidBody(f"link{i}", point, frame, m, (inertia(frame, 1, 2, 3), point)))
+    groups = derive(read(scene, ())).groups
+    velocity = next(group for group in groups if not group.angles)
+    assert [choice.names[0] for choice in velocity.choices] == [f"v_E{i}_x" for i in range(8)]

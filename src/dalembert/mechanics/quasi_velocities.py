@@ -26,6 +26,8 @@ from .equations import VelocityChoice, VelocityGroup
 from .kinematics import Kinematics, Pose
 
 _AXES = "xyz"
+_MOST_FRAMES = 8
+"""Frames on which the velocity of a point is resolved: each is tried, and far from the root of a tree none pays."""
 
 
 def velocity_groups(kinematics: Kinematics) -> tuple[VelocityGroup, ...]:
@@ -57,9 +59,9 @@ def _translation(kinematics: Kinematics, pose: Pose) -> VelocityGroup | None:
         if any(not _equals(vec.dot(motion.direction, other.direction), i == j) for j, other in enumerate(motions)):
             return None
     choices = []
-    for frame in range(len(kinematics.model.frames)):
-        if frame == pose.frame:
-            continue
+    others = [frame for frame in range(len(kinematics.model.frames)) if frame != pose.frame]
+    near = sorted(others, key=lambda frame: len(kinematics.ancestry(frame)))[:_MOST_FRAMES]
+    for frame in sorted(near):
         columns = [kinematics.to_frame(motion.direction, pose.frame, frame) for motion in motions]
         rows = [[column[axis] for column in columns] for axis in range(3)]
         used = [axis for axis in range(3) if not all(x.is_zero for x in rows[axis])]
