@@ -22,7 +22,7 @@ OK, IMPOSSIBLE, AMBIGUOUS = Status.SUCCESS, Status.CONTACT_IMPOSSIBLE, Status.CO
 
 
 @cache
-def points(count, *, chained=False):
+def points(count, *, chained=False, impacts="newton"):
     """Return the model of points on a rough floor that are pushed; each lies on the one before it where `chained`."""
     g, push = sp.symbols("g push", real=True)
     N, O = ReferenceFrame("N"), Point("O")
@@ -42,7 +42,7 @@ def points(count, *, chained=False):
         scene.add_contacts(da.UnilateralContact(normal, gap=y - below[1], name=f"c{i}"))
         slip = x.diff(TIME) - below[0].diff(TIME)
         scene.add_friction(da.CoulombFriction(normal, force, slip=slip, mu=mu, name=f"c{i}"))
-    return da.compile_model(scene)
+    return da.compile_model(scene, impacts=impacts)
 
 
 def problems(system, count, most_friction, *, moving, seed):

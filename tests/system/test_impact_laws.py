@@ -108,5 +108,5 @@ def test_a_box_comes_to_rest_on_two_corners(law):
 def test_explain_and_options(row):
     assert "impacts       sequence: the contact that approaches fastest is struck alone" in row["sequence"].explain()
     assert "impacts       newton: all contacts that touch take part at once" in row["newton"].explain()
-    with pytest.raises(OptionError, match=r"law of impacts 'poisson'.*newton, sequence"):
-        balls(2, "poisson")
+    with pytest.raises(OptionError, match=r"law of impacts 'moreau'.*newton, poisson, sequence"):
+        balls(2, "moreau")

@@ -173,7 +173,7 @@ class HybridAutomaton:
     contact_data : Kernel
         The numbers from which mode selection and impacts are computed.
     impacts : str
-        "newton" or "sequence", see `dalembert.compile_model`.
+        "newton", "poisson" or "sequence", see `dalembert.compile_model`.
     """
 
     equations: EquationsOfMotion

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from ..subset.compiled_subset import compiled_subset
 from .contact_system import OPEN, STICK, ContactSystem
-from .mode_candidates import Candidates, find_option
+from .mode_candidates import RELEASED, Candidates, find_option
 
 _PIVOTS, _TINY = 20, 1e-11
 """Most pivots for each row, and entries of the table that count as zero."""
@@ -50,7 +50,7 @@ def _pressed(system: ContactSystem, pick: Candidates, row: int, i: int) -> float
 def _set_row(system: ContactSystem, pick: Candidates, place: int, row: int, sign: float) -> None:
     """Write a row of the table: w = q + M z of the acceleration along a row of the contacts."""
     table, k, s = pick.table, system.contacts, system.slips
-    m = k + 3 * s
+    m, excess = k + 3 * s, system.compliances[row, 0]
     for j in range(k):
         if _may_close(pick, j):
             table[place, m + j] = -sign * _pressed(system, pick, row, j)
@@ -58,7 +58,10 @@ def _set_row(system: ContactSystem, pick: Candidates, place: int, row: int, sign
             r = system.first[j]
             table[place, m + k + r] = -sign * system.compliances[row, 1 + r]
             table[place, m + k + s + r] = sign * system.compliances[row, 1 + r]
-    table[place, 2 * m + 1] = sign * system.compliances[row, 0]
+        if system.restored[j] > 0.0 and not _may_stick(system, pick, j):  # friction of what it gives back
+            given = _pressed(system, pick, row, j) - system.compliances[row, 1 + system.slips + j]
+            excess += given * system.restored[j]
+    table[place, 2 * m + 1] = sign * excess
 
 
 @compiled_subset
@@ -81,7 +84,7 @@ def _set_table(system: ContactSystem, pick: Candidates) -> None:
             _set_row(system, pick, down, r, -1.0)
             table[up, m + slip] = table[down, m + slip] = -1.0
             table[slip, m + i], table[slip, m + up], table[slip, m + down] = -system.mu[i], 1.0, 1.0
-            table[slip, 2 * m + 1] = 0.0
+            table[slip, 2 * m + 1] = system.mu[i] * system.restored[i]
 
 
 @compiled_subset
@@ -168,12 +171,13 @@ def choose_complementary(system: ContactSystem, pick: Candidates) -> bool:
     k, s = system.contacts, system.slips
     for i in range(k):
         r, state, way = system.first[i], OPEN, 0
-        if _value(pick, i) > 0.0:
+        more, gives = _value(pick, i) > 0.0, system.restored[i] > 0.0
+        if more or gives:
             state = system.closed[i]
             if _may_stick(system, pick, i) and _value(pick, k + 2 * s + r) <= 0.0:
                 state = STICK
             elif _may_stick(system, pick, i):
                 way = -1 if _value(pick, k + r) > 0.0 else 1
-        found = find_option(pick, i, state, 0, way)
+        found = find_option(pick, i, state, 0 if not gives else 1 if more else RELEASED, way)
         pick.choice[i] = found if found >= 0 else 0
     return True

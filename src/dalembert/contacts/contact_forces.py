@@ -52,6 +52,22 @@ def load_impact(system: ContactSystem) -> None:
 
 
 @compiled_subset
+def load_restitution(system: ContactSystem, compressed: FloatArray) -> None:
+    """Have the rates at the end of an impact solved for, from those after its compression, by what contacts give back.
+
+    That is in ``restored``: the least normal impulses, of which the load gets the momentum.
+    """
+    for i in range(system.coordinates):
+        system.load[i] = dot(system.mass[i], compressed, 0.0)
+    for i in range(system.contacts):
+        for j in range(system.coordinates):
+            system.load[j] += system.restored[i] * system.power[system.normal[i], j]
+    for row in range(system.demand.size):
+        system.demand[row] = -drift(system, row)
+    _begin(system)
+
+
+@compiled_subset
 def load_correction(system: ContactSystem) -> None:
     """Have the smallest change of the coordinates, by kinetic energy, solved for that makes gaps zero."""
     for i in range(system.coordinates):
@@ -259,7 +275,8 @@ def _write(system: ContactSystem) -> None:
     for i in range(k):
         row, column = system.constraint[i], system.column[i]
         for j in range(out.shape[1]):
-            out[place + i, j] = system.square_right[column, j] if column >= 0 else 0.0
+            pressing = system.square_right[column, j] if column >= 0 else 0.0
+            out[place + i, j] = pressing + (system.restored[i] if j == 0 else 0.0)
             if system.given[i] != 0:
                 out[place + i, j] = normal_load(system, i) if j == 0 else 0.0
             out[place + k + i, j] = float(system.sense[i]) * _along(system, row, j) if row >= 0 else 0.0
@@ -284,10 +301,10 @@ def normal_load(system: ContactSystem, i: int) -> float:
 
 @compiled_subset
 def open_contacts(chosen: Combination) -> int:
-    """Return the open contacts of a mode, as bits."""
+    """Return the contacts of a mode whose gaps are not held, as bits."""
     opened = 0
     for i in range(chosen.mode.size):
-        if chosen.mode[i] == OPEN:
+        if chosen.mode[i] == OPEN or chosen.released[i] != 0:
             opened += 1 << i
     return opened
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..methods.status import Status
 from ..subset.compiled_subset import compiled_subset, sqrt
 from .contact_cases import ADDED, SIDE, ContactCases
-from .contact_forces import load_correction, load_impact, solve_mode
+from .contact_forces import load_correction, load_impact, load_restitution, solve_mode
 from .contact_kinds import RESTING, ROUNDED, STILL
 from .contact_sizes import (
     NOISE,
@@ -18,7 +18,7 @@ from .contact_sizes import (
     slip_terms,
     slow_terms,
 )
-from .contact_system import CLOSED, OPEN, SLIP, STICK, ContactSystem, dot, drift, terms
+from .contact_system import CLOSED, OPEN, POISSON, SEQUENCE, SLIP, STICK, ContactSystem, dot, drift, terms
 from .mode_candidates import FREE, GRIPPED, HOVERING, LIFTING, SLIDING, TOUCHING, Candidates, closed_kind
 from .mode_selection import select_mode
 
@@ -47,12 +47,15 @@ def strike(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
     cases.impacts[case] += 1
     if cases.impacts[case] > _MOST_IMPACTS:
         return _ACCUMULATE
-    if system.sequence != 0:
+    if system.impacts == SEQUENCE:
         _single_out(system, pick, cases, case)
     load_impact(system)
+    struck = False
     for i in range(system.contacts):
         row = system.constraint[i]
-        if pick.struck[i] == 1:
+        struck = struck or pick.struck[i] == 1
+        pick.rebounds[i] = 1 if row >= 0 and pick.struck[i] != 2 else 0
+        if pick.struck[i] == 1 and system.impacts != POISSON:
             system.demand[row] -= system.restitution[i] * system.velocity[row]
         if pick.kind[i] == LIFTING:  # it still touches, and may be pushed
             pick.kind[i] = closed_kind(system, i, 0.0, 0.0)
@@ -65,6 +68,11 @@ def strike(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
     if status != _SUCCESS:
         return status
     _remember_shared(system, pick, cases, case)
+    if system.impacts == POISSON and struck and _gives_back(system, pick):
+        status = select_mode(system, pick, False, False)
+        _keep(system)
+        if status != _SUCCESS:
+            return status
     for j in range(system.coordinates):
         cases.x[case, system.coordinates + j] = pick.best.motion[j]
     for i in range(system.contacts):
@@ -74,6 +82,33 @@ def strike(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
         if system.sided[i] != 0:
             cases.added[case, ADDED * i + SIDE] = pick.best.sides[i]
     return status
+
+
+@compiled_subset
+def _gives_back(system: ContactSystem, pick: Candidates) -> bool:
+    """Have the second part of an impact by Poisson's law solved for; return whether any contact gives back an impulse.
+
+    Each contact that was pushed during the compression gives back at least its restitution times that impulse, and more
+    where it would be pressed together otherwise; friction is that of these impulses.
+    """
+    gives = False
+    for i in range(system.contacts):
+        if pick.rebounds[i] != 0 and pick.kind[i] != FREE and pick.best.mode[i] != OPEN:
+            system.restored[i] = system.restitution[i] * max(pick.best.press[i], 0.0)
+            gives = gives or system.restored[i] > 0.0
+        if pick.best.mode[i] == SLIP:
+            pick.slides[i] = 1
+        pick.struck[i] = 0
+    if gives:
+        load_restitution(system, pick.best.motion)
+    return gives
+
+
+@compiled_subset
+def _keep(system: ContactSystem) -> None:
+    """End the second part of an impact: nothing is given back any more."""
+    for i in range(system.contacts):
+        system.restored[i] = 0.0
 
 
 @compiled_subset

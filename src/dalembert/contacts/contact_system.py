@@ -8,6 +8,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..ir.conditions import CONDITION_TIME
+from ..options.compilation import IMPACTS
 from ..subset.arguments import IntMatrix, IntVector, Matrix, Record, Vector
 from ..subset.compiled_subset import compiled_subset, sqrt
 from .automaton import NUMBERS
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 OPEN, CLOSED, SLIP, STICK, SMOOTH = range(len(STATES))
 """States of a contact, by their places in `dalembert.contacts.modes.STATES`."""
 
+NEWTON, POISSON, SEQUENCE = range(len(IMPACTS))
+"""Laws of impacts, by their places in `dalembert.options.compilation.IMPACTS`."""
+
 _KEPT_RESPONSES = 8
 """Sets of open contacts whose responses are kept during one decision."""
 
@@ -32,21 +36,29 @@ class Combination(NamedTuple):
     ----------
     mode, sides : (n_contacts,)
         States, and signs of normal reactions.
+    released : (n_contacts,)
+        1 where a contact separates while it gives back a share of its impulse, with friction of that.
     along : (n_contacts, 2)
         Directions of slip.
+    press : (n_contacts,)
+        Normal reactions, or impulses.
     motion : (n_q,)
         Accelerations, or rates after an impact.
     """
 
     mode: IntVector
     sides: Vector
+    released: IntVector
     along: Matrix
+    press: Vector
     motion: Vector
 
 
 def combination(contacts: int, coordinates: int) -> Combination:
     """Return memory for a combination."""
-    return Combination(np.zeros(contacts, np.int64), np.ones(contacts), np.zeros((contacts, 2)), np.zeros(coordinates))
+    mode, released = np.zeros((2, contacts), np.int64)
+    sides, along, press = np.ones(contacts), np.zeros((contacts, 2)), np.zeros(contacts)
+    return Combination(mode, sides, released, along, press, np.zeros(coordinates))
 
 
 class Solved(Record):
@@ -67,8 +79,8 @@ class ContactSystem(NamedTuple):
     ----------
     coordinates, constraints, contacts, slips : int
         Sizes: q, constraints, contacts, slip velocities of all contacts.
-    sequence : int
-        1 where impacts at one instant are solved for one after the other.
+    impacts : int
+        The law of impacts: NEWTON, POISSON or SEQUENCE.
     constraint, sense : (n_contacts,)
         Number of the constraint that opens (-1: none), and the sign between it and the gap.
     normal : (n_contacts,)
@@ -105,6 +117,8 @@ class ContactSystem(NamedTuple):
         qdot at the instant.
     load, demand : (n_q,), (n_rows,)
         Forcing, or momentum before an impact; what is required of Jacobian times unknown where a row holds.
+    restored : (n_contacts,)
+        Normal impulses that contacts give back at least, and that the load has; zero except while they do.
     responses : (8 n, 1 + n_slips)
         For 8 sets of open contacts, of n = n_q + 2 n_contacts + n_slips each: motion, normal reactions, accelerations
         of gaps and of slip, without friction and for a unit of each friction force.
@@ -142,7 +156,7 @@ class ContactSystem(NamedTuple):
     constraints: int
     contacts: int
     slips: int
-    sequence: int
+    impacts: int
     constraint: IntVector
     sense: IntVector
     normal: IntVector
@@ -174,6 +188,7 @@ class ContactSystem(NamedTuple):
     rates: Vector
     load: Vector
     demand: Vector
+    restored: Vector
     responses: Matrix
     kept: IntVector
     scales: Vector
@@ -213,13 +228,14 @@ def contact_system(automaton: HybridAutomaton) -> ContactSystem:
         constraints=m,
         contacts=k,
         slips=s,
-        sequence=int(automaton.impacts == "sequence"),
+        impacts=IMPACTS.index(automaton.impacts),
         **named,
         slides_by=np.array(entries, np.int64).reshape(s, n),
         values=values,
         rates=np.zeros(n),
         load=np.zeros(n),
         demand=np.zeros(r),
+        restored=np.zeros(k),
         responses=np.zeros((_KEPT_RESPONSES * len(solution), 1 + s)),
         kept=np.zeros(_KEPT_RESPONSES, np.int64),
         scales=np.ones(n + m + u),

@@ -20,6 +20,9 @@ FREE, LIFTING, TOUCHING, GRIPPED, SLIDING, HOVERING = 0, 1, 2, 3, 4, 5
 sliding; closed with a slip velocity of zero; closed with a slip velocity; after an impact so slow that it stays closed,
 if no other impact follows at the same instant."""
 
+RELEASED = 2
+"""Side of an option in which a contact separates while it gives back a share of its impulse."""
+
 _MOST_OPTIONS = 8
 
 FEW_CONTACTS, _FEW, ALL = 3, 256, 2**62
@@ -57,6 +60,8 @@ class Candidates(NamedTuple):
         Guards that have fired, as bits: what has just failed to hold is not tried in its old state.
     struck : (n_contacts,)
         1 where it is being struck, 2 without restitution: it is closed during the impact, if that contradicts nothing.
+    rebounds : (n_contacts,)
+        1 where it gives back a share of its impulse, by Poisson's law.
     slides : (n_contacts,)
         1 where it slides into an impact, so that sticking begins within mu and not within mu_static.
     still, least : (n_contacts,)
@@ -85,6 +90,7 @@ class Candidates(NamedTuple):
     kind: IntVector
     fired: IntVector
     struck: IntVector
+    rebounds: IntVector
     slides: IntVector
     still: Vector
     least: Vector
@@ -110,11 +116,11 @@ class Candidates(NamedTuple):
 def candidates_space(system: ContactSystem) -> Candidates:
     """Return working memory for the contacts of a scene."""
     k = system.contacts
-    kind, fired, struck, slides, count, choice, begins, taken, wanted, shares = np.zeros((10, k), np.int64)
+    kind, fired, struck, rebounds, slides, count, choice, begins, taken, wanted, shares = np.zeros((11, k), np.int64)
     still, least, base_sides, pushed = np.zeros((4, k))
     options = np.zeros((k, 3 * _MOST_OPTIONS), np.int64)
     given, now, best, clear = (combination(k, system.coordinates) for _ in range(4))
-    made = kind, fired, struck, slides, still, least, base_sides, options, count, choice, begins
+    made = kind, fired, struck, rebounds, slides, still, least, base_sides, options, count, choice, begins
     m = k + 3 * system.slips if k > FEW_CONTACTS else 0
     memory = taken, wanted, pushed, shares, np.zeros(system.slips + k), np.zeros((m, 2 * m + 2)), np.zeros(m, np.int64)
     found = Found()
@@ -157,6 +163,7 @@ def copy_combination(source: Combination, target: Combination) -> None:
     """Copy a combination."""
     for i in range(source.mode.size):
         target.mode[i], target.sides[i] = source.mode[i], source.sides[i]
+        target.released[i], target.press[i] = source.released[i], source.press[i]
         target.along[i, 0], target.along[i, 1] = source.along[i, 0], source.along[i, 1]
     for j in range(source.motion.size):
         target.motion[j] = source.motion[j]
@@ -168,6 +175,14 @@ def _add_option(pick: Candidates, i: int, state: int, side: int, way: int) -> No
     place = 3 * pick.option_count[i]
     pick.options[i, place], pick.options[i, place + 1], pick.options[i, place + 2] = state, side, way
     pick.option_count[i] += 1
+
+
+@compiled_subset
+def _side(system: ContactSystem, pick: Candidates, i: int, n: int) -> int:
+    """Return the side of the options of a contact that is not open, the preferred one where n is 0."""
+    if system.restored[i] > 0.0:
+        return RELEASED if n == 0 else 1
+    return -1 if n > 0 or turned(pick, i) else 1
 
 
 @compiled_subset
@@ -183,20 +198,21 @@ def list_options(system: ContactSystem, pick: Candidates, expected: bool) -> Non
             _add_option(pick, i, OPEN, 1, 0)
             continue
         sides = 1 if turned(pick, i) or system.sided[i] == 0 or expected else 2
+        sides = 2 if system.restored[i] > 0.0 else sides
         way, line = broken(pick, i), rests(system, pick, i) and system.width[i] == 1
         for n in range(sides):
-            side = -1 if n > 0 or turned(pick, i) else 1
+            side = _side(system, pick, i, n)
             if rests(system, pick, i) and way == 0:
                 _add_option(pick, i, STICK, side, 0)
         for n in range(sides):
-            side = -1 if n > 0 or turned(pick, i) else 1
+            side = _side(system, pick, i, n)
             if line and way == 0:
                 forwards = -1 if pick.fired[i] & STOP != 0 and pick.given.along[i, 0] > 0.0 else 1
                 _add_option(pick, i, SLIP, side, forwards)
                 _add_option(pick, i, SLIP, side, -forwards)
             else:
                 _add_option(pick, i, system.closed[i], side, way if line else 0)
-        if system.constraint[i] >= 0 and pick.struck[i] == 0:
+        if system.constraint[i] >= 0 and pick.struck[i] == 0 and system.restored[i] == 0.0:
             _add_option(pick, i, OPEN, 1, 0)
 
 
@@ -240,8 +256,9 @@ def combine(system: ContactSystem, pick: Candidates) -> bool:
     planar, along = False, pick.now.along
     for i in range(system.contacts):
         place = 3 * pick.choice[i]
-        state, way = pick.options[i, place], pick.options[i, place + 2]
-        pick.now.mode[i], pick.now.sides[i] = state, pick.base_sides[i] * float(pick.options[i, place + 1])
+        state, side, way = pick.options[i, place], pick.options[i, place + 1], pick.options[i, place + 2]
+        pick.now.released[i] = 1 if side == RELEASED else 0
+        pick.now.mode[i], pick.now.sides[i] = state, pick.base_sides[i] * (1.0 if side == RELEASED else float(side))
         along[i, 0], along[i, 1] = pick.given.along[i, 0], pick.given.along[i, 1]
         pick.begins[i] = 0
         if state == SMOOTH:

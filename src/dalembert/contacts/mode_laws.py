@@ -177,10 +177,15 @@ def friction_limit(system: ContactSystem, pick: Candidates, i: int) -> float:
 
 @compiled_subset
 def push_margin(system: ContactSystem, pick: Candidates, i: int, force: float) -> float:
-    """Return by which share of all forces a closed contact pushes; 1 where nothing is required of it."""
+    """Return by which share of all forces a closed contact pushes; 1 where nothing is required of it.
+
+    One that gives back an impulse pushes more than that, or separates.
+    """
     if turned(pick, i) or (system.constraint[i] < 0 and system.sided[i] == 0):
         return 1.0
-    return _share(pick.now.sides[i] * system.press[i], force, pick.least[i])
+    if pick.now.released[i] != 0:
+        return _share(system.opening[i], _speed(system, system.constraint[i]), pick.still[i])
+    return _share(pick.now.sides[i] * system.press[i] - system.restored[i], force, pick.least[i])
 
 
 @compiled_subset
@@ -245,8 +250,9 @@ def _shared_margin(system: ContactSystem, pick: Candidates, direction: int, amou
     for i in range(system.contacts):
         if pick.shares[i] != 0 and pick.now.mode[i] != OPEN:
             press = pick.now.sides[i] * (system.press[i] + amount * pick.pushed[i])
-            if not turned(pick, i) and (system.constraint[i] >= 0 or system.sided[i] != 0):
-                least = min(least, press)
+            presses = system.constraint[i] >= 0 or system.sided[i] != 0
+            if presses and not turned(pick, i) and pick.now.released[i] == 0:
+                least = min(least, press - system.restored[i])
             if pick.now.mode[i] == STICK:
                 used = 0.0
                 for r in range(system.first[i], system.first[i] + system.width[i]):
@@ -315,7 +321,7 @@ def _excludes_first(system: ContactSystem, pick: Candidates) -> bool:
     """Return whether the combination excludes the first clear one."""
     excludes, now, clear = False, pick.now, pick.clear
     for i in range(system.contacts):
-        excludes = excludes or (now.mode[i] == OPEN) != (clear.mode[i] == OPEN)
+        excludes = excludes or (now.mode[i] == OPEN) != (clear.mode[i] == OPEN) or now.released[i] != clear.released[i]
         excludes = excludes or (system.sided[i] != 0 and now.sides[i] != clear.sides[i])
     return excludes
 
@@ -341,6 +347,8 @@ def try_combination(system: ContactSystem, pick: Candidates, meets: bool) -> int
     for j in range(system.coordinates):
         pick.now.motion[j] = system.motion[j]
     found, grade, margin = pick.found, 0, _margin(system, pick)
+    for i in range(system.contacts):
+        pick.now.press[i] = system.press[i]
     if math.isnan(margin):
         found.lost = 1
     if margin >= -ROUNDING:

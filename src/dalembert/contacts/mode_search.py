@@ -16,7 +16,7 @@ from ..subset.compiled_subset import compiled_subset, sqrt
 from .complementary_forces import choose_complementary
 from .contact_forces import compliance, gap_compliance, load_compliances, normal_load, solve_mode
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertial_size
-from .mode_candidates import TOUCHING, Candidates, combine, find_option, list_options
+from .mode_candidates import RELEASED, TOUCHING, Candidates, combine, find_option, list_options
 from .mode_laws import (
     ROUNDING,
     all_forces,
@@ -62,6 +62,8 @@ def _remedy(system: ContactSystem, pick: Candidates, i: int, force: float, least
     if state == OPEN:
         return _closed_option(pick, i)
     if push_margin(system, pick, i, force) < least:
+        if system.restored[i] > 0.0:
+            return find_option(pick, i, state, 1 if side == RELEASED else RELEASED, way)
         opened = find_option(pick, i, OPEN, 0, 0)
         return opened if opened >= 0 or system.sided[i] == 0 else find_option(pick, i, state, -side, way)
     if state == STICK:
@@ -177,13 +179,13 @@ def _guess_contact(system: ContactSystem, pick: Candidates, i: int) -> float:
         if sticks and ease > 0.0:
             guessed[r] -= _excess(system, pick, r) / ease
         elif not sticks:
-            guessed[r] = -system.mu[i] * guessed[row] * pick.now.along[i, a]
+            guessed[r] = -system.mu[i] * (guessed[row] + system.restored[i]) * pick.now.along[i, a]
         change = max(change, abs(guessed[r] - before))
     if sticks:
         used = 0.0
         for r in range(first, first + system.width[i]):
             used += guessed[r] * guessed[r]
-        most = friction_limit(system, pick, i) * guessed[row]
+        most = friction_limit(system, pick, i) * (guessed[row] + system.restored[i])
         if used > most * most:
             for r in range(first, first + system.width[i]):
                 guessed[r] *= most / sqrt(used)
@@ -210,11 +212,15 @@ def _guess(system: ContactSystem, pick: Candidates) -> None:
         press, opened, used = pick.guessed[system.slips + i], find_option(pick, i, OPEN, 0, 0), 0.0
         for r in range(system.first[i], system.first[i] + system.width[i]):
             used += pick.guessed[r] * pick.guessed[r]
+        side = 0 if system.restored[i] == 0.0 else 1 if press > 0.0 else RELEASED
+        sticks, most = find_option(pick, i, STICK, side, 0), friction_limit(system, pick, i)
         if press == 0.0 and opened >= 0:
             pick.choice[i] = opened
-        elif find_option(pick, i, STICK, 0, 0) >= 0 and sqrt(used) >= _FULL * friction_limit(system, pick, i) * press:
+        elif sticks >= 0 and sqrt(used) >= _FULL * most * (press + system.restored[i]):
             way = 0 if system.width[i] != 1 else -1 if pick.guessed[system.first[i]] > 0.0 else 1
-            pick.choice[i] = max(find_option(pick, i, SLIP, 0, way), 0)
+            pick.choice[i] = max(find_option(pick, i, SLIP, side, way), 0)
+        elif side != 0:
+            pick.choice[i] = sticks if sticks >= 0 else max(find_option(pick, i, system.closed[i], side, 0), 0)
 
 
 @compiled_subset

@@ -54,12 +54,14 @@ def _made_contacts(scene: Scene) -> list[str]:
 
 
 def _impacts(model: CompiledModel) -> list[str]:
-    """Return a line on the law of impacts of contacts that open, where there are several."""
+    """Return a line on the law of impacts of contacts that open, where there are several or it is Poisson's."""
     automaton = model.modes.automaton if model.modes is not None else None
-    if automaton is None or sum(contact.constraint is not None for contact in automaton.contacts) < 2:
+    opening = sum(contact.constraint is not None for contact in automaton.contacts) if automaton is not None else 0
+    if automaton is None or opening < (1 if automaton.impacts == "poisson" else 2):
         return []
     how = {
         "newton": "all contacts that touch take part at once",
+        "poisson": "all contacts that touch take part at once, and give back their restitution times their impulses",
         "sequence": "the contact that approaches fastest is struck alone, then the next",
     }
     return [f"impacts       {automaton.impacts}: {how[automaton.impacts]}"]

@@ -11,8 +11,8 @@ from ..errors import OptionError, unknown_name
 ORIENTATIONS = ("scene", "quaternion")
 """Coordinates that orient bodies: those of the scene, or unit quaternions in place of three angles."""
 
-IMPACTS = ("newton", "sequence")
-"""Laws of impacts with several contacts."""
+IMPACTS = ("newton", "poisson", "sequence")
+"""Laws of impacts; their places are their numbers in compiled code (`dalembert.contacts.contact_system`)."""
 
 
 @final
@@ -35,7 +35,7 @@ class CompileOptions:
     orientation : str
         "scene" for the coordinates of the scene, "quaternion" to let unit quaternions take the place of angles.
     impacts : str
-        "newton" for all contacts of an impact at once, "sequence" for one after the other.
+        "newton" and "poisson" for all contacts of an impact at once, "sequence" for one after the other.
 
     Raises
     ------

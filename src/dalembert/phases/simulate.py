@@ -188,9 +188,10 @@ def _shared_impacts(modes: ModeModels, now: ContactCases) -> str:
         return (
             f"impacts shared an instant, first at {when}, and were solved for one after the other (impacts='sequence')"
         )
+    law = {"newton": "Newton", "poisson": "Poisson"}[modes.automaton.impacts]
     return (
         f"several contacts took part in {count} impact{'s' if count > 1 else ''}, first at {when}, all at once by"
-        " Newton's law; compile_model(..., impacts='sequence') solves for one after the other"
+        f" {law}'s law; compile_model(..., impacts='sequence') solves for one after the other"
     )
 
 

@@ -97,7 +97,8 @@ class UnilateralContact:
         minus a holonomic constraint of the scene, that constraint is the one that opens; otherwise it need not be
         added as one.
     restitution : Expr or number
-        Newton's coefficient, between 0 (default: the contact stays closed after an impact) and 1. After infinitely many
+        Newton's coefficient, or Poisson's with ``compile_model(..., impacts="poisson")``, between 0 (default: the
+        contact stays closed after an impact) and 1. After infinitely many
         impacts within a finite time the contact stays closed, and the run continues.
     name : str, optional
         What results call it; by default, the name of `normal`. A `CoulombFriction` with the same normal belongs to it.
