@@ -19,7 +19,8 @@ def block(*, forcing=(0.0, 0.0), rates=(0.0, 0.0), gap=0.0, mass=None, power_of_
     whole = {name: np.array([numbers.get(name, 0.0)]) for name in ("mu", "mu_static", "restitution")}
     one = {"constraint": 0, "sense": 1, "normal": 0, "first": 0, "row": 1, "width": 1, "closed": SLIP, "tangential": 1}
     topology = {
-        name: np.array([number]) for name, number in (one | {"sided": 0, "given": 0, "jumping": 0, "column": 0}).items()
+        name: np.array([number])
+        for name, number in (one | {"leader": 0, "sided": 0, "given": 0, "jumping": 0, "column": 0}).items()
     }
     return ContactSystem(
         coordinates=2,
@@ -45,6 +46,7 @@ def block(*, forcing=(0.0, 0.0), rates=(0.0, 0.0), gap=0.0, mass=None, power_of_
         load=np.zeros(2),
         demand=np.zeros(2),
         restored=np.zeros(1),
+        weight=np.ones(1),
         responses=np.zeros((8 * solution.size, 2)),
         kept=np.zeros(8, np.int64),
         scales=np.ones(5),

@@ -1,7 +1,5 @@
 """Impacts by Poisson's law: impulses of compression and of restitution, against solutions by hand."""
 
-from itertools import product
-
 import numpy as np
 import pytest
 import sympy as sp
@@ -9,6 +7,7 @@ from sympy import symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
+from contacts.by_hand import after_impact
 from contacts.test_many_contacts import decided, points
 from dalembert.contacts import mode_candidates as rules
 from dalembert.errors import OptionError
@@ -17,7 +16,6 @@ from dalembert.methods.status import Status
 N, O = ReferenceFrame("N"), Point("O")
 x, y, theta, a, b = dynamicsymbols("x y theta a b")
 e, mu, g, h = symbols("e mu g h", positive=True)
-EPS = 1e-12
 
 
 def kane(impacts, backend="llvm"):
@@ -33,46 +31,6 @@ def kane(impacts, backend="llvm"):
     floor = O.locatenew("F", -h * N.y)
     scene.add_contacts(da.PointPlane("tip", body="lower", point=tip, plane=(floor, N.y), restitution=e, friction=mu))
     return da.compile_model(scene, impacts=impacts, backend=backend, outputs=["energy"])
-
-
-def solutions(G, u, mus, least):
-    """Return the normal and friction impulses (2, k) by the laws of contact, of all combinations that obey them.
-
-    `G` (2 k, 2 k) maps impulses to changes of u (2 k,), normal ones first. Normal impulses are at least `least` (k,):
-    a contact that is pushed more does not separate.
-    """
-    k, found = len(mus), []
-    for closed, slips in product(product((0, 1), repeat=k), product((0, 1, -1), repeat=k)):
-        rows, right = np.zeros((2 * k, 2 * k)), np.zeros(2 * k)
-        for i in range(k):
-            rows[i], right[i] = (G[i], -u[i]) if closed[i] else (np.eye(2 * k)[i], least[i])
-            t = k + i
-            rows[t], right[t] = (G[t], -u[t]) if slips[i] == 0 else (np.eye(2 * k)[t], 0.0)
-            if slips[i] != 0:
-                rows[t, i] = slips[i] * mus[i]
-        if abs(np.linalg.det(rows)) < EPS:
-            continue
-        P = np.linalg.solve(rows, right)
-        v = u + G @ P
-        lawful = all(
-            (P[i] >= least[i] - EPS and v[i] >= -EPS)
-            and (abs(P[k + i]) <= mus[i] * P[i] + EPS if slips[i] == 0 else slips[i] * v[k + i] >= -EPS)
-            for i in range(k)
-        )
-        if lawful and not any(np.allclose(P, other, atol=1e-9) for other in found):
-            found.append(P)
-    return found
-
-
-def by_hand(M, rows, rates, mus, es):
-    """Return the rates after an impact, by rows of gap and slip velocities (2 k, n); None where they are not unique."""
-    k, inverse = len(mus), np.linalg.inv(M)
-    G, u = rows @ inverse @ rows.T, rows @ rates
-    first = solutions(G, u, mus, np.zeros(k))
-    if len(first) != 1:
-        return None
-    second = solutions(G, u + G @ first[0], mus, es * first[0][:k])
-    return None if len(second) != 1 else rates + inverse @ rows.T @ (first[0] + second[0])
 
 
 def just_after(model, start, numbers):
@@ -95,7 +53,7 @@ def test_the_example_of_kane():
         run, after = just_after(model, start, {e: 0.5, mu: 0.5, h: depth})
         assert (run["energy"][-1] > before) == gains
         if not gains:
-            assert abs(after - by_hand(M, rows, v, [0.5], np.array([0.5]))).max() < 1e-8
+            assert abs(after - after_impact(M, rows, v, [0.5], np.array([0.5]))).max() < 1e-8
 
 
 def struck(model, count, most_friction, seed, *, equal=False):
@@ -134,13 +92,13 @@ def floor():
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_random_impacts_are_those_by_hand(floor, count):
+def test_random_impacts_are_those_after_impact(floor, count):
     model, compared = floor[count], 0
     values, rates = struck(model, 60, 0.6, seed=count)
     cases = decided(model, values, rates, rules.ALL)
     n = rates.shape[1]
     for numbers, before, after, status in zip(values, rates, cases.x[:, n:], cases.status, strict=True):
-        expected = by_hand(*parts(model, numbers)[:2], before, *parts(model, numbers)[2:])
+        expected = after_impact(*parts(model, numbers)[:2], before, *parts(model, numbers)[2:])
         if expected is not None:
             compared += 1
             assert status == Status.SUCCESS

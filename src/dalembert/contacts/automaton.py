@@ -206,11 +206,17 @@ class HybridAutomaton:
             closed = (SMOOTH,)
         else:
             closed = (SLIP, STICK)
-        return closed if row.constraint is None else (*closed, OPEN)
+        return (*closed, OPEN) if row.opens else closed
 
     def sliding_mode(self, opened: Collection[int]) -> Mode:
         """Return the mode in which contacts of some numbers are open, and all others are closed and slip."""
-        return tuple(OPEN if i in opened else self.states(i)[0] for i in range(len(self.contacts)))
+        every = range(len(self.contacts))
+        return self.with_followers(tuple(OPEN if i in opened else self.states(i)[0] for i in every))
+
+    def with_followers(self, mode: Mode) -> Mode:
+        """Return a mode in which further laws of friction are open where their contacts are."""
+        leaders = [i if contact.leader is None else contact.leader for i, contact in enumerate(self.contacts)]
+        return tuple(OPEN if mode[leader] == OPEN else state for leader, state in zip(leaders, mode, strict=True))
 
     def equations_of(self, mode: Mode) -> EquationsOfMotion:
         """Return the equations in a mode, with its guards.

@@ -37,12 +37,13 @@ def _may_close(pick: Candidates, i: int) -> bool:
 
 @compiled_subset
 def _pressed(system: ContactSystem, pick: Candidates, row: int, i: int) -> float:
-    """Return the acceleration along a row for a unit of a normal reaction, with friction where the contact slides."""
+    """Return the acceleration along a row for a unit of a normal reaction, with the friction of laws that slide."""
     value = system.compliances[row, 1 + system.slips + i]
-    if not _may_stick(system, pick, i):
-        for a in range(system.width[i]):
-            r = system.first[i] + a
-            value -= system.mu[i] * pick.now.along[i, a] * system.compliances[row, 1 + r]
+    for law in range(system.contacts):
+        if system.leader[law] == i and not _may_stick(system, pick, law):
+            for a in range(system.width[law]):
+                r = system.first[law] + a
+                value -= system.mu[law] * pick.now.along[law, a] * system.compliances[row, 1 + r]
     return value
 
 
@@ -52,13 +53,13 @@ def _set_row(system: ContactSystem, pick: Candidates, place: int, row: int, sign
     table, k, s = pick.table, system.contacts, system.slips
     m, excess = k + 3 * s, system.compliances[row, 0]
     for j in range(k):
-        if _may_close(pick, j):
+        if _may_close(pick, j) and system.leader[j] == j:
             table[place, m + j] = -sign * _pressed(system, pick, row, j)
         if _may_stick(system, pick, j):
             r = system.first[j]
             table[place, m + k + r] = -sign * system.compliances[row, 1 + r]
             table[place, m + k + s + r] = sign * system.compliances[row, 1 + r]
-        if system.restored[j] > 0.0 and not _may_stick(system, pick, j):  # friction of what it gives back
+        if system.restored[j] > 0.0:  # friction of what it gives back
             given = _pressed(system, pick, row, j) - system.compliances[row, 1 + system.slips + j]
             excess += given * system.restored[j]
     table[place, 2 * m + 1] = sign * excess
@@ -75,7 +76,8 @@ def _set_table(system: ContactSystem, pick: Candidates) -> None:
         table[place, place], table[place, 2 * m], table[place, 2 * m + 1] = 1.0, -1.0, 1.0
         pick.basis[place] = place
     for i in range(k):
-        if _may_close(pick, i):
+        leader = system.leader[i]
+        if _may_close(pick, i) and leader == i:
             _set_row(system, pick, i, s + i, 1.0)
         if _may_stick(system, pick, i):
             r = system.first[i]
@@ -83,8 +85,8 @@ def _set_table(system: ContactSystem, pick: Candidates) -> None:
             _set_row(system, pick, up, r, 1.0)
             _set_row(system, pick, down, r, -1.0)
             table[up, m + slip] = table[down, m + slip] = -1.0
-            table[slip, m + i], table[slip, m + up], table[slip, m + down] = -system.mu[i], 1.0, 1.0
-            table[slip, 2 * m + 1] = system.mu[i] * system.restored[i]
+            table[slip, m + leader], table[slip, m + up], table[slip, m + down] = -system.mu[i], 1.0, 1.0
+            table[slip, 2 * m + 1] = system.mu[i] * system.restored[leader]
 
 
 @compiled_subset
@@ -171,13 +173,14 @@ def choose_complementary(system: ContactSystem, pick: Candidates) -> bool:
     k, s = system.contacts, system.slips
     for i in range(k):
         r, state, way = system.first[i], OPEN, 0
-        more, gives = _value(pick, i) > 0.0, system.restored[i] > 0.0
+        leader = system.leader[i]
+        more, gives = _value(pick, leader) > 0.0, system.restored[leader] > 0.0
         if more or gives:
             state = system.closed[i]
             if _may_stick(system, pick, i) and _value(pick, k + 2 * s + r) <= 0.0:
                 state = STICK
             elif _may_stick(system, pick, i):
                 way = -1 if _value(pick, k + r) > 0.0 else 1
-        found = find_option(pick, i, state, 0 if not gives else 1 if more else RELEASED, way)
+        found = find_option(pick, i, state, 0 if not gives or leader != i else 1 if more else RELEASED, way)
         pick.choice[i] = found if found >= 0 else 0
     return True

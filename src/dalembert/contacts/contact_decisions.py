@@ -135,6 +135,9 @@ def _learn(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
     for i in range(system.contacts):
         if not struck and cases.after[case, i] == HOVERING:
             pick.kind[i] = touching(system, cases, case, i)
+        if system.leader[i] != i:
+            apart = pick.kind[system.leader[i]] == FREE
+            pick.kind[i] = FREE if apart else touching(system, cases, case, i) if pick.kind[i] == FREE else pick.kind[i]
         if pick.kind[i] >= TOUCHING:
             cases.flight[case, i] = 0.0
     return struck
@@ -175,6 +178,9 @@ def _weigh(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
         spreads = False
         for i in range(system.contacts):
             spreads = _transmit(system, pick, i) or spreads
+    for i in range(system.contacts):
+        if system.leader[i] != i and system.weight[i] > 0.0:
+            pick.least[i] = pick.least[system.leader[i]] / system.weight[i]
 
 
 @compiled_subset
@@ -222,7 +228,8 @@ def _stopped(system: ContactSystem, pick: Candidates, cases: ContactCases, case:
     """
     stopped = False
     for i in range(system.contacts):
-        if pick.kind[i] >= TOUCHING and pick.best.mode[i] == OPEN and approaches(system, cases, case, i):
+        may = pick.kind[i] >= TOUCHING and pick.best.mode[i] == OPEN and system.leader[i] == i
+        if may and approaches(system, cases, case, i):
             pick.struck[i], stopped = 2, True
     return stopped
 
@@ -236,7 +243,7 @@ def _enter(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
     for i in range(system.contacts):
         row = system.constraint[i]
         if row < 0:
-            added[case, ADDED * i + SIDE] = best.sides[i]
+            added[case, ADDED * i + SIDE] = best.sides[i] if system.leader[i] == i else pick.least[i]
         else:
             opens = best.mode[i] == OPEN
             added[case, ADDED * i + SIDE] = gap_allowance(system, cases, case, i) if opens else pick.least[i]

@@ -93,6 +93,17 @@ def _begin(system: ContactSystem) -> None:
         system.scales[n + row] = _scale_of(_largest(system, system.jacobian[row]))
     for unknown in range(system.owner.size):
         system.scales[n + m + unknown] = _scale_of(_largest(system, system.power[unknown]))
+    for i in range(system.contacts):
+        system.weight[i] = _weight(system, i) if system.leader[i] != i else 1.0
+
+
+@compiled_subset
+def _weight(system: ContactSystem, i: int) -> float:
+    """Return what a unit of the friction of a further law counts beside a unit of its normal reaction."""
+    size, pushing = 0.0, inertial_size(system, system.power[system.normal[i]])
+    for r in range(system.first[i], system.first[i] + system.width[i]):
+        size = max(size, inertial_size(system, system.power[system.tangential[r]]))
+    return size / pushing if pushing > 0.0 else 1.0
 
 
 @compiled_subset
@@ -273,10 +284,11 @@ def _write(system: ContactSystem) -> None:
             out[place + i, j] = system.saddle_right[i, j]
     place += system.coordinates
     for i in range(k):
-        row, column = system.constraint[i], system.column[i]
+        row, leader = system.constraint[i], system.leader[i]
+        column = system.column[leader]
         for j in range(out.shape[1]):
             pressing = system.square_right[column, j] if column >= 0 else 0.0
-            out[place + i, j] = pressing + (system.restored[i] if j == 0 else 0.0)
+            out[place + i, j] = pressing + (system.restored[leader] if j == 0 else 0.0)
             if system.given[i] != 0:
                 out[place + i, j] = normal_load(system, i) if j == 0 else 0.0
             out[place + k + i, j] = float(system.sense[i]) * _along(system, row, j) if row >= 0 else 0.0

@@ -39,7 +39,7 @@ def mode_parameters(contact: ContactRow, state: str = SLIP) -> tuple[str, str, s
     first, second = (f"slip direction of {name}", "") if width == 1 else directions
     sided = contact.tangential and contact.normal_load is None and state in (SLIP, STICK)
     side = f"side of {name}" if sided else ""
-    if contact.constraint is not None:
+    if contact.opens:
         side = f"allowance of {name}"
     return first, second, side, f"rest speed of {name}" if width > 1 else ""
 
@@ -63,7 +63,7 @@ class ContactLaws:
             assert contact.regularization is not None
             size = graph.call("sqrt", graph.sum(w * w for w in (*slips, contact.regularization)))
             side = graph.one
-            if contact.constraint is None and contact.normal_load is None:
+            if not contact.opens and contact.normal_load is None:
                 side = graph.call("select", graph.call("less", graph.zero, free), graph.one, graph.const(-1))
             return [self.coefficient(contact, lambda: size) * side * w / size for w in slips]
         held, rests = self.directions(contact), self.graph.zero
@@ -116,13 +116,12 @@ class ContactLaws:
 
     def side(self, contact: ContactRow) -> Node:
         """Return the sign of the normal reaction."""
-        sided = contact.constraint is None and contact.tangential and contact.normal_load is None
+        sided = not contact.opens and contact.tangential and contact.normal_load is None
         return self.graph.input(mode_parameters(contact)[2]) if sided else self.graph.one
 
     def allowance(self, contact: ContactRow) -> Node:
-        """Return what is added to the normal reaction or gap in a guard."""
-        opens = contact.constraint is not None
-        return self.graph.input(mode_parameters(contact)[2]) if opens else self.graph.zero
+        """Return what is added to the normal reaction, to the gap or to the most friction in a guard."""
+        return self.graph.input(mode_parameters(contact)[2]) if contact.opens else self.graph.zero
 
     def speed(self, row: ConstraintRow) -> Node:
         """Return the rate along a row."""

@@ -81,6 +81,8 @@ class ContactSystem(NamedTuple):
         Sizes: q, constraints, contacts, slip velocities of all contacts.
     impacts : int
         The law of impacts: NEWTON, POISSON or SEQUENCE.
+    leader : (n_contacts,)
+        The contact that has the normal reaction: another one for a further law of its friction, else the same.
     constraint, sense : (n_contacts,)
         Number of the constraint that opens (-1: none), and the sign between it and the gap.
     normal : (n_contacts,)
@@ -100,7 +102,7 @@ class ContactSystem(NamedTuple):
     slides_by : (n_slips, n_q)
         1 where a slip velocity depends on a rate, at one position at least.
     row_owner, owner : (n_rows,), (n_reactions,)
-        Contact of each row, and of each normal reaction; -1 for others, -2 for friction forces.
+        Contact of each row, and the one that leads at each normal reaction; -1 for others, -2 for friction forces.
     angle : (n_q,)
         1 for coordinates without a unit.
     values : (n_values,)
@@ -115,6 +117,9 @@ class ContactSystem(NamedTuple):
         Gaps, coefficients and given normal loads of the contacts, zero where they have none.
     rates : (n_q,)
         qdot at the instant.
+    weight : (n_contacts,)
+        What a unit of its friction counts beside one of the normal reaction: 1, or for a further law the ratio of the
+        accelerations that they cause, since its friction is a moment.
     load, demand : (n_q,), (n_rows,)
         Forcing, or momentum before an impact; what is required of Jacobian times unknown where a row holds.
     restored : (n_contacts,)
@@ -157,6 +162,7 @@ class ContactSystem(NamedTuple):
     contacts: int
     slips: int
     impacts: int
+    leader: IntVector
     constraint: IntVector
     sense: IntVector
     normal: IntVector
@@ -186,6 +192,7 @@ class ContactSystem(NamedTuple):
     regularization: Vector
     normal_load: Vector
     rates: Vector
+    weight: Vector
     load: Vector
     demand: Vector
     restored: Vector
@@ -233,6 +240,7 @@ def contact_system(automaton: HybridAutomaton) -> ContactSystem:
         slides_by=np.array(entries, np.int64).reshape(s, n),
         values=values,
         rates=np.zeros(n),
+        weight=np.ones(k),
         load=np.zeros(n),
         demand=np.zeros(r),
         restored=np.zeros(k),
@@ -262,11 +270,13 @@ def _topology(automaton: HybridAutomaton) -> dict[str, IntVector]:
     m, ends = len(equations.constraints), np.cumsum([0, *(len(contact.slips) for contact in contacts)])
     row_owner, owner = np.full(m + ends[-1], -1), np.full(len(equations.symbols.unknowns), -1)
     for i, contact in enumerate(contacts):
-        row_owner[m + ends[i] : m + ends[i + 1]] = owner[contact.normal] = i
+        row_owner[m + ends[i] : m + ends[i + 1]] = i
+        owner[contact.normal] = i if contact.leader is None else contact.leader
         owner[list(contact.tangential)] = -2
         if contact.constraint is not None:
             row_owner[contact.constraint] = i
     columns = {
+        "leader": [i if c.leader is None else c.leader for i, c in enumerate(contacts)],
         "constraint": [-1 if c.constraint is None else c.constraint for c in contacts],
         "sense": [c.sense for c in contacts],
         "normal": [c.normal for c in contacts],
@@ -274,7 +284,7 @@ def _topology(automaton: HybridAutomaton) -> dict[str, IntVector]:
         "row": m + ends[:-1],
         "width": [len(c.slips) for c in contacts],
         "closed": [STATES.index(automaton.states(i)[0]) for i in range(len(contacts))],
-        "sided": [c.constraint is None and len(c.tangential) > 0 and c.normal_load is None for c in contacts],
+        "sided": [not c.opens and len(c.tangential) > 0 and c.normal_load is None for c in contacts],
         "given": [c.normal_load is not None for c in contacts],
         "jumping": [_may_jump(equations, contact) for contact in contacts],
         "tangential": [unknown for c in contacts for unknown in c.tangential],

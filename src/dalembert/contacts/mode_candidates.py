@@ -261,7 +261,9 @@ def combine(system: ContactSystem, pick: Candidates) -> bool:
         pick.now.mode[i], pick.now.sides[i] = state, pick.base_sides[i] * (1.0 if side == RELEASED else float(side))
         along[i, 0], along[i, 1] = pick.given.along[i, 0], pick.given.along[i, 1]
         pick.begins[i] = 0
-        if state == SMOOTH:
+        if pick.now.mode[system.leader[i]] == OPEN:  # no friction of any law without the normal reaction
+            pick.now.mode[i] = OPEN
+        elif state == SMOOTH:
             size = system.regularization[i] * system.regularization[i]
             for a in range(system.width[i]):
                 along[i, a] = system.velocity[system.row[i] + a]

@@ -66,10 +66,10 @@ def _friction(system: ContactSystem, i: int) -> float:
 
 @compiled_subset
 def all_forces(system: ContactSystem) -> float:
-    """Return the sum of the sizes of the forces of all contacts."""
+    """Return the sum of the sizes of the forces of all contacts; those of further laws by what they do beside these."""
     total = 0.0
     for i in range(system.contacts):
-        total += abs(system.press[i]) + _friction(system, i)
+        total += (abs(system.press[i]) if system.leader[i] == i else 0.0) + system.weight[i] * _friction(system, i)
     return total
 
 
@@ -193,7 +193,7 @@ def contact_margin(system: ContactSystem, pick: Candidates, i: int, force: float
     """Return the margin of the laws of one contact; `force` is the size of all forces."""
     least, state = 1.0, pick.now.mode[i]
     if state == OPEN:
-        if pick.kind[i] == FREE or pick.kind[i] == LIFTING:
+        if pick.kind[i] == FREE or pick.kind[i] == LIFTING or system.leader[i] != i:
             return 1.0
         return _share(system.opening[i], _speed(system, system.constraint[i]), pick.still[i])
     least = min(least, push_margin(system, pick, i, force))
@@ -207,8 +207,9 @@ def contact_margin(system: ContactSystem, pick: Candidates, i: int, force: float
         press = pick.now.sides[i] * system.press[i]
         if turned(pick, i):
             press = max(press, 0.0)  # it is zero, and its sign is rounding
-        limit, used = friction_limit(system, pick, i) * press, sqrt(used)
-        least = min(least, _share(limit - used, force, max(pick.least[i], _TIED * (abs(limit) + used))))
+        weight = system.weight[i]
+        limit, used = weight * friction_limit(system, pick, i) * press, weight * sqrt(used)
+        least = min(least, _share(limit - used, force, max(weight * pick.least[i], _TIED * (abs(limit) + used))))
     if state == SLIP and rests(system, pick, i):
         share = _forward(system, pick, i)
         if broken(pick, i) != 0 and share >= -_GRAZING:
@@ -257,7 +258,7 @@ def _shared_margin(system: ContactSystem, pick: Candidates, direction: int, amou
                 used = 0.0
                 for r in range(system.first[i], system.first[i] + system.width[i]):
                     used += square(system.forces[r, 0] + amount * system.free[direction, r])
-                least = min(least, friction_limit(system, pick, i) * press - sqrt(used))
+                least = min(least, system.weight[i] * (friction_limit(system, pick, i) * press - sqrt(used)))
     return least
 
 

@@ -164,6 +164,13 @@ def _excess(system: ContactSystem, pick: Candidates, row: int) -> float:
 
 
 @compiled_subset
+def _guessed_press(system: ContactSystem, pick: Candidates, i: int) -> float:
+    """Return the present guess of the normal reaction of a contact, or of the one whose further law it is."""
+    leader = system.leader[i]
+    return pick.guessed[system.slips + leader] + system.restored[leader]
+
+
+@compiled_subset
 def _guess_contact(system: ContactSystem, pick: Candidates, i: int) -> float:
     """Improve the guess of the forces of one contact; return the largest change."""
     guessed, row, first = pick.guessed, system.slips + i, system.first[i]
@@ -173,19 +180,20 @@ def _guess_contact(system: ContactSystem, pick: Candidates, i: int) -> float:
     if system.given[i] != 0:
         guessed[row] = normal_load(system, i)
     change, sticks = abs(guessed[row] - press), find_option(pick, i, STICK, 0, 0) >= 0
+    pressing = _guessed_press(system, pick, i)
     for a in range(system.width[i]):
         r = first + a
         before, ease = guessed[r], system.compliances[r, 1 + r]
         if sticks and ease > 0.0:
             guessed[r] -= _excess(system, pick, r) / ease
         elif not sticks:
-            guessed[r] = -system.mu[i] * (guessed[row] + system.restored[i]) * pick.now.along[i, a]
+            guessed[r] = -system.mu[i] * pressing * pick.now.along[i, a]
         change = max(change, abs(guessed[r] - before))
     if sticks:
         used = 0.0
         for r in range(first, first + system.width[i]):
             used += guessed[r] * guessed[r]
-        most = friction_limit(system, pick, i) * (guessed[row] + system.restored[i])
+        most = friction_limit(system, pick, i) * pressing
         if used > most * most:
             for r in range(first, first + system.width[i]):
                 guessed[r] *= most / sqrt(used)
@@ -216,7 +224,7 @@ def _guess(system: ContactSystem, pick: Candidates) -> None:
         sticks, most = find_option(pick, i, STICK, side, 0), friction_limit(system, pick, i)
         if press == 0.0 and opened >= 0:
             pick.choice[i] = opened
-        elif sticks >= 0 and sqrt(used) >= _FULL * most * (press + system.restored[i]):
+        elif sticks >= 0 and sqrt(used) >= _FULL * most * _guessed_press(system, pick, i):
             way = 0 if system.width[i] != 1 else -1 if pick.guessed[system.first[i]] > 0.0 else 1
             pick.choice[i] = max(find_option(pick, i, SLIP, side, way), 0)
         elif side != 0:
@@ -244,12 +252,12 @@ def friction_decides(system: ContactSystem, pick: Candidates) -> bool:
     Otherwise the accelerations of the gaps follow from the normal reactions alone, and have one solution.
     """
     for i in range(system.contacts):
-        if system.constraint[i] < 0:
+        if system.constraint[i] < 0 and system.leader[i] == i:
             return True
         pick.now.mode[i] = OPEN
     solve_mode(system, pick.now)
     for i in range(system.contacts):
-        if pick.kind[i] < TOUCHING:
+        if pick.kind[i] < TOUCHING or system.leader[i] != i:
             continue
         gap = inertial_size(system, system.jacobian[system.constraint[i]])
         for j in range(system.contacts):

@@ -119,7 +119,7 @@ class _ModeEquations:
             for contact, state in self.contacts
             for name, value in zip(
                 mode_parameters(contact, state),
-                (1.0, 0.0, float(contact.constraint is None), 1e-9),
+                (1.0, 0.0, float(not contact.opens), 1e-9),
                 strict=True,
             )
             if name
@@ -154,7 +154,7 @@ class _ModeEquations:
                 continue
             press, sticks = self.laws.side(contact), state == STICK and contact not in self.idle
             fixed = one if state in (SLIP, SMOOTH) and contact.tangential else zero
-            if state != OPEN and (contact.constraint is not None or state in (SLIP, STICK)):
+            if contact.leader is None and state != OPEN and (contact.opens or state in (SLIP, STICK)):
                 add((contact.normal, press), (-1, zero), (-1, zero), (contact.normal, fixed))
             elif state == SMOOTH:
                 add((-1, zero), (-1, zero), (-1, zero), (contact.normal, fixed))
@@ -178,6 +178,8 @@ class _ModeEquations:
         laws: list[SharedLaw] = []
         for i, (contact, state) in enumerate(self.contacts):
             name = contact.name
+            if state == OPEN and contact.leader is not None:
+                continue
             if state == OPEN:
                 assert contact.gap is not None
                 guards.append((Guard(f"gap of {name}", i, "meet"), contact.gap + self.laws.allowance(contact)))
@@ -186,8 +188,9 @@ class _ModeEquations:
             if any(j in direction for direction in directions for j in (contact.normal, *contact.tangential)):
                 laws += self._shared_laws(contact, state, press, directions)
             else:
-                if contact.constraint is not None or (contact.normal_load is None and state in (SLIP, STICK)):
-                    kind = "turn" if contact.constraint is None else "lift"
+                sided = not contact.opens and contact.normal_load is None and state in (SLIP, STICK)
+                if contact.constraint is not None or sided:
+                    kind = "turn" if sided else "lift"
                     guards.append((Guard(f"press of {name}", i, kind), press + self.laws.allowance(contact)))
                 if state == STICK and contact not in self.idle:
                     forces = [graph.input(names[j]) for j in contact.tangential]

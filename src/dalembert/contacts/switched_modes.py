@@ -35,6 +35,8 @@ def any_mode(count: int) -> Mode:
 def why_unswitched(equations: EquationsOfMotion) -> str:
     """Return why the modes of a scene have no common program; empty where they have one."""
     contacts = equations.contacts
+    if any(contact.leader is not None for contact in contacts):
+        return "a contact has several laws of friction"
     if any(contact.constraint is None for contact in contacts):
         return "there is friction without a contact"
     if any(contact.regularization is not None for contact in contacts):

@@ -245,7 +245,10 @@ def _contact(
     model, graph = kinematics.model, kinematics.graph
     names = model.symbols.unknowns
     slips = []
-    others = {other.constraint for other in model.contacts if other is not contact} - {contact.constraint}
+    known = [other.name for other in model.contacts]
+    leader = None if contact.follows is None else known.index(contact.follows)
+    held = contact.constraint if leader is None else model.contacts[leader].constraint
+    others = {other.constraint for other in model.contacts} - {held}
     holding = [row for number, row in enumerate(constraints) if number not in others]
     for place, name in enumerate(contact.tangential):
         power = [row[names.index(name)] for row in reactions]
@@ -270,4 +273,5 @@ def _contact(
         regularization=contact.regularization,
         normal_load=contact.normal_load,
         slip_speed=contact.slip_speed,
+        leader=leader,
     )

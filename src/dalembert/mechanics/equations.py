@@ -75,6 +75,8 @@ class ContactRow:
         The input that `mu` has for the slip speed where it is a function of that.
     normal_value : Node or None
         The normal reaction with its sign, where a balance of bodies gives it.
+    leader : int or None
+        The number of the contact that opens, of which this is a further law of friction: it has that normal reaction.
     """
 
     name: str
@@ -91,6 +93,12 @@ class ContactRow:
     normal_load: Node | None = None
     slip_speed: Node | None = None
     normal_value: Node | None = None
+    leader: int | None = None
+
+    @property
+    def opens(self) -> bool:
+        """Whether it has no normal reaction while a gap is open."""
+        return self.constraint is not None or self.leader is not None
 
 
 @final

@@ -45,7 +45,8 @@ def mode(self: CompiledModel, **states: str) -> CompiledModel:
     Raises
     ------
     OptionError
-        For contacts that do not exist, and states that they do not have.
+        For contacts that do not exist, and states that they do not have: a further law of friction of a contact is open
+        where that is, and then only.
     """
     unknown = [name for name in states if name not in self.contacts]
     if unknown:
@@ -57,7 +58,17 @@ def mode(self: CompiledModel, **states: str) -> CompiledModel:
         if state not in able:
             raise OptionError(f"contact {contact!r} cannot be {state!r}; it can be: {list_names(able)}")
         chosen.append(state)
-    return self if self.modes is None else self.modes.model(tuple(chosen))
+    if self.modes is None:
+        return self
+    whole = self.modes.automaton.with_followers(tuple(chosen))
+    rows = self.modes.automaton.contacts
+    for row, state in zip(rows, whole, strict=True):
+        asked, leader = states.get(row.name, state), None if row.leader is None else row.leader
+        if leader is not None and (asked != state or (state == "open") != (whole[leader] == "open")):
+            raise OptionError(
+                f"{row.name!r} is a law of friction of {rows[leader].name!r}: one is open where the other is"
+            )
+    return self.modes.model(whole)
 
 
 def missing(model: CompiledModel, name: str) -> str:

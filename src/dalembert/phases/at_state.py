@@ -134,7 +134,9 @@ def _on_contacts(
     slipping, opened = modes.closed_mode, modes.open_mode
     gaps = _gaps(modes, t, values, given)
     apart = np.zeros(len(opened), np.bool_) if gaps is None else gaps[0] > gaps[1]
-    touching = tuple(o if far else s for s, o, far in zip(slipping, opened, apart, strict=True))
+    touching = modes.automaton.with_followers(
+        tuple(o if far else s for s, o, far in zip(slipping, opened, apart, strict=True))
+    )
     values = values | modes.model(touching).assemble(values, given | _no_slip(modes, touching), t=t)
     mode, _, own = _decided_mode(modes, t, start_state(modes, t, values, given), given)
     return values, mode, own

@@ -43,6 +43,12 @@ class GeometricContact(ABC):
     friction : Expr, number, (mu_static, mu) or CoulombFriction
         0 (default) for none; a law of friction is given without its reactions: ``CoulombFriction(mu=0.3,
         regularization=1e-3)``.
+    rolling_resistance : Expr, number, (static, rolling) or CoulombFriction
+        Lever arm [m], 0 (default) for none: a moment up to it times the normal reaction resists rolling, about the
+        tangents. ``"heel.rolling_1"`` and ``"heel.rolling_2"`` [N m] are outputs; ``"heel.rolling"`` is a law of its
+        own, which slips or sticks.
+    drilling_resistance : Expr, number, (static, spinning) or CoulombFriction
+        Lever arm [m] of the moment about the normal, ``"heel.drilling_1"`` [N m], which resists spin.
     tangents : Vector or sequence of one or two Vectors, optional
         Unit vectors along which friction acts. By default one where the kinematics of the scene leave the contact point
         no velocity along the other, two where they do; ``model.explain()`` has them.
@@ -51,6 +57,8 @@ class GeometricContact(ABC):
     name: str = field(kw_only=False)
     restitution: Any = 0
     friction: Any = 0
+    rolling_resistance: Any = 0
+    drilling_resistance: Any = 0
     tangents: Any = None
 
     @property
@@ -207,6 +215,8 @@ class DiscPlane(_OnPlane):
 class BoxPlane(_OnPlane):
     """A box of a body on a plane: contacts of its corners, ``"name.corner_1"`` and so on; see `PointPlane`.
 
+    Its corners have friction, and no resistance to rolling or drilling.
+
     Parameters
     ----------
     frame : ReferenceFrame
@@ -230,6 +240,10 @@ class BoxPlane(_OnPlane):
 
     def touches(self, places: Places) -> Sequence[Touch]:
         """Return a point of contact for each corner."""
+        if any(each is not None and each != 0 for each in (self.rolling_resistance, self.drilling_resistance)):
+            raise GeometryFault(
+                "a box has no resistance to rolling or drilling: its corners are contacts, whose friction holds it"
+            )
         sizes = [length(x, "each of half_sizes=") for x in several(self.half_sizes, (2, 3), "half_sizes=")]
         if not isinstance(self.frame, ReferenceFrame):
             raise GeometryFault(f"frame= must be a ReferenceFrame, and is {self.frame!r}")

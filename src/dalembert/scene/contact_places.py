@@ -127,6 +127,17 @@ class Places:
         theirs = self.of_surface(surface, place)
         return own - theirs, not self.is_zero(theirs)
 
+    def spin(self, touch: Touch) -> tuple[Vector, bool]:
+        """Return the angular velocity of a body relative to the other side, and whether that turns with time."""
+        frames = [touch.surface[1]]
+        for name in (touch.body, *([] if touch.other is None else [touch.other])):
+            item = self.bodies[name]
+            if isinstance(item, Particle):
+                raise GeometryFault(f"{name!r} is a Particle, which neither rolls nor spins: no resistance acts on it")
+            frames.append(item.frame)
+        own, theirs = frames[1].ang_vel_in(self.frame), frames[0 if touch.other is None else 2].ang_vel_in(self.frame)
+        return own - theirs, touch.other is None and not self.is_zero(theirs)
+
     def is_zero(self, vector: Vector) -> bool:
         """Return whether a vector vanishes for all positions, rates and times."""
         return all(self.vanishes(x) for matrix, _ in vector.args for x in matrix)

@@ -9,7 +9,7 @@ import sympy as sp
 from sympy.physics.mechanics import ReferenceFrame
 from sympy.physics.vector import Vector, cross, dot, dynamicsymbols
 
-from .contact_places import GeometryFault, Moves, Places, frame_of, several, unit_vector
+from .contact_places import GeometryFault, Moves, Places, Touch, frame_of, several, unit_vector
 from .identity import vanishes
 
 _ROTATED = ((2, 3, 6), (3, -6, 2), (6, 2, -3))
@@ -72,8 +72,33 @@ def chosen_tangents(given: Any, normal: Vector) -> tuple[Vector, ...]:
     return found
 
 
-def require_independent(places: Places, velocity: Vector, tangents: tuple[Vector, ...]) -> None:
-    """Raise where the slip velocities along two tangents are multiples of each other: slip has one direction.
+def rolling_axes(places: Places, touch: Touch, given: Any, spin: Vector) -> tuple[Vector, ...]:
+    """Return the tangents about which a body rolls: one where all turns about one axis of the scene, two in space.
+
+    `given` are the directions of slip that a user chose, None otherwise. `spin` is the relative angular velocity.
+    """
+
+    def turns(vector: Vector) -> bool:
+        return not places.vanishes(dot(spin, vector))
+
+    if given is not None:
+        chosen = chosen_tangents(given, touch.normal)
+        found = chosen if len(chosen) == 2 else (cross(touch.normal, chosen[0]),)
+    else:
+        axes = [axis for axis in places.frame if turns(axis)]
+        flat = len(axes) == 1 and vanishes(dot(touch.normal, axes[0]))
+        found = (axes[0],) if flat else touch.tangents(lambda vector: True)
+    found = tuple(axis for axis in found if turns(axis))
+    if not found:
+        raise GeometryFault("it turns about no tangent, so that it cannot roll: leave rolling_resistance= out")
+    require_independent(places, spin, found, "turn about one axis in its plane")
+    return found
+
+
+def require_independent(
+    places: Places, velocity: Vector, tangents: tuple[Vector, ...], does: str = "slip along one direction in its plane"
+) -> None:
+    """Raise where the components of a velocity along two tangents are multiples of each other: it has one direction.
 
     Then those at two sets of rates are parallel, whatever the rates are.
     """
@@ -83,5 +108,5 @@ def require_independent(places: Places, velocity: Vector, tangents: tuple[Vector
     first, second = (dot(velocity, t) for t in tangents)
     if places.vanishes(first * second.xreplace(rates) - second * first.xreplace(rates)):
         raise GeometryFault(
-            "it can slip along one direction in its plane, which is none of its tangents: give that as tangents=(t,)"
+            f"it can {does}, which is none of its tangents: give the direction of slip as tangents=(t,)"
         )

@@ -303,6 +303,7 @@ def read_contacts(
             **contacts.gap(contact, more, coordinates),
             "restitution": contacts.number(contact.restitution, f"restitution of contact {contact.label!r}", most=1.0),
         }
+    opening, further = set(found), dict[str, list[dict[str, Any]]]()
     for given in scene.frictions:
         law = coulomb_law(given)
         if law is None:
@@ -310,15 +311,23 @@ def read_contacts(
             continue
         normal, load = contacts.normal_of(law)
         held = found.setdefault(normal, {"name": law.label, "normal": normal, "normal_load": load})
-        if "tangential" in held:
-            contacts.faults.append(f"two frictions have the normal reaction {normal}; one law holds for each")
+        own = law.name is None or law.name == held["name"] or normal not in opening
+        if own and "tangential" in held:
+            contacts.faults.append(
+                f"two frictions have the normal reaction {normal}: several laws, as of sliding and rolling, need a"
+                " UnilateralContact with that normal reaction, and a name= each, but for one with the contact's or none"
+            )
             continue
+        if not own:
+            held = {"name": law.label, "normal": normal, "follows": held["name"]}
+            further.setdefault(normal, []).append(held)
         contacts.friction(law, held)
-    names = [held["name"] for held in found.values()]
+    every = [item for normal, held in found.items() for item in (held, *further.get(normal, ()))]
+    names = [held["name"] for held in every]
     for name in sorted({name for name in names if names.count(name) > 1}):
         contacts.faults.append(f"two contacts are called {name!r}; give each its own name=")
     for text in contacts.faults:
         fault(text)
     if contacts.faults:
         return [], []
-    return [ContactModel(**held) for held in found.values()], more
+    return [ContactModel(**held) for held in every], more

@@ -11,7 +11,7 @@ from sympy.physics.vector import Vector, dot
 from ..errors import SceneError
 from .contact_geometry import GeometricContact
 from .contact_places import GeometryFault, Places, Touch
-from .contact_tangents import chosen_tangents, require_independent
+from .contact_tangents import chosen_tangents, require_independent, rolling_axes
 from .contacts import FRICTION_LAWS, CoulombFriction, UnilateralContact
 from .joints import Joint, Unknown
 
@@ -79,9 +79,36 @@ def _make(scene: Scene, places: Places, declared: GeometricContact, touch: Touch
         )
         along = (f"{name} along {_short(t)}" for name, t in zip(names, tangents, strict=True))
         text += f", friction {', '.join(along)}"
-    scene.joints += (Joint(touch.name, body=touch.body, other=touch.other, at=touch.at, force=force),)
+    torque, resisted = _resistances(scene, places, declared, touch, normal)
+    turned = {} if torque == 0 else {"torque": torque}
+    scene.joints += (Joint(touch.name, body=touch.body, other=touch.other, at=touch.at, force=force, **turned),)
     scene.contacts += (UnilateralContact(normal, touch.gap, declared.restitution, touch.name),)
-    scene.made_contacts += (MadeContact(touch.name, touch.distance, text),)
+    scene.made_contacts += (MadeContact(touch.name, touch.distance, text + resisted),)
+
+
+def _resistances(
+    scene: Scene, places: Places, declared: GeometricContact, touch: Touch, normal: Unknown
+) -> tuple[Vector, str]:
+    """Add the laws of rolling and drilling resistance to a scene; return their moment and their description."""
+    torque, text = Vector(0), ""
+    for what, given in (("rolling", declared.rolling_resistance), ("drilling", declared.drilling_resistance)):
+        if _frictionless(given):
+            continue
+        spin, moving = places.spin(touch)
+        if what == "rolling":
+            axes = rolling_axes(places, touch, declared.tangents, spin)
+        elif places.vanishes(dot(spin, touch.normal)):
+            raise GeometryFault("it does not turn about its normal: leave drilling_resistance= out")
+        else:
+            axes = (touch.normal,)
+        names = tuple(Unknown(f"{touch.name}.{what}_{i}", real=True) for i in range(1, len(axes) + 1))
+        slip = tuple(dot(spin, axis) for axis in axes) if moving else None
+        law = {"normal": normal, "tangential": names, "slip": slip, "name": f"{touch.name}.{what}"}
+        scene.frictions += (_law(given, law, f"{what}_resistance"),)
+        torque += sum((x * axis for x, axis in zip(names, axes, strict=True)), Vector(0))
+        about = (f"{name} about {_short(axis)}" for name, axis in zip(names, axes, strict=True))
+        text += f", {what} resistance {', '.join(about)}"
+    return torque, text
 
 
 def _short(vector: Vector) -> str:
@@ -104,19 +131,19 @@ def _frictionless(friction: Any) -> bool:
     return friction is None or (not isinstance(friction, tuple | list | str) and bool(friction == 0))
 
 
-def _law(friction: Any, reactions: dict[str, Any]) -> Any:
+def _law(friction: Any, reactions: dict[str, Any], keyword: str = "friction") -> Any:
     """Return the law of friction of a contact between its reactions."""
     if type(friction) in FRICTION_LAWS:
         given = [name for name in ("normal", "tangential", "slip") if getattr(friction, name, None) is not None]
         if given:
             raise GeometryFault(
-                f"its law of friction has {', '.join(given)}= of its own; the contact gives these, so leave them out"
+                f"its law of {keyword} has {', '.join(given)}= of its own; the contact gives these, so leave them out"
             )
         return replace(friction, **reactions)
     if isinstance(friction, tuple | list):
         if len(friction) != 2:
-            raise GeometryFault(f"friction= as a pair is (mu_static, mu), not {friction!r}")
+            raise GeometryFault(f"{keyword}= as a pair is (mu_static, mu), not {friction!r}")
         return CoulombFriction(**reactions, mu=friction[1], mu_static=friction[0])
     if isinstance(friction, int | float | sp.Expr):
         return CoulombFriction(**reactions, mu=friction)
-    raise GeometryFault(f"friction= must be a coefficient, (mu_static, mu) or a CoulombFriction, and is {friction!r}")
+    raise GeometryFault(f"{keyword}= must be a coefficient, (mu_static, mu) or a CoulombFriction, and is {friction!r}")

@@ -190,6 +190,8 @@ class ContactModel:
         What friction has for its normal reaction where that is given, not negative.
     slip_speed : Node or None
         The input that `mu` has for the slip speed where it is a function of that.
+    follows : str or None
+        The contact that opens, of which this is a further law of friction.
     """
 
     name: str
@@ -205,6 +207,7 @@ class ContactModel:
     regularization: Node | None = None
     normal_load: Node | None = None
     slip_speed: Node | None = None
+    follows: str | None = None
 
 
 @final

@@ -1,0 +1,233 @@
+"""Rolling and drilling resistance as laws of a contact, under its normal reaction: closed forms."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from sympy import cos, sin, symbols
+from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
+
+import dalembert as da
+
+N, O = ReferenceFrame("N"), Point("O")
+x, y, z, theta, psi = dynamicsymbols("x y z theta psi")
+m, g, r, mu, d, c, e, alpha = symbols("m g r mu d c e alpha", positive=True)
+BODY = {"m": 0.2, "g": 9.81, "r": 0.1, "mu": 0.2}
+P = {**BODY, "d": 0.01, "e": 0.0}
+FORMULATIONS = ["minimal", "projected", "baumgarte", "ggl", "augmented"]
+
+
+def ball(backend="llvm", impacts="newton", outputs=("floor.rolling_1", "floor.normal"), **options):
+    """Return the model of a ball in a plane on a floor."""
+    scene = da.Scene("ball", frame=N, origin=O, coordinates=[x, y, theta])
+    S, G = N.orientnew("S", "Axis", (theta, N.z)), O.locatenew("G", x * N.x + y * N.y)
+    scene.add_bodies(RigidBody("ball", G, S, m, (inertia(S, 0, 0, 2 * m * r**2 / 5), G)))
+    scene.apply_uniform_gravity(-g * N.y)
+    scene.add_contacts(
+        da.SpherePlane(
+            "floor",
+            body="ball",
+            centre=G,
+            radius=r,
+            plane=(O, N.y),
+            restitution=e,
+            friction=mu,
+            rolling_resistance=d,
+        )
+    )
+    return da.compile_model(scene, backend=backend, impacts=impacts, outputs=outputs, **options)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return ball()
+
+
+def start(v, omega=0.0, height=0.1, fall=0.0):
+    return {x: 0, y: height, theta: 0, x.diff(): v, y.diff(): fall, theta.diff(): omega}
+
+
+def slides_and_rolls(v):
+    """Return when a ball without spin starts to roll and when it stops, and how far it comes.
+
+    It slides with a = -mu g and 2/5 r^2 w' = -(mu r - d) g, the slip being v + r w; it rolls with 7/5 a = -g d/r.
+    """
+    gravity, lever = P["g"], P["d"] / P["r"]
+    rolls = v / (gravity * (3.5 * P["mu"] - 2.5 * lever))
+    left = v - P["mu"] * gravity * rolls
+    slowed = gravity * lever / 1.4
+    return rolls, rolls + left / slowed, (v + left) / 2 * rolls + left**2 / (2 * slowed)
+
+
+@pytest.mark.parametrize(
+    ("backend", "options"),
+    [
+        *(("llvm", {"formulation": each}) for each in FORMULATIONS),
+        *((backend, {}) for backend in ("numba", "jax", "numpy")),
+    ],
+)
+def test_a_ball_slides_then_rolls_then_stops(backend, options):
+    rolls, stops, way = slides_and_rolls(2.0)
+    outputs = () if backend != "llvm" else ("floor.rolling_1",)
+    run = ball(backend, outputs=outputs, **options).simulate((0, 3), start(2.0), P, rtol=1e-9)
+    assert run.success
+    assert [phase.modes for phase in run.phases] == [
+        {"floor": "slip", "floor.rolling": "slip"},
+        {"floor": "stick", "floor.rolling": "slip"},
+        {"floor": "stick", "floor.rolling": "stick"},
+    ]
+    exact = options.get("formulation") != "augmented"
+    np.testing.assert_allclose([phase.t0 for phase in run.phases], [0, rolls, stops], atol=1e-9 if exact else 1e-6)
+    assert abs(run["x"][-1] - way) < (1e-9 if exact else 1e-6)
+    if outputs:
+        assert abs(abs(run["floor.rolling_1"][0]) - P["d"] * P["m"] * P["g"]) < 1e-9 and run["floor.rolling_1"][-1] == 0
+
+
+def test_a_sweep_stops_its_cases(model):
+    speeds = np.array([0.0, 0.5, 1.0, 2.0])
+    sweep = model.sweep((0, 4), {**start(2.0), x.diff(): speeds}, P, rtol=1e-10)
+    assert sweep.success.all()
+    np.testing.assert_allclose(sweep["x"], [0, *(slides_and_rolls(v)[2] for v in speeds[1:])], atol=1e-9)
+    assert sweep.phases.tolist() == [1, 3, 3, 3]
+
+
+@pytest.mark.parametrize("law", ["newton", "poisson", "sequence"])
+@pytest.mark.parametrize(("v", "omega"), [(3.0, 0.0), (0.2, 5.0), (0.05, 40.0), (0.0, -0.2), (0.01, -0.1)])
+def test_an_impact_bounds_each_impulse_by_its_own_coefficient(law, v, omega):
+    """An impulse p = (1 + e) m u has friction up to mu p and a moment up to d p; each holds its velocity or is full."""
+    down, back, inertia_ = 1.0, 0.5, 0.4 * P["m"] * P["r"] ** 2
+    p = (1 + back) * P["m"] * down
+    found = []
+    for slip, roll in ((s, t) for s in (0, 1, -1) for t in (0, 1, -1)):
+        # v+ = v + F / m, w+ = w + (r F + M) / I; slip v + r w
+        rows, right = np.zeros((2, 2)), np.zeros(2)
+        rows[0], right[0] = (
+            ((1, 0), -slip * P["mu"] * p)
+            if slip
+            else ((1 / P["m"] + P["r"] ** 2 / inertia_, P["r"] / inertia_), -v - P["r"] * omega)
+        )
+        rows[1], right[1] = ((0, 1), -roll * P["d"] * p) if roll else ((P["r"] / inertia_, 1 / inertia_), -omega)
+        F, M = np.linalg.solve(rows, right)
+        after = v + F / P["m"], omega + (P["r"] * F + M) / inertia_
+        slipping, rolling = after[0] + P["r"] * after[1], after[1]
+        fits = slip * slipping > 0 if slip else abs(F) <= P["mu"] * p
+        if fits and (roll * rolling > 0 if roll else abs(M) <= P["d"] * p):
+            found.append(after)
+    assert len(found) == 1
+    run = ball(impacts=law).simulate((0, 1e-9), start(v, omega, fall=-down), {**P, "e": back})
+    np.testing.assert_allclose([run["x_dot"][-1], run["theta_dot"][-1]], found[0], atol=1e-7)
+    assert abs(run["y_dot"][-1] - back * down) < 1e-7
+
+
+def test_a_ball_bounces_and_comes_to_rest(model):
+    run = model.simulate((0, 12), start(1.0, 30.0, height=0.5), {**P, "e": 0.7}, rtol=1e-9)
+    assert run.success and run.phases[-1].modes == {"floor": "stick", "floor.rolling": "stick"}
+    assert abs(run["y"][-1] - 0.1) < 1e-12 and run["theta_dot"][-1] == 0
+    flying = [phase.modes for phase in run.phases if phase.modes["floor"] == "open"]
+    assert len(flying) > 10 and all(modes["floor.rolling"] == "open" for modes in flying)
+
+
+def wheel():
+    """Return the model of a disc that rolls down a plane, y being the coordinate across it."""
+    scene = da.Scene("wheel", frame=N, origin=O, coordinates=[x, y, theta])
+    S, G = N.orientnew("S", "Axis", (theta, N.z)), O.locatenew("G", x * N.x + y * N.y)
+    scene.add_bodies(RigidBody("disc", G, S, m, (inertia(S, m * r**2 / 4, m * r**2 / 4, m * r**2 / 2), G)))
+    scene.add_loads((G, m * g * (sin(alpha) * N.x - cos(alpha) * N.y)))
+    scene.add_contacts(
+        da.DiscPlane(
+            "slope", body="disc", centre=G, radius=r, axis=S.z, plane=(O, N.y), friction=mu, rolling_resistance=d
+        )
+    )
+    return da.compile_model(scene, outputs=["slope.rolling_1", "slope.friction_1"])
+
+
+def test_a_wheel_on_an_incline():
+    """It rests while tan(alpha) < d/r, and rolls with 3/2 a = g (sin(alpha) - d/r cos(alpha)) otherwise."""
+    model, still = wheel(), {**start(0.0)}
+    for angle in (0.05, 0.0996, 0.0998, 0.2):  # atan(d / r) is 0.09967
+        run = model.simulate((0, 2), still, {**BODY, "d": 0.01, "mu": 0.5, "alpha": angle}, rtol=1e-11)
+        a = max(0.0, 9.81 * (np.sin(angle) - 0.1 * np.cos(angle)) / 1.5)
+        assert run.success and abs(run["x"][-1] - 2 * a) < 1e-10
+        assert run.phases[-1].modes == {"slope": "stick", "slope.rolling": "slip" if a else "stick"}
+        if a == 0:
+            held = 0.1 * 0.2 * 9.81 * np.sin(angle)
+            np.testing.assert_allclose(np.abs(run["slope.rolling_1"]), held, rtol=1e-12)
+    uphill = model.simulate((0, 3), start(-1.0, 10.0), {**BODY, "d": 0.01, "mu": 0.5, "alpha": 0.05}, rtol=1e-11)
+    slowed = 9.81 * (np.sin(0.05) + 0.1 * np.cos(0.05)) / 1.5
+    assert abs(uphill.phases[-1].t0 - 1 / slowed) < 1e-10 and abs(uphill["x"][-1] + 1 / (2 * slowed)) < 1e-10
+
+
+def free_ball(**contact):
+    """Return the scene of a ball in space on a table, oriented by a quaternion."""
+    e_0, *e_v = dynamicsymbols("e0:4")
+    scene = da.Scene("free_ball", frame=N, origin=O, coordinates=[x, y, z, e_0, *e_v])
+    S, G = N.orientnew("S", "Quaternion", (e_0, *e_v)), O.locatenew("G", x * N.x + y * N.y + z * N.z)
+    J = 2 * m * r**2 / 5
+    scene.add_bodies(RigidBody("ball", G, S, m, (inertia(S, J, J, J), G)))
+    scene.add_holonomic_constraints(e_0**2 + sum(each**2 for each in e_v) - 1)
+    scene.apply_uniform_gravity(-g * N.z)
+    scene.add_contacts(da.SpherePlane("table", body="ball", centre=G, radius=r, plane=(O, N.z), friction=mu, **contact))
+    return scene, {f"omega_{k}": each for k, each in zip("xyz", _omega(S), strict=True)}
+
+
+def _omega(S):
+    return [S.ang_vel_in(N).dot(axis) for axis in N]
+
+
+def at_once(v, omega):
+    """Return a start at the orientation of the frame."""
+    names = ["x", "y", "z", "e0", "e1", "e2", "e3"]
+    rates = [*v, 0.0, 0.0, *(w / 2 for w in omega)]
+    values = dict(zip(names, [0, 0, 0.1, 1, 0, 0, 0], strict=True))
+    return values | {f"{name}_dot": rate for name, rate in zip(names, rates, strict=True)}
+
+
+def test_a_sphere_that_spins_in_place_stops_by_drilling_resistance():
+    """I w' = -c m g; nothing else moves."""
+    scene, outputs = free_ball(drilling_resistance=c)
+    for backend in ("llvm", "numpy"):
+        model = da.compile_model(scene, backend=backend, outputs=outputs)
+        run = model.simulate((0, 2), at_once((0, 0), (0, 0, 40.0)), {**BODY, "c": 1e-2}, rtol=1e-10)
+        stops = 0.4 * 0.1**2 * 40 / (1e-2 * 9.81)
+        assert run.success and abs(run.phases[-1].t0 - stops) < 1e-8
+        assert run.phases[0].modes == {"table": "stick", "table.drilling": "slip"}
+        assert run.phases[-1].modes == {"table": "stick", "table.drilling": "stick"}
+        turned = 40 * stops / 2
+        assert abs(run["e0"][-1] - np.cos(turned / 2)) < 1e-8 and abs(run["x"][-1]) < 1e-12
+
+
+def test_a_ball_in_space_with_sliding_rolling_and_drilling():
+    """It slides, rolls and spins down, against equations by hand: three laws under one normal reaction."""
+    scene, outputs = free_ball(rolling_resistance=d, drilling_resistance=c)
+    run = da.compile_model(scene, outputs=outputs).simulate(
+        (0, 4), at_once((1.5, 0.3), (2.0, -1.0, 60.0)), {**BODY, "c": 2e-2, "d": 0.01}, rtol=1e-10
+    )
+    assert run.success
+    J, f, lever, spun, R = 0.4 * 0.1**2, 0.2 * 9.81, 0.01 * 9.81, 2e-2 * 9.81, 0.1  # a unit of mass
+
+    def contact_slip(s):
+        return np.array([s[2] - R * s[5], s[3] + R * s[4]])  # v + omega x (-r k)
+
+    def sliding(t, s):
+        w = contact_slip(s)
+        F = -f * w / np.hypot(*w)
+        roll = s[4:6] / np.hypot(*s[4:6])
+        return [s[2], s[3], *F, R * F[1] / J - lever * roll[0] / J, -R * F[0] / J - lever * roll[1] / J, -spun / J]
+
+    def grips(t, s):
+        return np.hypot(*contact_slip(s)) - 1e-9
+
+    grips.terminal = True
+    s0 = [0, 0, 1.5, 0.3, 2.0, -1.0, 60.0]
+    first = solve_ivp(sliding, (0, 4), s0, events=grips, rtol=1e-11, atol=1e-12, method="DOP853")
+    later = [phase for phase in run.phases if phase.modes["table"] == "stick"]
+    assert abs(later[0].t0 - first.t[-1]) < 1e-6
+    assert later[0].modes == {"table": "stick", "table.rolling": "slip", "table.drilling": "slip"}
+    s = first.y[:, -1]
+    speed, slowed = np.hypot(s[2], s[3]), lever / R / 1.4
+    rolled = first.t[-1] + speed / slowed
+    spins = 60 * J / spun
+    ends = {phase.t0: phase.modes for phase in later[1:]}
+    np.testing.assert_allclose(sorted(ends), sorted([rolled, spins]), atol=1e-6)
+    assert run.phases[-1].modes == dict.fromkeys(run.phases[-1].modes, "stick")
+    way = s[:2] + s[2:4] / speed * speed**2 / (2 * slowed)
+    np.testing.assert_allclose([run["x"][-1], run["y"][-1]], way, atol=1e-6)
