@@ -100,7 +100,25 @@ def test_all_faults_at_once():
 def test_one_normal_one_law():
     scene = da.scenes.corner_plate()
     scene.add_friction(law(), law(name="again"))
-    with pytest.raises(SceneError, match="two frictions have the normal reaction N_Q"):
+    with pytest.raises(SceneError, match=r"two frictions have the normal reaction N_Q.*need a UnilateralContact"):
+        read(scene)
+
+
+def test_several_laws_of_a_contact():
+    scene = da.scenes.corner_plate()
+    scene.add_contacts(contact())
+    scene.add_friction(law(), law(name=None))
+    with pytest.raises(SceneError, match=r"two frictions have the normal reaction N_Q.*a name= each"):
+        read(scene)
+    scene = da.scenes.corner_plate()
+    scene.add_contacts(contact())
+    scene.add_friction(law(), law(name="rolling"))
+    with pytest.raises(SceneError, match="two laws of friction have the reaction F_Q: 'corner' and 'rolling'"):
+        read(scene)
+    scene = da.scenes.corner_plate()
+    scene.add_contacts(contact())
+    scene.add_friction(law(), law(name="rolling", tangential=N_A), law(name="rolling", tangential=N_A))
+    with pytest.raises(SceneError, match="two contacts are called 'rolling'"):
         read(scene)
 
 

@@ -137,6 +137,14 @@ def test_friction_as_a_number_a_pair_or_a_law():
             ["frame= must be a ReferenceFrame"],
         ),
         (da.BoxPlane("b", body="body", frame=B, centre=G, half_sizes=1, plane=FLOOR), ["half_sizes= must be 2 or 3"]),
+        (
+            da.BoxPlane("b", body="body", frame=B, centre=G, half_sizes=(1, 1), plane=FLOOR, rolling_resistance=1),
+            ["a box has no resistance"],
+        ),
+        (point(rolling_resistance="far"), ["rolling_resistance= must be a length", "'far'"]),
+        (point(rolling_resistance=(1, 2, 3)), ["rolling_resistance= as a pair is (static, moving)"]),
+        (point(rolling_resistance=da.CoulombFriction(slip=x, mu=1)), ["rolling_resistance has slip= of its own"]),
+        (point(drilling_resistance=0.1), ["does not turn about its normal", "leave drilling_resistance= out"]),
     ],
     ids=lambda value: value[0][:40] if isinstance(value, list) else "",
 )

@@ -7,6 +7,7 @@ from sympy import cos, sin, symbols
 from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
+from dalembert.errors import OptionError
 
 N, O = ReferenceFrame("N"), Point("O")
 x, y, z, theta, psi = dynamicsymbols("x y z theta psi")
@@ -231,3 +232,73 @@ def test_a_ball_in_space_with_sliding_rolling_and_drilling():
     assert run.phases[-1].modes == dict.fromkeys(run.phases[-1].modes, "stick")
     way = s[:2] + s[2:4] / speed * speed**2 / (2 * slowed)
     np.testing.assert_allclose([run["x"][-1], run["y"][-1]], way, atol=1e-6)
+
+
+def turned(*, carried=False):
+    """Return the scene of a ball on the axis of a table that turns with the time, or freely in a drilling contact."""
+    W, t = symbols("W", positive=True), dynamicsymbols._t
+    turn = dynamicsymbols("turn")
+    scene = da.Scene("turned", frame=N, origin=O, coordinates=[z, psi, *([turn] if carried else [])])
+    T = N.orientnew("T", "Axis", (turn if carried else W * t, N.z))
+    S, G = N.orientnew("S", "Axis", (psi, N.z)), O.locatenew("G", z * N.z)
+    scene.add_bodies(RigidBody("ball", G, S, m, (inertia(S, 0, 0, 2 * m * r**2 / 5), G)))
+    if carried:
+        scene.add_bodies(RigidBody("table", O, T, 1, (inertia(T, 0, 0, m * r**2), O)))
+    scene.apply_uniform_gravity(-g * N.z)
+    plane = {"plane": (O, T.z), "drilling_resistance": c, "other": "table" if carried else None}
+    scene.add_contacts(da.SpherePlane("axis", body="ball", centre=G, radius=r, **plane))
+    return scene
+
+
+def test_a_ball_on_a_turning_table_is_taken_along():
+    """2/5 m r^2 w' = c m g until w = W; a free table loses what the ball wins."""
+    values = {"m": 0.5, "g": 10, "r": 0.1, "c": 0.01}
+    model = da.compile_model(turned(), outputs=["axis.drilling_1"])
+    run = model.simulate((0, 1), {z: 0.1, psi: 0, z.diff(): 0, psi.diff(): 0}, {**values, "W": 10})
+    assert run.success and abs(run.phases[-1].t0 - 0.4) < 1e-10 and run["psi_dot"][-1] == pytest.approx(10, abs=1e-12)
+    assert run["axis.drilling_1"][0] == pytest.approx(0.05, abs=1e-14)
+    both = da.compile_model(turned(carried=True))
+    start = {z: 0.1, psi: 0, "turn": 0, z.diff(): 0, psi.diff(): 0, "turn_dot": 7}
+    run = both.simulate((0, 1), start, values)
+    assert run.success and run["psi_dot"][-1] == pytest.approx(5, abs=1e-12)
+    assert run.phases[-1].t0 == pytest.approx(5 / 25, abs=1e-10)
+
+
+def test_what_a_model_says(model):
+    assert "rolling resistance floor.rolling_1 about N.z" in model.explain()
+    assert model.contacts == ("floor", "floor.rolling")
+    assert model.mode(floor="open").layout.unknowns == ()
+    for states in ({"floor.rolling": "open"}, {"floor": "open", "floor.rolling": "stick"}):
+        with pytest.raises(OptionError, match=r"'floor\.rolling' is a law of friction of 'floor'"):
+            model.mode(**states)
+    view = da.lagrange(turned())
+    assert "sign" in str(view.friction_laws) and "axis.normal" in str(view.friction_laws)
+
+
+def test_accelerations_are_those_of_the_mode_that_the_state_decides(model):
+    p = model.parameter_vector(P)
+    rolling = model.accelerations(0.0, [0, 0.1, 0], [1, 0, -10], p)
+    slowed = -9.81 * 0.1 / 1.4
+    np.testing.assert_allclose(rolling, [slowed, 0, -slowed / 0.1], atol=1e-12)
+    np.testing.assert_allclose(model.accelerations(0.0, [0, 0.2, 0], [1, 0, -10], p), [0, -9.81, 0], atol=1e-12)
+
+
+def test_prepared_runs_and_reductions(model):
+    run = model.prepare((0, 4))
+    end = run(model.state(start(2.0), P), model.parameter_vector(P))
+    assert abs(end[0] - slides_and_rolls(2.0)[2]) < 1e-8
+    sweep = model.sweep((0, 4), {**start(2.0), x.diff(): np.array([2.0])}, P, reduce={"top": da.maximum("x_dot")})
+    assert sweep.reduced["top"][0] == 2.0
+
+
+def test_a_smooth_law_of_rolling_creeps():
+    scene = da.Scene("smooth", frame=N, origin=O, coordinates=[x, y, theta])
+    S, G = N.orientnew("S", "Axis", (theta, N.z)), O.locatenew("G", x * N.x + y * N.y)
+    scene.add_bodies(RigidBody("ball", G, S, m, (inertia(S, 0, 0, 2 * m * r**2 / 5), G)))
+    scene.apply_uniform_gravity(-g * N.y)
+    smooth = da.CoulombFriction(mu=d, regularization=1e-3)
+    floor = {"centre": G, "radius": r, "plane": (O, N.y), "friction": mu, "rolling_resistance": smooth}
+    scene.add_contacts(da.SpherePlane("floor", body="ball", **floor))
+    run = da.compile_model(scene).simulate((0, 3), start(2.0), {**BODY, "d": 0.01})
+    assert run.success and run.phases[-1].modes == {"floor": "stick", "floor.rolling": "smooth"}
+    assert abs(run["x"][-1] - slides_and_rolls(2.0)[2]) < 1e-4

@@ -51,7 +51,9 @@ class CoulombFriction:
         Slip speed eps [m/s] of the smooth law F = -mu N slip / sqrt(slip^2 + eps^2), which never quite sticks. With it
         the model is an ordinary one on every backend, and has derivatives.
     name : str, optional
-        What results call it; by default, the name of `normal`.
+        What results call it; by default, the name of `normal`. Where a `UnilateralContact` of another name has that
+        normal reaction, it is a further law of the contact, as of rolling beside sliding: `tangential` is a moment, and
+        `mu` its lever arm [m].
 
     Examples
     --------
@@ -101,7 +103,7 @@ class UnilateralContact:
         contact stays closed after an impact) and 1. After infinitely many
         impacts within a finite time the contact stays closed, and the run continues.
     name : str, optional
-        What results call it; by default, the name of `normal`. A `CoulombFriction` with the same normal belongs to it.
+        What results call it; by default, the name of `normal`. A `CoulombFriction` with that normal belongs to it.
 
     Examples
     --------
@@ -323,6 +325,15 @@ def read_contacts(
             further.setdefault(normal, []).append(held)
         contacts.friction(law, held)
     every = [item for normal, held in found.items() for item in (held, *further.get(normal, ()))]
+    owner: dict[str, str] = {}
+    for held in every:
+        for force in held.get("tangential", ()):
+            if force in owner:
+                contacts.faults.append(
+                    f"two laws of friction have the reaction {force}: {owner[force]!r} and {held['name']!r}; each needs"
+                    " an unknown of its own, such as a moment for rolling"
+                )
+            owner[force] = held["name"]
     names = [held["name"] for held in every]
     for name in sorted({name for name in names if names.count(name) > 1}):
         contacts.faults.append(f"two contacts are called {name!r}; give each its own name=")

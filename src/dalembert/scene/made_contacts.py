@@ -133,6 +133,7 @@ def _frictionless(friction: Any) -> bool:
 
 def _law(friction: Any, reactions: dict[str, Any], keyword: str = "friction") -> Any:
     """Return the law of friction of a contact between its reactions."""
+    one, pair = ("a coefficient", "(mu_static, mu)") if keyword == "friction" else ("a length", "(static, moving)")
     if type(friction) in FRICTION_LAWS:
         given = [name for name in ("normal", "tangential", "slip") if getattr(friction, name, None) is not None]
         if given:
@@ -142,8 +143,8 @@ def _law(friction: Any, reactions: dict[str, Any], keyword: str = "friction") ->
         return replace(friction, **reactions)
     if isinstance(friction, tuple | list):
         if len(friction) != 2:
-            raise GeometryFault(f"{keyword}= as a pair is (mu_static, mu), not {friction!r}")
+            raise GeometryFault(f"{keyword}= as a pair is {pair}, not {friction!r}")
         return CoulombFriction(**reactions, mu=friction[1], mu_static=friction[0])
     if isinstance(friction, int | float | sp.Expr):
         return CoulombFriction(**reactions, mu=friction)
-    raise GeometryFault(f"{keyword}= must be a coefficient, (mu_static, mu) or a CoulombFriction, and is {friction!r}")
+    raise GeometryFault(f"{keyword}= must be {one}, {pair} or a CoulombFriction, and is {friction!r}")
