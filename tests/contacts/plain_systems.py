@@ -28,6 +28,7 @@ def block(*, forcing=(0.0, 0.0), rates=(0.0, 0.0), gap=0.0, mass=None, power_of_
         contacts=1,
         slips=1,
         impacts=0,
+        several=0,
         slides_by=np.array([[1, 0]]),
         row_owner=np.array([0, 0]),
         owner=np.array([0, -2]),

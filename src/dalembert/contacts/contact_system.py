@@ -81,6 +81,8 @@ class ContactSystem(NamedTuple):
         Sizes: q, constraints, contacts, slip velocities of all contacts.
     impacts : int
         The law of impacts: NEWTON, POISSON or SEQUENCE.
+    several : int
+        1 where a contact has several laws of friction.
     leader : (n_contacts,)
         The contact that has the normal reaction: another one for a further law of its friction, else the same.
     constraint, sense : (n_contacts,)
@@ -162,6 +164,7 @@ class ContactSystem(NamedTuple):
     contacts: int
     slips: int
     impacts: int
+    several: int
     leader: IntVector
     constraint: IntVector
     sense: IntVector
@@ -236,6 +239,7 @@ def contact_system(automaton: HybridAutomaton) -> ContactSystem:
         contacts=k,
         slips=s,
         impacts=IMPACTS.index(automaton.impacts),
+        several=int(any(contact.leader is not None for contact in automaton.contacts)),
         **named,
         slides_by=np.array(entries, np.int64).reshape(s, n),
         values=values,

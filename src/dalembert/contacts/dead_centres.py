@@ -1,4 +1,4 @@
-"""Slip velocities at dead centres: they do not depend on the rates there, but do beside."""
+"""Slip velocities that do not change: at dead centres, where they depend on the rates beside, or held by others."""
 
 from __future__ import annotations
 
@@ -29,15 +29,8 @@ def _root_of_inertia(system: ContactSystem, j: int) -> float:
 
 
 @compiled_subset
-def turns_back(system: ContactSystem, chosen: Combination, r: int) -> bool:
-    """Return whether a slip velocity does not depend on the rates here, but will where the mode that is solved moves.
-
-    So does that of a point at the dead centre of its path. Friction has no power on any motion there: it cannot hold
-    the point, and the equations of the mode in which it sticks are singular. Where the mode holds all coordinates on
-    which the slip depends, there is nothing to hold, and the point may stick.
-    """
-    if compliance(system, r, r) != 0.0 or not motionless(system, system.constraints + r):
-        return False
+def _left_free(system: ContactSystem, chosen: Combination) -> int:
+    """Find the motions that the rows leave which hold in a mode, by the roots of inertias; return their number."""
     n, held = system.coordinates, hold_constraints(system, open_contacts(chosen))
     for a in range(n):
         for b in range(n):
@@ -47,8 +40,36 @@ def turns_back(system: ContactSystem, chosen: Combination, r: int) -> bool:
     for row in range(system.constraints, system.constraints + system.slips):
         if chosen.mode[system.row_owner[row]] == STICK and not motionless(system, row):
             _add_held(system, row)
-    for a in range(solve_dense(system.square, system.square_right, n, 0, system.dense)):
-        for j in range(n):
+    return solve_dense(system.square, system.square_right, n, 0, system.dense)
+
+
+@compiled_subset
+def held_by_others(system: ContactSystem, chosen: Combination, r: int) -> bool:
+    """Return whether a slip velocity cannot change in a mode, because of what holds in it besides."""
+    slopes = system.jacobian[system.constraints + r]
+    for a in range(_left_free(system, chosen)):
+        along, size = 0.0, 0.0
+        for j in range(system.coordinates):
+            term = slopes[j] / _root_of_inertia(system, j) * system.dense.free[a, j]
+            along += term
+            size = max(size, abs(term))
+        if abs(along) > _MOVES * size:
+            return False
+    return True
+
+
+@compiled_subset
+def turns_back(system: ContactSystem, chosen: Combination, r: int) -> bool:
+    """Return whether a slip velocity does not depend on the rates here, but will where the mode that is solved moves.
+
+    So does that of a point at the dead centre of its path. Friction has no power on any motion there: it cannot hold
+    the point, and the equations of the mode in which it sticks are singular. Where the mode holds all coordinates on
+    which the slip depends, there is nothing to hold, and the point may stick.
+    """
+    if compliance(system, r, r) != 0.0 or not motionless(system, system.constraints + r):
+        return False
+    for a in range(_left_free(system, chosen)):
+        for j in range(system.coordinates):
             if system.slides_by[r, j] != 0 and abs(system.dense.free[a, j]) > _MOVES:
                 return True
     return False

@@ -12,7 +12,7 @@ from ..methods.step_constants import EPSILON
 from ..subset.compiled_subset import compiled_subset, sqrt, square
 from .contact_forces import compliance, press_compliance, shift_forces, solve_mode
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertial_size
-from .dead_centres import turns_back
+from .dead_centres import held_by_others, turns_back
 from .mode_candidates import (
     FREE,
     LIFTING,
@@ -149,9 +149,19 @@ def splits(system: ContactSystem, pick: Candidates, i: int, j: int) -> bool:
 
 
 @compiled_subset
+def slips_in_vain(system: ContactSystem, pick: Candidates, i: int) -> bool:
+    """Return whether a law that has another beside it slips, which others that stick do not let it."""
+    if pick.now.mode[i] != SLIP or system.several == 0 or not _held_by_friction(system, pick, i):
+        return False
+    return not _has_own_slip(system, i) and held_by_others(system, pick.now, system.first[i])
+
+
+@compiled_subset
 def _splits_coupled_contacts(system: ContactSystem, pick: Candidates) -> bool:
     """Return whether contacts part that can only slip together."""
     for i in range(system.contacts):
+        if slips_in_vain(system, pick, i):
+            return True
         for j in range(system.contacts):
             if splits(system, pick, i, j):
                 return True

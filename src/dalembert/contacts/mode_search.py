@@ -23,6 +23,7 @@ from .mode_laws import (
     contact_margin,
     friction_limit,
     push_margin,
+    slips_in_vain,
     splits,
     take,
     try_combination,
@@ -99,6 +100,9 @@ def _violated(system: ContactSystem, pick: Candidates, least: float) -> int:
         count = 1
         pick.wanted[weakest] = _remedy(system, pick, weakest, force, least)
     for i in range(system.contacts if count == 0 else 0):
+        if weakest >= 0 and slips_in_vain(system, pick, i):
+            count += 1
+            pick.wanted[weakest] = _remedy(system, pick, weakest, force, least)
         for j in range(system.contacts):
             if splits(system, pick, i, j):
                 count += 1

@@ -78,7 +78,9 @@ class _ModeEquations:
                 continue
             holding = [owner for owner, weight in zip(owners, weights[held:], strict=True) if not weight.is_zero]
             given = any(c.normal_load is not None for c in sticking if c is contact or c.name in holding)
-            if len(holding) > 1 or len(contact.slips) > 1 or (holding and given):
+            lined = all(len(c.slips) == 1 for c in sticking if c is contact or c.name in holding)
+            several = lined and any(c.leader is not None for c in sticking if c is contact or c.name in holding)
+            if (len(holding) > 1 and not several) or len(contact.slips) > 1 or (holding and given):
                 raise ConstraintError(
                     f"scene {self.whole.name!r}: the contacts {contact.name!r} and"
                     f" {list_names(repr(o) for o in holding)} hold each other while they stick, and which of"
@@ -207,7 +209,9 @@ class _ModeEquations:
 
     def _undetermined(self) -> tuple[Direction, ...]:
         """Return the directions in which the reactions of contacts that hold each other are not determined."""
-        shared = [i for group in self.groups.values() for contact in group for i in contact.tangential]
+        shared = list(
+            dict.fromkeys(i for group in self.groups.values() for contact in group for i in contact.tangential)
+        )
         return undetermined_directions(self._without_friction(self.rows, self.kept), self.kept, shared)
 
     def _shared_laws(
