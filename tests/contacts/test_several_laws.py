@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 from sympy import symbols
 from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
@@ -101,3 +102,55 @@ def test_impacts(models, count, law, most):
             assert status == Status.SUCCESS
             np.testing.assert_allclose(after, expected, rtol=1e-8, atol=1e-8)
     assert compared > 120
+
+
+@pytest.fixture(scope="module")
+def corner():
+    """Return the model of a ball in a corner, which forces X, Y and a moment T push: four laws share its load."""
+    N, O = ReferenceFrame("N"), Point("O")
+    x, y, turn = dynamicsymbols("x y turn")
+    X, Y, T, r, mu_1, mu_2, d_1, d_2 = symbols("X Y T r mu_1 mu_2 d_1 d_2")
+    scene = da.Scene("corner", frame=N, origin=O, coordinates=[x, y, turn])
+    S, G = N.orientnew("S", "Axis", (turn, N.z)), O.locatenew("G", x * N.x + y * N.y)
+    scene.add_bodies(RigidBody("ball", G, S, 1, (inertia(S, 0, 0, 0.4), G)))
+    scene.add_loads((G, X * N.x + Y * N.y), (S, T * N.z))
+    on = {"body": "ball", "centre": G, "radius": r}
+    scene.add_contacts(
+        da.SpherePlane("floor", **on, plane=(O, N.y), friction=mu_1, rolling_resistance=d_1),
+        da.SpherePlane("wall", **on, plane=(O, N.x), friction=mu_2, rolling_resistance=d_2),
+    )
+    return da.compile_model(scene)
+
+
+def margin_at_rest(p):
+    """Return the largest least margin of the laws with which forces at rest balance, by a linear program."""
+    r, columns = p["r"], []
+    rows = np.array([[0, 1, 0], [1, 0, r], [0, 0, 1], [1, 0, 0], [0, 1, -r], [0, 0, 1]])
+    for force, normal, most in ((1, 0, p["mu_1"]), (2, 0, p["d_1"]), (4, 3, p["mu_2"]), (5, 3, p["d_2"])):
+        for sign in (1, -1):
+            law = np.zeros(7)
+            law[normal], law[force], law[6] = -most, sign, 1.0
+            columns.append(law)
+    balance, load = np.hstack([rows.T, np.zeros((3, 1))]), -np.array([p["X"], p["Y"], p["T"]])
+    nothing = np.zeros(len(columns))
+    limits = [(None, None)] * 6 + [(None, 10.0)]
+    found = linprog([0] * 6 + [-1], np.array(columns), nothing, balance, load, limits)
+    return found.x[6]
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-3])
+def test_a_ball_in_a_corner_rests_as_long_as_some_way_to_share_its_load_is_lawful(corner, size):
+    """In lengths of `size`; a motion that is lawful beside rest makes it ambiguous."""
+    rng = np.random.default_rng(4)
+    names = {"X": 5, "Y": 5, "T": 2 * size, "mu_1": 0.8, "mu_2": 0.8, "d_1": 0.3 * size, "d_2": 0.3 * size}
+    cases = {name: rng.uniform(0 if name[0] in "md" else -most, most, 150) for name, most in names.items()}
+    cases["X"], cases["Y"] = cases["X"] - 3, cases["Y"] - 3
+    start = {"x": size, "y": size, "turn": 0, "x_dot": 0, "y_dot": 0, "turn_dot": 0}
+    sweep = corner.sweep((0, 1e-9), start, {**cases, "r": size})
+    modes = np.array([sweep.mode(name) for name in corner.contacts])
+    margins = np.array([margin_at_rest({name: v[i] for name, v in cases.items()} | {"r": size}) for i in range(150)])
+    rests = np.all(modes == "stick", axis=0)
+    lawful, ambiguous = margins > 1e-6 * size, sweep.status == Status.CONTACT_AMBIGUOUS
+    assert not np.any(sweep.status == Status.CONTACT_IMPOSSIBLE) and not np.any(np.abs(margins) < 1e-6 * size)
+    assert np.all(rests[lawful & ~ambiguous]) and not np.any(rests[~lawful])
+    assert lawful.sum() > 30 and ambiguous.sum() < 0.5 * lawful.sum()

@@ -80,6 +80,11 @@ class Candidates(NamedTuple):
         Friction forces and normal reactions as iterations, or pivots, find them.
     table, basis : (m, 2 m + 2), (m,)
         Memory of `complementary_forces`, m = n_contacts + 3 n_slips; none for few contacts.
+    lawful, sizes : (1 + 2 n_slips + n_contacts + 2 n_slips, 2 + n_slips), (n_slips,)
+        Columns of the linear program of `load_shares`, and the sizes of the directions in which forces are not
+        determined.
+    amounts, weights, sharing : (n_slips,), (1 + n_slips,), (1 + n_slips,)
+        Shares along these directions; the weights of the laws in the basis, and these.
     given : Combination
         The former states and signs, and directions of the slip velocities, or the former ones where there is none.
     now, best, clear : Combination
@@ -106,6 +111,11 @@ class Candidates(NamedTuple):
     guessed: Vector
     table: Matrix
     basis: IntVector
+    lawful: Matrix
+    sizes: Vector
+    amounts: Vector
+    weights: Vector
+    sharing: IntVector
     given: Combination
     now: Combination
     best: Combination
@@ -123,9 +133,11 @@ def candidates_space(system: ContactSystem) -> Candidates:
     made = kind, fired, struck, rebounds, slides, still, least, base_sides, options, count, choice, begins
     m = k + 3 * system.slips if k > FEW_CONTACTS else 0
     memory = taken, wanted, pushed, shares, np.zeros(system.slips + k), np.zeros((m, 2 * m + 2)), np.zeros(m, np.int64)
+    s = system.slips
+    program = np.zeros((1 + k + 4 * s, 2 + s)), np.zeros(s), np.zeros(s), np.zeros(1 + s), np.zeros(1 + s, np.int64)
     found = Found()
     found.most = ALL if k <= FEW_CONTACTS else _FEW
-    return Candidates(*made, *memory, given, now, best, clear, found)
+    return Candidates(*made, *memory, *program, given, now, best, clear, found)
 
 
 @compiled_subset

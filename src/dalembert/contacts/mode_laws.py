@@ -6,11 +6,9 @@ friction opposes the slip that it lets begin. After an impact the same holds of 
 
 from __future__ import annotations
 
-import math
-
 from ..methods.step_constants import EPSILON
-from ..subset.compiled_subset import compiled_subset, sqrt, square
-from .contact_forces import compliance, press_compliance, shift_forces, solve_mode
+from ..subset.compiled_subset import compiled_subset, sqrt
+from .contact_forces import compliance
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertial_size
 from .dead_centres import held_by_others, turns_back
 from .mode_candidates import (
@@ -19,12 +17,10 @@ from .mode_candidates import (
     SHARE,
     Candidates,
     broken,
-    combine,
-    copy_combination,
     rests,
     turned,
 )
-from .slip_direction import steady_directions, uneven
+from .slip_direction import uneven
 
 ROUNDING = 1e-9
 """Share of the forces, or rates, within which a comparison may go either way."""
@@ -40,11 +36,8 @@ _POWERLESS = 1e-6
 """Share of the motion, and of the forces, up to which a contact that sticks may have a slip acceleration left; friction
 holds nothing where a point turns back."""
 
-_TOGETHER = 1e-9
+TOGETHER = 1e-9
 """Share to which the slips of two contacts may differ from being multiples of each other."""
-
-_GOLDEN, _SECTIONS, _SHARE_ROUNDS = 0.6180339887498949, 80, 4
-"""Golden section; sections of a direction in which forces are not determined; rounds over several such directions."""
 
 
 @compiled_subset
@@ -114,7 +107,7 @@ def coupled(system: ContactSystem, i: int, j: int) -> bool:
     """Return whether two contacts can only slip together."""
     a, b = system.first[i], system.first[j]
     own = compliance(system, a, a) * compliance(system, b, b)
-    return abs(own - compliance(system, a, b) * compliance(system, b, a)) <= _TOGETHER * abs(own)
+    return abs(own - compliance(system, a, b) * compliance(system, b, a)) <= TOGETHER * abs(own)
 
 
 @compiled_subset
@@ -157,7 +150,7 @@ def slips_in_vain(system: ContactSystem, pick: Candidates, i: int) -> bool:
 
 
 @compiled_subset
-def _splits_coupled_contacts(system: ContactSystem, pick: Candidates) -> bool:
+def splits_coupled_contacts(system: ContactSystem, pick: Candidates) -> bool:
     """Return whether contacts part that can only slip together."""
     for i in range(system.contacts):
         if slips_in_vain(system, pick, i):
@@ -231,146 +224,9 @@ def contact_margin(system: ContactSystem, pick: Candidates, i: int, force: float
 
 
 @compiled_subset
-def _laws(system: ContactSystem, pick: Candidates) -> float:
+def all_laws(system: ContactSystem, pick: Candidates) -> float:
     """Return the margin of the laws of all contacts, with the present forces."""
     force, least = all_forces(system), 1.0
     for i in range(system.contacts):
         least = min(least, contact_margin(system, pick, i, force))
     return least
-
-
-@compiled_subset
-def _aim(system: ContactSystem, pick: Candidates, direction: int) -> None:
-    """Find out which contacts have forces that change along a direction in which forces are not determined."""
-    for i in range(system.contacts):
-        pushed, most = 0.0, 0.0
-        for r in range(system.slips):
-            pushed += press_compliance(system, i, r) * system.free[direction, r]
-        for r in range(system.first[i], system.first[i] + system.width[i]):
-            most = max(most, abs(system.free[direction, r]))
-        pick.pushed[i], pick.shares[i] = pushed, 1 if max(most, abs(pushed)) > _TOGETHER else 0
-
-
-@compiled_subset
-def _shared_margin(system: ContactSystem, pick: Candidates, direction: int, amount: float) -> float:
-    """Return the least of what pushes, and of what friction may be beyond what it is, after a change of the forces.
-
-    It is that of the contacts whose forces change along the direction.
-    """
-    least = math.inf
-    for i in range(system.contacts):
-        if pick.shares[i] != 0 and pick.now.mode[i] != OPEN:
-            press = pick.now.sides[i] * (system.press[i] + amount * pick.pushed[i])
-            presses = system.constraint[i] >= 0 or system.sided[i] != 0
-            if presses and not turned(pick, i) and pick.now.released[i] == 0:
-                least = min(least, press - system.restored[i])
-            if pick.now.mode[i] == STICK:
-                used = 0.0
-                for r in range(system.first[i], system.first[i] + system.width[i]):
-                    used += square(system.forces[r, 0] + amount * system.free[direction, r])
-                least = min(least, system.weight[i] * (friction_limit(system, pick, i) * press - sqrt(used)))
-    return least
-
-
-@compiled_subset
-def _violated_anyhow(system: ContactSystem, pick: Candidates) -> bool:
-    """Return whether a law is violated beyond rounding that no share of the load changes."""
-    force = all_forces(system)
-    for i in range(system.contacts):
-        if contact_margin(system, pick, i, force) < -ROUNDING:
-            shares = False
-            for a in range(system.solved.undetermined):
-                _aim(system, pick, a)
-                shares = shares or pick.shares[i] != 0
-            if not shares:
-                return True
-    return False
-
-
-@compiled_subset
-def _best_share(system: ContactSystem, pick: Candidates, least: float) -> float:
-    """Return the largest margin that friction forces have which the equations of motion do not determine.
-
-    Contacts that can only slip together stick as long as there is any way to share the load that breaks no law. The
-    margin is a concave function along each direction, whose maximum is found by golden sections. It is not looked for
-    where the combination is clear, or contradicts a law with every share.
-    """
-    scale, count = all_forces(system), system.solved.undetermined
-    if least > ROUNDING or _violated_anyhow(system, pick):
-        return least
-    for _ in range(_SHARE_ROUNDS if count > 1 else 1):
-        for a in range(count):
-            _aim(system, pick, a)
-            low, high = -4.0 * scale, 4.0 * scale
-            for _ in range(_SECTIONS):
-                left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-                if _shared_margin(system, pick, a, left) < _shared_margin(system, pick, a, right):
-                    low = left
-                else:
-                    high = right
-            shift_forces(system, a, 0.5 * (low + high))
-        least = max(least, _laws(system, pick))
-        if least > ROUNDING:
-            break
-    return least
-
-
-@compiled_subset
-def _margin(system: ContactSystem, pick: Candidates) -> float:
-    """Return by which share of the forces, at least, a combination contradicts nothing; below zero it does."""
-    for j in range(system.coordinates):
-        if not math.isfinite(system.motion[j]):
-            return math.nan
-    if _splits_coupled_contacts(system, pick) or unchanged(system, pick):
-        return -1.0
-    least = _laws(system, pick)
-    return _best_share(system, pick, least) if system.solved.undetermined > 0 else least
-
-
-@compiled_subset
-def _excludes_first(system: ContactSystem, pick: Candidates) -> bool:
-    """Return whether the combination excludes the first clear one."""
-    excludes, now, clear = False, pick.now, pick.clear
-    for i in range(system.contacts):
-        excludes = excludes or (now.mode[i] == OPEN) != (clear.mode[i] == OPEN) or now.released[i] != clear.released[i]
-        excludes = excludes or (system.sided[i] != 0 and now.sides[i] != clear.sides[i])
-    return excludes
-
-
-@compiled_subset
-def take(pick: Candidates) -> None:
-    """Take the combination that has been tried."""
-    copy_combination(pick.now, pick.best)
-    for i in range(pick.choice.size):
-        pick.taken[i] = pick.choice[i]
-
-
-@compiled_subset
-def try_combination(system: ContactSystem, pick: Candidates, meets: bool) -> int:
-    """Solve for the combination that is chosen; return 2 if it holds, 1 if it does within rounding, else 0.
-
-    The first of the best is taken. Where a contact ``meets``, rounding is no reason to leave it open: a guard fires at
-    once where that was wrong.
-    """
-    if combine(system, pick):
-        steady_directions(system, pick)
-    solve_mode(system, pick.now)
-    for j in range(system.coordinates):
-        pick.now.motion[j] = system.motion[j]
-    found, grade, margin = pick.found, 0, _margin(system, pick)
-    for i in range(system.contacts):
-        pick.now.press[i] = system.press[i]
-    if math.isnan(margin):
-        found.lost = 1
-    if margin >= -ROUNDING:
-        grade = 2 if margin >= 0.0 or meets else 1
-    if grade > found.best:
-        found.best = grade
-        take(pick)
-    if margin > ROUNDING:
-        if found.clear == 0:
-            copy_combination(pick.now, pick.clear)
-        if _excludes_first(system, pick):
-            found.ambiguous = 1
-        found.clear += 1
-    return grade

@@ -25,10 +25,9 @@ from .mode_laws import (
     push_margin,
     slips_in_vain,
     splits,
-    take,
-    try_combination,
     unchanged,
 )
+from .mode_trials import take, try_combination
 
 _PATIENCE = 4
 """Steps of all violated contacts at once that may fail to leave fewer violated laws."""

@@ -19,8 +19,8 @@ from .mode_candidates import (
     list_options,
     next_combination,
 )
-from .mode_laws import try_combination
 from .mode_search import friction_decides, search_modes
+from .mode_trials import try_combination
 
 _SUCCESS, _NON_FINITE = int(Status.SUCCESS), int(Status.NON_FINITE)
 
