@@ -3,17 +3,18 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from sympy import cos, sin, symbols
+from sympy import cos, exp, sin, symbols
 from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
-from dalembert.contacts import mode_candidates as rules
 from dalembert.errors import OptionError
 
 N, O = ReferenceFrame("N"), Point("O")
 x, y, z, theta, psi = dynamicsymbols("x y z theta psi")
 m, g, r, mu, d, c, e, alpha = symbols("m g r mu d c e alpha", positive=True)
+k = symbols("k")
 BODY = {"m": 0.2, "g": 9.81, "r": 0.1, "mu": 0.2}
+P_ROLLING = {"m": 0.2, "g": 9.81, "r": 0.1, "d": 0.01}
 P = {**BODY, "d": 0.01, "e": 0.0}
 FORMULATIONS = ["minimal", "projected", "baumgarte", "ggl", "augmented"]
 
@@ -305,66 +306,51 @@ def test_a_smooth_law_of_rolling_creeps():
     assert abs(run["x"][-1] - slides_and_rolls(2.0)[2]) < 1e-4
 
 
-M, L, k, h = symbols("M L k h", real=True)
-CART = {"m": 1, "M": 10, "g": 9.81, "r": 0.3, "mu": 0.5, "d": 0.02, "L": 1}
-INERTIA = 10 + 2 * 1 + 2 * 0.5  # of the chassis and two discs that roll
+@pytest.mark.parametrize(("length", "mass"), [(1e-5, 1e-12), (1e4, 1e9)])
+def test_units_do_not_matter(model, length, mass):
+    """A ball that bounces, slides, rolls and rests, in other units of length and mass."""
+    ends = []
+    for L, M in ((1, 1), (length, mass)):
+        p = {**P, "r": 0.1 * L, "d": 0.01 * L, "g": 9.81 * L, "m": 0.2 * M, "e": 0.5}
+        run = model.simulate((0, 8), start(2.0 * L, 5.0, height=0.15 * L), p, rtol=1e-10, atol=1e-12 * L)
+        assert run.success and set(run.phases[-1].modes.values()) == {"stick"}
+        ends.append([run["x"][-1] / L, run["theta"][-1], run.phases[-1].t0, len(run.phases)])
+    np.testing.assert_allclose(*ends, rtol=1e-9)
 
 
-@pytest.fixture(scope="module")
-def cart():
-    """Return the model of a cart on two wheels, which a force k t pushes and a moment h turns."""
-    turns = dynamicsymbols("front rear")
-    scene = da.Scene("cart", frame=N, origin=O, coordinates=[x, y, theta, *turns])
-    C, G = N.orientnew("C", "Axis", (theta, N.z)), O.locatenew("G", x * N.x + y * N.y)
-    scene.add_bodies(RigidBody("chassis", G, C, M, (inertia(C, 0, 0, M * L**2 / 3), G)))
-    for name, turn, place in zip(("front", "rear"), turns, (L, -L), strict=True):
-        W, hub = N.orientnew(f"W_{name}", "Axis", (turn, N.z)), G.locatenew(f"H_{name}", place * C.x)
-        scene.add_bodies(RigidBody(name, hub, W, m, (inertia(W, 0, 0, m * r**2 / 2), hub)))
-        floor = {"centre": hub, "radius": r, "plane": (O, N.y), "friction": mu, "rolling_resistance": d}
-        scene.add_contacts(da.SpherePlane(f"{name}_wheel", body=name, **floor))
-    scene.apply_uniform_gravity(-g * N.y)
-    scene.add_loads((G, k * dynamicsymbols._t * N.x), (C, -h * N.z))
-    names = ("front_wheel", "rear_wheel")
-    outputs = [f"{name}.{what}" for name in names for what in ("rolling_1", "normal", "friction_1")]
-    return da.compile_model(scene, outputs=outputs)
+def pushed(force, **resistance):
+    """Return the model of a ball in a plane that a force pushes."""
+    scene = da.Scene("pushed", frame=N, origin=O, coordinates=[x, y, theta])
+    S, G = N.orientnew("S", "Axis", (theta, N.z)), O.locatenew("G", x * N.x + y * N.y)
+    scene.add_bodies(RigidBody("ball", G, S, m, (inertia(S, 0, 0, 2 * m * r**2 / 5), G)))
+    scene.add_loads((G, force * N.x - m * g * N.y))
+    floor = {"centre": G, "radius": r, "plane": (O, N.y), "friction": (0.5, 0.4), **resistance}
+    scene.add_contacts(da.SpherePlane("floor", body="ball", **floor))
+    return da.compile_model(scene)
 
 
-def standing(v=0.0):
-    zero = dict.fromkeys(("x", "theta", "front", "rear", "y_dot", "theta_dot"), 0.0)
-    return {**zero, "y": 0.3, "x_dot": v, "front_dot": -v / 0.3, "rear_dot": -v / 0.3}
-
-
-def test_a_cart_rolls_to_rest_on_two_wheels(cart):
-    run = cart.simulate((0, 6), standing(2.0), {**CART, "k": 0, "h": 0})
-    slowed = 12 * 9.81 * 0.02 / 0.3 / INERTIA
-    assert run.success and abs(run.phases[-1].t0 - 2 / slowed) < 1e-9 and abs(run["x"][-1] - 2 / slowed) < 1e-9
-    assert set(run.phases[-1].modes.values()) == {"stick"}
-
-
-@pytest.mark.parametrize("search", [False, True])
-@pytest.mark.parametrize("moment", [0.0, 20.0])
-@pytest.mark.parametrize("grows", [4.0, -4.0])
-def test_two_wheels_share_what_holds_a_cart(cart, monkeypatch, grows, moment, search):
-    """They hold it up to d (N_1 + N_2) / r = 7.848, in whatever way they share that; then it starts to roll."""
-    if search:
-        monkeypatch.setattr(rules, "FEW_CONTACTS", 0)
-        monkeypatch.setattr(rules, "_FEW", 0)
-    cart.modes.recorders.clear()
-    run = cart.simulate((0, 4), standing(), {**CART, "k": grows, "h": moment}, rtol=1e-10)
-    cart.modes.recorders.clear()
-    begins = 12 * 9.81 * 0.02 / 0.3 / 4
-    assert run.success and [set(phase.modes.values()) for phase in run.phases] == [{"stick"}, {"stick", "slip"}]
+def test_a_ball_starts_to_roll_at_the_static_resistance():
+    """At a force 2 d m g / r; then m a 7/5 = k t - d m g / r."""
+    model = pushed(k * dynamicsymbols._t, rolling_resistance=(2 * d, d))
+    run = model.simulate((0, 3), start(0.0), {"m": 0.2, "g": 9.81, "r": 0.1, "d": 0.01, "k": 0.3}, rtol=1e-10)
+    begins, held = 0.2 * 0.2 * 9.81 / 0.3, 0.1 * 0.2 * 9.81
+    assert [tuple(phase.modes.values()) for phase in run.phases] == [("stick", "stick"), ("stick", "slip")]
     assert abs(run.phases[1].t0 - begins) < 1e-9
-    assert abs(abs(run["x"][-1]) - 4 * (4 - begins) ** 3 / 6 / INERTIA) < 1e-9
-    held = run.t < begins
-    for wheel in ("front_wheel", "rear_wheel"):
-        most = 0.02 * run[f"{wheel}.normal"][held]
-        assert np.all(np.abs(run[f"{wheel}.rolling_1"][held]) <= most * (1 + 1e-9))
+    speed = (0.15 * (9 - begins**2) - held * (3 - begins)) / (1.4 * 0.2)
+    assert abs(run["x_dot"][-1] - speed) < 1e-9
 
 
-def test_a_sweep_of_carts(cart):
-    rates = np.array([1.0, 2.0, 4.0, -8.0])
-    sweep = cart.sweep((0, 4), standing(), {**CART, "k": rates, "h": 0.0}, rtol=1e-10)
-    left = np.maximum(4 - 12 * 9.81 * 0.02 / 0.3 / np.abs(rates), 0)
-    assert sweep.success.all()
-    np.testing.assert_allclose(sweep["x"], rates * left**3 / 6 / INERTIA, atol=1e-10)
+def test_resistance_that_depends_on_the_rate():
+    """d (1 + exp(-w)), against SciPy."""
+    law = da.CoulombFriction(mu=lambda w: d * (1 + exp(-w)))
+    run = pushed(0, rolling_resistance=law).simulate((0, 3), start(1.0, -10.0), P_ROLLING, rtol=1e-11)
+    still = lambda t, s: s[1] - 1e-12  # noqa: E731
+    still.terminal = True
+    slowed = lambda t, s: [s[1], -0.981 * (1 + np.exp(-s[1] / 0.1)) / 1.4]  # noqa: E731
+    exact = solve_ivp(slowed, (0, 3), [0, 1], events=still, rtol=1e-12, atol=1e-13)
+    assert abs(run.phases[-1].t0 - exact.t[-1]) < 1e-9 and abs(run["x"][-1] - exact.y[0, -1]) < 1e-9
+
+
+def test_backwards_in_time(model):
+    run = model.simulate((0, -1), start(1.0, -10.0), P)
+    assert run.success and abs(run["x"][-1] + 1 + 0.981 / 2.8) < 1e-9
