@@ -104,6 +104,22 @@ def test_impacts(models, count, law, most):
     assert compared > 120
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_energy_never_grows_by_the_law_of_poisson(models, count):
+    """With one restitution, whatever the coefficients of the laws are."""
+    model, n = models[count, "poisson"], 3 * count
+    system = model.modes.decisions.system()
+    values, rates = problems(system, 400, 1.0, seed=9, approach=1.0)
+    place = values.shape[1] - 3 * system.contacts + np.flatnonzero(system.constraint >= 0)
+    values[:, place] = values[:, place[:1]]
+    cases = decided(model, values, rates, rules.ALL)
+    good = cases.status == Status.SUCCESS
+    assert good.sum() > 380
+    after, mass = cases.x[:, n:], values[:, : n * n].reshape(-1, n, n)
+    before, left = (np.einsum("ci,cij,cj->c", v, mass, v) for v in (rates, after))
+    assert np.all(left[good] <= before[good] * (1 + 1e-12)) and np.mean(left[good] / before[good]) < 0.9
+
+
 @pytest.fixture(scope="module")
 def corner():
     """Return the model of a ball in a corner, which forces X, Y and a moment T push: four laws share its load."""
