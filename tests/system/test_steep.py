@@ -1,11 +1,13 @@
 """Forces that are nothing where a step begins and large within it: power series do not see them, and steps look."""
 
+import itertools
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import sympy as sp
+from scipy.integrate import quad
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
@@ -250,3 +252,42 @@ def test_only_rates_that_need_it_are_looked_at():
 def test_explanation():
     text = da.compile_model(scene(LATE + sp.cos(t) ** 40), backend="llvm").explain()
     assert "high powers" in text and "tanh" in text and "taylor checks the residual of its steps" in text
+
+
+SMOOTH = {
+    "root": lambda v, eps: v / sp.sqrt(v**2 + eps**2),
+    "arctangent": lambda v, eps: 2 / sp.pi * sp.atan(v / eps),
+    "tanh": lambda v, eps: sp.tanh(v / eps),
+}
+
+
+@pytest.mark.parametrize("eps", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
+@pytest.mark.parametrize("law", SMOOTH)
+@pytest.mark.parametrize("number", [True, False])
+def test_a_smooth_law_of_friction_stops_a_block(law, eps, number):
+    """Taylor steps passed its rest as if it slid on: 1 cm off, with SUCCESS, from eps = 1e-4 on."""
+    width = sp.Symbol("eps", positive=True)
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("block", frame=N, origin=O, coordinates=[x])
+    block = O.locatenew("P", x * N.x)
+    scene.add_bodies(Particle("block", block, 1))
+    scene.add_loads((block, -3 * SMOOTH[law](v, eps if number else width) * N.x))
+    model = da.compile_model(scene)
+    for rtol in (1e-4, 1e-6, 1e-8):
+        p = {} if number else {width: eps}
+        run = model.simulate((0, 1 + 20 * eps), {x: 0, v: 3}, p, method="taylor", rtol=rtol, max_steps=10**5)
+        way = _way(law, eps)
+        assert run.success and abs(run["x_dot"][-1]) < 2 * eps
+        assert abs(run["x"][-1] - way) < 30 * rtol + 1e-9, (rtol, run["x"][-1] - way)
+
+
+def _way(law, eps):
+    """Return how far a block of unit mass slides from 3 m/s under a smooth law of 3 N, by energy: v dv / F(v)."""
+    force = {
+        "root": lambda v: v / np.hypot(v, eps),
+        "arctangent": lambda v: 2 / np.pi * np.arctan(v / eps),
+        "tanh": lambda v: np.tanh(v / eps),
+    }[law]
+    edges = np.concatenate([[1e-9 * eps], np.geomspace(1e-3 * eps, 3.0, 60)])
+    parts = [quad(lambda v: v / (3 * force(v)), a, b, epsabs=0, epsrel=1e-11)[0] for a, b in itertools.pairwise(edges)]
+    return sum(parts)

@@ -17,7 +17,7 @@ _CHOOSING = ("select", "min", "max")
 JUMPING = ("less", "less_equal", "sign", "floor")
 """Operations with jumps."""
 _KINKED = {*_CHOOSING, *JUMPING, "abs"}
-_STEEP = {"exp", "sinh", "cosh", "tanh"}
+_STEEP = {"exp", "sinh", "cosh", "tanh", "atan"}
 _BRANCHED = {"acos", "asin", "atan2"}
 """Operations with several branches, of which a power series keeps one: a kink where |x| is 1, a jump at the cut."""
 
@@ -80,20 +80,13 @@ def nonsmooth_values(found: Mapping[str, str]) -> list[str]:
     return [name for name, what in found.items() if what in _KINKED]
 
 
-def vanishing_roots(kernel: Kernel, moving: Collection[Operand]) -> tuple[str, ...]:
-    """Return the square roots of moving values that may vanish: of all but sums of squares and a positive number."""
-    signs: dict[Operand, float] = {}
-    found = []
-    for line in kernel.body:
-        least = [signs.get(arg) if isinstance(arg, str) else arg for arg in line.args]
-        if line.op in ("abs", "sqrt", "exp", "cosh") or (line.op == "mul" and line.args[0] == line.args[1]):
-            signs[line.target] = 0.0
-        elif line.op in ("add", "mul") and all(x is not None and x >= 0.0 for x in least):
-            first, second = (x or 0.0 for x in least)
-            signs[line.target] = first + second if line.op == "add" else first * second
-        if line.op == "sqrt" and line.args[0] in moving and not signs.get(line.args[0], 0.0) > 0.0:
-            found.append(line.target)
-    return tuple(found)
+def moving_roots(kernel: Kernel, moving: Collection[Operand]) -> tuple[str, ...]:
+    """Return the square roots of moving values.
+
+    One of squares and a small positive number never vanishes, but its series does: sqrt(v**2 + 1e-8) is v until v is
+    1e-4. A step that went by the last coefficients alone would pass through, as if v went on below zero.
+    """
+    return tuple(line.target for line in kernel.body if line.op == "sqrt" and line.args[0] in moving)
 
 
 def nonanalytic(graph: Graph, nodes: Sequence[Node], moving: Sequence[Node], *, kinks: bool) -> bool:

@@ -20,11 +20,11 @@ from .nonsmooth import (
     last_of,
     leading_to,
     left_to_control,
+    moving_roots,
     nonanalytic_operations,
     nonsmooth_values,
     reached_from,
     switches_of,
-    vanishing_roots,
 )
 from .periodic import turning
 
@@ -148,7 +148,7 @@ def recurrences(kernel: Kernel, events_with_series: int = 0, *, step_growth_limi
     controlled = tuple(i for i, rate in enumerate(kernel.outputs[:own]) if rate in looked_at)
     needed = leading_to(kernel, [kernel.outputs[i] for i in controlled])
     poles = last_of(kernel, [name for name, what in hidden.items() if what == INVERSE and name in needed])
-    roots = vanishing_roots(kernel, varying - flat)
+    roots = moving_roots(kernel, varying - flat)
     return Recurrences(
         kernel,
         tuple(items),
