@@ -46,14 +46,15 @@ ORDER = [
 
 EXCEPTIONS = {
     ("scene.scene", "interop.sympy_systems"),
+    ("scene.scene", "interop.urdf"),
     ("lanes.cases", "events.event_code"),
     ("codegen", "jax.backend"),
     ("stops.samples", "jax.runs.precision"),
     ("runs.prepare", "phases.given_values"),
     ("runs.sweep", "phases.given_values"),
 }
-"""`Scene.from_sympy` makes a scene by what comes after scenes; cases with contacts may be sweeps of their modes; the
-others name types, and arrays of JAX."""
+"""`Scene.from_sympy` and `from_urdf` make scenes by what comes after scenes; cases with contacts may be sweeps of their
+modes; the others name types, and arrays of JAX."""
 
 MODEL = "model.model"
 """What functions over a model may import where only type checkers see it: the name of its type."""

@@ -120,6 +120,10 @@ class EnergyWarning(UserWarning):
     """A potential energy is not that of the loads, or the energy is requested and a load has no known potential."""
 
 
+class FileWarning(UserWarning):
+    """A file has values that no body can have; the message says which."""
+
+
 class LoadWarning(UserWarning):
     """A force acts at a point that moves over a body without saying that it acts on that body."""
 

@@ -1,1 +1,1 @@
-"""Import of systems of other packages as scenes."""
+"""Import of systems of other packages, and of files of robots, as scenes."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from typing import TYPE_CHECKING, Any, cast, final
@@ -12,7 +12,7 @@ from ..codegen.engine import Engine
 from ..errors import CapabilityError, list_names
 from ..ir.program import Layout, representative
 from ..mechanics.equations import EquationsOfMotion
-from ..once import derived_property, once_property
+from ..once import BoundedTable, derived_once, derived_property, once_property
 from ..options import CompileOptions
 from ..pipeline import Compiled, SeveralModes, Stages, compile_scene
 from ..runs.capabilities import require
@@ -25,12 +25,16 @@ from .choices import OfOneMode
 from .derived import Derived, Variants
 
 if TYPE_CHECKING:
+    from ..analysis.inverse_dynamics import InverseKernel
     from ..codegen.engine import FunctionEngine, TracedEngine
     from ..contacts.contact_laws import Mode
     from ..phases.mode_models import ModeModels
     from ..runs.run_check import RunCheck
     from ..scene.model import ControllerModel
     from ..scene.symbol_table import InputSymbol
+
+_MOST_INVERSE = 8
+"""Sets of given inputs of which the kernels of inverse dynamics are kept."""
 
 
 @final
@@ -101,6 +105,7 @@ class CompiledModel:
     forcing = evaluation.forcing
     constraint_jacobian = evaluation.constraint_jacobian
     accelerations = evaluation.accelerations
+    inverse_dynamics = evaluation.inverse_dynamics
     monitors = evaluation.monitors
     simulate = motions.simulate
     sweep = sweeps.sweep
@@ -300,6 +305,16 @@ class CompiledModel:
         return _compiled_again, (self.stages.scene, self.options, self.stages.mode, self.stages.kept)
 
     # -- what functions over models read ---------------------------------------------------
+
+    def inverse_kernel(self, given: Sequence[str]) -> InverseKernel:
+        """Return the kernel of inverse dynamics for some given inputs, derived once for each set of them."""
+        from ..analysis.inverse_dynamics import inverse_kernel
+
+        return derived_once(self._inverse_kernels, tuple(sorted(given)), lambda: inverse_kernel(self, given))
+
+    @once_property
+    def _inverse_kernels(self) -> BoundedTable[tuple[str, ...], InverseKernel]:
+        return BoundedTable(_MOST_INVERSE)
 
     @once_property
     def read_parameters(self) -> ValueReader:

@@ -22,6 +22,7 @@ from .controllers import Controller
 from .joints import Joint
 from .orientation import FreeOrientation
 from .reactions import Connection, reaction, require_new_name
+from .robot_parts import RobotParts
 from .shapes import Shape, checked_shapes
 
 
@@ -105,6 +106,7 @@ class Scene:
         self.lagrangian: Expr | None = None
         self.states: tuple[tuple[Expr, Expr], ...] = ()
         self.controllers: tuple[Controller, ...] = ()
+        self.robot: RobotParts | None = None
 
     @classmethod
     @nesting_named
@@ -131,9 +133,81 @@ class Scene:
         SceneError
             For contents that a `Scene` does not support.
         """
-        from ..interop.sympy_systems import scene_from_sympy  # the one import of a package that comes later
+        from ..interop.sympy_systems import scene_from_sympy  # a package that comes later
 
         return scene_from_sympy(source, name)
+
+    @classmethod
+    @nesting_named
+    def from_urdf(
+        cls,
+        path: Any,
+        floating_base: bool = False,
+        parameters: str = "numbers",
+        joint_loads: bool | str = True,
+        limits: bool = False,
+        *,
+        actuated: bool | Sequence[str] = False,
+        gravity: Sequence[float] | None = None,
+    ) -> Scene:
+        """Return the scene of a robot from its URDF file.
+
+        Coordinates bear the names of the joints: an angle [rad] or a displacement [m]. A planar joint has
+        ``name_x``, ``name_y`` (in the plane) and ``name_theta``; a floating one ``name_x``, ``name_y``, ``name_z`` and
+        the unit quaternion ``name_e0`` to ``name_e3``, scalar first. A joint that mimics another has no coordinate: its
+        value is a multiple of the other's. Links that fixed joints connect are one body, which is called after the link
+        that carries them. ``scene.robot`` has the links and joints by their names in the file.
+
+        Pictures, colliding geometry, transmissions, sensors and extensions of simulators are ignored.
+
+        Parameters
+        ----------
+        path : path-like
+            The file, expanded by xacro where it was written for it.
+        floating_base : bool
+            Whether the root link moves freely, with the coordinates ``base_x``, ``base_y``, ``base_z`` and ``base_e0``
+            to ``base_e3``; otherwise it is at rest.
+        parameters : str
+            "numbers" (default): those of the file are written into the equations, which are small and fast. "symbols":
+            masses, mass centres, inertias, places of joints, and coefficients of their loads are parameters, whose
+            values in the file are ``scene.robot.parameters``.
+        joint_loads : bool or str
+            Whether damping and dry friction of the file act; "damping" or "friction" takes one of them. Dry friction is
+            Coulomb's law, in which joints stick: the model has contacts that change, called "name.friction".
+        limits : bool
+            Whether lower and upper limits are stops without restitution, such as "elbow.lower"; see `Stop`.
+        actuated : bool or sequence of str
+            Joints with a motor: each has an input ``tau_name``, the torque [N m] or force [N] that acts along it
+            between its links. True takes all but those that mimic others. Without inputs,
+            `CompiledModel.inverse_dynamics` returns generalised forces, which are the same torques.
+        gravity : sequence of three float, optional
+            Acceleration [m/s^2] in the frame of the scene; (0, 0, -9.81) by default, which is -g with symbols.
+
+        Raises
+        ------
+        SceneError
+            With every fault of the file and its line.
+        OptionError
+            For options that are not allowed, and a path that cannot be read.
+
+        Examples
+        --------
+        ::
+
+            arm = da.Scene.from_urdf("arm.urdf", actuated=True)
+            model = da.compile_model(arm, outputs=[arm.robot.links["tool0"].point])
+        """
+        from ..interop.urdf import scene_from_urdf
+
+        return scene_from_urdf(
+            path,
+            floating_base=floating_base,
+            parameters=parameters,
+            joint_loads=joint_loads,
+            limits=limits,
+            actuated=actuated,
+            gravity=gravity,
+        )
 
     def copy(self) -> Scene:
         """Return an independent scene with the same contents."""

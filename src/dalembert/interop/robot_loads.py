@@ -1,0 +1,103 @@
+"""Loads of the joints of robots: motors, damping, springs, dry friction and stops; and gravity."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import sympy as sp
+from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody
+from sympy.physics.vector import Dyadic, Vector, dynamicsymbols
+
+from ..scene.contacts import CoulombFriction
+from ..scene.joints import Joint, Unknown
+from ..scene.limits import Stop
+from .robot_description import JointItem
+
+if TYPE_CHECKING:
+    from .robot_scenes import RobotBuilder
+
+GRAVITY = (0.0, 0.0, -9.81)
+"""Acceleration [m/s^2] where neither the file nor the user gives one."""
+
+
+def add_joint_loads(builder: RobotBuilder) -> None:
+    """Add the loads of all joints, as far as the options ask for them."""
+    for joint in builder.joints:
+        if joint.name in builder.drives:
+            _add_loads(builder, joint)
+
+
+def _add_loads(builder: RobotBuilder, joint: JointItem) -> None:
+    options, name = builder.options, joint.name
+    value = builder.values[name]
+    rate = value.diff(dynamicsymbols._t)
+    motor = builder.parts[name].input
+    if motor is not None:
+        builder.scene.add_inputs(motor)
+        _push(builder, joint, motor)
+    if options.damping and joint.damping:
+        _push(builder, joint, -builder.parameter(f"d_{name}", joint.damping, nonnegative=True) * rate)
+    if options.damping and joint.stiffness:
+        stiffness = builder.parameter(f"k_{name}", joint.stiffness, nonnegative=True)
+        _push(builder, joint, -stiffness * (value - sp.Float(joint.reference)))
+    if options.friction and joint.friction:
+        _add_friction(builder, joint, rate)
+    if options.limits and joint.lower is not None and joint.upper is not None:
+        _add_stop(builder, joint, value)
+    if joint.armature:
+        _add_rotor(builder, joint, value)
+
+
+def _push(builder: RobotBuilder, joint: JointItem, size: Any) -> None:
+    """Add a torque or force on the child along the axis of a joint, and the opposite one on what does not rest."""
+    drive = builder.drives[joint.name]
+    builder.scene.add_loads((drive.on_child, size * drive.axis))
+    if not builder.rests(joint.parent):
+        builder.scene.add_loads((drive.on_parent, -size * drive.axis))
+
+
+def _add_friction(builder: RobotBuilder, joint: JointItem, rate: Any) -> None:
+    """Add dry friction of a given size: the most that sticks, and what opposes a slip."""
+    label = f"{joint.name}.friction"
+    force = Unknown(label, real=True)
+    action = force * builder.drives[joint.name].axis
+    at, torque, push = (builder.places[joint.child].point, action, 0)
+    if joint.kind == "prismatic":
+        torque, push = 0, action
+    other = None if builder.rests(joint.parent) else builder.body_for(joint.parent).name
+    builder.scene.add_joints(Joint(label, builder.body_for(joint.child).name, at, push, torque, other))
+    size = builder.parameter(f"f_{joint.name}", joint.friction, nonnegative=True)
+    builder.scene.add_friction(CoulombFriction(normal=size, tangential=force, slip=rate, mu=1, name=label))
+
+
+def _add_stop(builder: RobotBuilder, joint: JointItem, value: Any) -> None:
+    """Add the limits of a joint as contacts, called after it."""
+    drive = builder.drives[joint.name]
+    other = None if builder.rests(joint.parent) else builder.body_for(joint.parent)
+    where = {"axis": drive.axis} if joint.kind == "revolute" else {"at": drive.on_child, "direction": drive.axis}
+    stop = Stop(joint.name, value, joint.lower, joint.upper, body=builder.body_for(joint.child), other=other, **where)
+    builder.scene.add_joints(stop)
+
+
+def _add_rotor(builder: RobotBuilder, joint: JointItem, value: Any) -> None:
+    """Add the inertia of a rotor, felt at the joint: a body that turns in the fixed frame by the value of the joint."""
+    scene = builder.scene
+    frame, point = ReferenceFrame(f"{joint.name} rotor"), Point(f"{joint.name} rotor")
+    frame.orient_axis(scene.frame, scene.frame.z, value)
+    point.set_pos(scene.origin, Vector(0))
+    inertia = builder.parameter(f"a_{joint.name}", joint.armature, nonnegative=True)
+    dyadic = Dyadic([(inertia, frame.z, frame.z)])
+    scene.add_bodies(RigidBody(f"{joint.name} rotor", point, frame, sp.S.Zero, (dyadic, point)))
+
+
+def add_gravity(builder: RobotBuilder) -> None:
+    """Add the field of gravity: that of the user, of the file, or 9.81 along -z, which is g among symbols."""
+    scene, given = builder.scene, builder.options.gravity
+    field = np.array(given if given is not None else builder.robot.gravity or GRAVITY)
+    if builder.options.symbols and given is None and not np.any(field[:2]) and field[2] < 0.0:
+        scene.apply_uniform_gravity(-builder.parameter("g", -float(field[2]), nonnegative=True) * scene.frame.z)
+    elif np.any(field):
+        scene.apply_uniform_gravity(
+            Vector([(sp.Matrix([sp.Float(float(x)) if x else sp.S.Zero for x in field]), scene.frame)])
+        )

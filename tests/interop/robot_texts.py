@@ -1,0 +1,99 @@
+"""URDF texts of three small robots."""
+
+ARM = """<?xml version="1.0"?>
+<robot name="arm">
+  <link name="base"><visual><geometry><box size="1 1 1"/></geometry></visual></link>
+  <link name="column"/>
+  <link name="upper">
+    <inertial>
+      <origin xyz="0.01 0.2 -0.03" rpy="0.3 -0.2 0.5"/>
+      <mass value="2.5"/><inertia ixx="0.04" ixy="0.003" ixz="-0.002" iyy="0.05" iyz="0.001" izz="0.03"/>
+    </inertial>
+  </link>
+  <link name="slide">
+    <inertial>
+      <origin xyz="0 0 0.1"/>
+      <mass value="1.2"/><inertia ixx="0.01" ixy="0" ixz="0" iyy="0.012" iyz="0" izz="0.008"/>
+    </inertial>
+  </link>
+  <link name="camera">
+    <inertial>
+      <origin xyz="0.02 0 0" rpy="0 0 1.5708"/>
+      <mass value="0.4"/><inertia ixx="0.002" ixy="0.0001" ixz="0" iyy="0.001" iyz="0" izz="0.003"/>
+    </inertial>
+  </link>
+  <link name="wrist">
+    <inertial>
+      <origin xyz="0 0.05 0.02"/>
+      <mass value="0.8"/><inertia ixx="0.003" ixy="0" ixz="0.0005" iyy="0.004" iyz="0" izz="0.002"/>
+    </inertial>
+  </link>
+  <link name="finger">
+    <inertial>
+      <origin xyz="0 0 0.02"/>
+      <mass value="0.1"/><inertia ixx="0.0002" ixy="0" ixz="0" iyy="0.0003" iyz="0" izz="0.0001"/>
+    </inertial>
+  </link>
+  <link name="tool0"/>
+  <joint name="stand" type="fixed">
+    <parent link="base"/><child link="column"/><origin xyz="0 0 0.4" rpy="0 0 0.7"/>
+  </joint>
+  <joint name="shoulder" type="revolute">
+    <parent link="column"/><child link="upper"/>
+    <origin xyz="0.1 -0.05 0.2" rpy="1.570796326794897 0 0"/><axis xyz="0.2 0.3 0.9"/>
+    <limit lower="-2" upper="2.5" effort="80" velocity="3"/><dynamics damping="0.7" friction="0.4"/>
+  </joint>
+  <joint name="lift" type="prismatic">
+    <parent link="upper"/><child link="slide"/>
+    <origin xyz="0 0.4 0" rpy="0.4 -1.1 0.2"/><axis xyz="0 -1 0"/>
+    <limit lower="-0.1" upper="0.3" effort="200" velocity="1"/><dynamics damping="12"/>
+  </joint>
+  <joint name="camera_mount" type="fixed">
+    <parent link="slide"/><child link="camera"/><origin xyz="0.05 0.02 0.1" rpy="0.2 0.9 -0.4"/>
+  </joint>
+  <joint name="wrist.roll" type="continuous">
+    <parent link="camera"/><child link="wrist"/><origin xyz="0 0 0.12" rpy="0 1.5708 0"/><axis xyz="-1 0 0"/>
+  </joint>
+  <joint name="grip" type="prismatic">
+    <parent link="wrist"/><child link="finger"/><origin xyz="0 0.02 0.1"/><axis xyz="0 1 1"/>
+    <limit lower="0" upper="0.05" effort="10" velocity="1"/><mimic joint="wrist.roll" multiplier="-0.02" offset="0.01"/>
+  </joint>
+  <joint name="tool_mount" type="fixed">
+    <parent link="wrist"/><child link="tool0"/><origin xyz="0 0 0.15" rpy="0 0 3.141592653589793"/>
+  </joint>
+</robot>
+"""
+
+WALKER = """<robot name="walker">
+  <link name="trunk">
+    <inertial>
+      <origin xyz="0.03 0 0.05" rpy="0.1 0 0"/>
+      <mass value="6"/><inertia ixx="0.1" ixy="0.01" ixz="0" iyy="0.2" iyz="-0.02" izz="0.15"/>
+    </inertial>
+  </link>
+  <link name="left"><inertial><origin xyz="0 0 -0.2"/><mass value="1"/>
+    <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.003"/></inertial></link>
+  <link name="right"><inertial><origin xyz="0 0.01 -0.2"/><mass value="1.1"/>
+    <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.003"/></inertial></link>
+  <link name="foot"><inertial><mass value="0.2"/>
+    <inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.001"/></inertial></link>
+  <joint name="hip_l" type="revolute"><parent link="trunk"/><child link="left"/>
+    <origin xyz="0 0.1 -0.1"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="30" velocity="5"/></joint>
+  <joint name="hip_r" type="revolute"><parent link="trunk"/><child link="right"/>
+    <origin xyz="0 -0.1 -0.1"/><axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="30" velocity="5"/></joint>
+  <joint name="ankle" type="fixed"><parent link="left"/><child link="foot"/><origin xyz="0.02 0 -0.4"/></joint>
+</robot>
+"""
+
+CART = """<robot name="cart">
+  <link name="floor"/>
+  <link name="cart"><inertial><origin xyz="0.1 0 0.2"/><mass value="20"/>
+    <inertia ixx="1" ixy="0" ixz="0.1" iyy="1.2" iyz="0" izz="0.8"/></inertial></link>
+  <link name="mast"><inertial><origin xyz="0 0 0.5"/><mass value="2"/>
+    <inertia ixx="0.2" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.01"/></inertial></link>
+  <joint name="drive" type="planar"><parent link="floor"/><child link="cart"/>
+    <origin xyz="0.3 0.2 0.1" rpy="0.2 0 0.4"/><axis xyz="0 0 1"/></joint>
+  <joint name="tilt" type="revolute"><parent link="cart"/><child link="mast"/>
+    <origin xyz="0.1 0 0.3"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="30" velocity="5"/></joint>
+</robot>
+"""
