@@ -18,7 +18,7 @@ ROUNDING = 1e-15
 """Size, relative to what numbers are added from, that counts as zero in places, rotations and inertias."""
 
 _INDEFINITE = 1e-6
-"""Share of the largest principal moment below which a negative one is rounding in a file; its square [m^2], of the mass."""
+"""Share of the largest principal moment below which a negative one is rounding of a file; squared, also of the mass."""
 
 
 # Rigid places.
