@@ -46,6 +46,7 @@ ORDER = [
 
 EXCEPTIONS = {
     ("scene.scene", "interop.sympy_systems"),
+    ("scene.scene", "interop.mjcf"),
     ("scene.scene", "interop.urdf"),
     ("lanes.cases", "events.event_code"),
     ("codegen", "jax.backend"),
@@ -53,7 +54,7 @@ EXCEPTIONS = {
     ("runs.prepare", "phases.given_values"),
     ("runs.sweep", "phases.given_values"),
 }
-"""`Scene.from_sympy` and `from_urdf` make scenes by what comes after scenes; cases with contacts may be sweeps of their
+"""`Scene.from_sympy` and so on make scenes by what comes after scenes; cases with contacts may be sweeps of their
 modes; the others name types, and arrays of JAX."""
 
 MODEL = "model.model"

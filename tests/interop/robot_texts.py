@@ -97,3 +97,46 @@ CART = """<robot name="cart">
     <origin xyz="0.1 0 0.3"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="30" velocity="5"/></joint>
 </robot>
 """
+
+CRANE = """<mujoco model="crane">
+  <compiler angle="radian" eulerseq="zyx"/>
+  <option gravity="0.2 0 -9.81"/>
+  <default>
+    <joint damping="0.3" armature="0.02"/>
+    <geom contype="0" conaffinity="0" density="500"/>
+    <default class="soft"><joint stiffness="40" springref="0.2" damping="1.5"/></default>
+  </default>
+  <worldbody>
+    <geom type="plane" size="1 1 1"/>
+    <body name="mast" pos="0.1 0 0.3" euler="0.3 0.2 -0.4" childclass="soft">
+      <joint name="slew" axis="0 0 1"/>
+      <joint name="luff" axis="0.2 1 0" pos="0.1 0 0.2" ref="0.25" class="main"/>
+      <geom name="beam" type="capsule" fromto="0 0 0 0.5 0.1 0.2" size="0.05"/>
+      <geom type="box" size="0.1 0.05 0.2" pos="0 0.1 0" quat="1 0.2 0 0" mass="2.5"/>
+      <body name="trolley" pos="0.4 0 0.1" axisangle="1 1 0 0.7">
+        <joint name="run" type="slide" axis="1 0 0" range="-0.2 0.3" ref="0.05"/>
+        <inertial pos="0.01 0.02 0" mass="1.5" fullinertia="0.02 0.03 0.025 0.002 -0.001 0.003"/>
+        <frame pos="0 0 -0.1" xyaxes="0 1 0 -1 0 0">
+          <body name="load" pos="0 0 -0.2">
+            <joint name="swing" type="ball" damping="0" armature="0" stiffness="0"/>
+            <inertial pos="0 0 -0.15" mass="3" diaginertia="0.04 0.05 0.02" quat="0.9 0.1 0.2 0"/>
+          </body>
+        </frame>
+        <body name="lamp" pos="0 0.1 0" zaxis="1 0 1"><geom type="ellipsoid" size="0.05 0.06 0.08"/></body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="slew_motor" joint="slew" gear="5"/>
+    <position name="luff_servo" joint="luff" kp="30" kv="2"/>
+    <velocity name="run_drive" joint="run" kv="12"/>
+    <general name="run_bias" joint="run" gear="2" gainprm="3" biastype="affine" biasprm="1 -4 -0.5"/>
+  </actuator>
+</mujoco>
+"""
+
+PUCK = """<mujoco model="puck"><worldbody>
+  <body name="puck" pos="1 1 1"><freejoint/>
+    <geom type="cylinder" size="0.1 0.03" pos="0.02 0 0" contype="0" conaffinity="0"/></body>
+</worldbody></mujoco>
+"""

@@ -140,7 +140,7 @@ class JointItem:
     name, kind, parent, child : str
         The kind is "revolute", "prismatic", "planar", "floating", "ball" or "fixed"; parent and child are links.
     place : Placement
-        Of the joint's axes on those of the parent; those of the child are the same at the value zero.
+        Of the joint's axes on those of the parent; those of the child are the same at the value `zero`.
     axis : ndarray (3,)
         Unit axis, of a planar joint the normal of the plane.
     damping, friction : float
@@ -149,6 +149,8 @@ class JointItem:
         Of a spring that is at rest at `reference`; inertia of a rotor, felt at the joint.
     lower, upper, effort, velocity : float or None
         Limits.
+    zero : float
+        Value at which the axes of parent and child are the same.
     mimic : Mimic or None
     line : int
     """
@@ -168,6 +170,7 @@ class JointItem:
     upper: float | None = None
     effort: float | None = None
     velocity: float | None = None
+    zero: float = 0.0
     mimic: Mimic | None = None
     line: int = 0
 
@@ -189,6 +192,10 @@ class Description:
         Acceleration [m/s^2], where the file has one.
     skipped : tuple of str
         What of the file is left out, because it was to be skipped.
+    labels : mapping of str to str
+        Names of bodies by the links that carry them, where they differ.
+    has_actuators : bool
+        Whether motors are those that the file has, and not those of joints.
     """
 
     name: str
@@ -197,6 +204,8 @@ class Description:
     joints: tuple[JointItem, ...]
     gravity: tuple[float, float, float] | None = None
     skipped: tuple[str, ...] = ()
+    labels: Mapping[str, str] = field(default_factory=dict)
+    has_actuators: bool = False
 
 
 @final

@@ -35,12 +35,12 @@ def _add_loads(builder: RobotBuilder, joint: JointItem) -> None:
     motor = builder.parts[name].input
     if motor is not None:
         builder.scene.add_inputs(motor)
-        _push(builder, joint, motor)
+        push_joint(builder, name, motor)
     if options.damping and joint.damping:
-        _push(builder, joint, -builder.parameter(f"d_{name}", joint.damping, nonnegative=True) * rate)
+        push_joint(builder, name, -builder.parameter(f"d_{name}", joint.damping, nonnegative=True) * rate)
     if options.damping and joint.stiffness:
         stiffness = builder.parameter(f"k_{name}", joint.stiffness, nonnegative=True)
-        _push(builder, joint, -stiffness * (value - sp.Float(joint.reference)))
+        push_joint(builder, name, -stiffness * (value - sp.Float(joint.reference)))
     if options.friction and joint.friction:
         _add_friction(builder, joint, rate)
     if options.limits and joint.lower is not None and joint.upper is not None:
@@ -49,11 +49,11 @@ def _add_loads(builder: RobotBuilder, joint: JointItem) -> None:
         _add_rotor(builder, joint, value)
 
 
-def _push(builder: RobotBuilder, joint: JointItem, size: Any) -> None:
+def push_joint(builder: RobotBuilder, name: str, size: Any) -> None:
     """Add a torque or force on the child along the axis of a joint, and the opposite one on what does not rest."""
-    drive = builder.drives[joint.name]
+    drive = builder.drives[name]
     builder.scene.add_loads((drive.on_child, size * drive.axis))
-    if not builder.rests(joint.parent):
+    if not builder.rests(builder.seats[name]):
         builder.scene.add_loads((drive.on_parent, -size * drive.axis))
 
 

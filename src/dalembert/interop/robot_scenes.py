@@ -6,14 +6,14 @@ frame that carries it, so that no product of rotations is ever formed. Fixed joi
 
 from __future__ import annotations
 
-import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 import sympy as sp
 from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody
-from sympy.physics.vector import Dyadic, Vector, dynamicsymbols
+from sympy.physics.vector import Dyadic, Vector
 
 from ..arrays import FloatArray
 from ..errors import FileWarning, SceneError, unknown_name, warn_caller
@@ -23,16 +23,25 @@ from ..scene.scene import Scene
 from .robot_description import ROUNDING, Description, Inertia, JointItem, Placement, cleaned, merged, to_axis
 from .robot_loads import add_gravity, add_joint_loads
 from .robot_options import RobotOptions
+from .robot_values import (
+    SIMPLE,
+    coordinate,
+    coordinate_names,
+    free_names,
+    identifier,
+    is_identity,
+    joint_value,
+    matrix,
+    number,
+    vector,
+)
 
 BASE = "base"
 """Beginning of the names of the coordinates of a floating base."""
 
-SIMPLE = "revolute", "prismatic"
-"""Kinds of joints with one coordinate."""
 
-
-def scene_of(robot: Description, options: RobotOptions) -> Scene:
-    """Return the scene of a robot.
+def scene_of(robot: Description, options: RobotOptions, extend: Callable[[RobotBuilder], None] | None = None) -> Scene:
+    """Return the scene of a robot; `extend` adds what its file has beside links and joints.
 
     Raises
     ------
@@ -47,6 +56,8 @@ def scene_of(robot: Description, options: RobotOptions) -> Scene:
         builder.add_joint(joint)
     add_joint_loads(builder)
     add_gravity(builder)
+    if extend is not None:
+        extend(builder)
     builder.require_parameter_names()
     scene = builder.scene
     links = {name: builder.link(name) for name in robot.links}
@@ -93,9 +104,13 @@ class RobotBuilder:
     parts : dict of str to RobotJoint
     drives : dict of str to Drive
         Of joints with one coordinate.
+    parents, seats : dict of str to str
+        The parents of joints in the file, and the links that carry these.
     values : dict of str to Expr
         Coordinates of these joints, or what they are where they mimic others.
     parameters : dict of Symbol to float
+    actuators : bool or tuple of str
+        Which actuators of the file are wanted, where it has any.
     """
 
     def __init__(self, robot: Description, options: RobotOptions) -> None:
@@ -109,10 +124,12 @@ class RobotBuilder:
         self.drives: dict[str, Drive] = {}
         self.parameters: dict[Any, float] = {}
         self.parents = {joint.name: joint.parent for joint in robot.joints}
+        self.seats = {joint.name: joint.parent for joint in self.joints}
         table = {joint.name: joint for joint in self.joints}
-        self.values = {joint.name: _value(joint, table) for joint in self.joints if joint.kind in SIMPLE}
+        self.values = {joint.name: joint_value(joint, table) for joint in self.joints if joint.kind in SIMPLE}
         free = [joint.name for joint in self.joints if joint.kind in SIMPLE and joint.mimic is None]
-        given = options.actuated
+        self.actuators = options.actuated if robot.has_actuators else False
+        given = False if robot.has_actuators else options.actuated
         self.actuated: tuple[str, ...] = given if isinstance(given, tuple) else tuple(free if given else ())
         self._faults = [
             f"actuated: {unknown_name('joint', name, free)} Joints that mimic others, and those with several"
@@ -203,7 +220,7 @@ class RobotBuilder:
             found = add(joint, parent, place.rotation, (seat, point))
         else:
             found, coordinates = self._several(joint, parent, place.rotation, (seat, point))
-        if self.options.symbols and not _is_identity(found.axes):
+        if self.options.symbols and not is_identity(found.axes):
             found = LinkPlace(self._turned(joint.child, found.frame, found.axes), point, np.eye(3))
         self.places[joint.child] = found
         drive = coordinate(f"tau_{joint.name}") if joint.name in self.actuated else None
@@ -228,10 +245,10 @@ class RobotBuilder:
         along = int(np.argmax(np.abs(joint.axis)))
         others = np.delete(joint.axis, along)
         aside = np.eye(3) if np.max(np.abs(others)) <= ROUNDING else to_axis(joint.axis)
-        along, sense = (along, int(np.sign(joint.axis[along]))) if _is_identity(aside) else (2, 1)
+        along, sense = (along, int(np.sign(joint.axis[along]))) if is_identity(aside) else (2, 1)
         base = self._turned(f"{joint.name} axes", parent.frame, rotation @ aside)
         frame = ReferenceFrame(joint.child)
-        frame.orient_axis(base, list(base)[along], sense * self.values[joint.name])
+        frame.orient_axis(base, list(base)[along], sense * (self.values[joint.name] - number(joint.zero)))
         point.set_pos(seat, Vector(0))
         self.drives[joint.name] = Drive(sense * list(frame)[along], frame, parent.frame)
         return LinkPlace(frame, point, aside.T)
@@ -242,7 +259,7 @@ class RobotBuilder:
         """Return the place of a link that moves along an axis, on the frame of its parent."""
         seat, point = points
         axis = vector(parent.frame, [number(x) for x in cleaned(rotation @ joint.axis, 1.0)])
-        point.set_pos(seat, self.values[joint.name] * axis)
+        point.set_pos(seat, (self.values[joint.name] - number(joint.zero)) * axis)
         self.drives[joint.name] = Drive(axis, point, seat)
         return LinkPlace(parent.frame, point, rotation)
 
@@ -276,7 +293,7 @@ class RobotBuilder:
 
     def _turned(self, name: str, frame: ReferenceFrame, rotation: FloatArray) -> ReferenceFrame:
         """Return a frame whose axes are the columns of a rotation on another; that itself where nothing turns."""
-        if _is_identity(rotation):
+        if is_identity(rotation):
             return frame
         turned = ReferenceFrame(name)
         turned.orient_explicit(frame, matrix(rotation))
@@ -308,7 +325,7 @@ class RobotBuilder:
             moments[i, j] = moments[j, i] = self.parameter(f"I_{name}_{'xyz'[i]}{'xyz'[j]}", rows[i, j])
         axes = list(frame)
         dyadic = Dyadic([(value, axes[i], axes[j]) for (i, j), value in sorted(moments.items()) if value != 0])
-        return RigidBody(name, centre, frame, mass, (dyadic, centre))
+        return RigidBody(self.robot.labels.get(name, name), centre, frame, mass, (dyadic, centre))
 
     def body_for(self, name: str) -> RigidBody:
         """Return the body of a link that takes part in a joint with reactions, without mass where it has none."""
@@ -331,60 +348,4 @@ class RobotBuilder:
             point = Point(name)
             point.set_pos(at.point, vector(at.frame, [number(x) for x in place.position]))
         frame = self._turned(name, at.frame, place.rotation)
-        return RobotLink(name, frame, point, carrier if carrier in self.bodies else None)
-
-
-# Names and values.
-
-
-def coordinate(name: str) -> Any:
-    """Return a function of time with any name."""
-    return sp.Function(name)(dynamicsymbols._t)
-
-
-def identifier(name: str) -> str:
-    """Return a name without signs other than letters, digits and underscores."""
-    found = re.sub(r"\W", "_", name)
-    return found if found[:1].isidentifier() else f"_{found}"
-
-
-def free_names(name: str) -> list[str]:
-    """Return the names of the coordinates of a free link: three of its position, four of its quaternion."""
-    return [*(f"{name}_{axis}" for axis in "xyz"), *(f"{name}_e{i}" for i in range(4))]
-
-
-def coordinate_names(joint: JointItem) -> list[str]:
-    """Return the names of the coordinates of a joint; none where it mimics another."""
-    if joint.kind == "planar":
-        return [f"{joint.name}_{which}" for which in ("x", "y", "theta")]
-    if joint.kind in SIMPLE:
-        return [] if joint.mimic is not None else [joint.name]
-    names = free_names(identifier(joint.name))
-    return names if joint.kind == "floating" else names[3:]
-
-
-def _value(joint: JointItem, table: dict[str, JointItem]) -> Any:
-    """Return the value of a joint with one coordinate, by that of the joint that it mimics."""
-    if joint.mimic is None:
-        return coordinate(joint.name)
-    followed = _value(table[joint.mimic.joint], table)
-    return number(joint.mimic.multiplier) * followed + number(joint.mimic.offset)
-
-
-def number(value: float) -> Any:
-    """Return a number as an exact one where it is whole, so that sums and products with it vanish."""
-    return sp.Integer(int(value)) if value == int(value) and abs(value) < 2**31 else sp.Float(float(value))
-
-
-def vector(frame: ReferenceFrame, components: Any) -> Vector:
-    """Return a vector by its components on a frame."""
-    return Vector([(sp.Matrix(list(components)), frame)])
-
-
-def matrix(rows: FloatArray) -> Any:
-    """Return a matrix of numbers."""
-    return sp.Matrix(3, 3, [number(float(x)) for x in rows.ravel()])
-
-
-def _is_identity(rotation: FloatArray) -> bool:
-    return bool(np.all(rotation == np.eye(3)))
+        return RobotLink(name, frame, point, str(self.bodies[carrier].name) if carrier in self.bodies else None)

@@ -209,6 +209,69 @@ class Scene:
             gravity=gravity,
         )
 
+    @classmethod
+    @nesting_named
+    def from_mjcf(
+        cls,
+        path: Any,
+        parameters: str = "numbers",
+        joint_loads: bool | str = True,
+        limits: bool = False,
+        *,
+        actuated: bool | Sequence[str] = True,
+        gravity: Sequence[float] | None = None,
+        skip: Sequence[str] = (),
+    ) -> Scene:
+        """Return the scene of a model of MuJoCo from its MJCF file.
+
+        Coordinates bear the names of the joints: hinges and slides have one; a ball has the unit quaternion ``name_e0``
+        to ``name_e3`` from the body to its parent, a free joint the position ``name_x``, ``name_y``, ``name_z`` before
+        it. Joints without a name are called after their body, such as ``arm_joint``. Bodies that no joint moves are one
+        with their parents. ``scene.robot`` has bodies as links, and the joints, by their names.
+
+        Default classes, angles of the compiler, frames, armatures, springs, damping, dry friction (exact, not smooth),
+        and masses from primitive geoms are served; equalities (connect, weld, joint) are exact constraints. Ranges of
+        controls and forces, keyframes, sensors and pictures are ignored.
+
+        Parameters
+        ----------
+        path : path-like
+            The file, without includes.
+        parameters, joint_loads, limits, gravity
+            As for `from_urdf`; gravity is that of the file by default, and springs are among the damping.
+        actuated : bool or sequence of str
+            Actuators of joints (motor, position, velocity, general), by name, or all: the control of each is an input
+            ``ctrl_name``.
+        skip : sequence of str
+            What to leave out of the scene where the file has it: "contacts" (geoms that collide), "tendons",
+            "actuators" and "equalities" (of other kinds), "fluid", "sizes" (settings that change masses).
+            ``scene.robot.skipped`` says what was there.
+
+        Raises
+        ------
+        SceneError
+            With every fault of the file and its line, and all that a scene has no part for and `skip` does not name.
+        OptionError
+            For options that are not allowed, and a path that cannot be read.
+
+        Examples
+        --------
+        ::
+
+            hand = da.Scene.from_mjcf("hand.xml", skip=["contacts", "tendons"])
+        """
+        from ..interop.mjcf import scene_from_mjcf
+
+        return scene_from_mjcf(
+            path,
+            parameters=parameters,
+            joint_loads=joint_loads,
+            limits=limits,
+            actuated=actuated,
+            gravity=gravity,
+            skip=skip,
+        )
+
     def copy(self) -> Scene:
         """Return an independent scene with the same contents."""
         twin = Scene(self.name, frame=self.frame, origin=self.origin, coordinates=self.coordinates)

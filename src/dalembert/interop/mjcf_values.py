@@ -1,0 +1,181 @@
+"""Values of MJCF files: default classes, orientations, and the inertias of primitive geoms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import pi
+from typing import final
+
+import numpy as np
+
+from ..arrays import FloatArray
+from .robot_description import Inertia, Placement, clean_rotation
+from .robot_files import Element, FileReader
+
+ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
+"""Attributes of which one orients an element."""
+
+DENSITY = 1000.0
+"""Default density of geoms [kg/m^3]."""
+
+
+@final
+class Defaults:
+    """Default classes of a file: attributes by class and tag, those of outer classes included."""
+
+    def __init__(self, file: FileReader) -> None:
+        self.file = file
+        self._classes: dict[str, dict[str, dict[str, str]]] = {"main": {}}
+        for element in file.root.all("default"):
+            self._read(element, element.attributes.get("class", "main"), self._classes["main"])
+
+    def _read(self, element: Element, name: str, outer: dict[str, dict[str, str]]) -> None:
+        table = {tag: dict(attributes) for tag, attributes in outer.items()}
+        for child in element:
+            if child.tag != "default":
+                table[child.tag] = {**table.get(child.tag, {}), **child.attributes}
+        self._classes[name] = table
+        for child in element.all("default"):
+            self._read(child, self.file.text(child, "class"), table)
+
+    def applied(self, element: Element, within: str) -> Element:
+        """Return an element with the defaults of its class, or of the class of the bodies `within` which it stands."""
+        name = element.attributes.get("class", within)
+        if name not in self._classes:
+            self.file.fault(element, f"class={name!r} of <{element.tag}> is no default class of the file")
+            return element
+        given = {**self._classes[name].get(element.tag, {}), **element.attributes}
+        for what in ORIENTATIONS:  # an orientation of the element takes the place of that of its class
+            if what in element.attributes:
+                given = {key: value for key, value in given.items() if key == what or key not in ORIENTATIONS}
+        return Element(element.tag, given, element.line, element.children)
+
+
+@final
+@dataclass(frozen=True)
+class Angles:
+    """How a file writes angles: in degrees or radians, and the axes of Euler angles; capital letters are fixed axes."""
+
+    degrees: bool = True
+    sequence: str = "xyz"
+
+    def radians(self, values: FloatArray) -> FloatArray:
+        """Return angles in radians."""
+        return np.radians(values) if self.degrees else values
+
+    def placement(self, file: FileReader, element: Element) -> Placement:
+        """Return the place of an element by its position and one of the orientations."""
+        return Placement(self.rotation(file, element), file.numbers(element, "pos", 3, (0.0, 0.0, 0.0)))
+
+    def rotation(self, file: FileReader, element: Element) -> FloatArray:
+        """Return the rotation (3, 3) from the axes of an element to those around it."""
+        given = [what for what in ORIENTATIONS if what in element.attributes]
+        if len(given) > 1:
+            file.fault(element, f"<{element.tag}> {file.named(element)} has {' and '.join(given)}; give one of them")
+        if not given:
+            return np.eye(3)
+        what = given[0]
+        size = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}[what]
+        values = file.numbers(element, what, size, None)
+        if not np.any(values[: {"euler": 0}.get(what, size)]) and what != "euler":
+            file.fault(element, f"{what} of <{element.tag}> {file.named(element)} has no direction")
+            return np.eye(3)
+        if what == "quat":
+            return from_quaternion(values)
+        if what == "axisangle":
+            return about(values[:3], float(self.radians(values[3:])[0]))
+        if what == "euler":
+            return self._euler(self.radians(values))
+        if what == "xyaxes":
+            x = values[:3] / np.linalg.norm(values[:3])
+            y = values[3:] - x * (x @ values[3:])
+            y /= np.linalg.norm(y)
+            return clean_rotation(np.column_stack([x, y, np.cross(x, y)]))
+        z = values / np.linalg.norm(values)
+        axis, cosine = np.cross([0.0, 0.0, 1.0], z), float(z[2])
+        sine = float(np.linalg.norm(axis))
+        return about(axis if sine > 0.0 else np.array([1.0, 0.0, 0.0]), float(np.arctan2(sine, cosine)))
+
+    def _euler(self, values: FloatArray) -> FloatArray:
+        total = np.eye(3)
+        for letter, value in zip(self.sequence, values, strict=True):
+            turn = about(np.eye(3)["xyz".index(letter.lower())], float(value))
+            total = total @ turn if letter.islower() else turn @ total
+        return clean_rotation(total)
+
+
+def about(axis: FloatArray, angle: float) -> FloatArray:
+    """Return the rotation by an angle [rad] about an axis."""
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return clean_rotation(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)
+
+
+def from_quaternion(values: FloatArray) -> FloatArray:
+    """Return the rotation of a quaternion, scalar first, of any length."""
+    w, *v = values / np.linalg.norm(values)
+    x, y, z = v
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return clean_rotation(np.eye(3) + 2.0 * (w * cross + cross @ cross))
+
+
+# Inertias of geoms.
+
+
+def inertia_of_geoms(file: FileReader, geoms: Iterable[Element], angles: Angles) -> Inertia:
+    """Return the inertia of geoms, with their defaults applied, on the axes around them."""
+    total = Inertia()
+    for geom in geoms:
+        total = total.plus(_inertia_of_geom(file, geom, angles))
+    return total
+
+
+def _inertia_of_geom(file: FileReader, geom: Element, angles: Angles) -> Inertia:
+    kind = geom.attributes.get("type", "sphere")
+    mass = None if "mass" not in geom.attributes else file.number(geom, "mass", None)
+    density = file.number(geom, "density", DENSITY)
+    if mass == 0.0 or (mass is None and density == 0.0) or kind == "plane":
+        return Inertia()
+    if kind not in ("sphere", "capsule", "cylinder", "box", "ellipsoid"):
+        file.fault(geom, f"the mass of a body would follow from a geom of type {kind!r}; give the body an <inertial>")
+        return Inertia()
+    size = [float(word) for word in geom.attributes.get("size", "").split()]
+    place = angles.placement(file, geom)
+    needed = {"sphere": 1, "box": 3, "ellipsoid": 3}.get(kind, 2)
+    if "fromto" in geom.attributes and kind != "sphere":
+        ends = file.numbers(geom, "fromto", 6, None)
+        along = ends[3:] - ends[:3]
+        half = float(np.linalg.norm(along)) / 2
+        if half == 0.0:
+            file.fault(geom, "fromto= of <geom> has no length")
+            return Inertia()
+        turned = Angles().rotation(file, Element("geom", {"zaxis": " ".join(map(repr, map(float, along)))}, geom.line))
+        place = Placement(turned, (ends[:3] + ends[3:]) / 2)
+        size = [*size[:1], half] if needed == 2 else [*(size[:1] * 2), half]
+    if len(size) < needed or min(size[:needed], default=0.0) <= 0.0:
+        file.fault(geom, f"size= of a <geom> of type {kind!r} must be {needed} positive numbers")
+        return Inertia()
+    volume, moments = _solid(kind, size)
+    mass = density * volume if mass is None else mass
+    return Inertia(mass, np.zeros(3), mass * np.diag(moments)).on(place)
+
+
+def _solid(kind: str, size: list[float]) -> tuple[float, list[float]]:
+    """Return the volume of a solid, and its principal moments of inertia for the mass one."""
+    a = size[0]
+    if kind == "sphere":
+        return 4 / 3 * pi * a**3, [0.4 * a * a] * 3
+    if kind in ("box", "ellipsoid"):
+        x, y, z = (each**2 for each in size[:3])
+        share, volume = (1 / 3, 8.0) if kind == "box" else (0.2, 4 / 3 * pi)
+        return volume * size[0] * size[1] * size[2], [share * (y + z), share * (x + z), share * (x + y)]
+    half = size[1]
+    across = a * a / 4 + half * half / 3
+    if kind == "cylinder":
+        return 2 * pi * a * a * half, [across, across, a * a / 2]
+    tube, ball = 2 * pi * a * a * half, 4 / 3 * pi * a**3
+    volume = tube + ball
+    ends = 0.4 * a * a + half * half + 0.75 * half * a
+    side = (tube * across + ball * ends) / volume
+    return volume, [side, side, (tube * a * a / 2 + ball * 0.4 * a * a) / volume]
