@@ -118,7 +118,7 @@ CRANE = """<mujoco model="crane">
         <inertial pos="0.01 0.02 0" mass="1.5" fullinertia="0.02 0.03 0.025 0.002 -0.001 0.003"/>
         <frame pos="0 0 -0.1" xyaxes="0 1 0 -1 0 0">
           <body name="load" pos="0 0 -0.2">
-            <joint name="swing" type="ball" damping="0" armature="0" stiffness="0"/>
+            <joint name="swing" type="ball" damping="0.3" armature="0" stiffness="0"/>
             <inertial pos="0 0 -0.15" mass="3" diaginertia="0.04 0.05 0.02" quat="0.9 0.1 0.2 0"/>
           </body>
         </frame>

@@ -234,7 +234,7 @@ class MjcfReader:
         losses = {what: file.number(joint, what, 0.0) for what in ("damping", "frictionloss", "stiffness", "armature")}
         if kind in ("ball", "free"):
             for what, value in losses.items():
-                if value:
+                if value and (kind, what) != ("ball", "damping"):
                     file.fault(joint, f"{what}= of the {kind} joint {name!r} is not served; leave it out")
         for what, value in losses.items():
             if value < 0.0:

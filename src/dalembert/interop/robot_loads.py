@@ -13,6 +13,7 @@ from ..scene.contacts import CoulombFriction
 from ..scene.joints import Joint, Unknown
 from ..scene.limits import Stop
 from .robot_description import JointItem
+from .robot_values import number, vector
 
 if TYPE_CHECKING:
     from .robot_scenes import RobotBuilder
@@ -26,6 +27,8 @@ def add_joint_loads(builder: RobotBuilder) -> None:
     for joint in builder.joints:
         if joint.name in builder.drives:
             _add_loads(builder, joint)
+        elif joint.kind == "ball" and joint.damping and builder.options.damping:
+            _brake_ball(builder, joint)
 
 
 def _add_loads(builder: RobotBuilder, joint: JointItem) -> None:
@@ -55,6 +58,19 @@ def push_joint(builder: RobotBuilder, name: str, size: Any) -> None:
     builder.scene.add_loads((drive.on_child, size * drive.axis))
     if not builder.rests(builder.seats[name]):
         builder.scene.add_loads((drive.on_parent, -size * drive.axis))
+
+
+def _brake_ball(builder: RobotBuilder, joint: JointItem) -> None:
+    """Add the torque of viscous damping against the angular velocity of a ball joint."""
+    frame = builder.places[joint.child].frame
+    a, b, c, d = quaternion = builder.parts[joint.name].coordinates
+    rates = [e.diff(dynamicsymbols._t) for e in quaternion]
+    rows = (-b, a, d, -c), (-c, -d, a, b), (-d, c, -b, a)
+    size = -2 * builder.parameter(f"d_{joint.name}", joint.damping, nonnegative=True)
+    torque = vector(frame, [size * sum(x * rate for x, rate in zip(row, rates, strict=True)) for row in rows])
+    builder.scene.add_loads((frame, torque))
+    if not builder.rests(joint.parent):
+        builder.scene.add_loads((builder.places[joint.parent].frame, -torque))
 
 
 def _add_friction(builder: RobotBuilder, joint: JointItem, rate: Any) -> None:
@@ -98,6 +114,4 @@ def add_gravity(builder: RobotBuilder) -> None:
     if builder.options.symbols and given is None and not np.any(field[:2]) and field[2] < 0.0:
         scene.apply_uniform_gravity(-builder.parameter("g", -float(field[2]), nonnegative=True) * scene.frame.z)
     elif np.any(field):
-        scene.apply_uniform_gravity(
-            Vector([(sp.Matrix([sp.Float(float(x)) if x else sp.S.Zero for x in field]), scene.frame)])
-        )
+        scene.apply_uniform_gravity(vector(scene.frame, [number(float(x)) for x in field]))
