@@ -18,6 +18,7 @@ from sympy.physics.mechanics import (
 
 import dalembert as da
 from dalembert.errors import SceneError
+from dalembert.scene.expressions import short
 from scene.sympy_trees import T, newton_euler, values_at
 
 m, g, l = sp.symbols("m g l", positive=True)
@@ -260,3 +261,26 @@ def test_a_closure_that_the_coordinates_fulfil():
     foot = scene.bodies[0].masscenter.locatenew("foot", -scene.bodies[0].frame.x / 2)
     with pytest.raises(SceneError, match="the coordinates fulfil it for all their values already"):
         scene.add_joints(da.Closure("foot", None, "left", "pin", parent_point=O, child_point=foot, axis=N.z))
+
+
+def test_points_together_are_written_on_the_frame_that_carries_both_bodies():
+    """Two arms on a turning base: the equations of their ball joint do not depend on the turn of the base."""
+    h, a, b = dynamicsymbols("h a b")
+    H = ReferenceFrame("H")
+    H.orient_axis(N, N.x, h)
+    scene = da.Scene("arms", frame=N, origin=O, coordinates=[h, a, b])
+    ends = []
+    for name, angle, side in (("left", a, 1), ("right", b, -1)):
+        frame, shoulder = ReferenceFrame(name), O.locatenew(f"{name} shoulder", side * H.y)
+        frame.orient_axis(H, H.z, angle)
+        centre = shoulder.locatenew(name, l * frame.x)
+        scene.add_bodies(RigidBody(name, centre, frame, m, (inertia(frame, 1, 1, 1), centre)))
+        ends.append(centre.locatenew(f"{name} hand", l * frame.x))
+    scene.add_joints(da.Closure("hands", "left", "right", "ball", *ends))
+    assert len(scene.holonomic_constraints) == 2 and not any(row.has(h) for row in scene.holonomic_constraints)
+
+
+def test_large_constraints_are_not_printed():
+    x = sp.Symbol("x")
+    large = sum(sp.Mul(x**i, sp.sin(i * x), evaluate=False) for i in range(2, 3000))
+    assert short(large) == "an expression of more than 10000 parts" and short(x + 1) == "x + 1"

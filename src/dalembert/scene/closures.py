@@ -108,6 +108,13 @@ class _Ends:
         parent, child = ("the fixed frame" if b is None else repr(str(b.name)) for b in (self.parent, self.child))
         return f"{parent} and {child}"
 
+    def _common_frame(self) -> ReferenceFrame:
+        """Return the last frame that carries both bodies."""
+        tree = Tree(self.scene.frame, "_dcm_dict")
+        ways = [[self.scene.frame, *(tree.path(frame) or ())] for _, frame in self.way.args]
+        shared = [nodes[0] for nodes in zip(*ways, strict=False) if all(node is nodes[0] for node in nodes)]
+        return shared[-1] if shared else self.scene.frame
+
     def on_frame(self) -> Any:
         """Return the axis on the parent's frame (3, 1)."""
         return self.axis.to_matrix(self.frame)
@@ -123,7 +130,7 @@ class _Ends:
             matrix = self.axis.to_matrix(root)
             axes = [Vector([(column, root)]) for column in (*orthogonal(matrix), matrix)]
         else:
-            axes = [root.x, root.y, root.z]
+            axes = list(self._common_frame())
         return [self.way.dot(axis) for axis in axes]
 
     def aligned(self) -> list[Any]:

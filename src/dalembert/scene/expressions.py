@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from fractions import Fraction
 from functools import reduce
+from itertools import islice
 from typing import Any, final
 
 import sympy as sp
@@ -25,6 +26,8 @@ from .table_functions import TableFunction, outside
 from .time_conditions import FUNCTIONS, JUMPING, RECIPROCALS, TimeConditions, is_exhaustive, supported
 
 _EXPONENT = 1_000_000
+_LONG = 10_000
+"""Parts of an expression from which on messages do not print it."""
 
 _ONCE = "(for SymPy, symbols with other assumptions are other symbols); create it once and use that one everywhere"
 _OTHER = f"is not the coordinate of that name {_ONCE}"
@@ -33,6 +36,8 @@ _OTHER = f"is not the coordinate of that name {_ONCE}"
 def short(expression: Any, width: int = 80) -> str:
     """Return an expression as one short line, coordinates without their time."""
     try:
+        if isinstance(expression, sp.Basic) and len(list(islice(sp.preorder_traversal(expression), _LONG))) == _LONG:
+            return f"an expression of more than {_LONG} parts"  # SymPy takes seconds to print it
         text = str(expression)
     except RecursionError:
         return "an expression that is nested deeply"
