@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 import dalembert as da
-from dalembert.errors import FileWarning, OptionError, SceneError
+from dalembert.errors import FileWarning, OptionError, SceneError, ValueInputError
 from interop.robot_oracle import Robot
 from interop.robot_texts import ARM, CART, WALKER
 
@@ -145,6 +145,23 @@ def test_limits_are_stops(tmp_path):
     assert set(model.contacts) == {"hip_r.lower", "hip_r.upper"}
     run = model.simulate((0, 0.3), {"hip_r": 0.5, "hip_r_dot": 8.0}, {})
     assert run.success and run["hip_r"].max() == pytest.approx(1.0, abs=1e-9) and run["hip_r"][-1] < 0.9
+
+
+def test_enormous_limits_are_none(tmp_path):
+    """Only one of the limits of a file is below a million radians."""
+    text = WALKER.replace('lower="-1" upper="1"', 'lower="-1" upper="1e16"', 1).replace('lower="-1" upper="1"', "")
+    assert [contact.label for contact in scene_of(tmp_path, text, limits=True).contacts] == ["hip_l.lower"]
+
+
+def test_motors_of_a_floating_robot(tmp_path):
+    """Two torques round trip on a base that they cannot lift, which is an error that names it."""
+    scene = scene_of(tmp_path, WALKER, floating_base=True, actuated=True)
+    model = da.compile_model(scene, backend="numpy", cache=False)
+    q, rates = [0.1, 0.2, 0.3, 0.5, 0.5, -0.5, 0.5, 0.3, -0.2], [1, 0, 2, 0.2, 0.1, 0.1, -0.2, 0.4, 1.0]
+    second = model.accelerations(0, q, rates, {}, inputs={"tau_hip_l": 2.0, "tau_hip_r": -3.0})
+    assert model.inverse_dynamics(0, q, rates, second, {}) == pytest.approx([2, -3], rel=1e-10)
+    with pytest.raises(ValueInputError, match=r"the inputs tau_hip_l, tau_hip_r cannot produce .* base_z \("):
+        model.inverse_dynamics(0, q, rates, second + np.eye(9)[2], {})
 
 
 def test_links_of_the_file_are_points_and_frames(tmp_path):

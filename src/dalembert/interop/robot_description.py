@@ -174,6 +174,11 @@ class JointItem:
     mimic: Mimic | None = None
     line: int = 0
 
+    @property
+    def limits(self) -> tuple[float | None, float | None]:
+        """The lower and the upper limit."""
+        return self.lower, self.upper
+
 
 @final
 @dataclass(frozen=True)

@@ -22,6 +22,10 @@ GRAVITY = (0.0, 0.0, -9.81)
 """Acceleration [m/s^2] where neither the file nor the user gives one."""
 
 
+_UNLIMITED = 1e6
+"""Limits [rad] or [m] from this size on, which some files have for joints without limits, are none."""
+
+
 def add_joint_loads(builder: RobotBuilder) -> None:
     """Add the loads of all joints, as far as the options ask for them."""
     for joint in builder.joints:
@@ -46,7 +50,7 @@ def _add_loads(builder: RobotBuilder, joint: JointItem) -> None:
         push_joint(builder, name, -stiffness * (value - sp.Float(joint.reference)))
     if options.friction and joint.friction:
         _add_friction(builder, joint, rate)
-    if options.limits and joint.lower is not None and joint.upper is not None:
+    if options.limits:
         _add_stop(builder, joint, value)
     if joint.armature:
         _add_rotor(builder, joint, value)
@@ -92,8 +96,10 @@ def _add_stop(builder: RobotBuilder, joint: JointItem, value: Any) -> None:
     drive = builder.drives[joint.name]
     other = None if builder.rests(joint.parent) else builder.body_for(joint.parent)
     where = {"axis": drive.axis} if joint.kind == "revolute" else {"at": drive.on_child, "direction": drive.axis}
-    stop = Stop(joint.name, value, joint.lower, joint.upper, body=builder.body_for(joint.child), other=other, **where)
-    builder.scene.add_joints(stop)
+    lower, upper = (limit if limit is not None and abs(limit) < _UNLIMITED else None for limit in joint.limits)
+    if lower is not None or upper is not None:
+        stop = Stop(joint.name, value, lower, upper, body=builder.body_for(joint.child), other=other, **where)
+        builder.scene.add_joints(stop)
 
 
 def _add_rotor(builder: RobotBuilder, joint: JointItem, value: Any) -> None:
