@@ -13,11 +13,10 @@ from sympy.physics.mechanics import Point, ReferenceFrame
 @final
 @dataclass(frozen=True)
 class RobotLink:
-    """A link of a robot, also one that is fixed to another.
+    """A link of a robot by its name, also one that is fixed to another.
 
     Attributes
     ----------
-    name : str
     frame : ReferenceFrame
         Axes of the link in the file.
     point : Point
@@ -35,12 +34,12 @@ class RobotLink:
 @final
 @dataclass(frozen=True)
 class RobotJoint:
-    """A joint of a robot that moves.
+    """A joint of a robot that moves, by its name.
 
     Attributes
     ----------
-    name, kind : str
-        The kind is "revolute", "prismatic", "planar", "ball" or "floating".
+    kind : str
+        It is "revolute", "prismatic", "planar", "ball" or "floating".
     parent, child : str
         Names of the links that it connects.
     coordinates : tuple of dynamicsymbols
@@ -71,12 +70,10 @@ class RobotJoint:
 @final
 @dataclass(frozen=True)
 class RobotParts:
-    """What a scene has from the file of a robot, by the names of the file.
+    """What a scene has from the file of a robot, with the name of the robot, by the names of the file.
 
     Attributes
     ----------
-    name : str
-        Name of the robot.
     links : mapping of str to RobotLink
         All links; ``robot.links["tool0"].point`` is a point for outputs, loads and contacts.
     joints : mapping of str to RobotJoint
