@@ -6,7 +6,7 @@ Needs the packages pin and example-robot-data, which the library's own environme
     python benchmarks/robots.py            # prints the table
     python benchmarks/robots.py --write    # writes it to docs/robots.md
     python benchmarks/robots.py panda ur5  # some robots
-    python benchmarks/robots.py --all      # floating bases of large robots, too, which compile for a minute each
+    python benchmarks/robots.py --all      # larger robots with a floating base, too, which takes half an hour
 
 Each robot is read as it stands in its file (fixed base) and with a floating base, without loads of joints. At five
 random states its accelerations are compared with those that Pinocchio's mass matrix and bias give, where joints that
@@ -27,9 +27,8 @@ import numpy as np
 import dalembert as da
 
 STATES = 5
-MOST_JOINTS = 13
-"""Joints of the robots that are measured with a floating base, without --all."""
-
+MOST = 23
+"""Coordinates of robots that are measured with a floating base, without --all."""
 PAGE = Path(__file__).parents[1] / "docs" / "robots.md"
 BEGIN, END = "<!-- table of robots: benchmarks/robots.py --write -->", "<!-- end of the table -->"
 
@@ -187,23 +186,17 @@ def table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def print_row(row: dict[str, Any]) -> None:
-    """Print a row while others are measured."""
-    print({key: f"{v:.2g}" if isinstance(v, float) else v for key, v in row.items()}, flush=True)
-
-
 def main(arguments: list[str]) -> None:
     """Measure the robots that are named, or all."""
     names = [name for name in arguments if not name.startswith("--")]
     chosen = [path for path in files() if not names or path.stem in names]
     rows = []
     for path in chosen:
-        rows.append(measured(path, floating=False))
-        print_row(rows[-1])
-        small = rows[-1].get("coordinates", 0) <= MOST_JOINTS
-        if (small or "--all" in arguments) and "no links" not in rows[-1].get("refused", ""):
-            rows.append(measured(path, floating=True))
-            print_row(rows[-1])
+        for floating in (False, True):
+            if floating and "--all" not in arguments and rows[-1].get("coordinates", 0) > MOST:
+                continue
+            rows.append(measured(path, floating=floating))
+            print({key: f"{v:.2g}" if isinstance(v, float) else v for key, v in rows[-1].items()}, flush=True)
     text = table(rows)
     print(text)
     if "--write" in arguments:

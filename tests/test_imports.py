@@ -46,8 +46,8 @@ ORDER = [
 
 EXCEPTIONS = {
     ("scene.scene", "interop.sympy_systems"),
-    ("scene.scene", "interop.mjcf"),
-    ("scene.scene", "interop.urdf"),
+    ("scene.robots", "interop.mjcf"),
+    ("scene.robots", "interop.urdf"),
     ("lanes.cases", "events.event_code"),
     ("codegen", "jax.backend"),
     ("stops.samples", "jax.runs.precision"),

@@ -18,7 +18,7 @@ from sympy.physics.vector import Dyadic, Vector
 from ..arrays import FloatArray
 from ..errors import FileWarning, SceneError, unknown_name, warn_caller
 from ..scene.orientation import free_orientation
-from ..scene.robot_parts import RobotJoint, RobotLink, RobotParts
+from ..scene.robots import RobotJoint, RobotLink, RobotParts
 from ..scene.scene import Scene
 from .robot_description import ROUNDING, Description, Inertia, JointItem, Placement, cleaned, merged, to_axis
 from .robot_loads import add_gravity, add_joint_loads

@@ -22,7 +22,7 @@ from .controllers import Controller
 from .joints import Joint
 from .orientation import FreeOrientation
 from .reactions import Connection, reaction, require_new_name
-from .robot_parts import RobotParts
+from .robots import RobotParts, from_mjcf, from_urdf
 from .shapes import Shape, checked_shapes
 
 
@@ -137,140 +137,8 @@ class Scene:
 
         return scene_from_sympy(source, name)
 
-    @classmethod
-    @nesting_named
-    def from_urdf(
-        cls,
-        path: Any,
-        floating_base: bool = False,
-        parameters: str = "numbers",
-        joint_loads: bool | str = True,
-        limits: bool = False,
-        *,
-        actuated: bool | Sequence[str] = False,
-        gravity: Sequence[float] | None = None,
-    ) -> Scene:
-        """Return the scene of a robot from its URDF file.
-
-        Coordinates bear the names of the joints: an angle [rad] or a displacement [m]. A planar joint has
-        ``name_x``, ``name_y`` (in the plane) and ``name_theta``; a floating one ``name_x``, ``name_y``, ``name_z`` and
-        the unit quaternion ``name_e0`` to ``name_e3``, scalar first. A joint that mimics another has no coordinate: its
-        value is a multiple of the other's. Links that fixed joints connect are one body, which is called after the link
-        that carries them. ``scene.robot`` has the links and joints by their names in the file.
-
-        Pictures, colliding geometry, transmissions, sensors and extensions of simulators are ignored.
-
-        Parameters
-        ----------
-        path : path-like
-            The file, expanded by xacro where it was written for it.
-        floating_base : bool
-            Whether the root link moves freely, with the coordinates ``base_x``, ``base_y``, ``base_z`` and ``base_e0``
-            to ``base_e3``; otherwise it is at rest.
-        parameters : str
-            "numbers" (default): those of the file are written into the equations, which are small and fast. "symbols":
-            masses, mass centres, inertias, places of joints, and coefficients of their loads are parameters, whose
-            values in the file are ``scene.robot.parameters``.
-        joint_loads : bool or str
-            Whether damping and dry friction of the file act; "damping" or "friction" takes one of them. Dry friction is
-            Coulomb's law, in which joints stick: the model has contacts that change, called "name.friction".
-        limits : bool
-            Whether lower and upper limits are stops without restitution, such as "elbow.lower"; see `Stop`.
-        actuated : bool or sequence of str
-            Joints with a motor: each has an input ``tau_name``, the torque [N m] or force [N] that acts along it
-            between its links. True takes all but those that mimic others. Without inputs,
-            `CompiledModel.inverse_dynamics` returns generalised forces, which are the same torques.
-        gravity : sequence of three float, optional
-            Acceleration [m/s^2] in the frame of the scene; (0, 0, -9.81) by default, which is -g with symbols.
-
-        Raises
-        ------
-        SceneError
-            With every fault of the file and its line.
-        OptionError
-            For options that are not allowed, and a path that cannot be read.
-
-        Examples
-        --------
-        ::
-
-            arm = da.Scene.from_urdf("arm.urdf", actuated=True)
-            model = da.compile_model(arm, outputs=[arm.robot.links["tool0"].point])
-        """
-        from ..interop.urdf import scene_from_urdf
-
-        return scene_from_urdf(
-            path,
-            floating_base=floating_base,
-            parameters=parameters,
-            joint_loads=joint_loads,
-            limits=limits,
-            actuated=actuated,
-            gravity=gravity,
-        )
-
-    @classmethod
-    @nesting_named
-    def from_mjcf(
-        cls,
-        path: Any,
-        parameters: str = "numbers",
-        joint_loads: bool | str = True,
-        limits: bool = False,
-        *,
-        actuated: bool | Sequence[str] = True,
-        gravity: Sequence[float] | None = None,
-        skip: Sequence[str] = (),
-    ) -> Scene:
-        """Return the scene of a model of MuJoCo from its MJCF file.
-
-        Coordinates bear the names of the joints: hinges and slides have one; a ball has the unit quaternion ``name_e0``
-        to ``name_e3`` from the body to its parent, a free joint the position ``name_x``, ``name_y``, ``name_z`` before
-        it. Joints without a name are called after their body, such as ``arm_joint``. Bodies that no joint moves are one
-        with their parents. ``scene.robot`` has bodies as links, and the joints, by their names.
-
-        Default classes, angles of the compiler, frames, armatures, springs, damping, dry friction (exact, not smooth),
-        and masses from primitive geoms are served; equalities (connect, weld, joint) are exact constraints. Ranges of
-        controls and forces, keyframes, sensors and pictures are ignored.
-
-        Parameters
-        ----------
-        path : path-like
-            The file, without includes.
-        parameters, joint_loads, limits, gravity
-            As for `from_urdf`; gravity is that of the file by default, and springs are among the damping.
-        actuated : bool or sequence of str
-            Actuators of joints (motor, position, velocity, general), by name, or all: the control of each is an input
-            ``ctrl_name``.
-        skip : sequence of str
-            What to leave out of the scene where the file has it: "contacts" (geoms that collide), "tendons",
-            "actuators" and "equalities" (of other kinds), "fluid", "sizes" (settings that change masses).
-            ``scene.robot.skipped`` says what was there.
-
-        Raises
-        ------
-        SceneError
-            With every fault of the file and its line, and all that a scene has no part for and `skip` does not name.
-        OptionError
-            For options that are not allowed, and a path that cannot be read.
-
-        Examples
-        --------
-        ::
-
-            hand = da.Scene.from_mjcf("hand.xml", skip=["contacts", "tendons"])
-        """
-        from ..interop.mjcf import scene_from_mjcf
-
-        return scene_from_mjcf(
-            path,
-            parameters=parameters,
-            joint_loads=joint_loads,
-            limits=limits,
-            actuated=actuated,
-            gravity=gravity,
-            skip=skip,
-        )
+    from_urdf = classmethod(from_urdf)
+    from_mjcf = classmethod(from_mjcf)
 
     def copy(self) -> Scene:
         """Return an independent scene with the same contents."""
