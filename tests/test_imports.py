@@ -39,6 +39,7 @@ ORDER = [
     "analysis",
     "phases",
     "store",
+    "export",
     "model",
     "compiler",
 ]

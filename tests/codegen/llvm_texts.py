@@ -4,9 +4,10 @@ from codegen.programs import every_operation, oscillator, pendulum
 from dalembert.codegen.lane_runs import advance_lanes_assembly, check_inputs_assembly
 from dalembert.codegen.llvm.assembly import assembly
 from dalembert.codegen.llvm.backend import LLVMLibrary, attempt_assembly
-from dalembert.codegen.llvm.order_loops import LEAST_ORDER, order_loop_assembly
+from dalembert.codegen.llvm.order_loops import order_loop_assembly
 from dalembert.codegen.llvm.series_loops import series_loop_assembly
 from dalembert.methods.tableaus import TABLEAUS
+from dalembert.transforms.order_pass import LEAST_ORDER
 from dalembert.transforms.recurrences import recurrences
 
 

@@ -11,10 +11,14 @@ import jinja2
 import jinja2.meta
 import jinja2.nodes
 import pytest
+from sympy import symbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
+import dalembert as da
 from codegen.llvm_texts import FURTHER_TEXTS, TEXTS
 from codegen.programs import PROGRAMS
 from dalembert.codegen import rendering
+from dalembert.codegen.c import simulator
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
 from dalembert.codegen.llvm import target as lane_types
 from dalembert.codegen.llvm.assembly import assembly
@@ -24,6 +28,7 @@ from dalembert.codegen.numba import texts
 from dalembert.codegen.numba.texts import table_definitions
 from dalembert.codegen.printers import JAX, NUMPY
 from dalembert.codegen.rendering import program_variables, render, template_directory
+from dalembert.export.simulator import c_source
 from dalembert.ir.kernel import Assignment, Kernel, Load
 from dalembert.lanes.sweep_arguments import SweepKernels
 from dalembert.loops.foreign_batch_loop import BatchCode
@@ -51,6 +56,7 @@ def render_everything():
         render_jax(program)
     render_numba(PROGRAMS["oscillator"]().kernel("rhs"))
     render_tables()
+    render_c()
     render_batch_handlers()
     for write in (*TEXTS.values(), *FURTHER_TEXTS):
         write()
@@ -86,6 +92,19 @@ def render_tables():
     for lanes in (1, 4):
         with_tables(assembly([("k", kernel)], lanes))
     table_definitions(texts.kernel("k", kernel))
+
+
+def render_c():
+    """Render simulators in C, by both kinds of steps, of a scene with inputs, outputs and a table."""
+    z, u, N, O = *dynamicsymbols("z u"), ReferenceFrame("N"), Point("O")
+    scene = da.Scene("cart", frame=N, origin=O, coordinates=[z])
+    scene.add_bodies(Particle("cart", O.locatenew("P", z * N.x), symbols("m", positive=True)))
+    scene.add_inputs(u)
+    scene.add_loads((scene.bodies[0].masscenter, (u - da.table(z, [-9, -1, 1, 9], [1, 0, 0, -2], kind="cubic")) * N.x))
+    model = da.compile_model(scene, outputs=["z_ddot"])
+    with mock.patch.object(simulator, "LARGEST_STRAIGHT", 0):
+        for method in ("taylor", "dop853"):
+            simulator.c_files(c_source(model, None, {}, method, (1e-8, 1e-10), (0.0, 1.0)))
 
 
 def render_jax(program):

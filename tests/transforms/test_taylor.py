@@ -9,7 +9,7 @@ import pytest
 
 from dalembert.codegen.llvm import target as lane_types
 from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object
-from dalembert.codegen.llvm.order_loops import LEAST_ORDER, order_loop_assembly
+from dalembert.codegen.llvm.order_loops import order_loop_assembly
 from dalembert.codegen.llvm.series_loops import series_loop_assembly
 from dalembert.codegen.llvm.target import native_lanes
 from dalembert.ir.graph import Graph
@@ -17,6 +17,7 @@ from dalembert.ir.interpret import interpret
 from dalembert.ir.ops import OPERATIONS
 from dalembert.transforms.expansion import FAITHFUL_ORDER
 from dalembert.transforms.lower_kernels import lower_kernel
+from dalembert.transforms.order_pass import LEAST_ORDER
 from dalembert.transforms.recurrences import recurrences
 from dalembert.transforms.taylor import order_for, series_kernel, step_kernel
 from ir.trees import EXTENDED

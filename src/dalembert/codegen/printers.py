@@ -6,8 +6,9 @@ every operation. Python's `repr` of a float is exact, so no digit of a literal i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import final
 
 from ..ir.kernel import Assignment, Kernel, Load, Operand
@@ -36,18 +37,22 @@ class Printer:
         not matter, because nothing is differentiated.
     products : str
         Format of such a product of two values, which is by far the most frequent; of others `guard` is good enough.
+    special : mapping of float to str
+        Literals of numbers whose `repr` is none.
     """
 
     name: str
     formats: Mapping[str, str]
     guard: str = ""
     products: str = ""
+    special: Mapping[float, str] = field(default_factory=dict)
 
     def operand(self, operand: Operand) -> str:
         """Return a name or an exact literal."""
         if isinstance(operand, str):
             return operand
-        return f"({operand!r})" if operand < 0 else repr(operand)
+        text = self.special.get(operand) or repr(operand)
+        return f"({text})" if operand < 0 else text
 
     def load(self, load: Load) -> str:
         """Return the line that loads an input."""
@@ -206,5 +211,28 @@ JAX_STEPS = Printer(
 
 JAX_SERIES = Printer("jax series", {**JAX_STEPS.formats, "sqrt": JAX.formats["sqrt"]}, JAX.guard, JAX.products)
 """Parts of these steps that JAX differentiates."""
+
+C = Printer(
+    "c",
+    {
+        **_ARITHMETIC,
+        **{name: f"{name}({{}}, {{}})" if name in ("atan2", "pow") else f"{name}({{}})" for name in _FUNCTIONS},
+        "floor": "floor({})",
+        "abs": "fabs({})",
+        "sign": "({0} < 0.0 ? -1.0 : {0} > 0.0 ? 1.0 : 0.0)",
+        "min": "({0} < {1} ? {0} : {1})",
+        "max": "({0} > {1} ? {0} : {1})",
+        "less": "({} < {} ? 1.0 : 0.0)",
+        "less_equal": "({} <= {} ? 1.0 : 0.0)",
+        "select": "({} != 0.0 ? {} : {})",
+        "piece": "piece_{1}({0})",
+        "entry": "table_{1}_{2}[(int64_t){0}]",
+        "fma": "fused({}, {}, {})",
+        "rough_log2": "rough_log2({})",
+        "rough_exp2": "rough_exp2({})",
+    },
+    special={math.inf: "INFINITY", -math.inf: "-INFINITY"},
+)
+"""C99, with the functions that ``c/prelude.c.j2`` defines."""
 
 PRINTERS = (PYTHON, NUMPY, JAX)

@@ -19,17 +19,21 @@ from ..steps.projection import end_in
 from ..stops.stops import no_stops, table_of
 from ..subset.addresses import NO_CODE, OwnedAddress
 from ..subset.arguments import address_of, pack, place_of, replace_array
+from ..subset.compiled_subset import compiled_subset
 from ..threads import check
 from ..transforms.taylor import scale_floor
 from .prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
 
-_LARGEST_WINDING = 256
+LARGEST_WINDING = 256
 """Steps after which angles lose the turns that they have made: a large angle has fewer digits to turn by."""
 
-_FEWEST_TURNS, _MOST_TURNS = 2, 4
+_FEWEST_TURNS, _MOST_TURNS = 2.0, 4.0
 """Turns that large angles keep: the size from which the step no longer minds them (`dalembert.transforms.taylor`)."""
 
-_TURN = 2.0 * math.pi
+_LARGEST_ANGLE = 1e15
+"""Angle that is left alone: it has no digits to turn by."""
+
+TURN = 2.0 * math.pi
 _TURN_HIGH = float.fromhex("0x1.921fb54p+2")
 """A turn to 29 bits, of which multiples are exact."""
 
@@ -117,7 +121,7 @@ class StepCode:
                 if before == 0:
                     record.start = work.started
             record.add(times, rows, turns if record.wound else None)
-            size = min(2 * size, _LARGEST_WINDING if angles else LARGEST_BLOCK)
+            size = min(2 * size, LARGEST_WINDING if angles else LARGEST_BLOCK)
             if watch is not None and status == RUNNING and record.steps >= _STIFFNESS_FROM:
                 step = abs(record.end - start) / (record.steps - before)
                 if abs(problem.t1 - record.end) >= _STIFFNESS_REST * step and watch(record.end, work.y.copy(), step):
@@ -186,7 +190,7 @@ class _Workspace:
     def has_turned(self, angles: list[int]) -> bool:
         """Return whether one of these components of the state has become large."""
         y = self.y.tolist()
-        return any(abs(y[i]) > _MOST_TURNS * _TURN for i in angles)
+        return any(abs(y[i]) > _MOST_TURNS * TURN for i in angles)
 
     def run(self, call: Callable[[int], int], limit: int) -> tuple[int, FloatArray, FloatArray]:
         """Take at most so many steps; return the status, the times of rows (k,) and the rows (k, width)."""
@@ -213,14 +217,31 @@ class _Workspace:
         return status, times, rows
 
 
+@compiled_subset
+def turns_to_take(angle: float) -> float:
+    """Return the whole turns to be taken off an angle, 0 unless it is large."""
+    if not abs(angle) <= _LARGEST_ANGLE:
+        return 0.0
+    whole = float(int(angle / TURN))
+    if abs(whole) <= _MOST_TURNS:
+        return 0.0
+    return whole - (_FEWEST_TURNS if whole > 0.0 else -_FEWEST_TURNS)
+
+
+@compiled_subset
+def unwound(angle: float, turns: float) -> tuple[float, float]:
+    """Return an angle less so many turns, and what rounding has taken from that."""
+    wrapped, rest = angle - turns * _TURN_HIGH, turns * _TURN_LOW
+    found = wrapped - rest
+    return found, (wrapped - found) - rest
+
+
 def _unwound(y: FloatArray, low: FloatArray, angles: list[int]) -> FloatArray:
     """Subtract whole turns from large angles of a state y (n,), and return how many; `low` gets the rounding errors."""
-    whole = np.trunc(y[angles] / _TURN)
-    turns = np.where(np.abs(whole) > _MOST_TURNS, whole - np.sign(whole) * _FEWEST_TURNS, 0.0)
-    wrapped = y[angles] - turns * _TURN_HIGH
-    rest = turns * _TURN_LOW
-    y[angles] = wrapped - rest
-    low[angles] += (wrapped - y[angles]) - rest
+    turns = np.array([turns_to_take(y[i]) for i in angles])
+    for i, taken in zip(angles, turns, strict=True):
+        y[i], lost = unwound(y[i], taken)
+        low[i] += lost
     return turns
 
 
@@ -315,7 +336,7 @@ class _RunRecord:
         place = len(wrapped) - sum(len(times) for times, _, _ in parts)
         for times, _, turns in parts:
             if turns is not None:
-                y[place : place + len(times)] += turns * _TURN
+                y[place : place + len(times)] += turns * TURN
             place += len(times)
         return y
 
@@ -357,5 +378,5 @@ class _Series:
             series[raw.transpose(0, 2, 1) == 0.0] = 0.0
         end_in(rows[:, :n], series)
         if turns is not None:
-            series[:, 0] += turns * _TURN
+            series[:, 0] += turns * TURN
         return series

@@ -20,7 +20,7 @@ from ..runs.engines import engine_of
 from ..scene import Scene
 from ..starts import inputs as run_input
 from ..starts.symbol_assumptions import ROUNDING, ValueReader
-from . import choices, derivatives, evaluation, motions, states, sweeps, traced
+from . import choices, derivatives, evaluation, exports, motions, states, sweeps, traced
 from .choices import OfOneMode
 from .derived import Derived, Variants
 
@@ -110,6 +110,7 @@ class CompiledModel:
     simulate = motions.simulate
     sweep = sweeps.sweep
     prepare = motions.prepare
+    export = exports.export
     compare_formulations = OfOneMode(motions.compare_formulations)
     sensitivity = derivatives.sensitivity
     linearize = derivatives.linearize

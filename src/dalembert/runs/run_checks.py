@@ -83,6 +83,16 @@ class GimbalCheck(RunCheck):
             ended = cut(solution, where[0], run.span, Status.SINGULAR_COORDINATES)
         return ended, f"{_where(self.program, self.found, group, where, c, value)}; {_remedy(self.scene)}"
 
+    def locking(self, t: float, y: FloatArray, c: FloatArray) -> list[int]:
+        """Return the groups of angles at whose lock motions next to a state y (n_y,) are singular, or may be."""
+        values = interpret_rows(self.found.kernel, np.array([t]), y[np.newaxis], c)[0]
+        where = t, y
+        return [
+            group
+            for group, value in enumerate(values.tolist())
+            if not self.found.decisive[group] or _singular(self.program, self.found, group, where, c, value)
+        ]
+
     def after_cases(self, method: str, block: CaseBlock, done: BlockResult) -> None:
         """See `RunCheck.after_cases`: the angles of a case locked by a sign that changed, or an end near zero."""
         status = done.ends[:, 1]

@@ -166,7 +166,7 @@ def projected(program: Program, c: Constants, t: FloatArray, y: FloatArray) -> F
 # A difference of rounding is left: it would bend polynomials that begin with slope zero, so that they change their
 # sign where the motion does not.
 
-_ROUNDING = 16.0 * EPSILON
+ROUNDING_OF_POLYNOMIALS = 16.0 * EPSILON
 """Difference at the end of a step, relative to the terms of its polynomial, that rounding explains."""
 
 
@@ -178,7 +178,7 @@ def end_polynomial(
 
     Its coefficients, lowest power first, lie in a row from `first` on, so many columns apart.
     """
-    if abs(difference) <= _ROUNDING * terms:
+    if abs(difference) <= ROUNDING_OF_POLYNOMIALS * terms:
         return
     polynomials[number, first + 2 * stride] += 3.0 * difference
     polynomials[number, first + 3 * stride] -= 2.0 * difference
@@ -193,4 +193,4 @@ def end_in(states: FloatArray, polynomials: FloatArray) -> None:
 
 def end_differences(differences: FloatArray, terms: FloatArray) -> FloatArray:
     """Return differences at the ends of polynomials, 0 where rounding of terms of these sizes explains them."""
-    return np.where(np.abs(differences) <= _ROUNDING * terms, 0.0, differences)
+    return np.where(np.abs(differences) <= ROUNDING_OF_POLYNOMIALS * terms, 0.0, differences)

@@ -259,7 +259,7 @@ def record(position: int, velocity: int, settings: RunSettings, run: Run, piece:
     progress, t, projected = run.progress, run.progress.t, True
     while pending(run, t_new):
         at = run.t_eval[progress.recorded]
-        _evaluate_polynomial(run, piece, settings.degree, (at - t) / (t_new - t), settings.kept)
+        evaluate_polynomial(run, piece, settings.degree, (at - t) / (t_new - t), settings.kept)
         projected = project(position, velocity, settings, at, run, POINT)
         if not projected:
             break
@@ -291,7 +291,7 @@ def _record_at(run: Run, t: float, y: int) -> None:
 
 
 @compiled_subset
-def _evaluate_polynomial(run: Run, piece: int, degree: int, theta: float, n: int) -> None:
+def evaluate_polynomial(run: Run, piece: int, degree: int, theta: float, n: int) -> None:
     """Evaluate a polynomial, lowest power first, by Horner's scheme, into ``work[POINT]``."""
     for m in range(n):
         value = run.pieces[piece, 1 + degree * n + m]

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import final
 
-from ..ir.kernel import Operand
+from ..ir.kernel import Assignment, Operand
 from .expansion import Expansion, Extension, Series, Sum
-from .recurrences import Integrated
+from .recurrences import Integrated, Recurrences
+from .taylor import LOW_TERMS, closing
+
+FIRST_ORDER = 4
+"""Order of the first pass: from there on, the sums of all kinds have the terms that the code counts on."""
+
+LEAST_ORDER = FIRST_ORDER + 1
 
 
 @final
@@ -165,3 +172,87 @@ def planned_sums(ahead: Ahead, width: int) -> tuple[list[Pack], list[Row]]:
             if s.half:
                 ahead.middles[id(s.a)] = f"middle.{pack.number}.{slot}"
     return packs, list(rows.values())
+
+
+def shares(order: int) -> tuple[list[float], list[float]]:
+    """Return 1 / k as rounded, and its rounding error, for k up to `order` + 1; those of 0 stand for nothing."""
+    exact = [Fraction(1, max(k, 1)) for k in range(order + 2)]
+    return [float(share) for share in exact], [float(share - Fraction(float(share))) for share in exact]
+
+
+class OrderPlan:
+    """A Taylor step as a loop over the orders: what each pass computes, and what it keeps for later ones.
+
+    Targets print its parts. Every sum is taken in the same order as in unrolled code, and gives the same bits.
+
+    Parameters
+    ----------
+    recurrences : Recurrences
+    order : int
+        `LEAST_ORDER` or more.
+    width : int
+        How many sums share a register.
+
+    Attributes
+    ----------
+    entry, ahead : Expansion, Ahead
+        The first orders, and one pass.
+    packs, rows : list of Pack, list of Row
+        Sums of products, and their factors.
+    first_orders, later_orders : list of Assignment
+        Lines of the orders below `FIRST_ORDER`, and of a pass.
+    rates : list of str
+        Values of which all coefficients are kept to the end.
+    """
+
+    def __init__(self, recurrences: Recurrences, order: int, width: int) -> None:
+        self.recurrences, self.order = recurrences, order
+        self.entry = Expansion(recurrences, order)
+        self.entry.extend(FIRST_ORDER)
+        opened = len(self.entry.lines.body)
+        self.ahead = Ahead(self.entry)
+        self.packs, self.rows = planned_sums(self.ahead, width)
+        self.ahead.extend()
+        body = self.entry.lines.body
+        self.first_orders, self.later_orders = body[:opened], body[opened:]
+        kept = dict.fromkeys([*recurrences.rates, *recurrences.watched])
+        self.rates = [r for r in kept if isinstance(r, str) and len(self.entry.series[r]) > 1]
+
+    def kept_before(self, row: Row) -> list[list[Operand]]:
+        """Return what a row holds of the orders 1, 2, ... that the first pass finds there, slot by slot."""
+        before = self.ahead.before
+        return [[before[id(s)][k] for s in row.series] for k in range(1, FIRST_ORDER - row.late)]
+
+    def kept_now(self, row: Row) -> list[Operand]:
+        """Return what a pass keeps in a row, slot by slot: of order k, or of k - 1 where the row is late."""
+        return [s[2 - row.late] if len(s) > 2 - row.late else 0.0 for s in row.series]
+
+    def end(self) -> tuple[list[tuple[str, int, int]], list[Assignment], list[Operand]]:
+        """Return the end of the step.
+
+        Returns
+        -------
+        list of (str, int, int)
+            Names of the coefficients of rates that it reads again, with the number of the rate and the order.
+        list of Assignment
+            Its lines.
+        list of Operand
+            The outputs of `dalembert.transforms.taylor.step_kernel` without dense.
+        """
+        entry, order, recurrences = self.entry, self.order, self.recurrences
+        done = len(entry.lines.body)
+        known: dict[Operand, Series] = {}
+        read = []
+        for i, rate in enumerate(self.rates):
+            known[rate] = entry.series[rate][:FIRST_ORDER]
+            for k in range(FIRST_ORDER, order - 1):
+                read.append((f"rate.{i}.{k}", i, k))
+                known[rate].append(f"rate.{i}.{k}")
+            known[rate].append(self.ahead.series[rate][2])
+        rates = [known[rate] if rate in known else entry.of(rate) for rate in recurrences.rates]
+        first = min(LOW_TERMS, order - 2)
+        between: Series = [0.0] * (order - 2 - first)
+        poles = [[*entry.series[pole][:first], *between, *self.ahead.series[pole][1:3]] for pole in recurrences.poles]
+        watched = [known[name] for name in recurrences.watched]
+        outputs = closing(entry.lines, recurrences, rates, poles, order, watched)
+        return read, entry.lines.body[done:], outputs

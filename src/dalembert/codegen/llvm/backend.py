@@ -13,6 +13,7 @@ from typing import Any, final
 from ...ir.kernel import Kernel
 from ...ir.program import Program
 from ...methods.tableau import Tableau
+from ...transforms.order_pass import LEAST_ORDER
 from ...transforms.recurrences import Recurrences
 from ...transforms.runge_kutta import AttemptPieces, attempt_kernel, attempt_pieces, start_kernel, start_pieces
 from ...transforms.taylor import step_kernel
@@ -21,7 +22,7 @@ from ..library import Code, KernelLibrary
 from ..rendering import banner_lines, render
 from .assembly import Shape, assembly, kernel_variables, load_object, object_code, stack_alignment
 from .lane_printer import with_tables
-from .order_loops import LEAST_ORDER, order_loop_assembly
+from .order_loops import order_loop_assembly
 from .series_loops import series_loop_assembly
 from .target import native_lanes, vector
 from .vector_functions import prelude_variables

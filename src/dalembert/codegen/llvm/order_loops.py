@@ -11,23 +11,16 @@ Every sum is taken in the same order as in unrolled code, and gives the same bit
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from fractions import Fraction
 from typing import Any, final
 
 from ...ir.kernel import Operand
-from ...transforms.expansion import Expansion, Series
-from ...transforms.order_pass import Ahead, Pack, Row, planned_sums
+from ...transforms.order_pass import FIRST_ORDER, OrderPlan, Pack, Row, shares
 from ...transforms.recurrences import Recurrences
-from ...transforms.taylor import LOW_TERMS, closing, closing_loads
+from ...transforms.taylor import closing_loads
 from ..rendering import render
 from .lane_printer import LanePrinter
 from .target import constant, fma_name, memory_of_call, vector
 from .vector_functions import prelude_variables
-
-_FIRST = 4
-"""Order of the first pass: from there on, the sums of all kinds have the terms that the code counts on."""
-
-LEAST_ORDER = _FIRST + 1
 
 _TOGETHER = 8
 """Packs that are summed in one loop: with two factors each they fill the registers."""
@@ -55,35 +48,26 @@ def order_loop_assembly(name: str, recurrences: Recurrences, order: int, lanes: 
 
 def _tables(order: int) -> dict[str, Any]:
     """Return tables of 1 / k as rounded and of its rounding error."""
-    shares = [Fraction(1, max(k, 1)) for k in range(order + 2)]
+    rounded, rests = shares(order)
     return {
-        "table_size": len(shares),
-        "shares": [constant(float(share), 1) for share in shares],
-        "rests": [constant(float(share - Fraction(float(share))), 1) for share in shares],
+        "table_size": len(rounded),
+        "shares": [constant(share, 1) for share in rounded],
+        "rests": [constant(rest, 1) for rest in rests],
     }
 
 
 @final
-class _Step:
+class _Step(OrderPlan):
     """One step function under construction."""
 
     def __init__(self, recurrences: Recurrences, order: int, lanes: int, width: int, dense: bool) -> None:
-        self.recurrences, self.order, self.lanes, self.width, self.dense = recurrences, order, lanes, width, dense
+        self.lanes, self.width, self.dense = lanes, width, dense
         self.printer = LanePrinter(lanes)
         self.v, self.one = vector(lanes), 8 * lanes
         self.kind, self.stride = vector(lanes * width), 8 * lanes * width
         self.zero = constant(0.0, lanes * width)
         self.fresh = 0
-        self.entry = Expansion(recurrences, order)
-        self.entry.extend(_FIRST)
-        opened = len(self.entry.lines.body)
-        self.ahead = Ahead(self.entry)
-        self.packs, self.rows = planned_sums(self.ahead, self.width)
-        self.ahead.extend()
-        body = self.entry.lines.body
-        self.first_orders, self.later_orders = body[:opened], body[opened:]
-        kept = dict.fromkeys([*recurrences.rates, *recurrences.watched])
-        self.rates = [r for r in kept if isinstance(r, str) and len(self.entry.series[r]) > 1]
+        super().__init__(recurrences, order, width)
 
     # -- lines ----------------------------------------------------------------------------
 
@@ -154,7 +138,7 @@ class _Step:
             "row_type": self.kind,
             "row_of_zeros": self.zero,
             "order": self.order,
-            "first_order": _FIRST,
+            "first_order": FIRST_ORDER,
             "memory": memory_of_call(self._size),
             "stride": self.stride,
             "stride_back": -self.stride,
@@ -186,12 +170,11 @@ class _Step:
         for load in closing_loads(self.recurrences):
             self.printer.load(load.target, load.array, load.index or 0)
         self.printer.body(self.first_orders)
-        before = self.ahead.before
         for row in self.rows:
-            for k in range(1, _FIRST - row.late):
-                self._keep(self._at("%n.work", k * self.stride), row, [before[id(s)][k] for s in row.series])
+            for k, values in enumerate(self.kept_before(row), 1):
+                self._keep(self._at("%n.work", k * self.stride), row, values)
         for rate, begin in self._rates_at.items():
-            for k in range(_FIRST):
+            for k in range(FIRST_ORDER):
                 self._write("%n.work", begin + k * self.one, self.entry.series[rate][k])
         if self.dense:
             for i, state in enumerate(self.recurrences.states):
@@ -271,7 +254,7 @@ class _Step:
         self.printer.body(self.later_orders)
         for row in self.rows:
             base = self._at("%n.here", -row.late * self.stride)
-            self._keep(base, row, [s[2 - row.late] if len(s) > 2 - row.late else 0.0 for s in row.series])
+            self._keep(base, row, self.kept_now(row))
         offset = self._set(f"mul i64 %n.k, {self.one}")
         for rate, begin in self._rates_at.items():
             self._write(self._at("%n.work", offset), begin, self.ahead.series[rate][2])
@@ -281,24 +264,11 @@ class _Step:
 
     def _close(self) -> None:
         """Write the end of the step, from the coefficients of the rates."""
-        lines, done = self.entry.lines, len(self.entry.lines.body)
-        known: dict[Operand, Series] = {}
-        for i, (rate, begin) in enumerate(self._rates_at.items()):
-            known[rate] = self.entry.series[rate][:_FIRST]
-            for k in range(_FIRST, self.order - 1):
-                at = self._at("%n.work", begin + k * self.one)
-                self._set(f"load {self.v}, ptr {at}, align 8", f"rate.{i}.{k}")
-                known[rate].append(f"rate.{i}.{k}")
-            known[rate].append(self.ahead.series[rate][2])
-        rates = [known[rate] if rate in known else self.entry.of(rate) for rate in self.recurrences.rates]
-        first = min(LOW_TERMS, self.order - 2)
-        between: Series = [0.0] * (self.order - 2 - first)
-        poles = [
-            [*self.entry.series[pole][:first], *between, *self.ahead.series[pole][1:3]]
-            for pole in self.recurrences.poles
-        ]
-        watched = [known[name] for name in self.recurrences.watched]
-        outputs = closing(lines, self.recurrences, rates, poles, self.order, watched)
-        self.printer.body(lines.body[done:])
+        begins = list(self._rates_at.values())
+        read, lines, outputs = self.end()
+        for name, i, k in read:
+            at = self._at("%n.work", begins[i] + k * self.one)
+            self._set(f"load {self.v}, ptr {at}, align 8", name)
+        self.printer.body(lines)
         for index, operand in enumerate(outputs):
             self.printer.store(operand, index)

@@ -38,6 +38,13 @@ _HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879
 _LARGEST = 1.0e6
 """Below it in magnitude, sine and cosine are good to 2 units in the last place; beyond, the C library takes over."""
 _ROUNDING = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to an integer and leaves that in the low bits
+_TWO_OVER_PI = 0.6366197723675814
+_LOG2 = {
+    "scale": 2.0**-40,
+    "offset": -(2.0**12) - 1023.0 - 0.67487762,
+    "quadratic": -0.34484829,
+    "linear": 1.02466557,
+}
 _EXP2 = (0.99992807, 0.69326099, 0.24261114, 0.05517167)
 """2**x for x from -1/2 to 1/2."""
 
@@ -57,6 +64,19 @@ def prelude_variables(lanes: int) -> dict[str, Any]:
     }
 
 
+def shared_constants() -> dict[str, Any]:
+    """Return the numbers of the functions below, for other languages: they compute the same there."""
+    return {
+        "two_over_pi": _TWO_OVER_PI,
+        "rounding": _ROUNDING,
+        "half_pi": _HALF_PI,
+        "sine": _SINE,
+        "cosine": _COSINE,
+        "log2": dict(_LOG2),
+        "exp2": _EXP2,
+    }
+
+
 def _types(lanes: int) -> dict[str, str]:
     return {"vector": vector(lanes), "suffix": suffix(lanes), "fma": fma_name(lanes)}
 
@@ -67,7 +87,7 @@ def _sincos_variables(lanes: int) -> dict[str, Any]:
     def numbers(*values: float) -> list[str]:
         return [constant(value, lanes) for value in values]
 
-    largest, two_over_pi, rounding, half, one = numbers(_LARGEST, 0.6366197723675814, _ROUNDING, 0.5, 1.0)
+    largest, two_over_pi, rounding, half, one = numbers(_LARGEST, _TWO_OVER_PI, _ROUNDING, 0.5, 1.0)
     return {
         **_types(lanes),
         "lanes": lanes,
@@ -106,10 +126,7 @@ def _rough_variables(lanes: int) -> dict[str, Any]:
             "magic": integer(0x4330000000000000, lanes),
             "mantissa": integer(0x000FFFFFFFFFFFFF, lanes),
             "exponent_of_one": integer(0x3FF0000000000000, lanes),
-            "scale": constant(2.0**-40, lanes),
-            "offset": constant(-(2.0**12) - 1023.0 - 0.67487762, lanes),
-            "quadratic": constant(-0.34484829, lanes),
-            "linear": constant(1.02466557, lanes),
+            **{name: constant(value, lanes) for name, value in _LOG2.items()},
         },
         "exp2": {
             "lowest": constant(-1000.0, lanes),

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from ...subset import compiled_subset as code
 from ...subset.compiled_subset import FLAG, INT_VECTOR, INTEGER, MATRIX, NUMBER, VECTOR, Array, Group, Kind
-from .values import Value, rounded
+from .values import Value
 
 if TYPE_CHECKING:
-    from .expressions import Expressions
+    from .assembly import Expressions
 
 
 def _word(value: Value, kind: Kind) -> str:
@@ -33,7 +33,7 @@ def _int(lines: Expressions, value: Value) -> Value:
 
 def _is_finite(lines: Expressions, value: Value) -> Value:
     (size,) = _abs(lines, value).words
-    return Value(FLAG, (lines.set(f"fcmp olt double {size}, {rounded(math.inf)}"),))
+    return Value(FLAG, (lines.set(f"fcmp olt double {size}, {lines.literal(math.inf).words[0]}"),))
 
 
 def _is_nan(lines: Expressions, value: Value) -> Value:

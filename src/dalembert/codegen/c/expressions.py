@@ -1,0 +1,405 @@
+"""Expressions of the compiled subset as expressions of C.
+
+A value is printed where it is used, and computed ahead of its statement where that could make a difference: in
+statements that call something, reads of memory come first. What is known when the code is printed (lengths of arrays,
+kernels that there are not) decides tests then, so that code for it is not printed.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Protocol
+
+from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
+from ..subset.translation import UNKNOWN, Translation
+from ..subset.values import Value, parts, unified
+from .built_in import BUILT_IN, PURE
+
+_OPERATORS = {
+    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.LShift: "<<", ast.RShift: ">>", ast.BitAnd: "&"
+}  # fmt: skip
+_TESTS = {ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="}
+_WHOLE: dict[Any, Callable[[int, int], int]] = {
+    ast.Add: lambda a, b: a + b, ast.Sub: lambda a, b: a - b, ast.Mult: lambda a, b: a * b,
+    ast.LShift: lambda a, b: a << b, ast.RShift: lambda a, b: a >> b, ast.BitAnd: lambda a, b: a & b,
+}  # fmt: skip
+_DECIDED: dict[Any, Callable[[Any, Any], bool]] = {
+    ast.Eq: lambda a, b: a == b, ast.NotEq: lambda a, b: a != b, ast.Lt: lambda a, b: a < b,
+    ast.LtE: lambda a, b: a <= b, ast.Gt: lambda a, b: a > b, ast.GtE: lambda a, b: a >= b,
+}  # fmt: skip
+_ROW = 108
+"""Characters of a line of numbers."""
+
+_LITERAL = re.compile(r"-?\d+(\.\d*)?(e[+-]?\d+)?")
+_ATOM = re.compile(r"-?\w+(\.\w+|->\w+)*")
+
+TYPES = {INTEGER: "int64_t", NUMBER: "double", FLAG: "bool"}
+"""C types of numbers."""
+
+
+class Pointer(str):
+    """A word that is the address of numbers."""
+
+
+class Known(Pointer):
+    """A word that means the same in every function: the name of a kernel or of a constant array, or a member."""
+
+
+class Arguments(Protocol):
+    """Where the arguments of the loop are."""
+
+    def leaf(self, place: int) -> tuple[str, ...]:
+        """Return the words of the argument whose first word has this place among all."""
+        ...
+
+
+class Functions(Protocol):
+    """The other functions and the constants of a C source."""
+
+    used: set[str]
+    """Names of the functions of the prelude that the source calls."""
+    fused: str
+    """Name of what rounds a product and a sum once where the target can."""
+
+    @property
+    def arguments(self) -> Arguments:
+        """Where the arguments of the loop are."""
+        ...
+
+    @property
+    def functions(self) -> frozenset[str]:
+        """Names of the functions so far."""
+        ...
+
+    def array(self, array: Any) -> Value:
+        """Return a constant array."""
+        ...
+
+    def call(self, function: Any, given: list[Value]) -> tuple[str, Kind, Value | None]:
+        """Return the text of a call, the kind of its result, and the result where it is constant."""
+        ...
+
+
+def literal_of(word: str) -> Any:
+    """Return the number of a literal, `UNKNOWN` for other words."""
+    if word in ("true", "false"):
+        return word == "true"
+    number = word.removeprefix("(").removesuffix(")")
+    if number in ("INFINITY", "-INFINITY", "NAN"):
+        return float(number)
+    if _LITERAL.fullmatch(number) is None:
+        return UNKNOWN
+    return int(number) if number.lstrip("-").isdigit() else float(number)
+
+
+def bare(word: str) -> str:
+    """Return an expression without the parentheses around all of it."""
+    if not (word.startswith("(") and word.endswith(")")):
+        return word
+    depth = 0
+    for place, character in enumerate(word):
+        depth += (character == "(") - (character == ")")
+        if depth == 0 and place < len(word) - 1:
+            return word
+    return word[1:-1]
+
+
+def is_atom(word: str) -> bool:
+    """Return whether a word is a name, a member or a literal."""
+    return _ATOM.fullmatch(word) is not None or literal_of(word) is not UNKNOWN
+
+
+class Expressions(Translation):
+    """Translates the expressions of one function."""
+
+    built_in = BUILT_IN
+
+    def __init__(self, module: Functions, function: Any) -> None:
+        super().__init__(function)
+        self.module = module
+        self.fixed: dict[str, Value] = {}
+        self.variables: dict[str, Value] = {}
+        self.types: dict[str, str] = {}
+        self.lines: list[str] = []
+        self.fragile = False
+        self._count = 0
+
+    # -- lines ------------------------------------------------------------------------------
+
+    @contextmanager
+    def aside(self) -> Iterator[list[str]]:
+        """Collect lines for later."""
+        held, self.lines = self.lines, []
+        try:
+            yield self.lines
+        finally:
+            self.lines = held
+
+    def fresh(self, kind: str) -> str:
+        """Return the name of a new variable of a C type."""
+        self._count += 1
+        name = f"part_{self._count}"
+        self.types[name] = kind
+        return name
+
+    def computed(self, word: str, kind: str) -> str:
+        """Return the name of a value that is computed now."""
+        if literal_of(word) is not UNKNOWN:
+            return word
+        name = self.fresh(kind)
+        self.lines.append(f"{name} = {bare(word)};")
+        return name
+
+    def calls(self, node: ast.AST) -> bool:
+        """Return whether code calls functions that may change memory."""
+        return any(isinstance(n, ast.Call) and self.known(n.func) not in PURE for n in ast.walk(node))
+
+    def truth(self, node: ast.expr) -> Value:
+        """Return the flag of a test."""
+        held = self.known(node)
+        if held is not UNKNOWN:
+            return self.literal(bool(held))
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+            return self._not(self.truth(node.operand))
+        if isinstance(node, ast.BoolOp):
+            return self._joined(node)
+        value = self.value(node)
+        return value if value.kind == FLAG else self.compared(ast.NotEq(), value.kind, value, self._zero(value.kind))
+
+    def _zero(self, kind: Kind) -> Value:
+        return self.literal(0.0 if kind == NUMBER else 0)
+
+    def _not(self, flag: Value) -> Value:
+        held = literal_of(flag.words[0])
+        return self.literal(not held) if held is not UNKNOWN else Value(FLAG, (f"!{flag.words[0]}",))
+
+    def _joined(self, node: ast.BoolOp) -> Value:
+        """Return the flag of tests of which the later ones may not be computed."""
+        every = isinstance(node.op, ast.And)
+        found: list[str] = []
+        for number, operand in enumerate(node.values):
+            with self.aside() as lines:
+                value = self.truth(operand)
+            (word,) = value.words
+            if lines and number:
+                name = self.fresh("bool")
+                before = (" && " if every else " || ").join(found) or ("true" if every else "false")
+                self.lines += [f"{name} = {before};", f"if ({'' if every else '!'}{name}) {{", *lines]
+                self.lines += [f"{name} = {bare(word)};", "}"]
+                found = [name]
+                continue
+            self.lines += lines
+            held = literal_of(word)
+            if held is UNKNOWN:
+                found.append(word)
+            elif held is not every:
+                return self.literal(held)
+        if not found:
+            return self.literal(every)
+        return Value(FLAG, (found[0] if len(found) == 1 else f"({(' && ' if every else ' || ').join(found)})",))
+
+    # -- numbers ----------------------------------------------------------------------------
+
+    def literal(self, number: bool | int | float) -> Value:
+        """See `Translation.literal`."""
+        if isinstance(number, bool):
+            return Value(FLAG, ("true" if number else "false",))
+        if isinstance(number, int):
+            return Value(INTEGER, (str(int(number)),))
+        return Value(NUMBER, (double(number),))
+
+    def constant_array(self, array: Any) -> Value:
+        """See `Translation.constant_array`."""
+        return self.module.array(array)
+
+    def read(self, name: str) -> Value:
+        """See `Translation.read`."""
+        if name in self.fixed:
+            return self.fixed[name]
+        if name not in self.variables:
+            raise TypeError(f"{name} has no value yet")
+        return self.variables[name]
+
+    def negated(self, value: Value) -> Value:
+        """See `Translation.negated`."""
+        return Value(value.kind, (f"(-{value.words[0]})",))
+
+    def arithmetic(self, op: ast.operator, kind: Kind, a: Value, b: Value) -> Value:
+        """See `Translation.arithmetic`; of whole numbers, what is known is computed."""
+        (x,), (y,) = a.words, b.words
+        if kind == INTEGER:
+            left, right = literal_of(x), literal_of(y)
+            if left is not UNKNOWN and right is not UNKNOWN:
+                return self.literal(_WHOLE[type(op)](left, right))
+            if isinstance(op, ast.Mult) and 0 in (left, right):
+                return self.literal(0)
+            if (isinstance(op, ast.Add | ast.Sub) and right == 0) or (isinstance(op, ast.Mult) and right == 1):
+                return a
+            if (isinstance(op, ast.Add) and left == 0) or (isinstance(op, ast.Mult) and left == 1):
+                return b
+        return Value(kind, (f"({x} {_OPERATORS[type(op)]} {y})",))
+
+    def divided(self, rest: bool, a: Value, b: Value) -> Value:
+        """See `Translation.divided`."""
+        left, right = (literal_of(value.words[0]) for value in (a, b))
+        if left is not UNKNOWN and right is not UNKNOWN:
+            return self.literal(left % right if rest else left // right)
+        name = "rest_of" if rest else "quotient_of"
+        self.module.used.add(name)
+        return Value(INTEGER, (f"{name}({a.words[0]}, {b.words[0]})",))
+
+    def compared(self, op: ast.cmpop, kind: Kind, a: Value, b: Value) -> Value:
+        """See `Translation.compared`; what is known is decided."""
+        (x,), (y,) = a.words, b.words
+        left, right = (1 if isinstance(word, Pointer) else literal_of(word) for word in (x, y))
+        if left is not UNKNOWN and right is not UNKNOWN:
+            return self.literal(_DECIDED[type(op)](left, right))
+        return Value(FLAG, (f"({x} {_TESTS[type(op)]} {y})",))
+
+    def both(self, a: Value, b: Value) -> Value:
+        """See `Translation.both`."""
+        return Value(FLAG, (f"({a.words[0]} && {b.words[0]})",))
+
+    def replaced(self, op: ast.cmpop, kind: Kind, a: Value, b: Value) -> Value:
+        """See `Translation.replaced`."""
+        (x,), (y,) = a.words, b.words
+        left, right = literal_of(x), literal_of(y)
+        if left is not UNKNOWN and right is not UNKNOWN:
+            return b if _DECIDED[type(op)](right, left) else a
+        name = f"{'least' if isinstance(op, ast.Lt) else 'greatest'}{'' if kind == NUMBER else '_integer'}"
+        self.module.used.add(name)
+        return Value(kind, (f"{name}({bare(x)}, {bare(y)})",))
+
+    def cast(self, value: Value, kind: Kind) -> Value:
+        """See `Translation.cast`."""
+        (word,) = value.words
+        held = literal_of(word)
+        if held is not UNKNOWN:
+            return self.literal(float(held) if kind == NUMBER else int(held))
+        return Value(kind, (f"({TYPES[kind]}){word}",))  # type: ignore[index]
+
+    def chosen(self, test: ast.expr, yes: Callable[[], Value], no: Callable[[], Value]) -> Value:
+        """See `Translation.chosen`."""
+        flag = self.truth(test)
+        held = literal_of(flag.words[0])
+        if held is not UNKNOWN:
+            return yes() if held else no()
+        sides = []
+        for make in (yes, no):
+            with self.aside() as lines:
+                sides.append((make(), lines))
+        kind = unified(sides[0][0].kind, sides[1][0].kind)
+        values = [self.converted(value, kind) for value, _ in sides]
+        if [value.words for value in values] == [("true",), ("false",)]:
+            return flag
+        if not sides[0][1] and not sides[1][1] and len(kind.words) == 1:
+            return Value(kind, (f"({flag.words[0]} ? {values[0].words[0]} : {values[1].words[0]})",))
+        kinds = kind.parts if isinstance(kind, Group) else (kind,)
+        names = tuple(self.fresh(TYPES[one]) for one in kinds)  # type: ignore[index]
+        self.lines.append(f"if ({bare(flag.words[0])}) {{")
+        for value, (_, lines), following in zip(values, sides, ("} else {", "}"), strict=True):
+            self.lines += lines
+            self.lines += [f"{name} = {bare(word)};" for name, word in zip(names, value.words, strict=True)]
+            self.lines.append(following)
+        return Value(kind, names)
+
+    # -- memory -----------------------------------------------------------------------------
+
+    def place(self, array: Value, index: list[Value]) -> Value:
+        """See `Translation.place`; the place of an element is its C expression."""
+        kind = array.kind
+        assert isinstance(kind, Array)
+        data, *shape = array.words
+        if len(index) > len(shape):
+            raise TypeError(f"{len(index)} numbers are too many for {kind}")
+        offset = self.literal(0)
+        for number, length in zip([*index, *[self.literal(0)] * (len(shape) - len(index))], shape, strict=True):
+            if number.kind != INTEGER or number.words[0].startswith("-"):
+                raise TypeError("an index is a whole number, and never a negative one")
+            before = self.arithmetic(ast.Mult(), INTEGER, offset, Value(INTEGER, (length,)))
+            offset = self.arithmetic(ast.Add(), INTEGER, before, number)
+        left = len(shape) - len(index)
+        word = element_of(data, offset.words[0])
+        return Value(Array(kind.item, left), (Pointer(f"&{word}") if left else word, *shape[len(index) :]))
+
+    def part(self, group: Value, number: int) -> Value:
+        """See `Translation.part`."""
+        assert isinstance(group.kind, Group)
+        if not group.base:
+            return parts(group)[number]
+        kind, first = group.kind.parts[number], group.first + sum(len(kind.words) for kind in group.kind.parts[:number])
+        if isinstance(kind, Group):
+            return Value(kind, (), group.base, first)
+        return Value(kind, self.module.arguments.leaf(first))
+
+    def field(self, record: Value, name: str) -> Value:
+        """See `Translation.field`."""
+        if not isinstance(record.kind, Fields) or name not in record.kind.names:
+            raise TypeError(f"there is no {name} that could be read or changed")
+        item = record.kind.items[record.kind.names.index(name)]
+        return Value(Array(item, 0), (f"{record.words[0]}.{name}",))
+
+    def load(self, place: Value) -> Value:
+        """See `Translation.load`."""
+        assert isinstance(place.kind, Array)
+        item, (word,) = place.kind.item, place.words
+        if item.owned:
+            return Value(item, (Pointer(word),))
+        return Value(item, (self.computed(word, TYPES[item]) if self.fragile else word,))
+
+    def store(self, value: Value, place: Value) -> None:
+        """See `Translation.store`."""
+        assert isinstance(place.kind, Array)
+        (word,) = self.converted(value, place.kind.item).words
+        self.lines.append(f"{place.words[0]} = {bare(word)};")
+
+    def called(self, function: Any, given: list[Value]) -> Value:
+        """See `Translation.called`."""
+        text, kind, constant = self.module.call(function, given)
+        if constant is not None:
+            return constant
+        if not kind.words:
+            if text:
+                self.lines.append(f"{text};")
+            return Value(kind, ())
+        if isinstance(kind, Group):
+            name = self.fresh(f"struct {text.split('(')[0]}_result")
+            self.lines.append(f"{name} = {text};")
+            return Value(kind, tuple(f"{name}.part_{number}" for number in range(len(kind.parts))))
+        return Value(kind, (self.computed(text, TYPES[kind]),))  # type: ignore[index]
+
+
+def element_of(data: str, offset: str) -> str:
+    """Return the element of an array at an offset, which may be that of a row of another."""
+    if data.startswith("&") and data.endswith("]"):
+        base, _, first = data[1:-1].partition("[")
+        return (
+            f"{base}[{bare(offset)}]" if first == "0" else f"{base}[{first}{'' if offset == '0' else f' + {offset}'}]"
+        )
+    return f"{data}[{bare(offset)}]"
+
+
+def double(number: float) -> str:
+    """Return an exact literal of a double."""
+    if math.isnan(number):
+        return "NAN"
+    if math.isinf(number):
+        return "INFINITY" if number > 0 else "(-INFINITY)"
+    text = repr(float(number))
+    return f"({text})" if text.startswith("-") else text
+
+
+def rows_of(numbers: Sequence[str]) -> list[str]:
+    """Return the elements of an array as lines, with commas between them."""
+    rows: list[str] = []
+    for place, number in enumerate(numbers):
+        text = number if place == len(numbers) - 1 else f"{number},"
+        if rows and len(rows[-1]) + len(text) < _ROW:
+            rows[-1] += f" {text}"
+        else:
+            rows.append(text)
+    return rows

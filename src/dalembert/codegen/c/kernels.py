@@ -1,0 +1,98 @@
+"""Kernels as functions of C: ``void name(t, y, c, s, out)``, one array of doubles an argument."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from typing import Any, final
+
+from ...ir.kernel import Assignment, Kernel, Operand, describe_counts
+from ...ir.tables import numbers_of, table_of
+from ...naming import Namer
+from ..printers import C
+from .expressions import double, rows_of
+from .names import FUNCTIONS, RESERVED
+
+ARGUMENTS = ("t", "y", "c", "s")
+
+
+def kernel_variables(name: str, kernel: Kernel, meaning: str, *, exact: bool = False) -> dict[str, Any]:
+    """Return the variables of the template ``c/kernels.c.j2``.
+
+    Parameters
+    ----------
+    name : str
+        Name of the function.
+    kernel : Kernel
+        Of arguments that are arrays, the scalar time among them.
+    meaning : str
+        What it computes, for the comment above it.
+    exact : bool
+        Whether sines and cosines are those of the C library, as in kernels that run once.
+    """
+    arguments = kernel.arguments + ARGUMENTS[len(kernel.arguments) :]
+    renamed = Names((*arguments, "out"))
+    lines = [f"const double {renamed(load.target)} = {load.array}[{load.index or 0}];" for load in kernel.loads]
+    lines += body_lines(kernel.body, renamed, exact=exact)
+    outputs = [f"out[{i}] = {renamed.operand(value)};" for i, value in enumerate(kernel.outputs)]
+    read = {load.array for load in kernel.loads}
+    return {
+        "name": name,
+        "doc": f"{meaning}: {len(kernel.outputs)} values, {describe_counts(kernel)}.",
+        "arguments": arguments,
+        "unused": [*(name for name in arguments if name not in read), *([] if outputs else ["out"])],
+        "lines": [*lines, *outputs],
+    }
+
+
+@final
+class Names:
+    """The names of values of a function in C; some are taken."""
+
+    def __init__(self, taken: Sequence[str]) -> None:
+        self._namer, self._names = Namer({*RESERVED, *FUNCTIONS, *taken}), dict[str, str]()
+
+    def __call__(self, name: str) -> str:
+        """Return the name of a value."""
+        if name not in self._names:
+            self._names[name] = self._namer(name)
+        return self._names[name]
+
+    def operand(self, operand: Operand) -> str:
+        """Return a name or an exact literal."""
+        return self(operand) if isinstance(operand, str) else C.operand(operand)
+
+
+def body_lines(lines: Sequence[Assignment], renamed: Names, *, exact: bool = False) -> Iterator[str]:
+    """Return the line of each operation; sine and cosine of one argument are computed together, but where `exact`."""
+    angles: dict[Operand, str] = {}
+    for line in lines:
+        args = [renamed.operand(arg) for arg in line.args]
+        before = ""
+        if line.op in ("sin", "cos") and not exact:
+            if line.args[0] not in angles:
+                angles[line.args[0]] = renamed(f"angle {line.target}")
+                before = f"const struct angle {angles[line.args[0]]} = angle_of({args[0]}); "
+            value = f"{angles[line.args[0]]}.{'sine' if line.op == 'sin' else 'cosine'}"
+        else:
+            value = C.expression(line.op, *args)
+        yield f"{before}const double {renamed(line.target)} = {value};"
+
+
+_SEARCH, _ARRAY = re.compile(r"\bpiece_(\d+)\("), re.compile(r"\btable_(\d+)_(\d+)\[")
+
+
+def table_variables(text: str) -> list[dict[str, Any]]:
+    """Return the variables of the tables that printed kernels read, for ``c/tables.c.j2``."""
+    found: list[dict[str, Any]] = []
+    for key, row in dict.fromkeys(_ARRAY.findall(text)):
+        numbers = [double(float(x)) for x in numbers_of(int(key)).row(int(row))]
+        found.append(_table(f"table_{key}_{row}", numbers, ""))
+    for key in dict.fromkeys(_SEARCH.findall(text)):
+        numbers = [double(float(x)) for x in table_of(int(key)).edges]
+        found.append(_table(f"table_{key}_edges", numbers, f"piece_{key}"))
+    return found
+
+
+def _table(name: str, numbers: list[str], search: str) -> dict[str, Any]:
+    return {"name": name, "size": len(numbers), "rows": rows_of(numbers), "search": search}

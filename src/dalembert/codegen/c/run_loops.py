@@ -1,0 +1,201 @@
+"""The loops of exported runs: their arguments, made for one program, and where in these a run finds what it sets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from ...loops.prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
+from ...loops.single_steps import (
+    ExplicitSteps,
+    StepPlace,
+    TaylorSteps,
+    explicit_continue,
+    explicit_sample,
+    explicit_step,
+    taylor_sample,
+    taylor_step,
+)
+from ...methods.pairs import PAIRS
+from ...methods.step_constants import SMALLEST_SCALE
+from ...steps.explicit_loop import ExplicitArguments
+from ...steps.explicit_stages import LANES
+from ...steps.packed_tableaus import packed_tableau
+from ...steps.recorded_runs import Progress, Run, RunCodes, RunSettings
+from ...stops.stops import no_stops
+from ...subset.addresses import NO_CODE, OwnedAddress
+from ...transforms.taylor import scale_floor
+
+
+@final
+@dataclass(frozen=True)
+class RunLoop:
+    """A loop that takes the steps of a run one by one.
+
+    Attributes
+    ----------
+    arguments : NamedTuple
+        For one program.
+    given : frozenset of str
+        Dotted names of the numbers that a run sets.
+    constant : frozenset of str
+        Dotted names of the arrays that never change.
+    step, sample : function
+        Takes a step; computes the state at a time. Both return a status.
+    renew : function or None
+        What follows where constants change between steps.
+    at : mapping of str to str
+        Members, as C has them, of what a run sets and reads.
+    after_step, continuing : tuple of (str, str)
+        Members that are set after each step, and where a run goes on after its end, and their values.
+    kernels : tuple of str
+        What stands at the addresses 1, 2, ... among the arguments.
+    """
+
+    arguments: Any
+    given: frozenset[str]
+    constant: frozenset[str]
+    step: Callable[..., Any]
+    sample: Callable[..., Any]
+    renew: Callable[..., Any] | None
+    at: Mapping[str, str]
+    after_step: tuple[tuple[str, str], ...]
+    continuing: tuple[tuple[str, str], ...]
+    kernels: tuple[str, ...]
+
+
+def kernel_addresses(names: Mapping[str, bool]) -> dict[str, OwnedAddress]:
+    """Return a number in place of the address of each kernel; `NO_CODE` for those that there are not."""
+    return {
+        name: OwnedAddress(number, None) if there else NO_CODE for number, (name, there) in enumerate(names.items(), 1)
+    }
+
+
+def taylor_loop_of(
+    sizes: tuple[int, int],
+    order: int,
+    tolerances: tuple[float, float],
+    angles: tuple[int, ...],
+    has: Mapping[str, bool],
+) -> RunLoop:
+    """Return the loop of Taylor steps.
+
+    Parameters
+    ----------
+    sizes : (int, int)
+        Numbers of components of the state and of constants.
+    order : int
+    tolerances : (float, float)
+        Relative and absolute.
+    angles : tuple of int
+        Components of the state that matter modulo a turn.
+    has : mapping of str to bool
+        Kernels of the program ("step", "position", "velocity"), and whether there are.
+    """
+    (n, constants), (rtol, atol), code = sizes, tolerances, kernel_addresses(has)
+    nothing, width = np.zeros((0, 1)), n + 2 + n * (order + 1)
+    run = PreparedArguments(
+        kernels=PreparedKernels(NO_CODE, code["step"], NO_CODE, code["position"], code["velocity"]),
+        limits=PreparedLimits(0.0, 0.0, 0.0, 0, 0, going=False, slack=1.0),
+        n=n,
+        memory=0,
+        parameters=nothing,
+        constants=np.zeros((constants, 1)),
+        settings=np.array([[0.0, 1.0, scale_floor(rtol, atol), rtol, atol]]),
+        clock=np.zeros((1, 1)),
+        states=np.zeros((3, width)),
+        times=np.zeros(3),
+        low=np.zeros(n + 1),
+        delta=np.zeros((n, 1)),
+        mark=np.zeros(1, np.int64),
+        tests=nothing,
+        progress=PreparedProgress(),
+        stops=no_stops(),
+    )
+    limits = ("t0", "t1", "largest", "attempts", "going")
+    at = {name: f"run.limits.{name}" for name in limits[:-1]} | {
+        "constants": "run.constants",
+        "state": "run.states",
+        "now": f"run.states + {width} * run->run.progress.row",
+        "time": "run.progress.t",
+        "end": "run.progress.end",
+        "steps": "run.progress.steps",
+        "direction": "run.settings[1]",
+    }
+    return RunLoop(
+        arguments=TaylorSteps(run, np.array(angles, np.int64), np.zeros(n), np.zeros(n), StepPlace()),
+        given=frozenset(f"run.limits.{name}" for name in limits),
+        constant=frozenset({"angles"}),
+        step=taylor_step,
+        sample=taylor_sample,
+        renew=None,
+        at=at,
+        after_step=(("run.limits.going", "true"),),
+        continuing=(("run.progress.attempts", "0"),),
+        kernels=tuple(has),
+    )
+
+
+def explicit_loop_of(
+    method: str, sizes: tuple[int, int], tolerances: tuple[float, float], has: Mapping[str, bool]
+) -> RunLoop:
+    """Return the loop of the steps of a Runge-Kutta pair; for the parameters see `taylor_loop_of`.
+
+    Kernels are "rhs", "position", "velocity" and "knots".
+    """
+    (n, constants), (rtol, atol), code = sizes, tolerances, kernel_addresses(has)
+    tableau = packed_tableau(PAIRS[method].tableau)
+    settings = RunSettings(
+        0.0, 0.0, rtol, max(atol, SMALLEST_SCALE), 0.0, 0.0, 0, n, tableau.degree, False, False, False, False
+    )
+    run = Run(
+        clock=np.zeros((1, 1)),
+        constants=np.zeros((constants, 1)),
+        t_eval=np.zeros(1),
+        work=np.zeros((tableau.first + tableau.total, -(-n // LANES) * LANES)),
+        delta=np.zeros((n, 1)),
+        mark=np.zeros(1, np.int64),
+        progress=Progress(),
+        knot=np.zeros((1, 2)),
+        rows=np.zeros((2, 1 + n)),
+        pieces=np.zeros((1, 1 + (tableau.degree + 1) * n)),
+        stops=no_stops(),
+        prepare=NO_CODE,
+    )
+    codes = RunCodes(code["rhs"], code["position"], code["velocity"], code["knots"])
+    at = {
+        "t0": "run.settings.t0",
+        "t1": "run.settings.t1",
+        "largest": "run.settings.max_step",
+        "attempts": "run.settings.max_steps",
+        "constants": "run.run.constants",
+        "state": "run.run.work",
+        "now": f"run.run.work + {-(-n // LANES) * LANES} * run->run.run.progress.row",
+        "time": "run.run.progress.t",
+        "end": "run.run.progress.end",
+        "steps": "run.run.progress.steps",
+        "direction": "place.direction",
+    }
+    return RunLoop(
+        arguments=ExplicitSteps(ExplicitArguments(codes, tableau, settings, run), np.zeros(n), StepPlace()),
+        given=frozenset(f"run.settings.{name}" for name in ("t0", "t1", "max_step", "max_steps")),
+        constant=frozenset(f"run.tableau.{name}" for name in ("nodes", "starts", "stages", "weights")),
+        step=explicit_step,
+        sample=explicit_sample,
+        renew=explicit_continue,
+        at=at,
+        after_step=(),
+        continuing=(
+            ("run.run.progress.steps", "0"),
+            ("run.run.progress.rejected", "0"),
+            # a run that has taken no time has not chosen its first step
+            (
+                "run.run.progress.evaluations",
+                "run->run.run.progress.size == 0.0 ? 0 : run->run.run.progress.evaluations",
+            ),
+        ),
+        kernels=tuple(has),
+    )

@@ -1,0 +1,390 @@
+"""The files of a simulator in C99: [Program, ...] -> texts, through the templates of ``codegen_templates/c``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, final
+
+from ...ir.kernel import Kernel
+from ...ir.program import Program, coefficient_places, hidden_parameters
+from ...loops.single_steps import ExplicitSteps, TaylorSteps
+from ...methods.status import Status
+from ...options import MAX_STEPS
+from ...reduction.starting import Start
+from ...transforms.passes import EliminateDeadCode
+from ...transforms.periodic import angles_of
+from ...transforms.recurrences import recurrences
+from ...transforms.taylor import STEP_ARGUMENTS, order_at, step_kernel
+from ..llvm.vector_functions import shared_constants
+from ..rendering import banner_lines, render
+from .expressions import double
+from .kernels import kernel_variables, table_variables
+from .names import FUNCTIONS, RESERVED, identifiers, prefix_of
+from .order_loops import order_loop_variables
+from .run_loops import RunLoop, explicit_loop_of, taylor_loop_of
+from .source import LoopSource
+from .workspace import workspace_of
+
+LARGEST_STRAIGHT = 1000
+"""Lines up to which a Taylor step is written out; loops over the orders are shorter, and faster than longer code."""
+
+_STATUSES = (
+    Status.SUCCESS,
+    Status.MAX_STEPS,
+    Status.STEP_TOO_SMALL,
+    Status.NON_FINITE,
+    Status.PROJECTION_FAILED,
+    Status.INITIAL_STATE,
+    Status.SINGULAR_CONFIGURATION,
+    Status.SINGULAR_COORDINATES,
+    Status.ASSUMPTION,
+    Status.TIMES_IN_NO_ORDER,
+)
+"""Statuses of exported runs."""
+
+_TEXTS = {
+    Status.TIMES_IN_NO_ORDER: "The times are not finite, not sorted, or before the last step.",
+    Status.INITIAL_STATE: "The initial values contradict a constraint: see the number of the check.",
+    Status.ASSUMPTION: "A parameter or an initial value contradicts what its symbol was declared to be.",
+    Status.SINGULAR_CONFIGURATION: "Constraints depend on each other at the start, or leave the motion open.",
+}
+
+
+@final
+@dataclass(frozen=True)
+class CSource:
+    """What a simulator in C is made of.
+
+    Attributes
+    ----------
+    program : Program
+    start : Start
+        From initial values to the state.
+    admission : Kernel or None
+        Test of parameters and states.
+    dependent : bool
+        Whether the last test of `admission` counts constraints that depend on others.
+    method : str
+        "taylor", or a Runge-Kutta pair.
+    tolerances : (float, float)
+        Relative and absolute.
+    forward_only : bool
+        Whether starts depend on the direction of time.
+    numbers : mapping of str to float
+        Example values of initial values, parameters and inputs, where there are any.
+    span : (float, float)
+        Start and end of the example [s].
+    locks, locking : Kernel or None, tuple of int
+        Determinants of angles that may lock, whose signs tell, and those of them at which a run ends.
+    """
+
+    program: Program
+    start: Start
+    admission: Kernel | None
+    dependent: bool
+    method: str
+    tolerances: tuple[float, float]
+    forward_only: bool
+    numbers: Mapping[str, float]
+    span: tuple[float, float]
+    locks: Kernel | None = None
+    locking: tuple[int, ...] = ()
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters that a user gives."""
+        layout = self.program.layout
+        hidden = {name for u in layout.inputs for name in hidden_parameters(u)}
+        return tuple(name for name in layout.parameters if name not in hidden)
+
+    @property
+    def order(self) -> int:
+        """Order of Taylor steps."""
+        return order_at(*self.tolerances)
+
+
+def c_files(source: CSource) -> dict[str, str]:
+    """Return the texts of the files of a simulator, by their names."""
+    simulator = _Simulator(source)
+    variables, prefix = simulator.variables(), simulator.prefix
+    return {
+        f"{prefix}.h": render("c/header.h.j2", variables["header"]),
+        f"{prefix}.c": simulator.source_code + render("c/functions.c.j2", variables["functions"]),
+        "main.c": render("c/main.c.j2", variables["main"]),
+        "Makefile": render("c/Makefile.j2", {"prefix": prefix}),
+        "README.md": render("c/README.md.j2", variables["readme"]),
+    }
+
+
+@final
+class _Simulator:
+    def __init__(self, source: CSource) -> None:
+        self.source, self.program, self.layout = source, source.program, source.program.layout
+        self.prefix = prefix_of(source.program.name)
+        self.kernels: list[dict[str, Any]] = []
+        self.order_loops: list[str] = []
+        self.source_code = ""
+
+    # -- kernels ----------------------------------------------------------------------------
+
+    def _name(self, what: str) -> str:
+        return f"{self.prefix}_{what}"
+
+    def _print(self, what: str, kernel: Kernel, meaning: str, *, exact: bool = False) -> None:
+        self.kernels.append(kernel_variables(self._name(what), kernel, meaning, exact=exact))
+
+    def _program_kernel(self, what: str, name: str, meaning: str, *, exact: bool = False) -> bool:
+        if name not in self.program:
+            return False
+        arguments = ("p", "y", "c", "s") if name == "prepare" else STEP_ARGUMENTS
+        self._print(what, replace(self.program.kernel(name), arguments=arguments), meaning, exact=exact)
+        return True
+
+    def _step(self) -> None:
+        """Print the Taylor step."""
+        program, order = self.program, self.source.order
+        known = recurrences(program.kernel("rhs"), step_growth_limited=program.nonanalytic)
+        if known.unrolled_lines(order) <= LARGEST_STRAIGHT:
+            self._print("series", step_kernel(known, order, dense=True), f"A Taylor step of order {order}")
+            return
+        self.order_loops.append(render("c/order_loop.c.j2", order_loop_variables(self._name("series"), known, order)))
+
+    def _loop(self) -> tuple[RunLoop, dict[str, str]]:
+        """Print the kernels of the loop; return it, and the names of kernels by their keys."""
+        source, sizes = self.source, (len(self.layout.state), len(self.program.kernel("prepare").outputs))
+        corrected = "Correction of the state onto the {} constraints"
+        has = {
+            kind: self._program_kernel(kind, f"project_{kind}", corrected.format(kind))
+            for kind in ("position", "velocity")
+        }
+        if source.method == "taylor":
+            self._step()
+            has |= {"step": True}
+            names = {kind: self._name(kind) for kind in has} | {"step": self._name("series")}
+            return taylor_loop_of(sizes, source.order, source.tolerances, angles_of(self.program), has), names
+        has["rhs"] = self._program_kernel("rates", "rhs", "Rate of the state")
+        has["knots"] = self._program_kernel("knots", "knots", "Largest steps, forward and backward, at knots of tables")
+        names = {kind: self._name(kind) for kind in has} | {"rhs": self._name("rates")}
+        return explicit_loop_of(source.method, sizes, source.tolerances, has), names
+
+    def _all_kernels(self) -> None:
+        source = self.source
+        self._program_kernel("constants", "prepare", "Constants c from parameters p", exact=True)
+        start = replace(source.start.kernel, arguments=STEP_ARGUMENTS)
+        self._print("initial", start, "State, and what a start contradicts, from initial values", exact=True)
+        if source.admission is not None:
+            admission = replace(source.admission, arguments=STEP_ARGUMENTS)
+            self._print("admission", admission, "Tests of parameters and states")
+        if source.locks is not None and source.locking:
+            outputs = tuple(source.locks.outputs[group] for group in source.locking)
+            locks = EliminateDeadCode()(replace(source.locks, arguments=STEP_ARGUMENTS, outputs=outputs))
+            self._print("locks", locks, "Determinants of angles, which vanish where they lock")
+        self._program_kernel("expanded", "expand", "q and q_dot from the state")
+        if self.layout.outputs:
+            self._program_kernel("output", "outputs", "Outputs from the state")
+        self._program_kernel("energies", "energy", "Kinetic and potential energy at y = (q, q_dot)")
+
+    # -- variables --------------------------------------------------------------------------
+
+    def variables(self) -> dict[str, dict[str, Any]]:
+        """Return the variables of each template."""
+        source = self.source
+        self._all_kernels()
+        loop, names = self._loop()
+        space = workspace_of(
+            loop.arguments,
+            loop.given,
+            loop.constant,
+            {number: names[key] for number, key in enumerate(loop.kernels, 1)},
+        )
+        public = frozenset({kernel["name"] for kernel in self.kernels} | FUNCTIONS | RESERVED)
+        code = LoopSource(space, self._name("run"), "fused", public | {"state_at", "all_finite_numbers"})
+        kind = TaylorSteps if source.method == "taylor" else ExplicitSteps
+        calls = {"take_step": code.entry(loop.step, kind), "sample": code.entry(loop.sample, kind, "t")}
+        renew = [] if loop.renew is None or not self.layout.inputs else [code.entry(loop.renew, kind)]
+        common = self._common()
+        banner = [_plain(line) for line in banner_lines(self.program)]
+        printed = render("c/kernels.c.j2", {"kernels": self.kernels}) + "".join(self.order_loops)
+        self.source_code = source_of(banner, [f"{self.prefix}.h"], printed, code)
+        shared = {key: common[key] for key in ("prefix", "upper", "n_states", "n_inputs", "n_outputs")}
+        n_locks = len(source.locking) if source.locks is not None else 0
+        header = {
+            **common,
+            "banner": banner,
+            "statuses": [{"name": status.name, "number": int(status)} for status in _STATUSES],
+            "guard": f"{self.prefix.upper()}_H",
+            "enumerations": self._enumerations(),
+            "members": space.members_used(code.text, {*loop.at.values(), "sampled", "place"}),
+            "max_steps": MAX_STEPS,
+            "n_further": len(self.layout.states),
+            "n_locks": n_locks,
+        }
+        parameters, admission = self.layout.parameters, source.admission
+        functions = {
+            **shared,
+            "statuses": [
+                {"name": status.name, "text": _quoted(_TEXTS.get(status, status.message))} for status in _STATUSES
+            ],
+            **calls,
+            "at": dict(loop.at),
+            "beginning": _elements(space.beginning),
+            "after_step": _elements(loop.after_step),
+            "continuing": _elements(loop.continuing),
+            "renew": renew,
+            "parameter_places": [parameters.index(name) for name in source.parameters],
+            "input_places": list(coefficient_places(parameters, self.layout.inputs)),
+            "n_given": max(len(parameters), 1),
+            "n_initial": len(source.start.given),
+            "n_started": max(len(source.start.kernel.outputs), 1),
+            "n_checks": len(source.start.labels),
+            "checks": [_quoted(f"{kind}: {label}") for kind, label in source.start.labels],
+            "n_tests": 0 if admission is None else len(admission.outputs),
+            "dependent_tests": self._dependent_tests(),
+            "n_constants": len(self.program.kernel("prepare").outputs),
+            "n_variables": len(self.program.kernel("expand").outputs),
+            "forward_only": source.forward_only,
+            "max_steps": MAX_STEPS,
+            "n_locks": n_locks,
+        }
+        files = {"main": self._main(), "readme": self._readme()}
+        return {"header": header, "functions": functions, **files}
+
+    def _common(self) -> dict[str, Any]:
+        layout, source = self.layout, self.source
+        return {
+            "prefix": self.prefix,
+            "upper": self.prefix.upper(),
+            "n_states": len(layout.state),
+            "n_coordinates": len(layout.coordinates),
+            "n_initial": len(source.start.given),
+            "n_parameters": len(source.parameters),
+            "n_inputs": len(layout.inputs),
+            "n_outputs": len(layout.outputs),
+        }
+
+    def _dependent_tests(self) -> list[tuple[int, int]]:
+        """Return the places of the number of constraints that depend on others and of its limit, where it is tested."""
+        if self.source.admission is None or not self.source.dependent:
+            return []
+        count = len(self.source.admission.outputs)
+        return [(count - 2, count - 1)]
+
+    def _enumerations(self) -> list[dict[str, Any]]:
+        layout, source = self.layout, self.source
+        groups = [
+            ("Components of the state", "state", layout.state),
+            ("Coordinates, which their rates follow in the same order", "coordinate", layout.coordinates),
+            ("Initial values of a start", "initial", source.start.given),
+            ("Parameters", "parameter", source.parameters),
+            ("Inputs", "input", layout.inputs),
+            ("Outputs", "output", layout.outputs),
+        ]
+        return [{"title": title, "kind": kind, "entries": _entries(names)} for title, kind, names in groups]
+
+    def _main(self) -> dict[str, Any]:
+        layout, source, numbers = self.layout, self.source, self.source.numbers
+        wanted = [*source.start.given, *source.parameters, *layout.inputs]
+        first = len(source.start.given) + len(source.parameters)
+        columns = ["t", *layout.coordinates, *layout.rates, *layout.states, *layout.outputs]
+        return {
+            "prefix": self.prefix,
+            "upper": self.prefix.upper(),
+            "wanted": _plain(", ".join(wanted)),
+            "arguments": [_quoted(name) for name in wanted],
+            "values": [double(numbers.get(name, 0.0)) for name in wanted],
+            "complete": int(all(name in numbers for name in wanted)),
+            "columns": _quoted(",".join(columns)),
+            "input_values": [first + number for number in range(len(layout.inputs))],
+            "n_variables": len(self.program.kernel("expand").outputs),
+            "n_states": len(layout.state),
+            "n_outputs": len(layout.outputs),
+            "begin": double(source.span[0]),
+            "end": double(source.span[1]),
+        }
+
+    def _readme(self) -> dict[str, Any]:
+        source, layout, numbers = self.source, self.layout, self.source.numbers
+        method = f"Taylor steps of order {source.order}" if source.method == "taylor" else f"the pair {source.method}"
+
+        def rows(names: tuple[str, ...], *, given: bool) -> list[dict[str, str]]:
+            values = [repr(float(numbers[name])) if given and name in numbers else "" for name in names]
+            kinds = [", ".join(layout.assumptions.get(name, ())) if given else "" for name in names]
+            named = [f"{name} ({kind})" if kind else name for name, kind in zip(names, kinds, strict=True)]
+            return [{"name": _plain(name), "value": value} for name, value in zip(named, values, strict=True)]
+
+        groups = [
+            ("Initial values", source.start.given, True),
+            ("Parameters", source.parameters, True),
+            ("Inputs", layout.inputs, True),
+            ("Outputs", layout.outputs, False),
+            ("State", layout.state, False),
+            ("Coordinates", layout.coordinates, False),
+        ]
+        return {
+            "prefix": self.prefix,
+            "upper": self.prefix.upper(),
+            "scene": _plain(self.program.name),
+            "formulation": self.program.formulation,
+            "method": method,
+            "rtol": repr(source.tolerances[0]),
+            "atol": repr(source.tolerances[1]),
+            "groups": [
+                {"title": title, "column": "example" if given else "", "rows": rows(names, given=given)}
+                for title, names, given in groups
+            ],
+            "constraints": [_plain(label) for label in layout.constraints],
+            "locks": bool(source.locking),
+        }
+
+
+def _elements(pairs: Sequence[tuple[str, str]]) -> list[dict[str, str]]:
+    return [{"member": member, "value": value} for member, value in pairs]
+
+
+def _entries(names: tuple[str, ...]) -> list[dict[str, str]]:
+    pairs = zip(identifiers(names), names, strict=True)
+    return [{"identifier": identifier, "name": _plain(name)} for identifier, name in pairs]
+
+
+def _plain(text: str) -> str:
+    """Return text for a comment: one line of ASCII that does not end it."""
+    return text.replace("*/", "* /").replace("/*", "/ *").encode("ascii", "replace").decode().replace("\n", " ")
+
+
+def _quoted(text: str) -> str:
+    """Return text for a literal in C."""
+    printable = text.encode("ascii", "replace").decode().replace("\n", " ")
+    return printable.replace("\\", "\\\\").replace('"', '\\"').replace("??", "?")
+
+
+def _numbers(value: Any) -> Any:
+    """Return numbers as literals, in tuples and mappings."""
+    if isinstance(value, dict):
+        return {key: _numbers(item) for key, item in value.items()}
+    return [_numbers(item) for item in value] if isinstance(value, tuple) else double(value)
+
+
+def source_of(banner: Sequence[str], headers: Sequence[str], printed: str, loops: LoopSource) -> str:
+    """Return a source without its public functions: what is called, tables, printed kernels, and loops."""
+    tables = table_variables(printed)
+    prelude = {
+        "banner": list(banner),
+        "headers": list(headers),
+        "used": _used(printed + loops.text, loops.used),
+        "constants": {key: _numbers(value) for key, value in shared_constants().items()},
+    }
+    text = render("c/prelude.c.j2", prelude)
+    return text + (render("c/tables.c.j2", {"tables": tables}) if tables else "") + printed + loops.text
+
+
+_PRELUDE = re.compile(r"\b(fused|angle_of|rough_log2|rough_exp2)\b")
+
+
+def _used(text: str, loops: set[str]) -> list[str]:
+    """Return the functions of the prelude that a text calls."""
+    used = {*loops, *_PRELUDE.findall(text)}
+    if used & {"angle_of", "rough_log2", "rough_exp2"}:
+        used.add("fused")
+    return sorted(used)

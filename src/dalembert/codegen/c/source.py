@@ -1,0 +1,126 @@
+"""Loops as C: the functions that they consist of, and the constants that they read."""
+
+from __future__ import annotations
+
+from typing import Any, final
+
+import numpy as np
+
+from ...subset.arguments import kind_of
+from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Group, Kind
+from ..subset.values import Value
+from .expressions import TYPES, Arguments, Known, double, rows_of
+from .statements import Function, is_static, translated
+from .workspace import Workspace
+
+_DTYPES = {"f": NUMBER, "i": INTEGER, "b": FLAG}
+
+
+@final
+class LoopSource:
+    """The text of loops whose arguments are a structure.
+
+    Parameters
+    ----------
+    arguments : Workspace
+    run : str
+        C type of the structure.
+    fused : str
+        Name of what rounds a product and a sum once where the target can.
+    reserved : set of str
+        Names that other functions of the source have.
+
+    Attributes
+    ----------
+    used : set of str
+        Names of the functions of the prelude that the source calls.
+    """
+
+    def __init__(self, arguments: Workspace, run: str, fused: str, reserved: frozenset[str]) -> None:
+        self.arguments: Arguments = arguments
+        self.fused, self._run = fused, run
+        self.used: set[str] = set()
+        self._texts: list[list[str]] = []
+        self._results: list[tuple[str, list[str]]] = []
+        self._constants: list[tuple[str, str, list[str]]] = list(arguments.constants)
+        self._made: dict[Any, tuple[str, Function]] = {}
+        self._arrays: dict[int, tuple[Value, Any]] = {}
+        self._taken = set(reserved)
+
+    @property
+    def text(self) -> str:
+        """The constants, the types of results, and the functions, each after those that it calls."""
+        parts = []
+        for kind, name, numbers in self._constants:
+            rows = [f"    {row}" for row in rows_of(numbers)]
+            parts.append([f"static const {kind} {name}[{len(numbers)}] = {{", *rows, "};"])
+        for name, members in self._results:
+            parts.append([f"struct {name} {{", *(f"    {member}" for member in members), "};"])
+        parts += map(_indented, self._texts)
+        return "".join("\n".join(["", *lines, ""]) for lines in parts)
+
+    @property
+    def functions(self) -> frozenset[str]:
+        """Names of the functions so far."""
+        return frozenset(name for name, _ in self._made.values())
+
+    def entry(self, function: Any, arguments: type[tuple[Any, ...]], *numbers: str) -> str:
+        """Translate a function of the arguments of the loop and of further doubles; return how it is called."""
+        given = [Value(kind_of(arguments), (), "run"), *(Value(NUMBER, (number,)) for number in numbers)]
+        text, _, constant = self.call(function, given)
+        return text if constant is None else constant.words[0]
+
+    def call(self, function: Any, given: list[Value]) -> tuple[str, Kind, Value | None]:
+        """Return the text of a call, the kind of its result, and the result where it is constant."""
+        words = [word for value in given for word in value.words]
+        key = function, tuple(self._key(value) for value in given)
+        if key not in self._made:
+            name = self._named(function.__name__.strip("_").lower())
+            made = translated(self, function, name, given)
+            self._made[key] = name, made
+            if made.constant is None and not made.empty:
+                self._texts.append([line.replace("NAME_RUN", self._run) for line in made.lines])
+                if isinstance(made.kind, Group) and made.kind.parts:
+                    kinds = [TYPES[kind] for kind in made.kind.parts]  # type: ignore[index]
+                    self._results.append((f"{name}_result", [f"{kind} part_{i};" for i, kind in enumerate(kinds)]))
+        name, made = self._made[key]
+        if made.empty:
+            return "", made.kind, None
+        passed = [*(["run"] if made.takes_run else []), *(words[place] for place in made.kept)]
+        return f"{name}({', '.join(passed)})", made.kind, made.constant
+
+    @staticmethod
+    def _key(value: Value) -> Any:
+        words = tuple(
+            str(word) if is_static(word) else type(word).__name__ for word in value.words
+        )  # of others, whether they are addresses counts
+        return value.kind, words, value.base, value.first
+
+    def _named(self, wish: str) -> str:
+        name, count = wish, 1
+        while name in self._taken:
+            count += 1
+            name = f"{wish}_{count}"
+        self._taken.add(name)
+        return name
+
+    def array(self, array: Any) -> Value:
+        """See `Functions.array`."""
+        if id(array) not in self._arrays:
+            item = _DTYPES[array.dtype.kind]
+            numbers = [double(float(x)) if item == NUMBER else str(int(x)) for x in np.ravel(array)]
+            name = self._named(f"constant_{len(self._arrays)}")
+            self._constants.append((TYPES[item], name, numbers))
+            value = Value(Array(item, array.ndim), (Known(name), *map(str, array.shape)))
+            self._arrays[id(array)] = value, array
+        return self._arrays[id(array)][0]
+
+
+def _indented(lines: list[str]) -> list[str]:
+    """Return lines with four spaces for each block around them."""
+    found, depth = [], 0
+    for line in lines:
+        depth -= line.startswith("}")
+        found.append(f"{'    ' * depth}{line}")
+        depth += line.endswith("{")
+    return found

@@ -1,0 +1,394 @@
+"""Translation of the compiled subset of Python, whatever its target: what code means, and the kinds of its values.
+
+A target is a class that prints what is found here: `dalembert.codegen.subset.statements` as LLVM assembly,
+`dalembert.codegen.c.subset` as C.
+"""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import inspect
+import textwrap
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, final
+
+import numpy as np
+
+from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
+from .values import Value, parts, unified
+
+UNKNOWN: Any = object()
+"""Placeholder of a value that is not known before the loop runs."""
+
+SCALARS: Mapping[str, Kind] = {"int": INTEGER, "float": NUMBER, "bool": FLAG}
+"""Kinds of numbers by their annotations."""
+
+
+@final
+class Untranslatable(TypeError):
+    """A fault whose message names the line already."""
+
+
+def definition_of(function: Any) -> ast.FunctionDef:
+    """Return the parsed definition of a function."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+    assert isinstance(tree, ast.FunctionDef)
+    return tree
+
+
+def result_of(annotation: ast.expr | None) -> Kind:
+    """Return the annotated kind of the result of a function."""
+    match annotation:
+        case ast.Name(id=name) if name in SCALARS:
+            return SCALARS[name]
+        case ast.Constant(value=None):
+            return Group(())
+        case ast.Subscript(value=ast.Name(id="tuple"), slice=ast.Tuple(elts=elements)):
+            return Group(tuple(result_of(element) for element in elements))
+    raise TypeError("a function returns nothing, a number, or a tuple of numbers, and says so")
+
+
+class Translation(ABC):
+    """Translates one function."""
+
+    built_in: ClassVar[Mapping[Any, Callable[..., Value]]]
+    """Translation of each function that is not translated itself, by the function that Python code calls."""
+
+    def __init__(self, function: Any) -> None:
+        code = function.__code__
+        self._local = {*code.co_varnames, *code.co_cellvars}
+        outside = inspect.getclosurevars(function)
+        self._outside = {**vars(builtins), **function.__globals__, **outside.nonlocals}
+        self._source, self._first = code.co_filename, code.co_firstlineno
+
+    # -- what a target prints ---------------------------------------------------------------
+
+    @abstractmethod
+    def literal(self, number: bool | int | float) -> Value:
+        """Return a constant."""
+
+    @abstractmethod
+    def constant_array(self, array: Any) -> Value:
+        """Return a constant array."""
+
+    @abstractmethod
+    def read(self, name: str) -> Value:
+        """Return the value of a variable."""
+
+    @abstractmethod
+    def negated(self, value: Value) -> Value:
+        """Return a number with the other sign."""
+
+    @abstractmethod
+    def arithmetic(self, op: ast.operator, kind: Kind, a: Value, b: Value) -> Value:
+        """Return a combination of two numbers of a kind."""
+
+    @abstractmethod
+    def divided(self, rest: bool, a: Value, b: Value) -> Value:
+        """Return quotient or rest of a whole number and a positive one, rounded down; 0 divides as 1 does."""
+
+    @abstractmethod
+    def compared(self, op: ast.cmpop, kind: Kind, a: Value, b: Value) -> Value:
+        """Return the flag of a comparison of two numbers of a kind."""
+
+    @abstractmethod
+    def both(self, a: Value, b: Value) -> Value:
+        """Return whether two flags are set."""
+
+    @abstractmethod
+    def replaced(self, op: ast.cmpop, kind: Kind, a: Value, b: Value) -> Value:
+        """Return `b` where it compares so with `a`, else `a`."""
+
+    @abstractmethod
+    def chosen(self, test: ast.expr, yes: Callable[[], Value], no: Callable[[], Value]) -> Value:
+        """Return one of two values; only the one that the test selects is computed."""
+
+    @abstractmethod
+    def cast(self, value: Value, kind: Kind) -> Value:
+        """Return a number as one of a larger kind."""
+
+    @abstractmethod
+    def place(self, array: Value, index: list[Value]) -> Value:
+        """Return the row of an array at an index, or the place of an element where the index is whole.
+
+        The place is a value of the kind of the array without dimensions.
+        """
+
+    @abstractmethod
+    def part(self, group: Value, number: int) -> Value:
+        """Return a part of a tuple."""
+
+    @abstractmethod
+    def field(self, record: Value, name: str) -> Value:
+        """Return the place of a field of a record."""
+
+    @abstractmethod
+    def load(self, place: Value) -> Value:
+        """Return the value at a place."""
+
+    @abstractmethod
+    def store(self, value: Value, place: Value) -> None:
+        """Write a value to a place."""
+
+    @abstractmethod
+    def called(self, function: Any, given: list[Value]) -> Value:
+        """Return the result of a call of a translated function."""
+
+    @abstractmethod
+    def assign_name(self, name: str, value: Value) -> None:
+        """Keep a value in a variable, whose kind is that of the first value in the text; `_` keeps none."""
+
+    @abstractmethod
+    def branch_if(self, test: ast.expr, body: list[ast.stmt], other: list[ast.stmt]) -> None:
+        """Translate statements of which a test decides."""
+
+    @abstractmethod
+    def loop_while(self, test: ast.expr, body: list[ast.stmt]) -> None:
+        """Translate a loop with a test."""
+
+    @abstractmethod
+    def loop_range(self, name: str, given: list[Value], body: list[ast.stmt]) -> None:
+        """Count as `range` does; what happens to the variable inside does not change the count."""
+
+    @abstractmethod
+    def loop_each(self, target: ast.expr, elements: list[ast.expr], body: list[ast.stmt]) -> None:
+        """Write the body of a loop over a tuple once for each element."""
+
+    @abstractmethod
+    def leave(self, loop: bool) -> None:
+        """Leave a round of the innermost loop, or the loop."""
+
+    @abstractmethod
+    def give(self, value: Value | None) -> None:
+        """Return from the function."""
+
+    @property
+    @abstractmethod
+    def reachable(self) -> bool:
+        """Whether what follows can be reached."""
+
+    # -- expressions ------------------------------------------------------------------------
+
+    def known(self, node: ast.expr) -> Any:
+        """Return the value of a constant expression, or `UNKNOWN`."""
+        match node:
+            case ast.Constant(value=value):
+                return value
+            case ast.Name(id=name) if name not in self._local:
+                return self._outside.get(name, UNKNOWN)
+            case ast.Attribute(value=base, attr=name):
+                held = self.known(base)
+                return UNKNOWN if held is UNKNOWN else getattr(held, name)
+            case ast.UnaryOp(op=ast.Not() | ast.USub() as op, operand=operand):
+                held = self.known(operand)
+                return UNKNOWN if held is UNKNOWN else not held if isinstance(op, ast.Not) else -held
+            case ast.BoolOp(op=op, values=values):
+                held = [self.known(value) for value in values]
+                deciding = isinstance(op, ast.Or)
+                if any(value is not UNKNOWN and bool(value) is deciding for value in held):
+                    return deciding
+                return UNKNOWN if any(value is UNKNOWN for value in held) else not deciding
+        return UNKNOWN
+
+    def value(self, node: ast.expr) -> Value:
+        """Return the value of an expression."""
+        held = self.known(node)
+        if held is not UNKNOWN:
+            return self._constant(held)
+        match node:
+            case ast.Name(id=name):
+                return self.read(name)
+            case ast.Tuple(elts=elements):
+                return self._group([self.value(element) for element in elements])
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                return self.negated(self.value(operand))
+            case ast.UnaryOp(op=ast.Not()) | ast.BoolOp():
+                return self.chosen(node, lambda: self.literal(True), lambda: self.literal(False))
+            case ast.IfExp(test=test, body=body, orelse=other):
+                return self.chosen(test, lambda: self.value(body), lambda: self.value(other))
+            case ast.BinOp(left=left, op=op, right=right):
+                return self.combined(op, self.value(left), self.value(right))
+            case ast.Compare():
+                return self._comparison(node)
+            case ast.Attribute(value=base, attr=name):
+                return self._attribute(self.value(base), name)
+            case ast.Subscript(value=base, slice=index):
+                return self._element(self.value(base), index)
+            case ast.Call(func=func, args=arguments) if not node.keywords:
+                return self._call(self.known(func), [self.value(argument) for argument in arguments])
+        raise TypeError("this expression has no translation")
+
+    def index(self, node: ast.expr) -> list[Value]:
+        """Return the numbers of an index."""
+        return [self.value(part) for part in (node.elts if isinstance(node, ast.Tuple) else [node])]
+
+    def combined(self, op: ast.operator, a: Value, b: Value) -> Value:
+        """Return a sum, product or another combination of two numbers, with Python's meaning."""
+        if isinstance(op, ast.Pow):
+            raise TypeError("there are no powers, and `square` for squares: Python rounds x ** 2 in another way")
+        kind = NUMBER if isinstance(op, ast.Div) else unified(unified(a.kind, b.kind), INTEGER)
+        a, b = self.converted(a, kind), self.converted(b, kind)
+        if kind == INTEGER and isinstance(op, ast.FloorDiv | ast.Mod):
+            (divisor,) = b.words
+            if divisor.lstrip("-").isdigit() and int(divisor) <= 0:
+                raise TypeError("whole numbers are divided by positive ones")
+            return self.divided(isinstance(op, ast.Mod), a, b)
+        return self.arithmetic(op, kind, a, b)
+
+    def converted(self, value: Value, kind: Kind) -> Value:
+        """Return a value as one of a kind that holds it; `TypeError` where it does not."""
+        if value.kind == kind:
+            return value
+        if isinstance(kind, Group) and isinstance(value.kind, Group) and len(kind.parts) == len(value.kind.parts):
+            pairs = zip(parts(value), kind.parts, strict=True)
+            return Value(kind, tuple(word for part, wanted in pairs for word in self.converted(part, wanted).words))
+        if unified(value.kind, kind) != kind:
+            raise TypeError(f"{value.kind} does not fit into {kind}")
+        return self.cast(value, kind)
+
+    def as_annotated(self, function: Any, given: list[Value]) -> list[Value]:
+        """Return arguments of a function as its annotations have them."""
+        wanted = [function.__annotations__.get(name, "") for name in inspect.signature(function).parameters]
+        return [
+            self.converted(value, SCALARS[kind]) if kind in SCALARS else value
+            for value, kind in zip(given, wanted, strict=True)
+        ]
+
+    @staticmethod
+    def _group(values: list[Value]) -> Value:
+        return Value(Group(tuple(v.kind for v in values)), tuple(word for v in values for word in v.words))
+
+    def _constant(self, held: Any) -> Value:
+        if isinstance(held, np.ndarray):
+            return self.constant_array(held)
+        if isinstance(held, tuple):
+            return self._group([self._constant(part) for part in held])
+        if not isinstance(held, bool | int | float):
+            raise TypeError(f"{held!r} is not a number")
+        return self.literal(held)
+
+    def _comparison(self, node: ast.Compare) -> Value:
+        values = [self.value(part) for part in (node.left, *node.comparators)]
+        result: Value | None = None
+        for op, a, b in zip(node.ops, values, values[1:], strict=False):
+            kind = unified(a.kind, b.kind)
+            flag = self.compared(op, kind, self.converted(a, kind), self.converted(b, kind))
+            result = flag if result is None else self.both(result, flag)
+        assert result is not None
+        return result
+
+    def _attribute(self, value: Value, name: str) -> Value:
+        if isinstance(value.kind, Fields):
+            return self.load(self.field(value, name))
+        if isinstance(value.kind, Group) and name in value.kind.names:
+            return self.part(value, value.kind.names.index(name))
+        if isinstance(value.kind, Array) and name == "shape":
+            return Value(Group((INTEGER,) * value.kind.dimensions), value.words[1:])
+        if isinstance(value.kind, Array) and name == "size":
+            size = self.literal(1)
+            for length in value.words[1:]:
+                size = self.combined(ast.Mult(), size, Value(INTEGER, (length,)))
+            return size
+        raise TypeError(f"there is no {name}")
+
+    def _element(self, base: Value, index: ast.expr) -> Value:
+        if isinstance(base.kind, Group):
+            return self.part(base, int(self.known(index)))
+        place = self.place(base, self.index(index))
+        assert isinstance(place.kind, Array)
+        return place if place.kind.dimensions else self.load(place)
+
+    def _call(self, function: Any, given: list[Value]) -> Value:
+        if function is min or function is max:
+            result = given[0]
+            for other in given[1:]:  # as in Python, the first where one is not a number
+                kind = unified(result.kind, other.kind)
+                op = ast.Lt() if function is min else ast.Gt()
+                result = self.replaced(op, kind, self.converted(result, kind), self.converted(other, kind))
+            return result
+        if function in self.built_in:
+            return self.built_in[function](self, *given)
+        if not getattr(function, "compiled_subset", False):
+            raise TypeError(f"{function} has no translation")
+        return self.called(function, self.as_annotated(function, given))
+
+    # -- statements -------------------------------------------------------------------------
+
+    def body(self, statements: list[ast.stmt]) -> None:
+        """Translate statements, up to one behind which nothing is reached.
+
+        Raises
+        ------
+        TypeError
+            For statements that have no translation; the message names the line.
+        """
+        for statement in statements:
+            if not self.reachable:
+                return
+            try:
+                self.statement(statement)
+            except Untranslatable:
+                raise
+            except (TypeError, KeyError) as fault:
+                line = self._first + statement.lineno - 1
+                raise Untranslatable(f"{self._source}, line {line}: {fault}") from fault
+
+    def statement(self, node: ast.stmt) -> None:
+        """Translate a statement."""
+        match node:
+            case ast.Assign(targets=[ast.Tuple(elts=targets)], value=ast.Tuple(elts=values)):
+                for target, found in zip(targets, self.together(values, targets), strict=True):
+                    self.assign(target, found)
+            case ast.Assign(targets=targets, value=value):
+                found = self.value(value)
+                for target in targets:
+                    self.assign(target, found)
+            case ast.AugAssign(target=target, op=op, value=value):
+                self._change(target, op, value)
+            case ast.If(test=test, body=body, orelse=other):
+                self.branch_if(test, body, other)
+            case ast.While(test=test, body=body, orelse=[]):
+                self.loop_while(test, body)
+            case ast.For(target=ast.Name(id=name), iter=ast.Call(func=ast.Name(id="range"), args=args), orelse=[]):
+                self.loop_range(name, [self.value(argument) for argument in args], node.body)
+            case ast.For(target=target, iter=ast.Tuple(elts=elements), orelse=[]):
+                self.loop_each(target, elements, node.body)
+            case ast.Break() | ast.Continue():
+                self.leave(isinstance(node, ast.Break))
+            case ast.Return(value=value):
+                self.give(None if value is None else self.value(value))
+            case ast.Expr(value=ast.Constant()):
+                pass
+            case ast.Expr(value=ast.Call() as call):
+                self.value(call)
+            case _:
+                raise TypeError(f"{type(node).__name__} has no translation")
+
+    def together(self, nodes: list[ast.expr], targets: list[ast.expr]) -> list[Value]:
+        """Return values that are all computed before one of them is assigned to its target."""
+        return [self.value(node) for node in nodes]
+
+    def assign(self, target: ast.expr, value: Value) -> None:
+        """Assign a value to a variable, an element, a field, or a tuple of these."""
+        match target:
+            case ast.Name(id=name):
+                self.assign_name(name, value)
+            case ast.Tuple(elts=targets):
+                count = len(value.kind.parts) if isinstance(value.kind, Group) else 0
+                for part, found in zip(targets, [self.part(value, i) for i in range(count)], strict=True):
+                    self.assign(part, found)
+            case ast.Subscript(value=base, slice=index):
+                self.store(value, self.place(self.value(base), self.index(index)))
+            case ast.Attribute(value=base, attr=name):
+                self.store(value, self.field(self.value(base), name))
+            case _:
+                raise TypeError("nothing can be assigned to this")
+
+    def _change(self, target: ast.expr, op: ast.operator, value: ast.expr) -> None:
+        if not isinstance(target, ast.Subscript):
+            self.assign(target, self.combined(op, self.value(target), self.value(value)))
+            return
+        place = self.place(self.value(target.value), self.index(target.slice))
+        self.store(self.combined(op, self.load(place), self.value(value)), place)

@@ -1,0 +1,181 @@
+"""What of a model is exported: the checks that it can be, and everything that its source is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..codegen.c.simulator import CSource
+from ..errors import CapabilityError, OptionError, list_names, unknown_name
+from ..ir.program import WIDTH, coefficient_places
+from ..methods.pairs import PAIRS
+from ..reduction.admission import admission_of_state
+from ..reduction.jumps import has_jumps
+from ..reduction.starting import Start, starting
+from ..runs.capabilities import WITHOUT
+from ..runs.run_checks import GimbalCheck
+from ..starts.initial_states import initial_state
+from ..starts.inputs import constants
+from ..starts.symbol_assumptions import ROUNDING
+
+if TYPE_CHECKING:
+    from ..model.model import CompiledModel
+
+FORMULATIONS = ("minimal", "projected", "augmented")
+"""Formulations whose runs need nothing but their kernels and a loop."""
+
+
+def refuse_scene(model: CompiledModel) -> None:
+    """Refuse a model that no export carries.
+
+    Raises
+    ------
+    CapabilityError
+        With what it has that is not exported, and the remedy.
+    """
+    if model.modes is not None:
+        raise CapabilityError(
+            f"{model.name!r} has contacts that change between sliding, sticking and being open"
+            f" ({list_names(model.contacts)}), which exports do not carry yet: export one mode,"
+            " model.mode(...).export(...)"
+        )
+    program, reduced = model.stages.program, model.stages.reduced
+    if model.controllers:
+        names = list_names(item.name for item in model.controllers)
+        raise CapabilityError(f"exports do not carry sampled controllers ({names}): {WITHOUT}")
+    if program.formulation not in FORMULATIONS:
+        raise CapabilityError(
+            f"exports carry the formulations {list_names(FORMULATIONS)}, and this model is {program.formulation!r}:"
+            f" compile it with formulation={FORMULATIONS[1]!r}"
+        )
+    if program.conditions is not None:
+        raise CapabilityError(
+            f"{program.name!r} has functions of time with kinks or jumps, at which runs are cut; exports do not carry"
+            " them yet: make them inputs (add_inputs), which are set while a run goes on"
+        )
+    if reduced.unproven or reduced.redundancy is not None:
+        raise CapabilityError(
+            f"{program.name!r} has constraints that follow from others at some places only, which simulate looks at"
+            " along the run; exports do not: remove the constraints that are not needed"
+        )
+    if not program.layout.state:
+        raise CapabilityError(f"the constraints of {program.name!r} prescribe its motion: there is nothing to simulate")
+    if "shared_loads" in program:
+        raise CapabilityError(
+            f"outputs of {program.name!r} are reactions that the equations leave open, of least norm, which exports do"
+            " not compute: compile the model without these outputs"
+        )
+
+
+def refuse_inputs(model: CompiledModel, start: Start) -> None:
+    """Refuse inputs that cannot be set between steps.
+
+    Raises
+    ------
+    CapabilityError
+        With the inputs, and the remedy.
+    """
+    program, layout = model.stages.program, model.layout
+    if not layout.inputs:
+        return
+    if program.knot_sides is not None:
+        raise CapabilityError(
+            f"{program.name!r} has both inputs and tables or forces that jump, which exports do not carry together yet:"
+            " make the inputs parameters, or smooth the jumps"
+        )
+    used = {load.index for load in start.kernel.loads if load.array == "c"}
+    used |= {load.index for name in ("project_position", "project_velocity", "expand") if name in program
+             for load in program.kernel(name).loads if load.array == "c"}  # fmt: skip
+    places = coefficient_places(layout.parameters, layout.inputs)
+    moving = [u for u, first in zip(layout.inputs, places, strict=True) if used & set(range(first, first + WIDTH))]
+    if moving:
+        raise CapabilityError(
+            f"the inputs {list_names(moving)} move bodies or constraints, so that a run cannot begin before they are"
+            " set; exports carry inputs in loads and in rates of states: write such a motion as an expression of time"
+        )
+
+
+def method_of(model: CompiledModel, method: Any, rtol: float, atol: float) -> str:
+    """Return the method of an export.
+
+    Raises
+    ------
+    OptionError
+        For a method that there is not.
+    CapabilityError
+        For one that is not exported.
+    """
+    known = ("auto", "taylor", *PAIRS, "radau")
+    if not isinstance(method, str) or method not in known:
+        raise OptionError(unknown_name("method", str(method), known))
+    if method == "radau":
+        raise CapabilityError(
+            f"exports do not carry the method 'radau' yet: take method='dop853', or one of {list_names(known[:-1])}"
+        )
+    return model.engine.automatic(("taylor", "dop853"), rtol, atol) if method == "auto" else str(method)
+
+
+def start_of(model: CompiledModel, initial: Mapping[str, float] | None) -> Start:
+    """Return the start from initial values of the given names, by default from all coordinates, rates and states.
+
+    Raises
+    ------
+    InitialStateError
+        When something is neither given nor fixed by a constraint.
+    """
+    names: Sequence[str] = model.layout.variables if initial is None else tuple(initial)
+    return starting(model.stages.reduced, sorted(set(names)))
+
+
+def c_source(
+    model: CompiledModel,
+    initial: Mapping[str, float] | None,
+    numbers: Mapping[str, float],
+    method: str,
+    tolerances: tuple[float, float],
+    span: tuple[float, float],
+) -> CSource:
+    """Return what the C source of a model is made of; see `dalembert.model.exports.export` for the arguments.
+
+    Raises
+    ------
+    CapabilityError, InitialStateError, OptionError
+        For what is not exported, and for initial values that are not enough.
+    """
+    refuse_scene(model)
+    start = start_of(model, initial)
+    refuse_inputs(model, start)
+    reduced = model.stages.reduced
+    admission = admission_of_state(reduced, ROUNDING)
+    check = GimbalCheck.of(model)
+    return CSource(
+        program=model.stages.program,
+        start=start,
+        admission=admission,
+        dependent=model.derived.dependence is not None,
+        method=method_of(model, method, *tolerances),
+        tolerances=tolerances,
+        forward_only=has_jumps(reduced),
+        numbers=numbers,
+        span=span,
+        locks=None if check is None else check.found.kernel,
+        locking=() if check is None else locking_groups(model, check, start, numbers, span),
+    )
+
+
+def locking_groups(
+    model: CompiledModel, check: GimbalCheck, start: Start, numbers: Mapping[str, float], span: tuple[float, float]
+) -> tuple[int, ...]:
+    """Return the groups of angles at whose lock a run ends: all that may be singular there.
+
+    Where the example says how the scene moves, those are left out at which its motions are regular.
+    """
+    program, layout = model.stages.program, model.layout
+    wanted = (*start.given, *layout.parameters)
+    if not all(name in numbers for name in wanted):
+        return tuple(range(len(check.found.kernel.outputs)))
+    c = constants(program, np.array([numbers[name] for name in layout.parameters]))
+    y = initial_state(start, span[0], numbers, c, program)
+    return tuple(check.locking(span[0], y, c))

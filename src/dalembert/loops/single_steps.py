@@ -1,0 +1,155 @@
+"""Runs taken one step at a time, with the state between the ends of a step: what code that is written for others calls.
+
+A run begins with its arguments set; `taylor_step` and `explicit_step` take the next step, `taylor_sample` and
+`explicit_sample` give the state at a time within it. They call the loops of recorded runs, so that a run goes through
+the same states.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ..methods.status import RUNNING, Status
+from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK
+from ..steps.explicit_loop import LOOP as EXPLICIT_LOOP
+from ..steps.explicit_loop import ExplicitArguments
+from ..steps.packed_tableaus import POINT
+from ..steps.projection import ROUNDING_OF_POLYNOMIALS, project_row
+from ..steps.recorded_runs import evaluate, evaluate_polynomial
+from ..subset.arguments import IntVector, Record, Vector
+from ..subset.compiled_subset import compiled_subset
+from .prepared_loop import RECORDED_LOOP, PreparedArguments
+from .taylor_runs import LARGEST_WINDING, TURN, turns_to_take, unwound
+
+
+class StepPlace(Record):
+    """Time at which the last step began; steps until turns are taken off angles, and how many there were before that.
+
+    ``wanted`` is a time within the next step at which the state will be asked for, NaN where there is none;
+    ``direction`` is that of time, 1 or -1, where the arguments of the loop do not have it.
+    """
+
+    begin: float
+    left: int
+    block: int
+    wanted: float
+    direction: float
+
+
+class TaylorSteps(NamedTuple):
+    """A recorded run of Taylor steps, with room for one step, whose series it writes.
+
+    Attributes
+    ----------
+    angles : (n_angles,)
+        Components of the state that matter modulo a turn.
+    turns, sampled : (n,)
+        Turns that have been taken off the components; gets a state.
+    """
+
+    run: PreparedArguments
+    angles: IntVector
+    turns: Vector
+    sampled: Vector
+    place: StepPlace
+
+
+class ExplicitSteps(NamedTuple):
+    """A run of Runge-Kutta steps, with room for one step; ``sampled`` (n,) gets a state."""
+
+    run: ExplicitArguments
+    sampled: Vector
+    place: StepPlace
+
+
+@compiled_subset
+def taylor_step(arguments: TaylorSteps) -> int:
+    """Take a step; return the status of the run."""
+    run, place = arguments.run, arguments.place
+    states, progress, n = run.states, run.progress, run.n
+    if run.limits.going:
+        for m in range(n + 1):
+            states[0, m] = states[progress.row, m]
+    else:
+        progress.t, place.left, place.block = run.limits.t0, 0, 0
+    if arguments.angles.size > 0:
+        if place.left == 0:
+            place.block = FIRST_BLOCK if place.block == 0 else min(2 * place.block, min(LARGEST_WINDING, LARGEST_BLOCK))
+            place.left = place.block
+            for a in range(arguments.angles.size):
+                i = arguments.angles[a]
+                turns = turns_to_take(states[0, i])
+                states[0, i], lost = unwound(states[0, i], turns)
+                run.low[i] += lost
+                arguments.turns[i] += turns
+        place.left -= 1
+    place.begin = progress.t
+    return RECORDED_LOOP(run)
+
+
+@compiled_subset
+def taylor_sample(arguments: TaylorSteps, t: float) -> int:
+    """Compute the state at a time within the last step; return `RUNNING`."""
+    run, begin = arguments.run, arguments.place.begin
+    states, progress, n = run.states, run.progress, run.n
+    row, end = progress.row, progress.t
+    for i in range(n):
+        arguments.sampled[i] = states[row, i]
+    if t != end and row != 0:
+        width = (states.shape[1] - n - 2) // n
+        h, theta = states[row, n] * run.settings[0, 1], (t - begin) / (end - begin)
+        for i in range(n):
+            first, value, total, terms, power = n + 2 + i * width, 0.0, 0.0, 0.0, 1.0
+            for k in range(width):
+                if states[row, first + k] != 0.0:
+                    term = states[row, first + k] * power
+                    total += term
+                    terms += abs(term)
+                power *= h
+            for k in range(width - 1, -1, -1):
+                value = value * (theta * h) + states[row, first + k]
+            left = states[row, i] - total
+            if abs(left) > ROUNDING_OF_POLYNOMIALS * terms:
+                value += left * (theta * theta * (3.0 - 2.0 * theta))
+            arguments.sampled[i] = value
+    for a in range(arguments.angles.size):
+        i = arguments.angles[a]
+        arguments.sampled[i] += arguments.turns[i] * TURN
+    return RUNNING
+
+
+@compiled_subset
+def explicit_step(arguments: ExplicitSteps) -> int:
+    """Take a step; return the status of the run."""
+    run, place = arguments.run.run, arguments.place
+    progress = run.progress
+    progress.begun, progress.limit = progress.steps, progress.steps + 1
+    progress.recorded, run.t_eval[0] = 0, place.wanted
+    place.begin = progress.t
+    return EXPLICIT_LOOP(arguments.run)
+
+
+@compiled_subset
+def explicit_sample(arguments: ExplicitSteps, t: float) -> int:
+    """Compute the state at a time within the last step, one that was wanted or lies behind it; return the status."""
+    codes, settings, run = arguments.run.codes, arguments.run.settings, arguments.run.run
+    progress, work, begin, source = run.progress, run.work, arguments.place.begin, run.progress.row
+    status = RUNNING
+    if t != progress.t and begin != progress.t:
+        evaluate_polynomial(run, 0, settings.degree, (t - begin) / (progress.t - begin), settings.kept)
+        source, before = POINT, 1 - progress.row
+        if not project_row(
+            codes.position, codes.velocity, t, run.clock, work, POINT, work, before, run.constants, run.delta,
+            run.mark, settings.rtol, settings.atol,
+        ):  # fmt: skip
+            status = Status.PROJECTION_FAILED
+    for m in range(settings.kept):
+        arguments.sampled[m] = work[source, m]
+    return status
+
+
+@compiled_subset
+def explicit_continue(arguments: ExplicitSteps) -> None:
+    """Evaluate the slope at the present state, where constants have changed."""
+    codes, tableau, run = arguments.run.codes, arguments.run.tableau, arguments.run.run
+    evaluate(codes.rhs, run.progress.t, run, run.progress.row, tableau.first)

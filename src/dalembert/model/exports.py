@@ -1,0 +1,121 @@
+"""The method of models that writes simulators: `export`."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import OptionError, nesting_named, unknown_name
+from ..export.folder import path_of, refuse_others, write_folder
+from ..starts.inputs import span_of
+from ..values import tolerances
+
+if TYPE_CHECKING:
+    from .model import CompiledModel
+
+
+def _c(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, str]:
+    from ..codegen.c.simulator import c_files
+    from ..export.simulator import c_source
+
+    return c_files(c_source(model, **request))
+
+
+KINDS: dict[str, Callable[[CompiledModel, Mapping[str, Any]], dict[str, str]]] = {"c": _c}
+"""Kinds of exports: from a model and what was asked for to the texts of files by their names."""
+
+
+@nesting_named
+def export(
+    self: CompiledModel,
+    path: str | os.PathLike[str],
+    kind: str = "c",
+    *,
+    initial: Mapping[Any, Any] | None = None,
+    parameters: Mapping[Any, Any] | None = None,
+    inputs: Mapping[Any, Any] | None = None,
+    t_span: tuple[float, float] = (0.0, 10.0),
+    method: str = "auto",
+    rtol: float = 1e-8,
+    atol: float = 1e-10,
+) -> Path:
+    """Write a simulator of the model that needs nothing of dalembert.
+
+    Kind "c" is a folder with a header, a source in C99 without allocation and globals, an example ``main.c``, a
+    Makefile and a README with all names. It takes the steps of `simulate`, from the same initial values.
+
+    Parameters
+    ----------
+    path : str or path
+        The folder. It must not exist, be empty, or hold an earlier export as it was written, whose place it takes.
+    kind : str
+        "c".
+    initial : mapping of symbols or names to numbers, optional
+        Initial values of the example. Their names are what the exported start takes; what the constraints fix may be
+        left out. By default it takes all coordinates and rates, and the example none.
+    parameters, inputs : mapping of symbols or names to numbers, optional
+        Parameters and constant inputs of the example.
+    t_span : (float, float)
+        Start and end of the example [s].
+    method : str
+        "taylor", or a Runge-Kutta pair such as "dop853"; "auto" takes what `simulate` takes for runs that are not
+        stiff.
+    rtol, atol : float
+        Tolerances, which the code is made for.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    CapabilityError
+        For what exports do not carry, with the remedy: contacts that change, sampled controllers, functions of time
+        with kinks, the method "radau", formulations other than "minimal", "projected" and "augmented".
+    OptionError
+        For an unknown kind, and a path at which something else is.
+    InitialStateError, UnknownNameError, ValueInputError
+        For initial values, parameters and inputs that are wrong.
+
+    Examples
+    --------
+    The pendulum of `Scene`::
+
+        model.export("pendulum", initial={theta: 1, theta.diff(): 0}, parameters={m: 1, l: 1, g: 9.81})
+    """
+    asked: Any = kind
+    if not isinstance(asked, str) or asked not in KINDS:
+        raise OptionError(unknown_name("kind of export", str(kind), KINDS))
+    folder = path_of(path)
+    refuse_others(folder)
+    rtol, atol = tolerances(rtol, atol)
+    given = None if initial is None else dict(self.read_initial(initial))
+    numbers = dict(given or {})
+    if parameters is not None:
+        numbers |= self.read_parameters(parameters)
+    numbers |= _input_values(self, inputs)
+    request = {
+        "initial": given,
+        "numbers": numbers,
+        "method": method,
+        "tolerances": (rtol, atol),
+        "span": span_of(t_span),
+    }
+    return write_folder(folder, KINDS[kind](self, request))
+
+
+def _input_values(model: CompiledModel, inputs: Mapping[Any, Any] | None) -> dict[str, float]:
+    """Return the values of constant inputs by name."""
+    found: dict[str, float] = {}
+    for symbol, value in (inputs or {}).items():
+        name = symbol if isinstance(symbol, str) else getattr(getattr(symbol, "func", None), "__name__", str(symbol))
+        if name not in model.layout.inputs:
+            raise OptionError(unknown_name("input", name, model.layout.inputs))
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise OptionError(f"the input {name!r} of the example must be a finite number, not {value!r}")
+        found[name] = float(value)
+    return found
