@@ -85,15 +85,17 @@ def refuse_inputs(model: CompiledModel, start: Start) -> None:
             f"{program.name!r} has both inputs and tables or forces that jump, which exports do not carry together yet:"
             " make the inputs parameters, or smooth the jumps"
         )
-    used = {load.index for load in start.kernel.loads if load.array == "c"}
-    used |= {load.index for name in ("project_position", "project_velocity", "expand") if name in program
-             for load in program.kernel(name).loads if load.array == "c"}  # fmt: skip
+    read = {load.index for load in start.kernel.loads if load.array == "c"}
     places = coefficient_places(layout.parameters, layout.inputs)
-    moving = [u for u, first in zip(layout.inputs, places, strict=True) if used & set(range(first, first + WIDTH))]
+    moving = [
+        f"{u.name} ({u.where})" if u.where else u.name
+        for u, first in zip(model.inputs, places, strict=True)
+        if u.smoothness >= 0 or read & set(range(first, first + WIDTH))
+    ]
     if moving:
         raise CapabilityError(
-            f"the inputs {list_names(moving)} move bodies or constraints, so that a run cannot begin before they are"
-            " set; exports carry inputs in loads and in rates of states: write such a motion as an expression of time"
+            f"exports carry inputs that may jump, and not those that move bodies or constraints: {list_names(moving)}."
+            " Write such a motion as an expression of time, with parameters"
         )
 
 

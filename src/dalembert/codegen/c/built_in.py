@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ...subset import compiled_subset as code
 from ...subset.compiled_subset import FLAG, INTEGER, MATRIX, NUMBER, Array, Group
 from ..subset.values import Value
+from .printing import bare, element_of
 
 if TYPE_CHECKING:
     from .expressions import Expressions
@@ -27,7 +28,7 @@ def _of_double(text: str, kind: Any = NUMBER) -> Callable[..., Value]:
 
     def call(lines: Expressions, value: Value) -> Value:
         (word,) = lines.converted(value, NUMBER).words
-        return Value(kind, (text.format(word.removeprefix("(").removesuffix(")") if word.count("(") == 1 else word),))
+        return Value(kind, (text.format(bare(word)),))
 
     return call
 
@@ -65,7 +66,7 @@ def _call_code(lines: Expressions, function: Value, *given: Value) -> Value:
 
 
 def _element(lines: Expressions, address: Value, index: Value) -> Value:
-    word = f"{address.words[0]}[{index.words[0]}]"
+    word = element_of(address.words[0], index.words[0])
     return Value(NUMBER, (lines.computed(word, "double") if lines.fragile else word,))
 
 

@@ -8,9 +8,8 @@ kernels that there are not) decides tests then, so that code for it is not print
 from __future__ import annotations
 
 import ast
-import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Protocol
 
@@ -18,6 +17,7 @@ from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Grou
 from ..subset.translation import UNKNOWN, Translation
 from ..subset.values import Value, parts, unified
 from .built_in import BUILT_IN, PURE
+from .printing import bare, double, element_of
 
 _OPERATORS = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.LShift: "<<", ast.RShift: ">>", ast.BitAnd: "&"
@@ -31,9 +31,6 @@ _DECIDED: dict[Any, Callable[[Any, Any], bool]] = {
     ast.Eq: lambda a, b: a == b, ast.NotEq: lambda a, b: a != b, ast.Lt: lambda a, b: a < b,
     ast.LtE: lambda a, b: a <= b, ast.Gt: lambda a, b: a > b, ast.GtE: lambda a, b: a >= b,
 }  # fmt: skip
-_ROW = 108
-"""Characters of a line of numbers."""
-
 _LITERAL = re.compile(r"-?\d+(\.\d*)?(e[+-]?\d+)?")
 _ATOM = re.compile(r"-?\w+(\.\w+|->\w+)*")
 
@@ -94,18 +91,6 @@ def literal_of(word: str) -> Any:
     if _LITERAL.fullmatch(number) is None:
         return UNKNOWN
     return int(number) if number.lstrip("-").isdigit() else float(number)
-
-
-def bare(word: str) -> str:
-    """Return an expression without the parentheses around all of it."""
-    if not (word.startswith("(") and word.endswith(")")):
-        return word
-    depth = 0
-    for place, character in enumerate(word):
-        depth += (character == "(") - (character == ")")
-        if depth == 0 and place < len(word) - 1:
-            return word
-    return word[1:-1]
 
 
 def is_atom(word: str) -> bool:
@@ -226,7 +211,8 @@ class Expressions(Translation):
 
     def negated(self, value: Value) -> Value:
         """See `Translation.negated`."""
-        return Value(value.kind, (f"(-{value.words[0]})",))
+        held = literal_of(value.words[0])
+        return self.literal(-held) if held is not UNKNOWN else Value(value.kind, (f"(-{value.words[0]})",))
 
     def arithmetic(self, op: ast.operator, kind: Kind, a: Value, b: Value) -> Value:
         """See `Translation.arithmetic`; of whole numbers, what is known is computed."""
@@ -371,35 +357,3 @@ class Expressions(Translation):
             self.lines.append(f"{name} = {text};")
             return Value(kind, tuple(f"{name}.part_{number}" for number in range(len(kind.parts))))
         return Value(kind, (self.computed(text, TYPES[kind]),))  # type: ignore[index]
-
-
-def element_of(data: str, offset: str) -> str:
-    """Return the element of an array at an offset, which may be that of a row of another."""
-    if data.startswith("&") and data.endswith("]"):
-        base, _, first = data[1:-1].partition("[")
-        return (
-            f"{base}[{bare(offset)}]" if first == "0" else f"{base}[{first}{'' if offset == '0' else f' + {offset}'}]"
-        )
-    return f"{data}[{bare(offset)}]"
-
-
-def double(number: float) -> str:
-    """Return an exact literal of a double."""
-    if math.isnan(number):
-        return "NAN"
-    if math.isinf(number):
-        return "INFINITY" if number > 0 else "(-INFINITY)"
-    text = repr(float(number))
-    return f"({text})" if text.startswith("-") else text
-
-
-def rows_of(numbers: Sequence[str]) -> list[str]:
-    """Return the elements of an array as lines, with commas between them."""
-    rows: list[str] = []
-    for place, number in enumerate(numbers):
-        text = number if place == len(numbers) - 1 else f"{number},"
-        if rows and len(rows[-1]) + len(text) < _ROW:
-            rows[-1] += f" {text}"
-        else:
-            rows.append(text)
-    return rows

@@ -10,8 +10,7 @@ from ...ir.kernel import Assignment, Kernel, Operand, describe_counts
 from ...ir.tables import numbers_of, table_of
 from ...naming import Namer
 from ..printers import C
-from .expressions import double, rows_of
-from .names import FUNCTIONS, RESERVED
+from .printing import FUNCTIONS, RESERVED, double, rows_of
 
 ARGUMENTS = ("t", "y", "c", "s")
 

@@ -9,8 +9,8 @@ from ...ir.kernel import Assignment, Operand
 from ...transforms.order_pass import FIRST_ORDER, Ahead, OrderPlan, Pack, shares
 from ...transforms.recurrences import Recurrences
 from ...transforms.taylor import closing_loads
-from .expressions import double, rows_of
 from .kernels import Names, body_lines
+from .printing import double, rows_of
 
 _WIDTH, _TOGETHER = 4, 8
 """Sums side by side, which compilers take in one register; packs of these in one loop."""

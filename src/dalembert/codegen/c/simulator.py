@@ -19,10 +19,9 @@ from ...transforms.recurrences import recurrences
 from ...transforms.taylor import STEP_ARGUMENTS, order_at, step_kernel
 from ..llvm.vector_functions import shared_constants
 from ..rendering import banner_lines, render
-from .expressions import double
 from .kernels import kernel_variables, table_variables
-from .names import FUNCTIONS, RESERVED, identifiers, prefix_of
 from .order_loops import order_loop_variables
+from .printing import FUNCTIONS, RESERVED, double, identifiers, prefix_of
 from .run_loops import RunLoop, explicit_loop_of, taylor_loop_of
 from .source import LoopSource
 from .workspace import workspace_of

@@ -9,7 +9,8 @@ import numpy as np
 from ...subset.arguments import kind_of
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Group, Kind
 from ..subset.values import Value
-from .expressions import TYPES, Arguments, Known, double, rows_of
+from .expressions import TYPES, Arguments, Known
+from .printing import double, rows_of
 from .statements import Function, is_static, translated
 from .workspace import Workspace
 

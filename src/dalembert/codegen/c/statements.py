@@ -10,8 +10,8 @@ from typing import Any, final
 from ...subset.compiled_subset import INTEGER, NUMBER, Array, Fields, Group, Kind, Scalar
 from ..subset.translation import UNKNOWN, definition_of, result_of
 from ..subset.values import Value, by_reference
-from .expressions import TYPES, Expressions, Functions, Known, Pointer, bare, is_atom, literal_of
-from .names import c_name
+from .expressions import TYPES, Expressions, Functions, Known, Pointer, is_atom, literal_of
+from .printing import bare, c_name
 
 _ASSIGNED = re.compile(r"\s*(\w+) = (.*);")
 _NAME = re.compile(r"(?<![\w.>])[A-Za-z_]\w*")

@@ -16,7 +16,8 @@ import numpy as np
 
 from ...subset.arguments import kind_of
 from ...subset.compiled_subset import FLAG, NUMBER, Array, Fields, Group, Kind
-from .expressions import TYPES, Known, double
+from .expressions import TYPES, Known
+from .printing import double
 
 
 @final

@@ -1,0 +1,42 @@
+"""Programs in C for tests: compiled with warnings as errors, and run."""
+
+import shutil
+import subprocess
+from functools import cache
+
+import pytest
+
+WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror")
+
+
+@cache
+def compiler():
+    """Return the C compiler."""
+    found = shutil.which("gcc") or shutil.which("clang") or shutil.which("cc")
+    if found is None:
+        pytest.skip("no C compiler")
+    return found
+
+
+@cache
+def fuses():
+    """Return whether the compiler fuses products and sums on this processor."""
+    text = "#include <math.h>\n#ifdef FP_FAST_FMA\nfused\n#endif\n"
+    command = [compiler(), "-std=c99", "-march=native", "-E", "-P", "-x", "c", "-"]
+    return "fused" in subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout
+
+
+def built(folder, sources, *options):
+    """Compile sources in a folder without warnings; return the program."""
+    program = folder / "program"
+    command = [compiler(), *WARNINGS, "-O1", "-march=native", *options, "-o", program, *sources, "-lm"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[:3000]
+    return program
+
+
+def output(program, *arguments, status=0):
+    """Run a program, and return what it prints; where it fails, what it prints of that."""
+    done = subprocess.run([program, *map(str, arguments)], capture_output=True, text=True)
+    assert done.returncode == status, done.stderr[:3000]
+    return done.stderr if status else done.stdout

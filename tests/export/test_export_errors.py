@@ -1,0 +1,137 @@
+"""What is not exported, and paths at which something else is."""
+
+import pytest
+from sympy import Piecewise, symbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+
+import dalembert as da
+from dalembert.errors import CapabilityError, InitialStateError, OptionError
+
+SLEIGH = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+
+
+@pytest.fixture(scope="module")
+def sleigh():
+    return da.compile_model(da.scenes.chaplygin_sleigh())
+
+
+def cart(**options):
+    """Return a cart on a line, and its coordinate."""
+    x, N, O = dynamicsymbols("x"), ReferenceFrame("N"), Point("O")
+    scene = da.Scene("cart", frame=N, origin=O, coordinates=[x])
+    P = O.locatenew("P", x * N.x)
+    scene.add_bodies(Particle("cart", P, symbols("m")))
+    return scene, x, P, N
+
+
+def test_an_earlier_export_is_replaced(tmp_path, sleigh):
+    path = tmp_path / "here"
+    assert sleigh.export(path) == path
+    first = (path / "chaplygin_sleigh.c").read_text()
+    sleigh.export(str(path), rtol=1e-4)
+    assert (path / "chaplygin_sleigh.c").read_text() != first
+    assert {item.name for item in tmp_path.iterdir()} == {"here"}
+
+
+def test_an_empty_folder_is_filled(tmp_path, sleigh):
+    (tmp_path / "here").mkdir()
+    assert (sleigh.export(tmp_path / "here") / "main.c").exists()
+
+
+def test_nothing_of_others_is_overwritten(tmp_path, sleigh):
+    folder, file = tmp_path / "folder", tmp_path / "file"
+    folder.mkdir()
+    (folder / "thesis.tex").write_text("ten years")
+    file.write_text("more")
+    with pytest.raises(OptionError, match=r"was not written by an export.*thesis\.tex"):
+        sleigh.export(folder)
+    with pytest.raises(OptionError, match="is no folder of an export"):
+        sleigh.export(file)
+    assert (folder / "thesis.tex").read_text() == "ten years" and file.read_text() == "more"
+
+
+def test_an_export_that_was_changed_is_kept(tmp_path, sleigh):
+    path = sleigh.export(tmp_path / "here")
+    (path / "mine.c").write_text("int mine;")
+    with pytest.raises(OptionError, match=r"holds what would be lost: mine\.c"):
+        sleigh.export(path)
+    (path / "mine.c").unlink()
+    main = path / "main.c"
+    main.write_text(main.read_text() + "/* mine */\n")
+    with pytest.raises(OptionError, match=r"main.c \(changed since\)"):
+        sleigh.export(path)
+    assert main.read_text().endswith("/* mine */\n")
+
+
+@pytest.mark.parametrize(
+    ("path", "message"), [("", "give the folder"), (3, "give the folder"), ("/", "give a new folder")]
+)
+def test_paths_that_are_none(sleigh, path, message):
+    with pytest.raises(OptionError, match=message):
+        sleigh.export(path)
+
+
+def test_the_folder_around_it_exists(tmp_path, sleigh):
+    with pytest.raises(OptionError, match="does not exist: make it first"):
+        sleigh.export(tmp_path / "no" / "where")
+
+
+def test_unknown_options(tmp_path, sleigh):
+    with pytest.raises(OptionError, match=r"kind of export .matlab.*c"):
+        sleigh.export(tmp_path / "a", "matlab")
+    with pytest.raises(OptionError, match="method 'euler'"):
+        sleigh.export(tmp_path / "a", method="euler")
+    with pytest.raises(CapabilityError, match="'radau' yet: take method='dop853'"):
+        sleigh.export(tmp_path / "a", method="radau")
+    with pytest.raises(OptionError, match="input 'u'"):
+        sleigh.export(tmp_path / "a", inputs={"u": 1.0})
+    with pytest.raises(InitialStateError, match="initial values are missing"):
+        sleigh.export(tmp_path / "a", initial={"x": 0})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_contacts_are_exported_mode_by_mode(tmp_path):
+    model = da.compile_model(da.scenes.bouncing_ball())
+    with pytest.raises(CapabilityError, match=r"contacts that change.*model\.mode"):
+        model.export(tmp_path / "a")
+    contact = model.contacts[0]
+    assert model.mode(**{contact: "open"}).export(tmp_path / "a").is_dir()
+
+
+def test_formulations_that_need_more_than_a_loop(tmp_path):
+    scene = da.scenes.chaplygin_sleigh()
+    with pytest.raises(CapabilityError, match="'baumgarte': compile it with formulation='projected'"):
+        da.compile_model(scene, formulation="baumgarte").export(tmp_path / "a")
+
+
+def test_functions_of_time_with_kinks_are_refused(tmp_path):
+    scene, _x, P, N = cart()
+    scene.add_loads((P, Piecewise((1, dynamicsymbols._t < 1), (0, True)) * N.x))
+    with pytest.raises(CapabilityError, match=r"functions of time with kinks or jumps.*add_inputs"):
+        da.compile_model(scene).export(tmp_path / "a")
+
+
+def test_controllers_are_refused(tmp_path):
+    scene, x, P, N = cart()
+    u = dynamicsymbols("u")
+    scene.add_inputs(u)
+    scene.add_loads((P, u * N.x))
+    scene.add_controllers(da.Controller("p", period=0.1, inputs={u: -x}))
+    with pytest.raises(CapabilityError, match=r"sampled controllers \(p\)"):
+        da.compile_model(scene).export(tmp_path / "a")
+
+
+def test_inputs_that_move_bodies_are_refused(tmp_path):
+    road, y, N, O = dynamicsymbols("road"), dynamicsymbols("y"), ReferenceFrame("N"), Point("O")
+    scene = da.Scene("car", frame=N, origin=O, coordinates=[y])
+    scene.add_bodies(Particle("body", O.locatenew("B", (y + road) * N.y), symbols("m")))
+    scene.add_inputs(road)
+    with pytest.raises(CapabilityError, match="not those that move bodies or constraints: road"):
+        da.compile_model(scene).export(tmp_path / "a")
+
+
+def test_a_motion_that_is_prescribed_is_refused(tmp_path):
+    scene, x, _P, _N = cart()
+    scene.add_holonomic_constraints(x - dynamicsymbols._t)
+    with pytest.raises(CapabilityError, match="there is nothing to simulate"):
+        da.compile_model(scene).export(tmp_path / "a")
