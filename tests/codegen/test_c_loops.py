@@ -49,7 +49,7 @@ def c_results(folder, function, arguments, *, known):
     found = list(leaves(arguments, kind))
     numbers = {name: value for name, part, value in found if not isinstance(part, Array | Fields)}
     space = workspace_of(arguments, frozenset() if known else frozenset(numbers), frozenset(), {})
-    loops = LoopSource(space, "loop_run", "fused", frozenset())
+    loops = LoopSource(space, "loop", "fused", frozenset())
     call = loops.entry(function, type(arguments))
     setting, printing = [], []
     for name, part, value in found:
@@ -180,12 +180,12 @@ def test_what_threads_share_has_no_translation():
         Arrays(np.zeros((2, 3)), np.zeros((2, 3), np.bool_), np.zeros(2), np.arange(4)), frozenset(), frozenset(), {}
     )
     with pytest.raises(TypeError, match=r"small_loops.py, line \d+: <function take.* has no translation"):
-        LoopSource(space, "loop_run", "fused", frozenset()).entry(arrays, Arrays)
+        LoopSource(space, "loop", "fused", frozenset()).entry(arrays, Arrays)
 
 
 def test_known_numbers_leave_no_trace():
     """A branch that is never taken is not printed."""
     space = workspace_of(Records(False, 0.25, Pair(0, 4), Tally(), np.zeros(4)), frozenset(), frozenset(), {})
-    loops = LoopSource(space, "loop_run", "fused", frozenset())
+    loops = LoopSource(space, "loop", "fused", frozenset())
     loops.entry(records, Records)
     assert "2.0 *" not in loops.text and "factor" not in loops.text and "0.25" in loops.text

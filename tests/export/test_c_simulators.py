@@ -98,14 +98,19 @@ def steps_of(folder, model, initial, parameters, end, method):
     return table[:, 0], table[:, 1:]
 
 
-@pytest.mark.parametrize("method", ["taylor", "dop853"])
-@pytest.mark.parametrize("name", HARD)
+STIFF = ("pendulum, Cartesian (IFToMM A01)", "stiff flyball governor")
+
+
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [(name, method) for name in HARD for method in ("taylor", "dop853")] + [(name, "radau") for name in STIFF],
+)
 def test_steps_are_those_of_simulate_to_the_last_bit(tmp_path, name, method):
     """Also of angles that lose their turns, of loops over the orders, and of projected states."""
     case = hard_case(name)
     model, end = case.compile("auto"), min(case.times()[-1], 4.0)
     t, y = steps_of(tmp_path, model, case.initial, case.parameters, end, method)
-    options = {"rtol": 1e-10, "atol": 1e-12, "method": method}
+    options = {"rtol": 1e-10, "atol": 1e-12, "method": method, "dense": False}
     run = model.simulate((0, end), case.initial, case.parameters, **options)
     assert len(t) == len(run.t) - 1
     if fuses() == target().fused:
@@ -118,7 +123,7 @@ def test_sanitizers_find_nothing(tmp_path):
     case = hard_case("pendulum, Cartesian (IFToMM A01)")
     model = case.compile("projected")
     checks = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-    for method in ("taylor", "dop853"):
+    for method in ("taylor", "radau"):
         path = model.export(
             tmp_path / method, initial=case.initial, parameters=case.parameters, method=method, t_span=(0, 3)
         )
@@ -178,7 +183,7 @@ int main(void)
 """
 
 
-@pytest.mark.parametrize("method", ["taylor", "dop853"])
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
 def test_inputs_are_set_while_a_run_goes_on(tmp_path, method):
     """A run that goes on behind its end, from a copy, with another input, is the run with samples."""
     model = da.compile_model(driven())
@@ -248,6 +253,14 @@ def test_starts_that_are_wrong_are_refused(tmp_path):
     assert "status 15" in told(m=-1.0)
     assert "status 3" in told(x="nan")
     assert "status 16" in output(program, "inf", 3, *[str(right[name]) for name in names], status=1)
+
+
+def test_the_method_is_that_of_a_run_of_the_example(tmp_path):
+    case = hard_case("stiff flyball governor")
+    model, given = case.compile("auto"), {"initial": case.initial, "parameters": case.parameters}
+    run = model.simulate((0, 10), case.initial, case.parameters, rtol=1e-6, atol=1e-8)
+    path = model.export(tmp_path / "export", rtol=1e-6, atol=1e-8, **given)
+    assert run.stats.method == "radau" and "steps of the method radau" in (path / "README.md").read_text()
 
 
 def test_angles_that_lock_end_a_run(tmp_path):

@@ -168,7 +168,8 @@ class KernelLibrary(ABC):
         The first is the whole Jacobian, the second one column after the other (see `dalembert.transforms.partials`);
         one of them is 0.
         """
-        made, whole = self._derivative(name)
+        whole = has_jacobian(self._program.kernel(name))
+        made = f"{name}_{_DERIVATIVES[whole]}"
         address = self._entry(made, 1, lambda: self._derivative_text(name), made)
         return (address, NO_CODE) if whole else (NO_CODE, address)
 
@@ -242,17 +243,10 @@ class KernelLibrary(ABC):
         kernel = replace(self._program.kernel(name), arguments=arguments)
         return self.kernel_text(name, kernel, lanes, exact=name == "prepare")
 
-    def _derivative(self, name: str) -> tuple[str, bool]:
-        """Return the name of the derivative of a kernel, and whether it is the whole Jacobian."""
-        kernel = self._program.kernel(name)
-        whole = len(kernel.body) * len(kernel.outputs) <= _LARGEST_JACOBIAN
-        return f"{name}_{'jacobian' if whole else 'tangent'}", whole
-
     def _derivative_kernel(self, name: str) -> tuple[str, Kernel]:
         """Return the name and the kernel of the derivative of a kernel by all of its state."""
-        kernel, (made, whole) = self._program.kernel(name), self._derivative(name)
-        derivative = (jacobian_kernel if whole else tangent_kernel)(kernel, len(kernel.outputs))
-        return made, replace(derivative, arguments=STEP_ARGUMENTS)
+        made, derivative = derivative_of(self._program.kernel(name))
+        return f"{name}_{made}", derivative
 
     def _derivative_text(self, name: str) -> str:
         made, kernel = self._derivative_kernel(name)
@@ -277,6 +271,21 @@ class KernelLibrary(ABC):
             self._loaded if table is None else table, (name, lanes), lambda: self._load(name, lanes, text, every)
         )
         return loaded.address(function)
+
+
+_DERIVATIVES = {True: "jacobian", False: "tangent"}
+
+
+def has_jacobian(kernel: Kernel) -> bool:
+    """Return whether the derivative of a kernel by its state is one kernel of the whole Jacobian."""
+    return len(kernel.body) * len(kernel.outputs) <= _LARGEST_JACOBIAN
+
+
+def derivative_of(kernel: Kernel) -> tuple[str, Kernel]:
+    """Return the derivative of a kernel by all of its state, and whether it is a "jacobian" or a "tangent"."""
+    whole = has_jacobian(kernel)
+    derivative = (jacobian_kernel if whole else tangent_kernel)(kernel, len(kernel.outputs))
+    return _DERIVATIVES[whole], replace(derivative, arguments=STEP_ARGUMENTS)
 
 
 def _digest(*parts: object) -> str:

@@ -106,16 +106,10 @@ def method_of(model: CompiledModel, method: Any, rtol: float, atol: float) -> st
     ------
     OptionError
         For a method that there is not.
-    CapabilityError
-        For one that is not exported.
     """
     known = ("auto", "taylor", *PAIRS, "radau")
     if not isinstance(method, str) or method not in known:
         raise OptionError(unknown_name("method", str(method), known))
-    if method == "radau":
-        raise CapabilityError(
-            f"exports do not carry the method 'radau' yet: take method='dop853', or one of {list_names(known[:-1])}"
-        )
     return model.engine.automatic(("taylor", "dop853"), rtol, atol) if method == "auto" else str(method)
 
 

@@ -1,7 +1,7 @@
 """Runs taken one step at a time, with the state between the ends of a step: what code that is written for others calls.
 
-A run begins with its arguments set; `taylor_step` and `explicit_step` take the next step, `taylor_sample` and
-`explicit_sample` give the state at a time within it. They call the loops of recorded runs, so that a run goes through
+A run begins with its arguments set; functions named `step` take the next step, those named `sample` give the state at a
+time within it. They call the loops of recorded runs, so that a run goes through
 the same states.
 """
 
@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
 from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK
 from ..steps.explicit_loop import LOOP as EXPLICIT_LOOP
 from ..steps.explicit_loop import ExplicitArguments
+from ..steps.implicit_loop import LOOP as IMPLICIT_LOOP
+from ..steps.implicit_loop import ImplicitArguments, begin_piece
 from ..steps.packed_tableaus import POINT
 from ..steps.projection import ROUNDING_OF_POLYNOMIALS, project_row
-from ..steps.recorded_runs import evaluate, evaluate_polynomial
+from ..steps.recorded_runs import Run, RunCodes, RunSettings, evaluate, evaluate_polynomial
 from ..subset.arguments import IntVector, Record, Vector
 from ..subset.compiled_subset import compiled_subset
 from .prepared_loop import RECORDED_LOOP, PreparedArguments
@@ -58,6 +61,14 @@ class ExplicitSteps(NamedTuple):
     """A run of Runge-Kutta steps, with room for one step; ``sampled`` (n,) gets a state."""
 
     run: ExplicitArguments
+    sampled: Vector
+    place: StepPlace
+
+
+class ImplicitSteps(NamedTuple):
+    """A run of steps of the implicit method, with room for one step; ``sampled`` (n,) gets a state."""
+
+    run: ImplicitArguments
     sampled: Vector
     place: StepPlace
 
@@ -119,21 +130,18 @@ def taylor_sample(arguments: TaylorSteps, t: float) -> int:
 
 
 @compiled_subset
-def explicit_step(arguments: ExplicitSteps) -> int:
-    """Take a step; return the status of the run."""
-    run, place = arguments.run.run, arguments.place
+def _begin_step(run: Run, place: StepPlace) -> None:
+    """Make room for a step, and set the time at which its polynomial will be asked for."""
     progress = run.progress
     progress.begun, progress.limit = progress.steps, progress.steps + 1
     progress.recorded, run.t_eval[0] = 0, place.wanted
     place.begin = progress.t
-    return EXPLICIT_LOOP(arguments.run)
 
 
 @compiled_subset
-def explicit_sample(arguments: ExplicitSteps, t: float) -> int:
+def _sample(codes: RunCodes, settings: RunSettings, run: Run, place: StepPlace, sampled: FloatArray, t: float) -> int:
     """Compute the state at a time within the last step, one that was wanted or lies behind it; return the status."""
-    codes, settings, run = arguments.run.codes, arguments.run.settings, arguments.run.run
-    progress, work, begin, source = run.progress, run.work, arguments.place.begin, run.progress.row
+    progress, work, begin, source = run.progress, run.work, place.begin, run.progress.row
     status = RUNNING
     if t != progress.t and begin != progress.t:
         evaluate_polynomial(run, 0, settings.degree, (t - begin) / (progress.t - begin), settings.kept)
@@ -144,8 +152,22 @@ def explicit_sample(arguments: ExplicitSteps, t: float) -> int:
         ):  # fmt: skip
             status = Status.PROJECTION_FAILED
     for m in range(settings.kept):
-        arguments.sampled[m] = work[source, m]
+        sampled[m] = work[source, m]
     return status
+
+
+@compiled_subset
+def explicit_step(arguments: ExplicitSteps) -> int:
+    """Take a step; return the status of the run."""
+    _begin_step(arguments.run.run, arguments.place)
+    return EXPLICIT_LOOP(arguments.run)
+
+
+@compiled_subset
+def explicit_sample(arguments: ExplicitSteps, t: float) -> int:
+    """Compute the state at a time within the last step, one that was wanted or lies behind it; return the status."""
+    loop = arguments.run
+    return _sample(loop.codes, loop.settings, loop.run, arguments.place, arguments.sampled, t)
 
 
 @compiled_subset
@@ -153,3 +175,24 @@ def explicit_continue(arguments: ExplicitSteps) -> None:
     """Evaluate the slope at the present state, where constants have changed."""
     codes, tableau, run = arguments.run.codes, arguments.run.tableau, arguments.run.run
     evaluate(codes.rhs, run.progress.t, run, run.progress.row, tableau.first)
+
+
+@compiled_subset
+def implicit_step(arguments: ImplicitSteps) -> int:
+    """Take a step; return the status of the run."""
+    _begin_step(arguments.run.run, arguments.place)
+    return IMPLICIT_LOOP(arguments.run)
+
+
+@compiled_subset
+def implicit_sample(arguments: ImplicitSteps, t: float) -> int:
+    """Compute the state at a time within the last step, one that was wanted or lies behind it; return the status."""
+    loop = arguments.run
+    return _sample(loop.codes, loop.settings, loop.run, arguments.place, arguments.sampled, t)
+
+
+@compiled_subset
+def implicit_continue(arguments: ImplicitSteps) -> None:
+    """Forget what was known of the motion before, where constants have changed."""
+    loop, progress = arguments.run, arguments.run.run.progress
+    begin_piece(loop.codes, loop.settings, loop.run, progress.row, progress.t, progress.size)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import OptionError, nesting_named, unknown_name
 from ..export.folder import path_of, refuse_others, write_folder
+from ..ir.program import hidden_parameters
 from ..starts.inputs import span_of
 from ..values import tolerances
 
@@ -61,8 +62,8 @@ def export(
     t_span : (float, float)
         Start and end of the example [s].
     method : str
-        "taylor", or a Runge-Kutta pair such as "dop853"; "auto" takes what `simulate` takes for runs that are not
-        stiff.
+        "taylor", a Runge-Kutta pair such as "dop853", or "radau" for stiff scenes; "auto" takes what a run
+        of the example takes, which is made for that; without an example, what takes runs that are not stiff.
     rtol, atol : float
         Tolerances, which the code is made for.
 
@@ -75,7 +76,7 @@ def export(
     ------
     CapabilityError
         For what exports do not carry, with the remedy: contacts that change, sampled controllers, functions of time
-        with kinks, the method "radau", formulations other than "minimal", "projected" and "augmented".
+        with kinks, formulations other than "minimal", "projected" and "augmented".
     OptionError
         For an unknown kind, and a path at which something else is.
     InitialStateError, UnknownNameError, ValueInputError
@@ -98,6 +99,8 @@ def export(
     if parameters is not None:
         numbers |= self.read_parameters(parameters)
     numbers |= _input_values(self, inputs)
+    if method == "auto" and _complete(self, numbers, given):
+        method = _method_of_example(self, (initial, parameters, inputs), t_span, rtol, atol)
     request = {
         "initial": given,
         "numbers": numbers,
@@ -106,6 +109,24 @@ def export(
         "span": span_of(t_span),
     }
     return write_folder(folder, KINDS[kind](self, request))
+
+
+def _complete(model: CompiledModel, numbers: Mapping[str, float], given: Mapping[str, float] | None) -> bool:
+    """Return whether an example has all of its numbers."""
+    hidden = {name for u in model.layout.inputs for name in hidden_parameters(u)}
+    wanted = {*model.layout.parameters, *model.layout.inputs} - hidden
+    return given is not None and model.modes is None and wanted <= set(numbers)
+
+
+def _method_of_example(
+    model: CompiledModel, example: tuple[Any, Any, Any], t_span: tuple[float, float], rtol: float, atol: float
+) -> str:
+    """Return the method that a run of the example takes, "auto" where it takes several."""
+    initial, parameters, inputs = example
+    run = model.simulate(
+        t_span, initial, parameters or {}, inputs=inputs, rtol=rtol, atol=atol, t_eval=t_span, dense=False
+    )
+    return run.stats.method if run.stats.method in model.methods else "auto"
 
 
 def _input_values(model: CompiledModel, inputs: Mapping[Any, Any] | None) -> dict[str, float]:

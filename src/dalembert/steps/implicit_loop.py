@@ -271,13 +271,13 @@ def _attempt(codes: RunCodes, settings: RunSettings, space: NewtonWorkspace, run
         progress.ratio = progress.last_size = 0.0
     progress.retried = progress.fresh = 0
     if passes_stop(settings, run, status):
-        _begin_piece(codes, settings, run, y_new, t_new, proposed)
+        begin_piece(codes, settings, run, y_new, t_new, proposed)
     record_behind(settings, run)
     return status
 
 
 @compiled_subset
-def _begin_piece(codes: RunCodes, settings: RunSettings, run: Run, y: int, t: float, proposed: float) -> None:
+def begin_piece(codes: RunCodes, settings: RunSettings, run: Run, y: int, t: float, proposed: float) -> None:
     """Discard the Jacobian and the predictions from the last steps, which are those of the motion before the stop."""
     progress = run.progress
     _solve_multipliers(codes, settings, run, y)

@@ -11,11 +11,15 @@ import numpy as np
 from ...loops.prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
 from ...loops.single_steps import (
     ExplicitSteps,
+    ImplicitSteps,
     StepPlace,
     TaylorSteps,
     explicit_continue,
     explicit_sample,
     explicit_step,
+    implicit_continue,
+    implicit_sample,
+    implicit_step,
     taylor_sample,
     taylor_step,
 )
@@ -23,6 +27,8 @@ from ...methods.pairs import PAIRS
 from ...methods.step_constants import SMALLEST_SCALE
 from ...steps.explicit_loop import ExplicitArguments
 from ...steps.explicit_stages import LANES
+from ...steps.implicit_loop import DEGREE, ImplicitArguments
+from ...steps.newton import ROWS, newton_workspace
 from ...steps.packed_tableaus import packed_tableau
 from ...steps.recorded_runs import Progress, Run, RunCodes, RunSettings
 from ...stops.stops import no_stops
@@ -146,26 +152,75 @@ def explicit_loop_of(
 
     Kernels are "rhs", "position", "velocity" and "knots".
     """
-    (n, constants), (rtol, atol), code = sizes, tolerances, kernel_addresses(has)
-    tableau = packed_tableau(PAIRS[method].tableau)
+    tableau, n = packed_tableau(PAIRS[method].tableau), sizes[0]
+    shape = tableau.first + tableau.total, -(-n // LANES) * LANES
+    codes, settings, run = _recorded(sizes, tolerances, shape, tableau.degree, kernel_addresses(has))
+    return _recorded_loop(
+        arguments=ExplicitSteps(ExplicitArguments(codes, tableau, settings, run), np.zeros(n), StepPlace()),
+        constant=frozenset(f"run.tableau.{name}" for name in ("nodes", "starts", "stages", "weights")),
+        functions=(explicit_step, explicit_sample, explicit_continue),
+        width=shape[1],
+        has=has,
+    )
+
+
+def implicit_loop_of(sizes: tuple[int, int], tolerances: tuple[float, float], has: Mapping[str, bool]) -> RunLoop:
+    """Return the loop of the implicit method; for the parameters see `taylor_loop_of`.
+
+    Kernels are those of `explicit_loop_of`, and "jacobian" or "tangent".
+    """
+    n = sizes[0]
+    codes, settings, run = _recorded(sizes, tolerances, (ROWS, n), DEGREE, kernel_addresses(has))
+    return _recorded_loop(
+        arguments=ImplicitSteps(
+            ImplicitArguments(codes, settings, newton_workspace(n, n), run), np.zeros(n), StepPlace()
+        ),
+        constant=frozenset(),
+        functions=(implicit_step, implicit_sample, implicit_continue),
+        width=n,
+        has=has,
+    )
+
+
+def _recorded(
+    sizes: tuple[int, int],
+    tolerances: tuple[float, float],
+    shape: tuple[int, int],
+    degree: int,
+    code: Mapping[str, OwnedAddress],
+) -> tuple[RunCodes, RunSettings, Run]:
+    """Return what loops of recorded runs have in common, with room for one step."""
+    (n, constants), (rtol, atol) = sizes, tolerances
     settings = RunSettings(
-        0.0, 0.0, rtol, max(atol, SMALLEST_SCALE), 0.0, 0.0, 0, n, tableau.degree, False, False, False, False
+        0.0, 0.0, rtol, max(atol, SMALLEST_SCALE), 0.0, 0.0, 0, n, degree, False, False, False, False
     )
     run = Run(
         clock=np.zeros((1, 1)),
         constants=np.zeros((constants, 1)),
         t_eval=np.zeros(1),
-        work=np.zeros((tableau.first + tableau.total, -(-n // LANES) * LANES)),
+        work=np.zeros(shape),
         delta=np.zeros((n, 1)),
         mark=np.zeros(1, np.int64),
         progress=Progress(),
         knot=np.zeros((1, 2)),
         rows=np.zeros((2, 1 + n)),
-        pieces=np.zeros((1, 1 + (tableau.degree + 1) * n)),
+        pieces=np.zeros((1, 1 + (degree + 1) * n)),
         stops=no_stops(),
         prepare=NO_CODE,
     )
-    codes = RunCodes(code["rhs"], code["position"], code["velocity"], code["knots"])
+    kernels = (code.get(name, NO_CODE) for name in ("rhs", "position", "velocity", "knots", "jacobian", "tangent"))
+    return RunCodes(*kernels), settings, run
+
+
+def _recorded_loop(
+    arguments: Any,
+    constant: frozenset[str],
+    functions: tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]],
+    width: int,
+    has: Mapping[str, bool],
+) -> RunLoop:
+    """Return a loop of recorded runs; ``width`` is that of the rows of its work."""
+    progress = "run.run.progress"
     at = {
         "t0": "run.settings.t0",
         "t1": "run.settings.t1",
@@ -173,29 +228,27 @@ def explicit_loop_of(
         "attempts": "run.settings.max_steps",
         "constants": "run.run.constants",
         "state": "run.run.work",
-        "now": f"run.run.work + {-(-n // LANES) * LANES} * run->run.run.progress.row",
-        "time": "run.run.progress.t",
-        "end": "run.run.progress.end",
-        "steps": "run.run.progress.steps",
+        "now": f"run.run.work + {width} * run->{progress}.row",
+        "time": f"{progress}.t",
+        "end": f"{progress}.end",
+        "steps": f"{progress}.steps",
         "direction": "place.direction",
     }
+    step, sample, renew = functions
     return RunLoop(
-        arguments=ExplicitSteps(ExplicitArguments(codes, tableau, settings, run), np.zeros(n), StepPlace()),
+        arguments=arguments,
         given=frozenset(f"run.settings.{name}" for name in ("t0", "t1", "max_step", "max_steps")),
-        constant=frozenset(f"run.tableau.{name}" for name in ("nodes", "starts", "stages", "weights")),
-        step=explicit_step,
-        sample=explicit_sample,
-        renew=explicit_continue,
+        constant=constant,
+        step=step,
+        sample=sample,
+        renew=renew,
         at=at,
         after_step=(),
         continuing=(
-            ("run.run.progress.steps", "0"),
-            ("run.run.progress.rejected", "0"),
+            (f"{progress}.steps", "0"),
+            (f"{progress}.rejected", "0"),
             # a run that has taken no time has not chosen its first step
-            (
-                "run.run.progress.evaluations",
-                "run->run.run.progress.size == 0.0 ? 0 : run->run.run.progress.evaluations",
-            ),
+            (f"{progress}.evaluations", f"run->{progress}.size == 0.0 ? 0 : run->{progress}.evaluations"),
         ),
         kernels=tuple(has),
     )

@@ -9,7 +9,6 @@ from typing import Any, final
 
 from ...ir.kernel import Kernel
 from ...ir.program import Program, coefficient_places, hidden_parameters
-from ...loops.single_steps import ExplicitSteps, TaylorSteps
 from ...methods.status import Status
 from ...options import MAX_STEPS
 from ...reduction.starting import Start
@@ -17,12 +16,13 @@ from ...transforms.passes import EliminateDeadCode
 from ...transforms.periodic import angles_of
 from ...transforms.recurrences import recurrences
 from ...transforms.taylor import STEP_ARGUMENTS, order_at, step_kernel
+from ..library import derivative_of
 from ..llvm.vector_functions import shared_constants
 from ..rendering import banner_lines, render
 from .kernels import kernel_variables, table_variables
 from .order_loops import order_loop_variables
-from .printing import FUNCTIONS, RESERVED, double, identifiers, prefix_of
-from .run_loops import RunLoop, explicit_loop_of, taylor_loop_of
+from .printing import double, identifiers, prefix_of
+from .run_loops import RunLoop, explicit_loop_of, implicit_loop_of, taylor_loop_of
 from .source import LoopSource
 from .workspace import workspace_of
 
@@ -42,6 +42,12 @@ _STATUSES = (
     Status.TIMES_IN_NO_ORDER,
 )
 """Statuses of exported runs."""
+
+_PUBLIC = (
+    *("run", "start", "step", "at", "continue", "set_input", "simulate", "time", "expand", "outputs", "energy"),
+    *("check_text", "status_text"),
+)
+"""What the names of public functions end in."""
 
 _TEXTS = {
     Status.TIMES_IN_NO_ORDER: "The times are not finite, not sorted, or before the last step.",
@@ -66,7 +72,7 @@ class CSource:
     dependent : bool
         Whether the last test of `admission` counts constraints that depend on others.
     method : str
-        "taylor", or a Runge-Kutta pair.
+        "taylor", "radau", or a Runge-Kutta pair.
     tolerances : (float, float)
         Relative and absolute.
     forward_only : bool
@@ -165,7 +171,13 @@ class _Simulator:
             return taylor_loop_of(sizes, source.order, source.tolerances, angles_of(self.program), has), names
         has["rhs"] = self._program_kernel("rates", "rhs", "Rate of the state")
         has["knots"] = self._program_kernel("knots", "knots", "Largest steps, forward and backward, at knots of tables")
+        if source.method == "radau":
+            made, derivative = derivative_of(self.program.kernel("rhs"))
+            self._print(made, derivative, "Derivatives of the rates by the state")
+            has[made] = True
         names = {kind: self._name(kind) for kind in has} | {"rhs": self._name("rates")}
+        if source.method == "radau":
+            return implicit_loop_of(sizes, source.tolerances, has), names
         return explicit_loop_of(source.method, sizes, source.tolerances, has), names
 
     def _all_kernels(self) -> None:
@@ -198,9 +210,9 @@ class _Simulator:
             loop.constant,
             {number: names[key] for number, key in enumerate(loop.kernels, 1)},
         )
-        public = frozenset({kernel["name"] for kernel in self.kernels} | FUNCTIONS | RESERVED)
-        code = LoopSource(space, self._name("run"), "fused", public | {"state_at", "all_finite_numbers"})
-        kind = TaylorSteps if source.method == "taylor" else ExplicitSteps
+        taken = {kernel["name"] for kernel in self.kernels} | {self._name(what) for what in ("series", *_PUBLIC)}
+        code = LoopSource(space, self.prefix, "fused", frozenset(taken))
+        kind = type(loop.arguments)
         calls = {"take_step": code.entry(loop.step, kind), "sample": code.entry(loop.sample, kind, "t")}
         renew = [] if loop.renew is None or not self.layout.inputs else [code.entry(loop.renew, kind)]
         common = self._common()
@@ -305,7 +317,11 @@ class _Simulator:
 
     def _readme(self) -> dict[str, Any]:
         source, layout, numbers = self.source, self.layout, self.source.numbers
-        method = f"Taylor steps of order {source.order}" if source.method == "taylor" else f"the pair {source.method}"
+        method = (
+            f"Taylor steps of order {source.order}"
+            if source.method == "taylor"
+            else f"steps of the method {source.method}"
+        )
 
         def rows(names: tuple[str, ...], *, given: bool) -> list[dict[str, str]]:
             values = [repr(float(numbers[name])) if given and name in numbers else "" for name in names]

@@ -24,8 +24,8 @@ class LoopSource:
     Parameters
     ----------
     arguments : Workspace
-    run : str
-        C type of the structure.
+    prefix : str
+        Of the names of functions; the C type of the structure is ``PREFIX_run``.
     fused : str
         Name of what rounds a product and a sum once where the target can.
     reserved : set of str
@@ -37,9 +37,9 @@ class LoopSource:
         Names of the functions of the prelude that the source calls.
     """
 
-    def __init__(self, arguments: Workspace, run: str, fused: str, reserved: frozenset[str]) -> None:
+    def __init__(self, arguments: Workspace, prefix: str, fused: str, reserved: frozenset[str]) -> None:
         self.arguments: Arguments = arguments
-        self.fused, self._run = fused, run
+        self.fused, self._prefix = fused, prefix
         self.used: set[str] = set()
         self._texts: list[list[str]] = []
         self._results: list[tuple[str, list[str]]] = []
@@ -76,11 +76,12 @@ class LoopSource:
         words = [word for value in given for word in value.words]
         key = function, tuple(self._key(value) for value in given)
         if key not in self._made:
-            name = self._named(function.__name__.strip("_").lower())
+            # with the prefix no variable has the name of a function
+            name = self._named(f"{self._prefix}_{function.__name__.strip('_').lower()}")
             made = translated(self, function, name, given)
             self._made[key] = name, made
             if made.constant is None and not made.empty:
-                self._texts.append([line.replace("NAME_RUN", self._run) for line in made.lines])
+                self._texts.append([line.replace("NAME_RUN", f"{self._prefix}_run") for line in made.lines])
                 if isinstance(made.kind, Group) and made.kind.parts:
                     kinds = [TYPES[kind] for kind in made.kind.parts]  # type: ignore[index]
                     self._results.append((f"{name}_result", [f"{kind} part_{i};" for i, kind in enumerate(kinds)]))

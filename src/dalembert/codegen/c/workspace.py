@@ -139,7 +139,7 @@ class _Layout:
         if kind.item.owned and value.size:
             raise TypeError(f"{path}: tables of addresses are not exported")
         if path in self.constant and value.size:
-            own = path.replace(".", "_")
+            own = f"constant_{path.replace('.', '_')}"
             self.found.constants.append((TYPES[kind.item], own, [self._literal(kind.item, x) for x in np.ravel(value)]))
             return Known(own), *shape
         # of what has no elements code may be there that never runs
