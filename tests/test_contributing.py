@@ -16,7 +16,7 @@ PREAMBLE, *SECTIONS = re.split(r"^## ", PAGE, flags=re.M)
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.M | re.S)
 PLACE = re.compile(r"# src/(dalembert/\S+)\.py\n")
 REFUSED = (AssertionError, ImportError, da.errors.DalembertError)
-KINDS = ["A method", "A check of a run", "A kind of stop", "A contact law", "A formulation", "A backend"]
+KINDS = ["A method", "A check of a run", "A kind of stop", "A contact law", "A formulation", "A backend", "An export"]
 
 
 class Additions:
