@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -28,6 +29,7 @@ from dalembert.codegen.numba import texts
 from dalembert.codegen.numba.texts import table_definitions
 from dalembert.codegen.printers import JAX, NUMPY
 from dalembert.codegen.rendering import program_variables, render, template_directory
+from dalembert.export.fmu import fmu_files
 from dalembert.export.simulator import c_source
 from dalembert.ir.kernel import Assignment, Kernel, Load
 from dalembert.lanes.sweep_arguments import SweepKernels
@@ -95,7 +97,7 @@ def render_tables():
 
 
 def render_c():
-    """Render simulators in C, by both kinds of steps, of a scene with inputs, outputs and a table."""
+    """Render simulators in C and units, by both kinds of steps, of a scene with inputs, outputs and a table."""
     z, u, N, O = *dynamicsymbols("z u"), ReferenceFrame("N"), Point("O")
     scene = da.Scene("cart", frame=N, origin=O, coordinates=[z])
     scene.add_bodies(Particle("cart", O.locatenew("P", z * N.x), symbols("m", positive=True)))
@@ -104,7 +106,11 @@ def render_c():
     model = da.compile_model(scene, outputs=["z_ddot"])
     with mock.patch.object(simulator, "LARGEST_STRAIGHT", 0):
         for method in ("taylor", "dop853"):
-            simulator.c_files(c_source(model, None, {}, method, (1e-8, 1e-10), (0.0, 1.0)))
+            given = {"z": 0.0, "z_dot": 1.0}, {"z": 0.0, "z_dot": 1.0, "m": 2.0}
+            source = c_source(model, *given, method, (1e-8, 1e-10), (0.0, 1.0))
+            with mock.patch.object(shutil, "which", lambda name: None):
+                assert set(simulator.c_files(source)) < {"cart.c", "cart.h", "main.c", "Makefile", "README.md", ""}
+                fmu_files(source)
 
 
 def render_jax(program):

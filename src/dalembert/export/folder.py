@@ -1,4 +1,4 @@
-"""Folders of exports: nothing of others is overwritten, and an export takes the place of an earlier one."""
+"""Folders and archives of exports: nothing of others is overwritten; an export takes the place of an earlier one."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import tempfile
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -102,6 +103,53 @@ def write_folder(path: Path, files: Mapping[str, str]) -> Path:
         made.rename(path)
     except BaseException:
         shutil.rmtree(made, ignore_errors=True)
+        raise
+    return path
+
+
+# Archives.
+
+
+def refuse_other_files(path: Path) -> None:
+    """Refuse a path at which something is that is no archive of an export.
+
+    Raises
+    ------
+    OptionError
+    """
+    if not path.exists() and not path.is_symlink():
+        return
+    try:
+        with zipfile.ZipFile(path) as archive:
+            record = json.loads(archive.read(f"resources/{RECORD}"))
+            if str(record["written by"]).startswith("dalembert") and not path.is_symlink():
+                return
+    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
+        pass
+    raise OptionError(f"{str(path)!r} exists, and was not written by an export: give another path, or remove it")
+
+
+def write_archive(path: Path, files: Mapping[str, str | bytes]) -> Path:
+    """Write an archive of files, in the place of an earlier one; all of it or nothing.
+
+    Raises
+    ------
+    OptionError
+        Where something else is there.
+    """
+    refuse_other_files(path)
+    record = json.dumps({"written by": f"dalembert {__version__}"}) + "\n"
+    descriptor, made = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
+    try:
+        with os.fdopen(descriptor, "wb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, content in {**files, f"resources/{RECORD}": record}.items():
+                entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))  # the same files give the same archive
+                entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+                archive.writestr(entry, content)
+        os.chmod(made, 0o666 & ~_mask())
+        os.replace(made, path)
+    except BaseException:
+        Path(made).unlink(missing_ok=True)
         raise
     return path
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import OptionError, nesting_named, unknown_name
-from ..export.folder import path_of, refuse_others, write_folder
+from ..export.folder import path_of, refuse_other_files, refuse_others, write_archive, write_folder
 from ..ir.program import hidden_parameters
 from ..starts.inputs import span_of
 from ..values import tolerances
@@ -18,15 +18,25 @@ if TYPE_CHECKING:
     from .model import CompiledModel
 
 
-def _c(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, str]:
+def _c(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
     from ..codegen.c.simulator import c_files
     from ..export.simulator import c_source
 
     return c_files(c_source(model, **request))
 
 
-KINDS: dict[str, Callable[[CompiledModel, Mapping[str, Any]], dict[str, str]]] = {"c": _c}
-"""Kinds of exports: from a model and what was asked for to the texts of files by their names."""
+def _fmu(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
+    from ..export.fmu import fmu_files
+    from ..export.simulator import c_source
+
+    return fmu_files(c_source(model, **request))
+
+
+KINDS: dict[str, Callable[[CompiledModel, Mapping[str, Any]], dict[str, Any]]] = {"c": _c, "fmu": _fmu}
+"""Kinds of exports: from a model and what was asked for to the contents of files by their names."""
+
+ARCHIVES = {"fmu": ".fmu"}
+"""Kinds that are one archive, and how its name ends; others are folders."""
 
 
 @nesting_named
@@ -42,21 +52,25 @@ def export(
     method: str = "auto",
     rtol: float = 1e-8,
     atol: float = 1e-10,
+    fmi: str = "2.0",
 ) -> Path:
     """Write a simulator of the model that needs nothing of dalembert.
 
     Kind "c" is a folder with a header, a source in C99 without allocation and globals, an example ``main.c``, a
-    Makefile and a README with all names. It takes the steps of `simulate`, from the same initial values.
+    Makefile and a README with all names. It takes the steps of `simulate`, from the same initial values. Kind "fmu" is
+    a functional mock-up unit for co-simulation around that source, with a binary for this machine where it has a C
+    compiler.
 
     Parameters
     ----------
     path : str or path
-        The folder. It must not exist, be empty, or hold an earlier export as it was written, whose place it takes.
+        The folder, or a file that ends in ".fmu". It must not exist, be empty, or be an earlier export as it was
+        written, whose place it takes.
     kind : str
-        "c".
+        "c" or "fmu".
     initial : mapping of symbols or names to numbers, optional
-        Initial values of the example. Their names are what the exported start takes; what the constraints fix may be
-        left out. By default it takes all coordinates and rates, and the example none.
+        Initial values of the example, and start values of a unit. Their names are what the exported start takes; what
+        the constraints fix may be left out. By default it takes all coordinates and rates, and the example none.
     parameters, inputs : mapping of symbols or names to numbers, optional
         Parameters and constant inputs of the example.
     t_span : (float, float)
@@ -66,11 +80,13 @@ def export(
         of the example takes, which is made for that; without an example, what takes runs that are not stiff.
     rtol, atol : float
         Tolerances, which the code is made for.
+    fmi : str
+        Version of a unit: "2.0".
 
     Returns
     -------
     Path
-        The folder.
+        The folder or file.
 
     Raises
     ------
@@ -91,13 +107,20 @@ def export(
     asked: Any = kind
     if not isinstance(asked, str) or asked not in KINDS:
         raise OptionError(unknown_name("kind of export", str(kind), KINDS))
-    folder = path_of(path)
-    refuse_others(folder)
+    place, ending = path_of(path), ARCHIVES.get(kind)
+    if ending is None:
+        refuse_others(place)
+    elif place.suffix != ending:
+        raise OptionError(f"the path of this kind of export ends in {ending!r}: give {str(place) + ending!r}")
+    else:
+        refuse_other_files(place)
+    if fmi != "2.0":
+        raise OptionError(f"fmi is {fmi!r}: exports are units of FMI '2.0'")
     rtol, atol = tolerances(rtol, atol)
     given = None if initial is None else dict(self.read_initial(initial))
     numbers = dict(given or {})
     if parameters is not None:
-        numbers |= self.read_parameters(parameters)
+        numbers |= self.read_parameters({**dict.fromkeys(_hidden(self), 0.0), **parameters})
     numbers |= _input_values(self, inputs)
     if method == "auto" and _complete(self, numbers, given):
         method = _method_of_example(self, (initial, parameters, inputs), t_span, rtol, atol)
@@ -108,13 +131,18 @@ def export(
         "tolerances": (rtol, atol),
         "span": span_of(t_span),
     }
-    return write_folder(folder, KINDS[kind](self, request))
+    files = KINDS[kind](self, request)
+    return write_folder(place, files) if ending is None else write_archive(place, files)
+
+
+def _hidden(model: CompiledModel) -> set[str]:
+    """Return the parameters that stand for inputs."""
+    return {name for u in model.layout.inputs for name in hidden_parameters(u)}
 
 
 def _complete(model: CompiledModel, numbers: Mapping[str, float], given: Mapping[str, float] | None) -> bool:
     """Return whether an example has all of its numbers."""
-    hidden = {name for u in model.layout.inputs for name in hidden_parameters(u)}
-    wanted = {*model.layout.parameters, *model.layout.inputs} - hidden
+    wanted = {*model.layout.parameters, *model.layout.inputs} - _hidden(model)
     return given is not None and model.modes is None and wanted <= set(numbers)
 
 
