@@ -11,8 +11,9 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from ..codegen.c.descriptions import CSource
 from ..codegen.c.printing import double, prefix_of, rows_of
-from ..codegen.c.simulator import CSource, c_files
+from ..codegen.c.simulator import c_files
 from ..codegen.rendering import render
 from ..errors import CapabilityError, OptionError, list_names
 from ..version import __version__

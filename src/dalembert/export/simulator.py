@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..codegen.c.simulator import CSource
+from ..codegen.c.descriptions import CSource
 from ..errors import CapabilityError, OptionError, list_names, unknown_name
 from ..ir.program import WIDTH, coefficient_places
 from ..methods.pairs import PAIRS

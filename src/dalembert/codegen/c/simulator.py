@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, final
 
 from ...ir.kernel import Kernel
-from ...ir.program import Program, coefficient_places, hidden_parameters
+from ...ir.program import coefficient_places
 from ...methods.status import Status
 from ...options import MAX_STEPS
-from ...reduction.starting import Start
 from ...transforms.passes import EliminateDeadCode
 from ...transforms.periodic import angles_of
 from ...transforms.recurrences import recurrences
-from ...transforms.taylor import STEP_ARGUMENTS, order_at, step_kernel
+from ...transforms.taylor import STEP_ARGUMENTS, step_kernel
 from ..library import derivative_of
 from ..llvm.vector_functions import shared_constants
 from ..rendering import banner_lines, render
+from .descriptions import (
+    CSource,
+    enumerations,
+    main_variables,
+    names_and_numbers,
+    plain,
+    quoted,
+    readme_variables,
+)
 from .kernels import kernel_variables, table_variables
 from .order_loops import order_loop_variables
-from .printing import double, identifiers, prefix_of
+from .printing import double, prefix_of
 from .run_loops import RunLoop, explicit_loop_of, implicit_loop_of, taylor_loop_of
 from .source import LoopSource
 from .workspace import workspace_of
@@ -55,59 +63,6 @@ _TEXTS = {
     Status.ASSUMPTION: "A parameter or an initial value contradicts what its symbol was declared to be.",
     Status.SINGULAR_CONFIGURATION: "Constraints depend on each other at the start, or leave the motion open.",
 }
-
-
-@final
-@dataclass(frozen=True)
-class CSource:
-    """What a simulator in C is made of.
-
-    Attributes
-    ----------
-    program : Program
-    start : Start
-        From initial values to the state.
-    admission : Kernel or None
-        Test of parameters and states.
-    dependent : bool
-        Whether the last test of `admission` counts constraints that depend on others.
-    method : str
-        "taylor", "radau", or a Runge-Kutta pair.
-    tolerances : (float, float)
-        Relative and absolute.
-    forward_only : bool
-        Whether starts depend on the direction of time.
-    numbers : mapping of str to float
-        Example values of initial values, parameters and inputs, where there are any.
-    span : (float, float)
-        Start and end of the example [s].
-    locks, locking : Kernel or None, tuple of int
-        Determinants of angles that may lock, whose signs tell, and those of them at which a run ends.
-    """
-
-    program: Program
-    start: Start
-    admission: Kernel | None
-    dependent: bool
-    method: str
-    tolerances: tuple[float, float]
-    forward_only: bool
-    numbers: Mapping[str, float]
-    span: tuple[float, float]
-    locks: Kernel | None = None
-    locking: tuple[int, ...] = ()
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of the parameters that a user gives."""
-        layout = self.program.layout
-        hidden = {name for u in layout.inputs for name in hidden_parameters(u)}
-        return tuple(name for name in layout.parameters if name not in hidden)
-
-    @property
-    def order(self) -> int:
-        """Order of Taylor steps."""
-        return order_at(*self.tolerances)
 
 
 def c_files(source: CSource) -> dict[str, str]:
@@ -215,8 +170,8 @@ class _Simulator:
         kind = type(loop.arguments)
         calls = {"take_step": code.entry(loop.step, kind), "sample": code.entry(loop.sample, kind, "t")}
         renew = [] if loop.renew is None or not self.layout.inputs else [code.entry(loop.renew, kind)]
-        common = self._common()
-        banner = [_plain(line) for line in banner_lines(self.program)]
+        common = names_and_numbers(source, self.prefix)
+        banner = [plain(line) for line in banner_lines(self.program)]
         printed = render("c/kernels.c.j2", {"kernels": self.kernels}) + "".join(self.order_loops)
         self.source_code = source_of(banner, [f"{self.prefix}.h"], printed, code)
         shared = {key: common[key] for key in ("prefix", "upper", "n_states", "n_inputs", "n_outputs")}
@@ -226,7 +181,7 @@ class _Simulator:
             "banner": banner,
             "statuses": [{"name": status.name, "number": int(status)} for status in _STATUSES],
             "guard": f"{self.prefix.upper()}_H",
-            "enumerations": self._enumerations(),
+            "enumerations": enumerations(source),
             "members": space.members_used(code.text, {*loop.at.values(), "sampled", "place"}),
             "max_steps": MAX_STEPS,
             "n_further": len(self.layout.states),
@@ -236,7 +191,7 @@ class _Simulator:
         functions = {
             **shared,
             "statuses": [
-                {"name": status.name, "text": _quoted(_TEXTS.get(status, status.message))} for status in _STATUSES
+                {"name": status.name, "text": quoted(_TEXTS.get(status, status.message))} for status in _STATUSES
             ],
             **calls,
             "at": dict(loop.at),
@@ -250,7 +205,7 @@ class _Simulator:
             "n_initial": len(source.start.given),
             "n_started": max(len(source.start.kernel.outputs), 1),
             "n_checks": len(source.start.labels),
-            "checks": [_quoted(f"{kind}: {label}") for kind, label in source.start.labels],
+            "checks": [quoted(f"{kind}: {label}") for kind, label in source.start.labels],
             "n_tests": 0 if admission is None else len(admission.outputs),
             "dependent_tests": self._dependent_tests(),
             "n_constants": len(self.program.kernel("prepare").outputs),
@@ -259,21 +214,8 @@ class _Simulator:
             "max_steps": MAX_STEPS,
             "n_locks": n_locks,
         }
-        files = {"main": self._main(), "readme": self._readme()}
+        files = {"main": main_variables(source, self.prefix), "readme": readme_variables(source, self.prefix)}
         return {"header": header, "functions": functions, **files}
-
-    def _common(self) -> dict[str, Any]:
-        layout, source = self.layout, self.source
-        return {
-            "prefix": self.prefix,
-            "upper": self.prefix.upper(),
-            "n_states": len(layout.state),
-            "n_coordinates": len(layout.coordinates),
-            "n_initial": len(source.start.given),
-            "n_parameters": len(source.parameters),
-            "n_inputs": len(layout.inputs),
-            "n_outputs": len(layout.outputs),
-        }
 
     def _dependent_tests(self) -> list[tuple[int, int]]:
         """Return the places of the number of constraints that depend on others and of its limit, where it is tested."""
@@ -282,96 +224,9 @@ class _Simulator:
         count = len(self.source.admission.outputs)
         return [(count - 2, count - 1)]
 
-    def _enumerations(self) -> list[dict[str, Any]]:
-        layout, source = self.layout, self.source
-        groups = [
-            ("Components of the state", "state", layout.state),
-            ("Coordinates, which their rates follow in the same order", "coordinate", layout.coordinates),
-            ("Initial values of a start", "initial", source.start.given),
-            ("Parameters", "parameter", source.parameters),
-            ("Inputs", "input", layout.inputs),
-            ("Outputs", "output", layout.outputs),
-        ]
-        return [{"title": title, "kind": kind, "entries": _entries(names)} for title, kind, names in groups]
-
-    def _main(self) -> dict[str, Any]:
-        layout, source, numbers = self.layout, self.source, self.source.numbers
-        wanted = [*source.start.given, *source.parameters, *layout.inputs]
-        first = len(source.start.given) + len(source.parameters)
-        columns = ["t", *layout.coordinates, *layout.rates, *layout.states, *layout.outputs]
-        return {
-            "prefix": self.prefix,
-            "upper": self.prefix.upper(),
-            "wanted": _plain(", ".join(wanted)),
-            "arguments": [_quoted(name) for name in wanted],
-            "values": [double(numbers.get(name, 0.0)) for name in wanted],
-            "complete": int(all(name in numbers for name in wanted)),
-            "columns": _quoted(",".join(columns)),
-            "input_values": [first + number for number in range(len(layout.inputs))],
-            "n_variables": len(self.program.kernel("expand").outputs),
-            "n_states": len(layout.state),
-            "n_outputs": len(layout.outputs),
-            "begin": double(source.span[0]),
-            "end": double(source.span[1]),
-        }
-
-    def _readme(self) -> dict[str, Any]:
-        source, layout, numbers = self.source, self.layout, self.source.numbers
-        method = (
-            f"Taylor steps of order {source.order}"
-            if source.method == "taylor"
-            else f"steps of the method {source.method}"
-        )
-
-        def rows(names: tuple[str, ...], *, given: bool) -> list[dict[str, str]]:
-            values = [repr(float(numbers[name])) if given and name in numbers else "" for name in names]
-            kinds = [", ".join(layout.assumptions.get(name, ())) if given else "" for name in names]
-            named = [f"{name} ({kind})" if kind else name for name, kind in zip(names, kinds, strict=True)]
-            return [{"name": _plain(name), "value": value} for name, value in zip(named, values, strict=True)]
-
-        groups = [
-            ("Initial values", source.start.given, True),
-            ("Parameters", source.parameters, True),
-            ("Inputs", layout.inputs, True),
-            ("Outputs", layout.outputs, False),
-            ("State", layout.state, False),
-            ("Coordinates", layout.coordinates, False),
-        ]
-        return {
-            "prefix": self.prefix,
-            "upper": self.prefix.upper(),
-            "scene": _plain(self.program.name),
-            "formulation": self.program.formulation,
-            "method": method,
-            "rtol": repr(source.tolerances[0]),
-            "atol": repr(source.tolerances[1]),
-            "groups": [
-                {"title": title, "column": "example" if given else "", "rows": rows(names, given=given)}
-                for title, names, given in groups
-            ],
-            "constraints": [_plain(label) for label in layout.constraints],
-            "locks": bool(source.locking),
-        }
-
 
 def _elements(pairs: Sequence[tuple[str, str]]) -> list[dict[str, str]]:
     return [{"member": member, "value": value} for member, value in pairs]
-
-
-def _entries(names: tuple[str, ...]) -> list[dict[str, str]]:
-    pairs = zip(identifiers(names), names, strict=True)
-    return [{"identifier": identifier, "name": _plain(name)} for identifier, name in pairs]
-
-
-def _plain(text: str) -> str:
-    """Return text for a comment: one line of ASCII that does not end it."""
-    return text.replace("*/", "* /").replace("/*", "/ *").encode("ascii", "replace").decode().replace("\n", " ")
-
-
-def _quoted(text: str) -> str:
-    """Return text for a literal in C."""
-    printable = text.encode("ascii", "replace").decode().replace("\n", " ")
-    return printable.replace("\\", "\\\\").replace('"', '\\"').replace("??", "?")
 
 
 def _numbers(value: Any) -> Any:

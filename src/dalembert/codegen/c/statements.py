@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import re
-from collections import Counter
 from typing import Any, final
 
 from ...subset.compiled_subset import INTEGER, NUMBER, Array, Fields, Group, Kind, Scalar
@@ -12,11 +11,7 @@ from ..subset.translation import UNKNOWN, definition_of, result_of
 from ..subset.values import Value, by_reference
 from .expressions import TYPES, Expressions, Functions, Known, Pointer, is_atom, literal_of
 from .printing import bare, c_name
-
-_ASSIGNED = re.compile(r"\s*(\w+) = (.*);")
-_NAME = re.compile(r"(?<![\w.>])[A-Za-z_]\w*")
-_PART = re.compile(r"(part_\d+) = (.*);")
-_CALL = re.compile(r"\w+\(.*\)")
+from .tidy import NAME, tidied
 
 
 @final
@@ -142,9 +137,9 @@ class _Statements(Expressions):
 
     def _finished(self, name: str, arguments: list[str]) -> Function:
         """Return the function without what has no influence."""
-        lines = _without_detours(self._without_unread(self.lines))
+        lines = tidied(self.lines, set(self.types), self.module.functions)
         text = "\n".join(lines)
-        names = set(_NAME.findall(text))
+        names = set(NAME.findall(text))
         kept = tuple(
             i for i, argument in enumerate(arguments) if argument and argument.split("*")[-1].split()[-1] in names
         )
@@ -169,29 +164,6 @@ class _Statements(Expressions):
         if isinstance(self._result, Group):
             return f"struct {self._name}_result" if self._result.parts else "void"
         return TYPES[self._result]  # type: ignore[index]
-
-    def _without_unread(self, lines: list[str]) -> list[str]:
-        """Return lines without assignments to variables that are never read."""
-        while True:
-            read: set[str] = set()
-            for line in lines:
-                found = _ASSIGNED.fullmatch(line)
-                read |= set(_NAME.findall(found[2] if found and found[1] in self.types else line))
-            kept = []
-            for line in lines:
-                found = _ASSIGNED.fullmatch(line)
-                if found and found[1] in self.types and found[1] not in read:
-                    if self._is_call(found[2]):
-                        kept.append(f"{found[2]};")
-                    continue
-                kept.append(line)
-            kept = _without_empty_branches(kept)
-            if kept == lines:
-                return lines
-            lines = kept
-
-    def _is_call(self, text: str) -> bool:
-        return _CALL.fullmatch(text) is not None and text.split("(")[0] in self.module.functions
 
     # -- statements -------------------------------------------------------------------------
 
@@ -253,7 +225,7 @@ class _Statements(Expressions):
         """Return a value whose words mean the same wherever they are read."""
         words = []
         for number, word in enumerate(value.words):
-            changing = set(_NAME.findall(word)) & set(self.types)
+            changing = set(NAME.findall(word)) & set(self.types)
             if not changing or is_static(word):
                 words.append(word)
                 continue
@@ -320,7 +292,7 @@ class _Statements(Expressions):
         bounds = literal_of(first), literal_of(last)
         if UNKNOWN not in bounds and not range(bounds[0], bounds[1], int(step)):
             return
-        if not is_atom(last) or set(_NAME.findall(last)) & {*self.types, "run"}:
+        if not is_atom(last) or set(NAME.findall(last)) & {*self.types, "run"}:
             last = self.computed(last, TYPES[INTEGER])
         if name not in self.variables and name not in self.fixed and name != "_":
             self.types[c_name(name)] = TYPES[INTEGER]
@@ -371,32 +343,4 @@ def _leaves(body: list[ast.stmt]) -> set[type[ast.stmt]]:
             found.add(type(node))
         elif isinstance(node, ast.If):
             found |= _leaves(node.body) | _leaves(node.orelse)
-    return found
-
-
-def _without_detours(lines: list[str]) -> list[str]:
-    """Return lines in which nothing is computed only to be assigned or returned in the next line."""
-    counts = Counter(_NAME.findall("\n".join(lines)))
-    found: list[str] = []
-    for line in lines:
-        before = _PART.fullmatch(found[-1]) if found else None
-        if (
-            before is not None
-            and counts[before[1]] == 2
-            and line.endswith((f" = {before[1]};", f"return {before[1]};"))
-        ):
-            found[-1] = f"{line[: -len(before[1]) - 1]}{before[2]};"
-        else:
-            found.append(line)
-    return found
-
-
-def _without_empty_branches(lines: list[str]) -> list[str]:
-    """Return lines without blocks in which nothing is left."""
-    found: list[str] = []
-    for line in lines:
-        if line == "}" and found and found[-1].startswith(("if (", "for (k", "for (m")) and found[-1].endswith("{"):
-            found.pop()
-        else:
-            found.append(line)
     return found

@@ -1,0 +1,172 @@
+"""The texts around the code of a simulator in C: header, example, and the page with its names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+from ...ir.kernel import Kernel
+from ...ir.program import Program, hidden_parameters
+from ...reduction.starting import Start
+from ...transforms.taylor import order_at
+from .printing import double, identifiers
+
+
+@final
+@dataclass(frozen=True)
+class CSource:
+    """What a simulator in C is made of.
+
+    Attributes
+    ----------
+    program : Program
+    start : Start
+        From initial values to the state.
+    admission : Kernel or None
+        Test of parameters and states.
+    dependent : bool
+        Whether the last test of `admission` counts constraints that depend on others.
+    method : str
+        "taylor", "radau", or a Runge-Kutta pair.
+    tolerances : (float, float)
+        Relative and absolute.
+    forward_only : bool
+        Whether starts depend on the direction of time.
+    numbers : mapping of str to float
+        Example values of initial values, parameters and inputs, where there are any.
+    span : (float, float)
+        Start and end of the example [s].
+    locks, locking : Kernel or None, tuple of int
+        Determinants of angles that may lock, whose signs tell, and those of them at which a run ends.
+    """
+
+    program: Program
+    start: Start
+    admission: Kernel | None
+    dependent: bool
+    method: str
+    tolerances: tuple[float, float]
+    forward_only: bool
+    numbers: Mapping[str, float]
+    span: tuple[float, float]
+    locks: Kernel | None = None
+    locking: tuple[int, ...] = ()
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters that a user gives."""
+        layout = self.program.layout
+        hidden = {name for u in layout.inputs for name in hidden_parameters(u)}
+        return tuple(name for name in layout.parameters if name not in hidden)
+
+    @property
+    def order(self) -> int:
+        """Order of Taylor steps."""
+        return order_at(*self.tolerances)
+
+
+def names_and_numbers(source: CSource, prefix: str) -> dict[str, Any]:
+    """Return what the header and the functions have in common."""
+    layout = source.program.layout
+    return {
+        "prefix": prefix,
+        "upper": prefix.upper(),
+        "n_states": len(layout.state),
+        "n_coordinates": len(layout.coordinates),
+        "n_initial": len(source.start.given),
+        "n_parameters": len(source.parameters),
+        "n_inputs": len(layout.inputs),
+        "n_outputs": len(layout.outputs),
+    }
+
+
+def enumerations(source: CSource) -> list[dict[str, Any]]:
+    """Return the enumerations of the header."""
+    layout = source.program.layout
+    groups = [
+        ("Components of the state", "state", layout.state),
+        ("Coordinates, which their rates follow in the same order", "coordinate", layout.coordinates),
+        ("Initial values of a start", "initial", source.start.given),
+        ("Parameters", "parameter", source.parameters),
+        ("Inputs", "input", layout.inputs),
+        ("Outputs", "output", layout.outputs),
+    ]
+    return [{"title": title, "kind": kind, "entries": _entries(names)} for title, kind, names in groups]
+
+
+def main_variables(source: CSource, prefix: str) -> dict[str, Any]:
+    """Return the variables of ``c/main.c.j2``."""
+    layout, numbers = source.program.layout, source.numbers
+    wanted = [*source.start.given, *source.parameters, *layout.inputs]
+    first = len(source.start.given) + len(source.parameters)
+    columns = ["t", *layout.coordinates, *layout.rates, *layout.states, *layout.outputs]
+    return {
+        "prefix": prefix,
+        "upper": prefix.upper(),
+        "wanted": plain(", ".join(wanted)),
+        "arguments": [quoted(name) for name in wanted],
+        "values": [double(numbers.get(name, 0.0)) for name in wanted],
+        "complete": int(all(name in numbers for name in wanted)),
+        "columns": quoted(",".join(columns)),
+        "input_values": [first + number for number in range(len(layout.inputs))],
+        "n_variables": len(source.program.kernel("expand").outputs),
+        "n_states": len(layout.state),
+        "n_outputs": len(layout.outputs),
+        "begin": double(source.span[0]),
+        "end": double(source.span[1]),
+    }
+
+
+def readme_variables(source: CSource, prefix: str) -> dict[str, Any]:
+    """Return the variables of ``c/README.md.j2``."""
+    layout, numbers = source.program.layout, source.numbers
+    method = (
+        f"Taylor steps of order {source.order}" if source.method == "taylor" else f"steps of the method {source.method}"
+    )
+
+    def rows(names: tuple[str, ...], *, given: bool) -> list[dict[str, str]]:
+        values = [repr(float(numbers[name])) if given and name in numbers else "" for name in names]
+        kinds = [", ".join(layout.assumptions.get(name, ())) if given else "" for name in names]
+        named = [f"{name} ({kind})" if kind else name for name, kind in zip(names, kinds, strict=True)]
+        return [{"name": plain(name), "value": value} for name, value in zip(named, values, strict=True)]
+
+    groups = [
+        ("Initial values", source.start.given, True),
+        ("Parameters", source.parameters, True),
+        ("Inputs", layout.inputs, True),
+        ("Outputs", layout.outputs, False),
+        ("State", layout.state, False),
+        ("Coordinates", layout.coordinates, False),
+    ]
+    return {
+        "prefix": prefix,
+        "upper": prefix.upper(),
+        "scene": plain(source.program.name),
+        "formulation": source.program.formulation,
+        "method": method,
+        "rtol": repr(source.tolerances[0]),
+        "atol": repr(source.tolerances[1]),
+        "groups": [
+            {"title": title, "column": "example" if given else "", "rows": rows(names, given=given)}
+            for title, names, given in groups
+        ],
+        "constraints": [plain(label) for label in layout.constraints],
+        "locks": bool(source.locking),
+    }
+
+
+def _entries(names: tuple[str, ...]) -> list[dict[str, str]]:
+    pairs = zip(identifiers(names), names, strict=True)
+    return [{"identifier": identifier, "name": plain(name)} for identifier, name in pairs]
+
+
+def plain(text: str) -> str:
+    """Return text for a comment: one line of ASCII that does not end it."""
+    return text.replace("*/", "* /").replace("/*", "/ *").encode("ascii", "replace").decode().replace("\n", " ")
+
+
+def quoted(text: str) -> str:
+    """Return text for a literal in C."""
+    printable = text.encode("ascii", "replace").decode().replace("\n", " ")
+    return printable.replace("\\", "\\\\").replace('"', '\\"').replace("??", "?")
