@@ -177,7 +177,17 @@ int main(void)
     status = driven_mass_at(&run, 2.5, state);
     driven_mass_expand(&run, 2.5, state, values);
     printf("%.17g %.17g %.17g\\n", values[0], values[1], values[2]);
-    printf("%d %d\\n", (int)status, (int)driven_mass_at(&run, 0.5, state));
+    printf("%d %d ", (int)status, (int)driven_mass_at(&run, 0.5, state));
+    status = driven_mass_at(&run, 2.5 - 1e-9, state);
+    driven_mass_expand(&run, 2.5, state, values);
+    printf("%d %.17g\\n", (int)status, values[0]);
+    driven_mass_set_input(&before, driven_mass_input_force, -2.0, 0.0);
+    driven_mass_continue(&before, 2.5);
+    while (driven_mass_step(&before) == DRIVEN_MASS_RUNNING && driven_mass_time(&before) < 1.7) {
+    }
+    driven_mass_at(&before, 1.7, state);
+    driven_mass_expand(&before, 1.7, state, values);
+    printf("%.17g %.17g %.17g\\n", values[0], values[1], values[2]);
     return 0;
 }
 """
@@ -191,14 +201,17 @@ def test_inputs_are_set_while_a_run_goes_on(tmp_path, method):
     names = [line.split()[-2] for line in (path / "driven_mass.h").read_text().splitlines() if "_initial_" in line]
     assert names == ["x", "x_dot", "z"]
     (path / "inputs.c").write_text(SET_INPUT)
-    at_1_7, at_end, statuses = output(built(path, ["inputs.c", "driven_mass.c"])).splitlines()
+    at_1_7, at_end, statuses, again = output(built(path, ["inputs.c", "driven_mass.c"])).splitlines()
+    assert again == at_1_7  # whether the input is set first, and between steps that are taken one by one
     force = da.samples([0, 1, 1 + 1e-13, 3], [1.0, 1.5, -2.0, -2.0], kind="linear")
     run = model.simulate((0, 2.5), {"x": 0.1, "x_dot": 0, "z": 0.3}, {"k": 2.0, "m": 1.5}, inputs={"force": force},
                          t_eval=[1.7, 2.5], method=method, rtol=1e-10, atol=1e-12)  # fmt: skip
     for line, place in ((at_1_7, 0), (at_end, 1)):
         found = [float(number) for number in line.split()]
         np.testing.assert_allclose(found, [run[name][place] for name in ("x", "x_dot", "z")], rtol=2e-9, atol=2e-9)
-    assert statuses.split() == ["0", "16"]
+    before_end, place = statuses.split()[2:]
+    assert statuses.split()[:2] == ["0", "16"]
+    assert before_end == "16" or float(place) == pytest.approx(run["x"][1], abs=1e-8)
 
 
 def pendulum(name="pendulum", x="x", y="y", mass="m", length="l"):

@@ -29,7 +29,8 @@ class StepPlace(Record):
     """Time at which the last step began; steps until turns are taken off angles, and how many there were before that.
 
     ``wanted`` is a time within the next step at which the state will be asked for, NaN where there is none;
-    ``direction`` is that of time, 1 or -1, where the arguments of the loop do not have it.
+    ``direction`` is that of time, 1 or -1, and ``dense`` whether steps write polynomials, where the arguments of the
+    loop do not have these.
     """
 
     begin: float
@@ -37,6 +38,7 @@ class StepPlace(Record):
     block: int
     wanted: float
     direction: float
+    dense: int
 
 
 class TaylorSteps(NamedTuple):
@@ -144,6 +146,8 @@ def _sample(codes: RunCodes, settings: RunSettings, run: Run, place: StepPlace, 
     progress, work, begin, source = run.progress, run.work, place.begin, run.progress.row
     status = RUNNING
     if t != progress.t and begin != progress.t:
+        if run.pieces[0, 0] != progress.t:
+            return Status.TIMES_IN_NO_ORDER  # the step has no polynomial: nobody wanted one
         evaluate_polynomial(run, 0, settings.degree, (t - begin) / (progress.t - begin), settings.kept)
         source, before = POINT, 1 - progress.row
         if not project_row(

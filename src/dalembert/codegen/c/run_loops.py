@@ -130,6 +130,8 @@ def taylor_loop_of(
         "end": "run.progress.end",
         "steps": "run.progress.steps",
         "direction": "run.settings[1]",
+        "dense": "place.dense",
+        "evaluated": "run.progress.attempts",
     }
     return RunLoop(
         arguments=TaylorSteps(run, np.array(angles, np.int64), np.zeros(n), np.zeros(n), StepPlace()),
@@ -233,11 +235,13 @@ def _recorded_loop(
         "end": f"{progress}.end",
         "steps": f"{progress}.steps",
         "direction": "place.direction",
+        "dense": "run.settings.dense",
+        "evaluated": f"{progress}.evaluations",
     }
     step, sample, renew = functions
     return RunLoop(
         arguments=arguments,
-        given=frozenset(f"run.settings.{name}" for name in ("t0", "t1", "max_step", "max_steps")),
+        given=frozenset(f"run.settings.{name}" for name in ("t0", "t1", "max_step", "max_steps", "dense")),
         constant=constant,
         step=step,
         sample=sample,
