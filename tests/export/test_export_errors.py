@@ -81,6 +81,8 @@ def test_unknown_options(tmp_path, sleigh):
         sleigh.export(tmp_path / "a", "matlab")
     with pytest.raises(OptionError, match="method 'euler'"):
         sleigh.export(tmp_path / "a", method="euler")
+    with pytest.raises(OptionError, match="must not both be 0"):
+        sleigh.export(tmp_path / "a", rtol=0, atol=0)
     with pytest.raises(OptionError, match="input 'u'"):
         sleigh.export(tmp_path / "a", inputs={"u": 1.0})
     with pytest.raises(InitialStateError, match="initial values are missing"):

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import OptionError, nesting_named, unknown_name
-from ..export.folder import path_of, refuse_other_files, refuse_others, write_archive, write_folder
 from ..ir.program import hidden_parameters
 from ..starts.inputs import span_of
 from ..values import tolerances
@@ -104,6 +103,8 @@ def export(
 
         model.export("pendulum", initial={theta: 1, theta.diff(): 0}, parameters={m: 1, l: 1, g: 9.81})
     """
+    from ..export.folder import path_of, refuse_other_files, refuse_others, write_archive, write_folder
+
     asked: Any = kind
     if not isinstance(asked, str) or asked not in KINDS:
         raise OptionError(unknown_name("kind of export", str(kind), KINDS))
@@ -117,6 +118,8 @@ def export(
     if fmi != "2.0":
         raise OptionError(f"fmi is {fmi!r}: exports are units of FMI '2.0'")
     rtol, atol = tolerances(rtol, atol)
+    if rtol == atol == 0.0:
+        raise OptionError("rtol and atol must not both be 0: set one of them above 0")
     given = None if initial is None else dict(self.read_initial(initial))
     numbers = dict(given or {})
     if parameters is not None:
