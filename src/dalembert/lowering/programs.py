@@ -111,7 +111,9 @@ def _values_on_scene(system: ReducedSystem, residuals: Sequence[Node]) -> dict[s
         "velocity_residual": tuple(residuals),
     }
     if not system.regular and set(system.outputs) & set(equations.symbols.unknowns):
-        values["reaction_matrix"] = tuple(entry for row in equations.reactions for entry in row)
+        zero, own = equations.graph.zero, [name not in system.balanced for name in equations.symbols.unknowns]
+        powers = (entry if kept else zero for row in equations.reactions for entry, kept in zip(row, own, strict=True))
+        values["reaction_matrix"] = tuple(powers)
     return values
 
 
@@ -124,7 +126,7 @@ def _layout(system: ReducedSystem) -> Layout:
         rates=symbols.rates,
         parameters=symbols.parameters,
         unknowns=symbols.unknowns,
-        undetermined=system.undetermined,
+        undetermined=tuple(n for n in symbols.unknowns if n in (*system.undetermined, *system.balanced)),
         state=system.state,
         outputs=tuple(system.outputs),
         constraints=tuple(row.label for row in equations.constraints),

@@ -36,11 +36,15 @@ class Balance:
 @final
 @dataclass(frozen=True)
 class Released:
-    """Balances on a graph of their own, and a text on what was moved for them."""
+    """Balances on a graph of their own, and a text on what was moved for them.
+
+    Of `unknowns`, the balances leave those open that share loads by their compliances, by number in `shared`.
+    """
 
     balances: tuple[Balance, ...]
     unknowns: tuple[str, ...]
     text: str
+    shared: frozenset[int] = frozenset()
 
 
 @final
@@ -57,9 +61,37 @@ class _Offer:
     unknowns: tuple[int, ...]
 
 
+def self_stresses(columns: FloatArray) -> FloatArray:
+    """Return the orthogonal projector (n, n) on the combinations of wrenches (6 n_bodies, n) that balance each other.
+
+    Each wrench is scaled to length one.
+    """
+    free = null_space(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
+    return np.asarray(free @ free.T)
+
+
+def tied_together(projector: FloatArray) -> list[set[int]]:
+    """Return the groups of wrenches that take part in self-stresses together, from a projector (n, n)."""
+    left = {int(i) for i in np.flatnonzero(np.diag(projector) > _SMALL**2)}
+    groups = []
+    while left:
+        group, new = set(), {min(left)}
+        while new:
+            group |= new
+            beside = np.flatnonzero(np.abs(projector[sorted(new)]).max(axis=0) > _SMALL)
+            new = {int(i) for i in beside} - group
+        groups.append(group)
+        left -= group
+    return groups
+
+
 @final
 class BodySystem:
-    """Bodies of a scene with their balances, joints and connections at random states, and the wanted unknowns."""
+    """Bodies of a scene with their balances, joints and connections at random states, and the wanted unknowns.
+
+    `shared` are the numbers of those unknowns that share loads by their compliances, `rigid` the bodies between which
+    connections that no joint declares take part in that.
+    """
 
     def __init__(self, equations: EquationsOfMotion, wanted: Sequence[str]) -> None:
         assert equations.scene is not None
@@ -71,6 +103,16 @@ class BodySystem:
         self.connections = [Connections(self.balances, self.joints, sample) for sample in self.samples]
         self.columns = [sample.unknowns @ sample.mode for sample in self.samples]
         self.targets = [equations.symbols.unknowns.index(name) for name in wanted]
+        self.shared: set[int] = set()
+        self.rigid: dict[str, None] = {}
+
+    def share(self, group: Collection[int], beside: Sequence[str]) -> None:
+        """Let some unknowns share loads by their compliances, all of them wanted from now on."""
+        names = self.equations.symbols.unknowns
+        new = sorted({*group} - {*self.targets})
+        self.wanted, self.targets = [*self.wanted, *(names[i] for i in new)], [*self.targets, *new]
+        self.shared |= {*group}
+        self.rigid |= dict.fromkeys(beside)
 
     def fault(self, why: str) -> ConstraintError:
         """Return the error for the wanted reactions."""
@@ -91,15 +133,16 @@ class BalanceChoice:
     def __init__(self, system: BodySystem, bodies: set[int], open_pairs: Sequence[Mapping[Pair, FloatArray]]) -> None:
         self.system, self.bodies, self.open_pairs = system, bodies, open_pairs
         self.known: dict[tuple[int, str, int], FloatArray] = {}
+        pairs = zip(system.samples, open_pairs, strict=True)
+        self.opened = [wrench_columns(sample, found) for sample, found in pairs]
 
     def released(self) -> Released:
         """Return the balances."""
         bodies, open_pairs = self.bodies, self.open_pairs
         pairs = [pair for pair, matrix in open_pairs[0].items() if matrix.shape[1]]
-        opened = [wrench_columns(sample, found) for sample, found in zip(self.system.samples, open_pairs, strict=True)]
         offers: list[_Offer] = []
         for j in range(len(self.system.equations.q)):
-            self._offer(offers, j, [sample.twists[:, j] for sample in self.system.samples], opened)
+            self._offer(offers, j, [sample.twists[:, j] for sample in self.system.samples])
         taken: list[_Offer] = []
         seen: set[str] = set()
         while not taken or not self._determined(taken):
@@ -111,9 +154,7 @@ class BalanceChoice:
             seen |= {joint.name for joint in joints}
             for joint in joints:
                 for movement in self._movements(joint, bodies, pairs):
-                    self._offer(
-                        offers, movement, [self._twist(sample, movement) for sample in self.system.samples], opened
-                    )
+                    self._offer(offers, movement, [self._twist(sample, movement) for sample in self.system.samples])
             taken = self._taken(offers)
         for item in list(reversed(taken)):
             rest = [other for other in taken if other is not item]
@@ -131,15 +172,9 @@ class BalanceChoice:
                     break
         return taken
 
-    def _offer(
-        self,
-        offers: list[_Offer],
-        movement: Movement | int,
-        twists: Sequence[FloatArray],
-        opened: Sequence[FloatArray],
-    ) -> None:
+    def _offer(self, offers: list[_Offer], movement: Movement | int, twists: Sequence[FloatArray]) -> None:
         """Add a movement on which something that joints declare has power, and nothing else."""
-        for twist, columns in zip(twists, opened, strict=True):
+        for twist, columns in zip(twists, self.opened, strict=True):
             if columns.size and np.abs(twist @ columns).max() > _SMALL * float(np.abs(twist).max()):
                 return
         rows = [twist @ columns for twist, columns in zip(twists, self.system.columns, strict=True)]
@@ -155,10 +190,21 @@ class BalanceChoice:
         )
 
     def _determined(self, taken: Sequence[_Offer]) -> bool:
-        for i in range(len(self.system.samples)):
+        """Whether offers determine the wanted reactions; those that share loads up to their self-stresses, alone."""
+        shared = sorted(self.system.shared)
+        single = [i for i in self.system.targets if i not in self.system.shared]
+        for i, columns in enumerate(self.system.columns):
             matrix = np.array([offer.rows[i] for offer in taken])
             free = null_space(matrix / np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-300))
-            if free.shape[1] and np.abs(free[self.system.targets]).max() > 1e-6:
+            if free.shape[1] and np.abs(free[single]).max(initial=0.0) > 1e-6:
+                return False
+            if not shared:
+                continue
+            projector = free @ free.T
+            if np.abs(np.delete(projector[shared], shared, axis=1)).max(initial=0.0) > 1e-6:
+                return False
+            stresses = self_stresses(np.hstack([columns, self.opened[i]]))[shared]
+            if round(np.trace(projector[np.ix_(shared, shared)])) != np.linalg.matrix_rank(stresses, tol=1e-6):
                 return False
         return True
 
@@ -262,4 +308,11 @@ class BalanceChoice:
             said[f"{bodies}{point}"] = None
         by = f"by moving {', '.join(said)}" if said else "by the equations of coordinates"
         text = f"{list_names(self.system.wanted)} {by} in the program of reactions alone"
-        return Released(tuple(found), tuple(self.system.wanted), text)
+        unknowns = self.system.equations.symbols.unknowns
+        if self.system.shared:
+            together = list_names(unknowns[i] for i in sorted(self.system.shared))
+            text += f"; {together} share loads by their compliances (least elastic energy)"
+            if self.system.rigid:
+                between = "; ".join(self.system.rigid)
+                text += f", beside rigid connections that no joint declares between {between}"
+        return Released(tuple(found), tuple(self.system.wanted), text, frozenset(self.system.shared))

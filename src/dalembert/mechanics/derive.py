@@ -153,6 +153,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         state_rates=model.state_rates,
         controllers=model.controllers,
         angles=angles_of(model, rows, power.mass_matrix),
+        compliances=model.compliances,
         scene=model if model.given is None and model.lagrangian is None else None,
     )
     require_reactions_of_constraints(model, equations)

@@ -246,6 +246,8 @@ class EquationsOfMotion:
     mode_reactions : mapping of str to Node
         Reactions that a mode of the contacts gives, in terms of those that it leaves: zero, or friction of a sliding
         contact.
+    compliances : mapping of str to Node
+        Compliances of unknown reactions, by which they share loads that the balances of bodies leave undetermined.
     """
 
     name: str
@@ -284,6 +286,7 @@ class EquationsOfMotion:
     angles: tuple[str, ...] = ()
     scene: SceneModel | None = None
     mode_reactions: Mapping[str, Node] = field(default_factory=dict)
+    compliances: Mapping[str, Node] = field(default_factory=dict)
 
     @property
     def variables(self) -> tuple[Node, ...]:

@@ -19,7 +19,7 @@ from ..ir.node import Node
 from ..ir.zero_tests import vanishes
 from ..naming import acceleration_input
 from ..transforms.derivatives import tangents
-from .balance_choice import BalanceChoice, BodySystem, Released
+from .balance_choice import BalanceChoice, BodySystem, Released, self_stresses, tied_together
 from .connections import Pair, components, in_span, null_space, pair_of, rank, wrench_columns
 from .equations import ContactRow, EquationsOfMotion
 
@@ -172,32 +172,43 @@ class _Search:
         )
 
     def _require_determined(self, open_pairs: Sequence[Mapping[Pair, FloatArray]], bodies: set[int]) -> None:
-        """Raise unless the wanted reactions are the same whatever else is carried."""
+        """Raise unless the wanted reactions are the same whatever else is carried, or share it by their compliances.
+
+        All that share a load with a wanted one are determined together. Connections that no joint declares are rigid
+        beside them.
+        """
         rows, names = self._rows(bodies), self.system.equations.symbols.unknowns
         own_undeclared = {*self.system.connections[0].undeclared, *(pair_of(*tie) for tie in self.system.balances.ties)}
         for sample, columns, pairs in zip(self.system.samples, self.system.columns, open_pairs, strict=True):
             parts = {pair: matrix for pair, matrix in pairs.items() if matrix.shape[1]}
             whole = np.hstack([columns, wrench_columns(sample, parts)])[rows]
-            scale = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
-            free = null_space(whole / scale)
-            free = free[:, np.abs(free[self.system.targets]).max(axis=0, initial=0.0) > _SMALL]
-            if not free.shape[1]:
-                continue
-            moved = np.abs(free).max(axis=1) > _SMALL
+            groups = [group for group in tied_together(self_stresses(whole)) if group & {*self.system.targets}]
+            moved = np.zeros(whole.shape[1], bool)
+            for group in groups:
+                moved[list(group)] = True
             involved, start = [], len(names)
             for pair, matrix in parts.items():
                 known = self.system.connections[0].complete.get(pair, (None, False))[1] and pair not in own_undeclared
                 if not known and moved[start : start + matrix.shape[1]].any():
                     involved.append(pair)
                 start += matrix.shape[1]
+            together = {i for group in groups for i in group if i < len(names)}
+            if all(names[i] in self.system.equations.compliances for i in together):
+                self.system.share(together, [f"{self._body(b)} and {self._body(a)}" for a, b in involved])
+                continue
             lost = [name for name, i in zip(self.system.wanted, self.system.targets, strict=True) if moved[i]]
             others = [name for name, m in zip(names, moved, strict=False) if m and name not in lost]
             raise self.system.fault(self._why(lost, others, involved))
 
     def _why(self, hidden: Sequence[str], others: Sequence[str], pairs: Sequence[Pair]) -> str:
-        if not pairs:
+        bare = [name for name in (*hidden, *others) if name not in self.system.equations.compliances]
+        if not pairs or len(bare) < len(hidden) + len(others):
             rest = f" with {list_names(others)}" if others else ""
-            return f"only a combination of {list_names(hidden)}{rest} appears in the balances of the bodies"
+            return (
+                f"only a combination of {list_names(hidden)}{rest} appears in the balances of the bodies. How elastic"
+                f" supports share the load follows from compliances of {list_names(bare)}, such as"
+                f" scene.add_compliances({{{bare[0]!r}: c}})"
+            )
         own, lost = self.system.connections[0], list_names(hidden)
         labels = [self.system.equations.constraints[i].label for i in own.unheld()]
         if labels:

@@ -118,6 +118,8 @@ class ReducedSystem:
         parameters that could vanish.
     released : str
         Reactions that come from balances of bodies, and the bodies that were moved for them; else empty.
+    balanced : tuple of str
+        Names of reactions that come from balances of bodies or share loads by compliances.
     """
 
     formulation: str
@@ -143,6 +145,7 @@ class ReducedSystem:
     pivots: tuple[tuple[str, Node], ...] = ()
     inertia: tuple[tuple[str, Node], ...] = ()
     released: str = ""
+    balanced: tuple[str, ...] = ()
 
     @property
     def state_rates(self) -> tuple[Node, ...]:

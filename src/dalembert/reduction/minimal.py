@@ -129,6 +129,7 @@ class Minimal(Formulation):
             outputs=wanted.outputs,
             undetermined=wanted.undetermined,
             released=wanted.released,
+            balanced=wanted.balanced,
             pivots=best.pivots,
             inertia=inertia_pivots(equations, motion.factors, best.names) if motion.factors else (),
             notes=(f"independent speeds: {', '.join(best.names) or 'none'}", *best.notes, *unit_notes(scene)),

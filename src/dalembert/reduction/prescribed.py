@@ -55,5 +55,6 @@ def prescribed(equations: EquationsOfMotion, requested: Sequence[str]) -> Reduce
         outputs=wanted.outputs,
         undetermined=wanted.undetermined,
         released=wanted.released,
+        balanced=wanted.balanced,
         notes=("all contacts stick: nothing moves" if still else "all contacts stick: the constraints fix every rate",),
     )

@@ -8,14 +8,15 @@ random positions that satisfy the constraints, where a pin that closes a loop ca
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import final
 
 from ..errors import ConstraintError, UnknownNameError, list_names, unknown_name
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..ir.zero_tests import vanishes
+from ..mechanics.balance_choice import Released
 from ..mechanics.equations import EquationsOfMotion
 from ..mechanics.manifold import outside_span_on_manifold
 from ..mechanics.released_balances import released_balances, require_balance
@@ -30,7 +31,7 @@ from .reaction_columns import (
     weighted_columns,
     where_determined,
 )
-from .released_reactions import solve_released
+from .released_reactions import least_energy, solve_released
 from .unit_sphere import unit_values
 
 _SHIFT = 1e-7
@@ -39,11 +40,15 @@ _SHIFT = 1e-7
 @final
 @dataclass(frozen=True)
 class Requested:
-    """Outputs by name, in terms of t and the state; reactions that no equation determines; what was released."""
+    """Outputs by name, in terms of t and the state; reactions that no equation determines; what was released.
+
+    `balanced` are the reactions that balances of bodies or compliances give.
+    """
 
     outputs: Mapping[str, Node]
     undetermined: tuple[str, ...]
     released: str = ""
+    balanced: tuple[str, ...] = ()
 
 
 def undetermined_unknowns(equations: EquationsOfMotion) -> tuple[str, ...]:
@@ -130,18 +135,19 @@ def requested_outputs(
     if energies and held:
         nodes = dict(zip(nodes, _with_energies(graph, list(nodes.values()), energies), strict=True))
     needed = _needed_unknowns(equations, nodes)
-    replace = dict(values)
+    known = dict(values)
     held = _inputs_of(nodes.values())
-    replace |= {graph.input(x): a for x, a in zip(seconds.values(), accelerations, strict=True) if x in held}
+    known |= {graph.input(x): a for x, a in zip(seconds.values(), accelerations, strict=True) if x in held}
     if held & set(state_rates):
         rates = graph.substitute(list(state_rates.values()), values)
-        replace |= dict(zip(map(graph.input, state_rates), rates, strict=True))
-    released = ""
+        known |= dict(zip(map(graph.input, state_rates), rates, strict=True))
+    released = Released((), (), "")
     if needed and solve:
         solved, released = _solved(equations, needed, undetermined, (values, accelerations, plain))
-        replace.update(solved)
-    found = graph.substitute(list(nodes.values()), replace)
-    return Requested(dict(zip(nodes, found, strict=True)), undetermined, released)
+        known.update(solved)
+    found = graph.substitute(list(nodes.values()), known)
+    given = dict(zip(nodes, found, strict=True))
+    return Requested(given, undetermined, released.text, released.unknowns)
 
 
 def _solved(
@@ -149,11 +155,12 @@ def _solved(
     needed: Sequence[str],
     undetermined: Sequence[str],
     motion: tuple[Mapping[Node, Node], Sequence[Node], Sequence[Node] | None],
-) -> tuple[dict[Node, Node], str]:
-    """Return reactions in terms of the state, and what was released for them.
+) -> tuple[dict[Node, Node], Released]:
+    """Return reactions in terms of the state, and those that balances of bodies or compliances decide.
 
     Those that the coordinates hide, identically or on the constraints, and all where no joint exerts the reactions of
-    some constraint, come from balances of bodies. Those that redundant constraints share are the least ones.
+    some constraint, come from balances of bodies. Those that redundant constraints share are the least ones, or share
+    their load by compliances.
     """
     names, graph = equations.symbols.unknowns, equations.graph
     silent = {x for x in names if all(vanishes(row[names.index(x)]) for row in equations.reactions)}
@@ -171,12 +178,14 @@ def _solved(
     idle = [x for x in needed if (value := solved.get(graph.input(x))) is not None and value.is_zero]
     if idle and not equations.contacts:
         require_balance(equations, idle)
+    sharing: list[str] = []
     try:
         released = released_balances(equations, [*lost, *tied]) if lost or tied else None
     except ConstraintError:
-        if not tied or motion[2] is None:
+        if not tied or motion[2] is None or not _served(equations, tied, shared):
             raise
         released = released_balances(equations, lost) if lost else None
+        sharing = tied if {*tied} & {*equations.compliances} else []
     found = solve_released(equations, released, *motion[:2]) if released is not None else {}
     solved = {x: v for x, v in solved.items() if x not in found} | found
     for x in needed:
@@ -186,7 +195,23 @@ def _solved(
         if (x in without or own) and not all(entry.is_zero for entry in column):
             value = where_determined(graph, solved[node], column, hidden=x in without)
             solved[node] = graph.substitute([value], motion[0])[0]
-    return solved, released.text if released is not None else ""
+    return solved, _with_shared(released or Released((), (), ""), sharing)
+
+
+def _with_shared(released: Released, tied: Sequence[str]) -> Released:
+    """Return what was released, with the reactions that share loads in the equations of the coordinates."""
+    if not tied:
+        return released
+    text = f"{list_names(tied)} share loads by their compliances (least elastic energy), beside rigid other connections"
+    text = f"{released.text}; {text}" if released.text else text
+    return replace(released, unknowns=(*released.unknowns, *tied), text=text)
+
+
+def _served(equations: EquationsOfMotion, tied: Sequence[str], shared: Collection[str]) -> bool:
+    """Whether all reactions that share loads where the constraints hold have compliances, or no needed one has."""
+    if not {*tied} & {*equations.compliances}:
+        return True
+    return {*shared} <= {*equations.compliances}
 
 
 def _inputs_of(nodes: Iterable[Node]) -> set[str]:
@@ -241,10 +266,13 @@ def _solve(
     solution = reaction_solver(equations, reactions)(residual)
     left = [a - r for a, r in zip(matvec(graph, reactions, solution), residual, strict=True)]
     _require_exerted(equations, left)
+    unknowns = equations.unknowns
     if plain is not None or loose:
         residual = [a - f for a, f in zip(matvec(graph, mass, accelerations), forcing, strict=True)]
-        solution = _minimum_norm(equations, reactions, residual)
-    unknowns = equations.unknowns
+        if equations.compliances:
+            solution = least_energy(equations, reactions, [unknowns[i] for i in independent], residual)
+        else:
+            solution = _minimum_norm(equations, reactions, residual)
     return {unknowns[i]: node for i, node in zip(independent, solution, strict=True)}
 
 

@@ -273,6 +273,7 @@ def reduce_saddle(
         outputs=wanted.outputs,
         undetermined=wanted.undetermined,
         released=wanted.released,
+        balanced=wanted.balanced,
         inertia=inertia_pivots(equations, saddle.mass, equations.symbols.coordinates),
         notes=tuple(notes),
     )

@@ -263,6 +263,8 @@ class SceneModel:
         Rates of the first-order states.
     controllers : tuple of ControllerModel
         Sampled controllers.
+    compliances : mapping of str to Node
+        Those of unknown reaction components.
     """
 
     name: str
@@ -288,3 +290,4 @@ class SceneModel:
     controllers: tuple[ControllerModel, ...] = ()
     vectors: Mapping[str, tuple[Pieces, int]] = field(default_factory=dict)
     chosen: tuple[str, ...] = ()
+    compliances: Mapping[str, Node] = field(default_factory=dict)

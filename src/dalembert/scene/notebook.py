@@ -21,6 +21,7 @@ def description(scene: Scene) -> str:
         _line("Joints", _joints(scene)),
         _line("Contacts", (str(contact.name) for contact in scene.contacts)),
         _line("Friction", (str(law.name) for law in scene.frictions)),
+        _line("Compliances", (f"{key}: ${vlatex(c)}$" for key, c in scene.compliances)),
         _line("Loads", [f"{len(scene.loads)}"] if scene.loads else []),
         _line("Gravity", [f"${vlatex(scene.gravity)}$"] if scene.gravity is not None else []),
         _line("Holonomic constraints", (f"$0 = {vlatex(e)}$" for e in scene.holonomic_constraints)),

@@ -215,7 +215,8 @@ def with_reactions(scene: Scene, outputs: Sequence[Any]) -> tuple[Scene, tuple[A
     """Return a scene with the joints whose reactions outputs, contacts and laws of friction need; and the outputs.
 
     Named components are replaced by their expressions. In a tree a reaction needs no other. Where constraints or
-    contacts close loops, what joints leave free decides which reactions are determined: all are declared.
+    contacts close loops, or joints share loads by compliances, what joints leave free decides which reactions are
+    determined: all are declared.
 
     Raises
     ------
@@ -233,7 +234,8 @@ def with_reactions(scene: Scene, outputs: Sequence[Any]) -> tuple[Scene, tuple[A
     wanted = _of_laws(scene).union(*map(_unknowns_in, outputs))
     own = {x for joint in scene.joints for v in (joint.force, joint.torque) if v != 0 for x in _unknowns_in(v)}
     wanted |= {x for x in own if str(x) in map(str, outputs)}
-    loops = bool(wanted and (scene.holonomic_constraints or scene.nonholonomic_constraints or scene.contacts))
+    closing = scene.holonomic_constraints, scene.nonholonomic_constraints, scene.contacts, scene.compliances
+    loops = bool(wanted and any(closing))
     needed = [item for item in scene.connections if loops or wanted & item.unknowns]
     lost = [item.name for item in needed if wanted & item.unknowns and not joints_of(scene, item)]
     if lost:

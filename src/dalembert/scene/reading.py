@@ -11,6 +11,7 @@ import sympy as sp
 from ..errors import TOO_DEEP, LoadWarning, SceneError, UnknownNameError, unknown_name, warn_caller
 from ..ir.node import Node
 from ..naming import acceleration_input, acceleration_name, rate_name, unwritable
+from .compliances import read_compliances
 from .content_reading import ContentReader
 from .geometry import GeometryReader
 from .joint_checks import foreign_points, points_off_particles, travelling_points
@@ -142,6 +143,7 @@ class _SceneReader(ContentReader):
         nonholonomic = [self._nonholonomic(c, i) for i, c in enumerate(scene.nonholonomic_constraints)]
         contacts, closing = self._contacts()
         requested = read_outputs(self, outputs)
+        compliances = read_compliances(scene, self._scalar, self._moving(), self.faults.append)
         controllers = self._controllers(nonholonomic, contacts)
         requirements = self._smoothness([*holonomic, *closing], nonholonomic, given, lagrangian, contacts)
         symbols = self._symbols(requirements)
@@ -174,6 +176,7 @@ class _SceneReader(ContentReader):
             stored=stored,
             state_rates=state_rates,
             controllers=controllers,
+            compliances={name: c for name, c in compliances.items() if name in symbols.unknowns},
         )
 
     def _bodies(self, placed: bool, lagrangian: Node | None) -> list[BodyModel]:

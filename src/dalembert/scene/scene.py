@@ -92,6 +92,7 @@ class Scene:
         self.gravity: Vector | None = None
         self.contacts: tuple[UnilateralContact | GeometricContact, ...] = ()
         self.frictions: tuple[CoulombFriction, ...] = ()
+        self.compliances: tuple[tuple[Any, Any], ...] = ()
         self.made_contacts: tuple[Any, ...] = ()
         self.releases: tuple[release_impose.Release, ...] = ()
         self.imposed: tuple[tuple[Expr, Expr], ...] = ()
@@ -323,6 +324,37 @@ class Scene:
     def add_friction(self, *laws: CoulombFriction) -> None:
         """Add Coulomb friction between reaction components of joints."""
         self.frictions += laws
+
+    def add_compliances(self, compliances: Mapping[Any, Any]) -> None:
+        """Add compliances of reaction components, by which joints share a load that rigid bodies leave undetermined.
+
+        Of all reactions that balance the bodies, those are returned that minimise the elastic energy, 1/2 sum c_i
+        R_i^2, as those of elastic supports do in the limit of great stiffness. The motion does not depend on them, nor
+        does any reaction that the balances determine; only the ratios of the compliances matter.
+
+        Parameters
+        ----------
+        compliances : mapping of names or unknowns to Expr or number
+            For each reaction component its positive compliance [m/N], or [rad/(N m)] of a torque: a number, or an
+            expression of parameters that are declared positive.
+
+        Raises
+        ------
+        SceneError
+            For what is no mapping; everything else is checked when the scene is compiled.
+
+        Examples
+        --------
+        A door whose upper hinge is softer than its lower one along their common axis::
+
+            c_1, c_2 = symbols("c_1 c_2", positive=True)
+            scene.add_compliances({"upper.force_z": c_1, "lower.force_z": c_2})
+        """
+        given: Any = compliances
+        if not isinstance(given, Mapping):
+            what = f"add_compliances takes a mapping of reaction components to compliances, not {compliances!r}"
+            raise SceneError(self.name, [what])
+        self.compliances += tuple(given.items())
 
     def add_contacts(self, *contacts: UnilateralContact | GeometricContact) -> None:
         """Add unilateral constraints: they push, do not pull, and may open and close.
