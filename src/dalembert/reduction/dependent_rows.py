@@ -10,7 +10,7 @@ larger rank, they vary as slowly as A does, no pivot is chosen, and series stay 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -20,11 +20,13 @@ from ..arrays import FloatArray
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..mechanics.equations import ConstraintRow
-from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix, matmul, matvec
 
+Groups = tuple[tuple[tuple[int, ...], int], ...]
+"""Groups of rows by their places, and the rank that each adds to those before it."""
+
 MOST_RANK = 5
-"""Largest rank that is served: rounding grows with the condition of A to this power, less one."""
+"""Largest rank of a group that is served: rounding grows with the condition of A to this power, less one."""
 
 _MOST_IMPROVEMENTS = 2
 _TINY = 1e-300
@@ -43,11 +45,24 @@ class Redundancy:
         Powers of two that make their rows about equally long.
     following : tuple of int
         Those that follow from the others around the start that was looked at, for messages.
+    groups : Groups
+        Where not all rows are one group: those of positions come first.
     """
 
     rank: int
     scales: tuple[int, ...]
     following: tuple[int, ...]
+    groups: Groups = ()
+
+    @property
+    def ranks(self) -> int | Groups:
+        """The rank, or the groups with their ranks."""
+        return self.groups or self.rank
+
+    def groups_of(self, count: int) -> Groups:
+        """Return the groups of the first rows, all or those of positions."""
+        whole = self.groups or ((tuple(range(len(self.scales))), self.rank),)
+        return tuple(group for group in whole if max(group[0]) < count)
 
     def scaled(self, rows: Sequence[ConstraintRow]) -> tuple[ConstraintRow, ...]:
         """Return the rows, about equally long."""
@@ -91,7 +106,7 @@ class RankSolver:
 
     @staticmethod
     def of(graph: Graph, matrix: Matrix, rank: int) -> RankSolver:
-        """Return the solver for a matrix (m, m) of some rank, 0 < rank < m."""
+        """Return the solver for a matrix (m, m) of some rank, 0 < rank <= m."""
         size = range(len(matrix))
         gradient = [[graph.one if i == j else graph.zero for j in size] for i in size]
         for k in range(1, rank):
@@ -116,22 +131,6 @@ class RankSolver:
     def within(self, b: Sequence[Node]) -> list[Node]:
         """Return the part of b in the range of the matrix."""
         return matvec(self.graph, self.matrix, self._once(b))
-
-
-def turning_demand(graph: Graph, rows: Sequence[ConstraintRow], rank: int, flow: Mapping[Node, Node]) -> list[Node]:
-    """Return what is demanded of J q_ddot besides the bias, so that violations do not grow by turns of the range of J.
-
-    A violation phi = U z, U being an orthonormal basis of the range, has z_ddot = U_dot^T U_dot z where the part of
-    phi_ddot in the range is zero. With P = U U^T, it is to be -P_dot^2 phi, which makes z_ddot zero.
-    """
-    size = range(len(rows))
-    gram = [[graph.sum(a * b for a, b in zip(x.jacobian, y.jacobian, strict=True)) for y in rows] for x in rows]
-    solver = RankSolver.of(graph, gram, rank)
-    product = matmul(graph, gram, solver.gradient)
-    turned = tangents(graph, [entry / solver.product for row in product for entry in row], flow)
-    rates = [turned[i * len(rows) : (i + 1) * len(rows)] for i in size]
-    once = matvec(graph, rates, [graph.zero if row.position is None else row.position for row in rows])
-    return [-value for value in matvec(graph, rates, once)]
 
 
 def least_share(graph: Graph, gram: Matrix, rank: int) -> Node:

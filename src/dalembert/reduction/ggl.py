@@ -15,6 +15,7 @@ from ..ir.node import Node
 from ..mechanics.equations import EquationsOfMotion
 from .base import Formulation, ReducedSystem, ReductionSettings, StageSystem
 from .dependent_rows import RankSolver
+from .grouped_rows import GroupSolver
 from .saddle import SaddlePoint, reduce_saddle, velocity_residuals
 
 _WEIGHT = 1e-4
@@ -51,7 +52,7 @@ class GearGuptaLeimkuhler(Formulation):
 def _with_rest(saddle: SaddlePoint, residuals: Sequence[Node], multipliers: Sequence[Node]) -> list[Node]:
     """Return what constraints leave that depend on each other, and what of multipliers is to vanish in their place."""
     solver, graph = saddle.schur(len(residuals), ""), saddle.graph
-    assert isinstance(solver, RankSolver)
+    assert isinstance(solver, RankSolver | GroupSolver)
     weight = graph.node(_WEIGHT) * graph.sum(solver.matrix[i][i] for i in range(len(residuals)))
     rest = [weight * value for value in multipliers]
     within = solver.within([a - b for a, b in zip(residuals, rest, strict=True)])

@@ -26,6 +26,7 @@ from ..transforms.linear import Matrix, SingularMatrix, factorize, matvec, trans
 from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
 from .dependent_rows import RankSolver, Redundancy, least_share
+from .grouped_rows import solver_of
 
 _OTHERS = 1e-2
 _SHORT, _STEP = 1e-2, 1024.0
@@ -96,9 +97,10 @@ def _joint_margins(
         rate * rate for rate in speeds
     )
     size = size / graph.node(float(len(rows))) + graph.node(_TINY)
-    share = least_share(graph, gram, redundancy.rank) / size
+    solver = solver_of(graph, gram, redundancy)
+    least = least_share(graph, gram, solver.rank) if isinstance(solver, RankSolver) else solver.least_share()
+    share = least / size
     found = {f"least eigenvalue less {level:g}": share - graph.node(level) for level in _LEVELS}
-    solver = RankSolver.of(graph, gram, redundancy.rank)
     residual = [graph.zero if row.position is None else row.position for row in rows]
     step = matvec(graph, transpose([list(row) for row in jacobian]), solver.solve(residual))
     turns = tangents(graph, [entry for row in jacobian for entry in row], dict(zip(equations.q, step, strict=True)))

@@ -54,11 +54,12 @@ def solve_released(
     solved: dict[Node, Node] = {}
     for some, columns in _blocks(rows):
         block = [[rows[i][j] for j in columns] for i in some]
-        if released.shared & {*columns}:
+        independent, _ = independent_columns(block)
+        wanted = {i for i, j in enumerate(columns) if str(unknowns[j].payload) in released.unknowns}
+        if released.shared & {*columns} or not wanted <= {*independent}:  # determined where the constraints hold
             parts = least_energy(equations, block, [unknowns[j] for j in columns], [demands[i] for i in some])
             solved |= dict(zip((unknowns[j] for j in columns), parts, strict=True))
             continue
-        independent, _ = independent_columns(block)
         matrix = [[row[i] for i in independent] for row in block]
         across = transpose(matrix)
         factors = factorize(graph, matmul(graph, across, matrix))
@@ -79,7 +80,7 @@ def least_energy(
     graph = equations.graph
     names = [str(node.payload) for node in unknowns]
     given = [equations.compliances[name] for name in names if name in equations.compliances]
-    mean = graph.sum(given) / graph.node(float(len(given)))
+    mean = graph.sum(given) / graph.node(float(len(given))) if given else graph.one
     weighted = [
         [entry / equations.compliances.get(name, mean) for entry, name in zip(row, names, strict=True)] for row in rows
     ]

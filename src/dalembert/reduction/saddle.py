@@ -27,7 +27,8 @@ from .base import (
     factorize_inertia,
     inertia_pivots,
 )
-from .dependent_rows import RankSolver, Redundancy, turning_demand
+from .dependent_rows import Redundancy
+from .grouped_rows import Solver, solver_of, turning_demand
 from .reactions import requested_outputs
 
 # Sizes of rows of the constraint Jacobian that vanish at some angles, beside which they count as zero.
@@ -147,7 +148,7 @@ class SaddlePoint:
         scales = tuple(row_scale(graph, row.jacobian, inertias) if folding else graph.zero for row in rows)
         return SaddlePoint(graph, mass, tuple(forcing), rows, halves, guarded, scales, redundancy)
 
-    def schur(self, count: int, scene: str) -> Factorization | RankSolver:
+    def schur(self, count: int, scene: str) -> Factorization | Solver:
         """Return the factors of J M^-1 J^T for the first `count` constraints.
 
         Raises
@@ -157,7 +158,7 @@ class SaddlePoint:
         """
         full = self._inner_products(count)
         if self.redundancy is not None:
-            return RankSolver.of(self.graph, full, self.redundancy.rank)
+            return solver_of(self.graph, full, self.redundancy)
         try:
             undecided = any(row.undecided for row in self.rows[:count])
             return factorize(self.graph, full, self._guard if self.guarded else None, set_aside=undecided)
@@ -217,7 +218,8 @@ class SaddlePoint:
         if self.redundancy is None:
             return demand
         flow = dict(zip(equations.q, equations.qdot, strict=True)) | {equations.time: self.graph.one}
-        further = turning_demand(self.graph, self.rows, self.redundancy.rank, flow | equations.state_flow)
+        solver = solver_of(self.graph, self._inner_products(len(self.rows)), self.redundancy)
+        further = turning_demand(self.graph, self.rows, solver, flow | equations.state_flow)
         return [a + b for a, b in zip(demand, further, strict=True)]
 
     def projection(self, equations: EquationsOfMotion) -> Projection | None:

@@ -16,6 +16,8 @@ from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseBlock
 from ..methods.status import Status
 from ..reduction.base import ReducedSystem
+from ..reduction.dependent_rows import Groups
+from ..starts.constraint_groups import rank_of
 from ..starts.constraint_rank import indeterminate
 from ..starts.constraint_rows import jacobians_at, lengths_along
 from ..starts.state_sizes import coordinate_sizes
@@ -70,9 +72,10 @@ def _lost(
     enforced, others = (list_names(layout.constraints[i] for i in rows) for rows in (kept, reduced.unproven))
     return (
         f"at t = {t:.6g} ({place}) the enforced constraints {enforced} come to lose rank that they have together with"
-        f" {others}, not enforced because it followed from them around the start: write the closed loop with fewer"
-        " constraints that are independent everywhere (of a parallelogram, the difference of two angles), or end the"
-        " time span before"
+        f" {others}, not enforced because it followed from them around the start. All are enforced together where"
+        " groups of them have a rank of 5 at most, no first integrals are kept and, in scenes with contacts, these have"
+        " no friction and the formulation is 'projected'. Elsewhere write the closed loop with fewer constraints that"
+        " are independent everywhere (of a parallelogram, the difference of two angles), or end the time span before"
     )
 
 
@@ -116,7 +119,7 @@ def _first_violation(
 def ended_where_rank_grows(
     program: Program,
     enforced: Sequence[int],
-    rank: int,
+    rank: int | Groups,
     problem: IntegrationProblem,
     solution: Solution,
     c: Constants,
@@ -127,7 +130,10 @@ def ended_where_rank_grows(
     more than the square of what errors leave of the other part.
     """
     t = solution.t if solution.dense is None else solution.dense.knots
-    if len(t) == 0:
+    enforced = [row for row in enforced if row < program.layout.holonomic]
+    if not isinstance(rank, int):
+        rank = rank_of(tuple(group for group in rank if max(group[0]) < len(enforced)))
+    if len(t) == 0 or rank in (0, len(enforced)):
         return solution, ""
     y = solution.y if solution.dense is None else solution.dense(t)
     own, n = constants_at(c, t), len(program.layout.coordinates)
@@ -181,10 +187,10 @@ class ConstraintCheck(RunCheck):
         return replace(problem, dense=True) if self.reduced.unproven or self._rank is not None else problem
 
     @property
-    def _rank(self) -> int | None:
-        """The rank of constraints that are enforced together, though some follow from others; None without such."""
+    def _rank(self) -> int | Groups | None:
+        """The ranks of constraints that are enforced together, though some follow from others; None without such."""
         redundancy = self.reduced.redundancy
-        return None if redundancy is None else redundancy.rank
+        return None if redundancy is None else redundancy.ranks
 
     def after(self, run: EndedRun) -> tuple[Solution, str]:
         """See `RunCheck.after`."""
@@ -272,7 +278,7 @@ def _ended(
     states = solution.y if solution.dense is None else solution.dense(times)
     found = replace(solution, t=times, y=states)
     redundancy, span = model.stages.reduced.redundancy, (problem.t0, problem.t1)
-    rank = None if redundancy is None else redundancy.rank
+    rank = None if redundancy is None else redundancy.ranks
     if model.derived.enforced:
         found, _ = checked_run(program, found, c, model.derived.enforced, solution, span, rank)
     if rank is not None and found.status is not Status.SINGULAR_CONFIGURATION:

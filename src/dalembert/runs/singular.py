@@ -12,6 +12,7 @@ from ..arrays import FloatArray
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..methods.status import Status
+from ..reduction.dependent_rows import Groups
 from ..starts.constraint_rank import where_dependent
 from ..starts.constraint_rows import correction_turns, jacobians_at, kept_shares, lengths_along, shares
 from ..steps.dense_output import DenseOutput, JoinedOutput
@@ -52,11 +53,11 @@ _ROUNDS, _POINTS = 6, 17
 
 
 def crossing(
-    program: Program, solution: Solution, c: Constants, enforced: Sequence[int], rank: int | None = None
+    program: Program, solution: Solution, c: Constants, enforced: Sequence[int], rank: int | Groups | None = None
 ) -> tuple[float, FloatArray] | None:
     """Return the first time and state at which rank is lost, None without any.
 
-    `rank` is given where the enforced constraints have less than their number.
+    `rank` is given where the enforced constraints have less than their number, or the groups that they are solved by.
     """
     t, y = _searched_points(solution)
     if not len(t):
@@ -103,7 +104,7 @@ def _shares_at(
     c: Constants,
     enforced: Sequence[int],
     lengths: FloatArray,
-    rank: int | None,
+    rank: int | Groups | None,
     t: FloatArray,
     y: FloatArray,
 ) -> FloatArray:
@@ -188,7 +189,7 @@ def checked_run(
     enforced: Sequence[int],
     steps: Solution,
     span: tuple[float, float],
-    rank: int | None = None,
+    rank: int | Groups | None = None,
 ) -> tuple[Solution, str]:
     """Return a run ended where it met a singular configuration, and where that was.
 

@@ -252,7 +252,7 @@ def _unlike_left_out(model: CompiledModel, cases: Cases, settings: CaseSettings)
     if cases.count < 2 or len(rows) < 2 or not model.layout.state:
         return settings
     block, status = cases.block(slice(0, cases.count), settings)
-    rank = None if redundancy is None else redundancy.rank
+    rank = None if redundancy is None else redundancy.ranks
     starts = block.spans[:, 0], block.y, block.c
     different = unlike(model.stages.program, *starts, rows, lost=bool(dropped), rank=rank)
     different &= status < 0

@@ -56,13 +56,20 @@ def _enforced_together(
 ) -> Redundancy | None:
     """Return what it takes to enforce all constraints at a start; None where none follow, or it is not served."""
     stages, reduced = model.stages, model.stages.reduced
-    if stages.mode is not None or stages.kept or model.dropped:
+    if stages.kept or model.dropped or not _served_in_modes(model):
         return None
     rows = sorted({*model.derived.enforced, *reduced.unproven})
     found = redundant(program, t, y, c, rows)
     if not found or nearly_redundant(program, t, y, c, rows):
         return None
     return together(program, t, y, c, rows, found)
+
+
+def _served_in_modes(model: CompiledModel) -> bool:
+    """Return whether contacts allow that constraints are enforced together: without friction, where steps project."""
+    stages = model.stages
+    frictionless = not any(contact.tangential for contact in stages.derivation.equations.contacts)
+    return stages.mode is None or (frictionless and stages.reduced.formulation == "projected")
 
 
 def divisible_model(

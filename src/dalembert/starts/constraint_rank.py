@@ -11,9 +11,10 @@ from ..arrays import FloatArray
 from ..errors import list_names
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
-from ..reduction.dependent_rows import MOST_RANK, Redundancy, amplified_rounding
+from ..reduction.dependent_rows import MOST_RANK, Groups, Redundancy, amplified_rounding
 from ..stops.segments import Constants, constants_at
-from .constraint_rows import LOST, jacobians, jacobians_at, lengths_along, row_lengths, shares
+from .constraint_groups import LOST, group_shares, groups_of_rows, left_of_groups, rank_of
+from .constraint_rows import jacobians, jacobians_at, lengths_along, row_lengths, shares
 from .state_sizes import distance_sizes, gyration_sizes
 
 _ROUNDED = 1e-11
@@ -86,12 +87,11 @@ def together(
 ) -> Redundancy | None:
     """Return what it takes to enforce constraints together of which some follow from others at a start y (n_y,).
 
-    None where they need not be, because some follow by weights that do not vary, and where they cannot be: velocity
-    constraints that are no rates of positions, many independent constraints, and rows that rounding would tell from
-    each other no more.
+    None where they need not be, because some follow by weights that do not vary, and where they cannot be: groups with
+    many independent constraints, and rows that rounding would tell from each other no more.
     """
-    rank, layout = len(rows) - len(following), program.layout
-    if not 0 < rank <= MOST_RANK or len(layout.constraints) > layout.holonomic:
+    rank, holonomic = len(rows) - len(following), sum(row < program.layout.holonomic for row in rows)
+    if rank <= 0:
         return None
     times = np.array([t])
     j = jacobians_at(program, times, y[np.newaxis], c, rows)
@@ -99,10 +99,18 @@ def together(
     if _constant_weights(program, t, y, c, rows, following):
         return None
     powers = np.rint(np.log2(lengths / np.max(lengths)) / _COARSE) * _COARSE
-    scaled = j[0] * 2.0 ** -powers[:, np.newaxis]
-    if not amplified_rounding(scaled / np.max(lengths), rank) < _AMPLIFIED:
-        return None
-    return Redundancy(rank, tuple(-int(power) for power in powers), tuple(following))
+    scaled = j[0] * 2.0 ** -powers[:, np.newaxis] / np.max(lengths)
+    groups: Groups = ()
+    if rank > MOST_RANK or holonomic < len(rows):
+        around = _around(program, t, y, c, (j[0] / lengths[:, np.newaxis])[:holonomic])
+        near = [jacobians(program, times, x[np.newaxis], c, rows)[0] for x in around]
+        groups = groups_of_rows(np.array([j[0], *near]) / lengths[:, np.newaxis], holonomic)
+        if rank_of(groups) != rank:
+            return None
+    for left, count in left_of_groups(scaled, groups or ((tuple(range(len(rows))), rank),)):
+        if count and not amplified_rounding(left, count) < _AMPLIFIED:
+            return None
+    return Redundancy(rank, tuple(-int(power) for power in powers), tuple(following), groups)
 
 
 def _constant_weights(
@@ -113,7 +121,8 @@ def _constant_weights(
     others = [place for place, row in enumerate(rows) if row in following]
     first = jacobians_at(program, times, y[np.newaxis], c, rows)[0]
     lengths = lengths_along(program, times, y[np.newaxis], c, first[np.newaxis], rows)[:, np.newaxis]
-    near = [jacobians(program, times, x[np.newaxis], c, rows)[0] for x in _around(program, t, y, c, first / lengths)]
+    positions = (first / lengths)[: sum(row < program.layout.holonomic for row in rows)]  # rates may lead to any
+    near = [jacobians(program, times, x[np.newaxis], c, rows)[0] for x in _around(program, t, y, c, positions)]
     weights = [(j / lengths)[others] @ np.linalg.pinv((j / lengths)[kept]) for j in (first, *near)]
     return bool(np.max(np.ptp(np.array(weights), axis=0), initial=0.0) < _CONSTANT)
 
@@ -146,7 +155,7 @@ def unlike(
     rows: Sequence[int],
     *,
     lost: bool,
-    rank: int | None = None,
+    rank: int | Groups | None = None,
 ) -> NDArray[np.bool_]:
     """Return which starts t (k,), y (k, n_y), c (k, n_c) have constraints that depend on each other, or do not.
 
@@ -156,8 +165,8 @@ def unlike(
         The constraints.
     lost : bool
         Whether some of them are expected to follow from others.
-    rank : int, optional
-        The rank that is expected of them instead.
+    rank : int or Groups, optional
+        The rank that is expected of them instead, or the groups with their ranks.
     """
     found = np.zeros(len(t), bool)
     fine = np.flatnonzero(np.all(np.isfinite(np.column_stack([t, y, c])), axis=1))
@@ -169,7 +178,8 @@ def unlike(
     j, ones = jacobians(program, t, x, c, rows) / lengths, np.ones(len(rows))
     if rank is not None:
         below = shares(j, ones, rank)
-        above = shares(j, ones, rank + 1) if rank < min(j.shape[1:]) else np.zeros(len(j))
+        whole = rank_of(rank)
+        above = shares(j, ones, whole + 1) if whole < min(j.shape[1:]) else np.zeros(len(j))
         found[fine] = np.isfinite(below) & ((below < LOST) | (above >= LOST))
         return found
     least = shares(j, ones)
@@ -211,21 +221,29 @@ def _closed(program: Program, t: float, x: FloatArray, c: FloatArray) -> FloatAr
 
 
 def where_dependent(
-    program: Program, t: float, y: FloatArray, c: Constants, enforced: Sequence[int], rank: int | None = None
+    program: Program, t: float, y: FloatArray, c: Constants, enforced: Sequence[int], rank: int | Groups | None = None
 ) -> str:
     """Return which constraints come to depend on each other, and where; of a rank that they have elsewhere."""
     layout = program.layout
     times, rows = np.array([t]), y[np.newaxis]
     c = constants_at(c, times)
     j = jacobians_at(program, times, rows, c, enforced)
-    left, values, _ = np.linalg.svd(j[0] / lengths_along(program, times, rows, c, j, enforced)[:, np.newaxis])
+    unit = j[0] / lengths_along(program, times, rows, c, j, enforced)[:, np.newaxis]
+    what = "depend on each other, or nearly so"
+    if isinstance(rank, tuple):
+        found = group_shares(unit[np.newaxis], rank)[0]
+        number = int(np.argmin(found))
+        enforced = [enforced[i] for i in rank[number][0]]
+        unit, rank = left_of_groups(unit, rank)[number]
+        what = "are enforced in groups, and these add less to the others there than elsewhere"
+    left, values, _ = np.linalg.svd(unit)
     least = len(values) - 1 if rank is None else rank - 1
     weights = np.abs(left[:, least])
     labels = [layout.constraints[enforced[i]] for i in range(len(weights)) if weights[i] > 0.2 * weights.max()]
     x = interpret_rows(program.kernel("expand"), times, rows, c)[0]
     place = ", ".join(f"{name} = {x[i]:.6g}" for i, name in enumerate(layout.coordinates))
     return (
-        f"at t = {t:.6g} ({place}) the constraints {list_names(labels)} depend on each other, or nearly so (smallest"
+        f"at t = {t:.6g} ({place}) the constraints {list_names(labels)} {what} (smallest"
         f" singular value {values[least]:.1e})"
     )
 

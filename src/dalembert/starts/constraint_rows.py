@@ -16,11 +16,10 @@ import numpy as np
 from ..arrays import FloatArray
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
+from ..reduction.dependent_rows import Groups
 from ..stops.segments import Constants, constants_at
+from .constraint_groups import LOST, group_shares
 from .state_sizes import coordinate_sizes, gyration_sizes
-
-LOST = 1e-7
-"""Share below which rank is lost."""
 
 _SHORT = 0.1
 """Share of the length that a row has elsewhere which it counts as having, and of the longest row, below which its own
@@ -100,11 +99,13 @@ def _least_lengths(
     return np.fmax(found, _NOISE * _lengths(np.ptp(np.array(other), axis=0)))
 
 
-def shares(j: FloatArray, lengths: FloatArray, rank: int | None = None) -> FloatArray:
+def shares(j: FloatArray, lengths: FloatArray, rank: int | Groups | None = None) -> FloatArray:
     """Return the smallest singular values (k,) of Jacobians (k, n_enforced, n_q), NaN where they are not finite.
 
-    Of rows of a smaller rank, those that do not vanish.
+    Of rows of a smaller rank, those that do not vanish; of rows in groups, the least of what each adds.
     """
+    if isinstance(rank, tuple):
+        return np.min(group_shares(j / lengths[:, np.newaxis], rank), axis=1)
     found = np.full(len(j), np.nan)
     fine = np.all(np.isfinite(j), axis=(1, 2))
     if rank is not None:

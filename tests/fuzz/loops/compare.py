@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 import dalembert as da
 from fuzz.loops.mechanisms import FAMILIES, Draw, G, Mechanism
 
-__all__ = ["examined", "initial_values", "mechanism_of", "motion_by_hand"]
+__all__ = ["compared", "examined", "initial_values", "mechanism_of", "motion_by_hand"]
 
 METHODS = "auto", "taylor", "dop853"
 
@@ -60,7 +60,13 @@ def motion_by_hand(found: Mechanism, times: Any) -> Any:
 
 def examined(seed: int, formulation: str = "auto", method: str = "auto", rtol: float = 1e-9) -> tuple[str, str]:
     """Return the outcome of one mechanism, "agree", "ended" with a status, or "WRONG", and what is known of it."""
-    name, found = mechanism_of(seed)
+    return compared(*mechanism_of(seed), formulation, method, rtol)
+
+
+def compared(
+    name: str, found: Mechanism, formulation: str = "auto", method: str = "auto", rtol: float = 1e-9
+) -> tuple[str, str]:
+    """Return the outcome of a mechanism, as `examined` does."""
     times = np.linspace(0, found.duration, 9)
     model = da.compile_model(found.scene, formulation=formulation)
     run = model.simulate(

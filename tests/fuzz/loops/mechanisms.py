@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from random import Random
 from typing import Any, final
 
@@ -12,7 +13,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 
-__all__ = ["FAMILIES", "Mechanism"]
+__all__ = ["FAMILIES", "LONG", "Mechanism"]
 
 Vector = sp.Matrix
 G = sp.Rational(981, 100)
@@ -229,8 +230,8 @@ def _turn(axis: int, angle: Any) -> sp.Matrix:
     return turn.T
 
 
-def sarrus(draw: Draw) -> Mechanism:
-    """Two hinged chains in planes across each other that lift a platform: six conditions of rank five."""
+def _sarrus(draw: Draw) -> tuple[Any, Any, Any]:
+    """Return the basis of a Sarrus linkage, and functions for its places and conditions, and coordinates by hand."""
     basis, length, other = draw.basis(), draw.number(0.5, 1.2), draw.number(0.5, 1.2)
     other = other if other > length else length + draw.number(0.1, 0.5)
     reach, across = draw.number(0.3, 1), draw.number(0.3, 1)
@@ -253,6 +254,12 @@ def sarrus(draw: Draw) -> Mechanism:
         c = sp.asin(length / other * sp.sin(s))
         return s, sp.pi - s, 0, c, sp.pi - c, 0
 
+    return basis, build, by_hand
+
+
+def sarrus(draw: Draw) -> Mechanism:
+    """Two hinged chains in planes across each other that lift a platform: six conditions of rank five."""
+    basis, build, by_hand = _sarrus(draw)
     start = [draw.rng.uniform(0.4, 1.0)], [draw.rng.uniform(-0.5, 0.5)]
     return _mechanism(
         "sarrus", ["a", "b", "tilt", "c", "d", "lean"], build, by_hand, draw, start, duration=0.25, down=-basis.col(2)
@@ -286,6 +293,37 @@ def bennett(draw: Draw) -> Mechanism:
     start = [draw.rng.uniform(0.8, 2.2)], [draw.rng.uniform(-0.5, 0.5)]
     return _mechanism("bennett", ["a", "b", "c", "d"], build, by_hand, draw, start, duration=0.4)
 
+
+def ladder(draw: Draw) -> Mechanism:
+    """Cranks of one length in a row, each end level with the next at one distance: twelve conditions of rank six."""
+    at, length, base = draw.plane(), draw.number(0.4, 1.5), draw.number(0.6, 2)
+
+    def build(*q: Any) -> Any:
+        ends = [at(*_along(angle, length)) + at(i * base, 0) for i, angle in enumerate(q)]
+        gaps = [after - before - at(base, 0) for before, after in pairwise(ends)]
+        return ends, [gap[i] for gap in gaps for i in range(2)]
+
+    start = [draw.rng.uniform(-3, 3)], [draw.rng.uniform(-8, 8)]
+    return _mechanism("ladder", [f"a{i}" for i in range(7)], build, lambda s: [s] * 7, draw, start)
+
+
+def two_sarrus(draw: Draw) -> Mechanism:
+    """A Sarrus linkage that stands on the platform of another: twelve conditions of rank ten."""
+    (basis, lower, low), (_, upper, high) = _sarrus(draw), _sarrus(draw)
+
+    def build(*q: Any) -> Any:
+        below, first = lower(*q[:6])
+        above, second = upper(*q[6:])
+        return [*below, *(below[1] + place for place in above)], [*first, *second]
+
+    start = [draw.rng.uniform(0.5, 0.9) for _ in range(2)], [draw.rng.uniform(-0.3, 0.3) for _ in range(2)]
+    names = [f"{name}{i}" for i in range(2) for name in ("a", "b", "tilt", "c", "d", "lean")]
+    down = -basis.col(2)
+    return _mechanism("two_sarrus", names, build, lambda s, r: (*low(s), *high(r)), draw, start, down, 0.2)
+
+
+LONG: dict[str, Callable[[Draw], Mechanism]] = {each.__name__: each for each in (ladder, two_sarrus)}
+"""Mechanisms whose conditions have a rank beyond that of one group."""
 
 FAMILIES: dict[str, Callable[[Draw], Mechanism]] = {
     each.__name__: each

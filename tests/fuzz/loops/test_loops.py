@@ -2,8 +2,8 @@
 
 import pytest
 
-from fuzz.loops.compare import examined
-from fuzz.loops.mechanisms import FAMILIES
+from fuzz.loops.compare import compared, examined
+from fuzz.loops.mechanisms import FAMILIES, LONG, Draw
 
 
 @pytest.mark.parametrize("seed", range(2 * len(FAMILIES)))
@@ -16,4 +16,13 @@ def test_loops_move_as_derived_by_hand(seed):
 @pytest.mark.parametrize("family", ["three_cranks", "scott_russell", "sarrus"])
 def test_loops_move_alike_in_all_formulations(family, formulation):
     outcome, text = examined(list(FAMILIES).index(family), formulation)
+    assert outcome == "agree", text
+
+
+@pytest.mark.parametrize("formulation", ["auto", "baumgarte", "augmented", "ggl"])
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("family", LONG)
+def test_long_loops_move_as_derived_by_hand(family, seed, formulation):
+    """Their conditions are solved in groups."""
+    outcome, text = compared(family, LONG[family](Draw(seed)), formulation)
     assert outcome == "agree", text
