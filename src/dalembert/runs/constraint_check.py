@@ -197,7 +197,8 @@ class ConstraintCheck(RunCheck):
         program, solution, c, notes = self.model.stages.program, run.solution, run.constants, []
         if self.enforced:
             if solution.status is not Status.SINGULAR_CONFIGURATION:
-                solution, where = checked_run(program, solution, c, self.enforced, run.steps, run.span, self._rank)
+                about = program, solution, c, self.enforced, run.steps, run.span, self._rank
+                solution, where = checked_run(*about, named=True)
                 notes.append(where)
             problem = run.problem
             if self._rank is not None:

@@ -13,6 +13,7 @@ from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..methods.status import Status
 from ..reduction.dependent_rows import Groups
+from ..starts.branches import branches
 from ..starts.constraint_rank import where_dependent
 from ..starts.constraint_rows import correction_turns, jacobians_at, kept_shares, lengths_along, shares
 from ..steps.dense_output import DenseOutput, JoinedOutput
@@ -190,13 +191,16 @@ def checked_run(
     steps: Solution,
     span: tuple[float, float],
     rank: int | Groups | None = None,
+    *,
+    named: bool = False,
 ) -> tuple[Solution, str]:
     """Return a run ended where it met a singular configuration, and where that was.
 
     A run that failed near one ended because of it. One whose formulation does not project its steps is also searched
     for one that it has crossed, beyond which its branch would be a matter of chance; projected runs cross them, and
     are refused where they would change their branch. Searched too are those of constraints that are enforced together,
-    of a `rank` that is less than their number. `steps` is the same run with its accepted steps for records, `span` its
+    of a `rank` that is less than their number. The text also has the branches that meet there, where they are to be
+    `named`. `steps` is the same run with its accepted steps for records, `span` its
     start and end as given.
     """
     if len(steps.t) == 0:
@@ -205,12 +209,17 @@ def checked_run(
         found = crossing(program, solution, c, enforced, rank)
         if found is not None:
             t, y = found
-            return cut(solution, t, span), where_dependent(program, t, y, c, enforced, rank)
+            where = where_dependent(program, t, y, c, enforced, rank)
+            met = branches(program, t, y, c, enforced, steps.y) if named else ""
+            return cut(solution, t, span), "; ".join(text for text in (where, met) if text)
     if not solution.success and solution.status is not Status.MAX_STEPS:
         j = jacobians_at(program, steps.t, steps.y, c, enforced)
         if shares(j[-1:], lengths_along(program, steps.t, steps.y, c, j, enforced), rank)[0] < _NEAR:
-            where = where_dependent(program, float(steps.t[-1]), steps.y[-1], c, enforced, rank)
-            return replace(solution, status=Status.SINGULAR_CONFIGURATION), where
+            t, y = float(steps.t[-1]), steps.y[-1]
+            where = where_dependent(program, t, y, c, enforced, rank)
+            met = branches(program, t, y, c, enforced, steps.y) if named else ""
+            text = "; ".join(text for text in (where, met) if text)
+            return replace(solution, status=Status.SINGULAR_CONFIGURATION), text
     return solution, ""
 
 

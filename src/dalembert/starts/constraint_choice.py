@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from ..results.statistics import RunStatistics
 from ..results.trajectory import Trajectory
 from ..steps.problem import IntegrationProblem
 from . import inputs
+from .branches import branches
 from .constraint_rank import nearly_redundant, redundant, singular_start, together
 from .initial_states import initial_state, pivots_vanish, vanishing_pivots
 
@@ -40,7 +41,7 @@ def independent_model(
     if joint is not None:
         return model.variants.enforcing_all(joint)
     found = redundant(*where, enforced)
-    note = singular_start(*where, enforced) if found is None else nearly_redundant(*where, enforced) if found else ""
+    note = _singular_start(*where, enforced) if found is None else nearly_redundant(*where, enforced) if found else ""
     if found is not None and not note:
         return model.variants.without_constraints(found) if found else model
     statistics = RunStatistics(method, 0, 0, 0, 0.0, time.perf_counter() - begin, note)
@@ -49,6 +50,12 @@ def independent_model(
     about = None, problem.t0, model.stages.scene, model.monitors
     part = Part(program, problem.constants, times, states, *about)
     return Trajectory((part,), Status.SINGULAR_CONFIGURATION, statistics)
+
+
+def _singular_start(program: Program, t: float, y: FloatArray, c: FloatArray, enforced: Sequence[int]) -> str:
+    """Return the note of a run that would start at a singular configuration, with the branches that meet there."""
+    met = branches(program, t, y, c, enforced)
+    return f"{singular_start(program, t, y, c, enforced)}{met and f'; {met}'}"
 
 
 def _enforced_together(
