@@ -3,7 +3,7 @@
 import math
 
 from sympy import cos, sin, sqrt, symbols
-from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, Vector, dynamicsymbols, inertia
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, Vector, dynamicsymbols, inertia
 
 import dalembert as da
 from hard_cases.case import HardCase, published_reference
@@ -98,6 +98,45 @@ def forty_windows():
         rtol=1e-12,
         atol=1e-14,
         report_only=(1.0, 4.0),
+    )
+
+
+def level_windows_scene(count):
+    """Build the cranks of A02, and bars that do not turn: each window has two conditions of rank one."""
+    angles = dynamicsymbols(f"phi0:{count + 1}")
+    m, g = symbols("m g", positive=True)
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene(f"level_windows_{count}", frame=N, origin=O, coordinates=angles)
+    tops = []
+    for i, angle in enumerate(angles):
+        base = O.locatenew(f"A{i}", i * N.x)
+        crank = N.orientnew(f"C{i}", "Axis", (-angle, N.z))
+        G = base.locatenew(f"G{i}", crank.y / 2)
+        scene.add_bodies(RigidBody(f"crank{i}", G, crank, m, (inertia(crank, 0, 0, m / 12), G)))
+        tops.append(base.locatenew(f"B{i}", crank.y))
+        if i:
+            scene.add_bodies(Particle(f"bar{i}", tops[i - 1].locatenew(f"H{i}", N.x / 2), m))
+            gap = tops[i - 1].pos_from(tops[i]) + N.x
+            scene.add_holonomic_constraints(gap.dot(N.x), gap.dot(N.y))
+    scene.apply_uniform_gravity(-g * N.y)
+    return scene
+
+
+def level_windows():
+    """IFToMM A02, forty windows whose bars do not turn: 80 conditions of rank 40, over all quarters."""
+    entry, scene = published_reference("iftomm_A02_forty_windows"), level_windows_scene(40)
+    phi = scene.coordinates[0]
+    return HardCase(
+        scene=scene,
+        parameters={"m": 1.0, "g": 9.81},
+        initial={**dict.fromkeys([str(q.func) for q in scene.coordinates], 0.0), "phi0_dot": 1.0},
+        quantity="position and velocity of the first upper corner",
+        observed=[sin(phi), cos(phi), phi.diff() * cos(phi), -phi.diff() * sin(phi)],
+        values={float(row["t"]): row["state"] for row in entry["values"]},
+        source=entry["source"],
+        bound=1e-10,
+        rtol=1e-12,
+        atol=1e-14,
     )
 
 

@@ -10,7 +10,14 @@ import dalembert as da
 from dalembert.methods.status import Status
 from hard_cases.case import published_reference
 from hard_cases.flexible_crank import flexible_crank
-from hard_cases.linkages import SPRING_LINKAGE, bricard, forty_windows, linear_benchmark, spring_linkage_scene
+from hard_cases.linkages import (
+    SPRING_LINKAGE,
+    bricard,
+    forty_windows,
+    level_windows,
+    linear_benchmark,
+    spring_linkage_scene,
+)
 
 DRIFTING = {"augmented": 200.0, "baumgarte": 200.0}
 
@@ -85,6 +92,16 @@ def test_forty_windows_up_to_the_first_singular_position():
     run = case.simulate(model_of(forty_windows, "projected"), method="dop853")
     assert run.success, run.message
     assert case.error(run) <= case.bound
+
+
+@pytest.mark.parametrize("formulation", ["projected", "augmented"])
+def test_forty_windows_whose_bars_do_not_turn(formulation):
+    """80 conditions of rank 40: one of each pair vanishes at every quarter turn, and the rank stays."""
+    case = case_of(level_windows)
+    run = case.simulate(model_of(level_windows, formulation))
+    assert run.success and "enforced together with the others" in run.message
+    assert case.error(run) <= case.bound * DRIFTING.get(formulation, 1.0)
+    assert case.change(run) <= 1e-11 * DRIFTING.get(formulation, 1.0)
 
 
 @pytest.mark.parametrize("end", [1.0, 4.0])

@@ -35,6 +35,9 @@ _CONSTANT = 1e-9
 _AMPLIFIED = 1e-5
 """Rounding of dependent rows that are enforced together, beyond which they are not."""
 
+_SETTLED = 1e-13
+"""Correction of coordinates, in their sizes, after which another would be rounding."""
+
 _NEARBY = 1e-3
 """Distance, in sizes of coordinates, of the configurations around a start at which the rank is measured too."""
 
@@ -216,7 +219,10 @@ def _closed(program: Program, t: float, x: FloatArray, c: FloatArray) -> FloatAr
             break
         rows = rows * sizes
         lengths = row_lengths(program, times, x[np.newaxis], c, range(len(left)))[0]
-        x[:n] -= sizes * (np.linalg.pinv(rows / lengths[:, np.newaxis], rcond=1e-5) @ (left / lengths))
+        step = np.linalg.pinv(rows / lengths[:, np.newaxis], rcond=1e-5) @ (left / lengths)
+        x[:n] -= sizes * step
+        if np.linalg.norm(step) < _SETTLED:
+            break
     return x
 
 
