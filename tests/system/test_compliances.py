@@ -1,7 +1,10 @@
 """Reactions that rigid bodies leave undetermined, shared by compliances, against elastic supports by hand."""
 
+import functools
+
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 from sympy import symbols
 from sympy.physics.mechanics import PinJoint, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
@@ -251,8 +254,58 @@ def test_a_compliance_of_zero_is_an_error_of_the_run():
             model.simulate((0, 0.1), SWING, {**DOOR, c[0]: value, c[1]: 1.0})
 
 
-def test_contacts_share_loads_by_laws_of_their_own():
+def test_friction_shares_loads_by_laws_of_its_own():
     scene = hung({"Z_1": 1, "Z_2": 1})
-    scene.add_contacts(da.Stop("wall", theta, upper=1, body="leaf", at=O, direction=N.x))
-    with pytest.raises(SceneError, match="compliances are given in a scene with contacts or friction"):
+    plane, leaf = (O.locatenew("floor", -10 * N.z), N.z), scene.bodies[0]
+    about = {"body": "leaf", "point": leaf.masscenter, "plane": plane, "tangents": (leaf.frame.y,)}
+    scene.add_contacts(da.PointPlane("edge", restitution=0, friction=0.3, **about))
+    with pytest.raises(SceneError, match="compliances are given in a scene with friction"):
         da.compile_model(scene, backend="numpy", outputs=["Z_1"])
+
+
+# -- contacts ---------------------------------------------------------------------------------------
+
+
+@functools.cache
+def standing():
+    """The table on four contacts without friction, free to rise and tilt."""
+    z, roll, pitch = dynamicsymbols("z roll pitch")
+    T = O.locatenew("T", x * N.x + z * N.z)
+    A = N.orientnew("A", "Axis", (roll, N.x))
+    B = A.orientnew("B", "Axis", (pitch, A.y))
+    G = T.locatenew("G", a / 5 * B.x + b / 7 * B.y + h * B.z)
+    scene = da.Scene("standing", frame=N, origin=O, coordinates=[x, z, roll, pitch])
+    scene.add_bodies(RigidBody("table", G, B, m, (inertia(B, J, J, J), G)))
+    for number, (u, v) in enumerate(LEGS.tolist()):
+        foot = T.locatenew(f"foot_{number}", u * a * B.x + v * b * B.y)
+        scene.add_contacts(da.PointPlane(f"leg{number}", body="table", point=foot, plane=(O, N.z), restitution=0))
+    scene.apply_uniform_gravity(-g * N.z)
+    scene.add_loads((T, F * N.x))
+    scene.add_compliances({f"leg{number}.normal": compliance for number, compliance in enumerate(c)})
+    return da.compile_model(scene, outputs=[f"leg{number}.normal" for number in range(4)])
+
+
+@pytest.mark.parametrize(
+    ("start", "compliances", "push"),
+    [
+        ({}, (1, 1, 1, 1), 30.0),
+        ({}, (1e-6, 2e-6, 3e-6, 4e-6), 30.0),
+        ({"z": 0.05, "roll": 0.02, "pitch": -0.03}, (1, 2, 3, 4), 30.0),
+        ({}, (1, 20, 3, 0.04), 60.0),
+    ],
+)
+def test_a_table_that_stands_on_four_contacts_or_falls_onto_them(start, compliances, push):
+    """Springs that push alone have the least energy without pull, here by non-negative least squares."""
+    still = dict.fromkeys(("x", "z", "roll", "pitch"), 0.0)
+    values = {**SIZES, F: push, **dict(zip(c, compliances, strict=True))}
+    rates = {f"{name}_dot": 0.0 for name in still}
+    run = standing().simulate((0, 0.6 if start else 0.1), {**still, **start, **rates}, values)
+    assert run.success
+    lengths = np.array([SIZES[a], SIZES[b]])
+    rows = np.vstack([np.ones(4), LEGS.T * lengths[:, np.newaxis]])
+    demand = np.append(WEIGHT, WEIGHT * lengths / [5, 7] - np.array([push * SIZES[h], 0.0]))
+    wanted = shared(rows, demand, compliances)
+    if min(wanted) < 0.0:
+        wanted = nnls(np.vstack([1e6 * rows, np.diag(np.sqrt(compliances))]), np.append(1e6 * demand, np.zeros(4)))[0]
+    found = [run[f"leg{number}.normal"][-1] for number in range(4)]
+    np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-8)

@@ -19,7 +19,7 @@ from .reactions import Connection
 if TYPE_CHECKING:
     from .scene import Scene
 
-_SHARED = "a load that contacts share indeterminately has the least norm, or a lawful share near it"
+_SHARED = "a load that contacts with friction share indeterminately has the least norm, or a lawful share near it"
 
 
 def read_compliances(
@@ -60,10 +60,10 @@ def read_compliances(
             record(f"{place} is given twice; a reaction component has one")
         if name is not None and node is not None:
             found[name] = node
-    if scene.contacts or scene.frictions:
+    if scene.frictions or any(getattr(contact, "tangential", None) is not None for contact in scene.contacts):
         record(
-            f"compliances are given in a scene with contacts or friction: {_SHARED}. Leave them out, or give the"
-            " contacts a law of force of their own by add_loads"
+            f"compliances are given in a scene with friction: {_SHARED}. Leave them out, or give the contacts a law of"
+            " force of their own by add_loads"
         )
     return found
 
