@@ -8,8 +8,8 @@ random positions that satisfy the constraints, where a pin that closes a loop ca
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import final
 
 from ..errors import ConstraintError, UnknownNameError, list_names, unknown_name
@@ -31,7 +31,7 @@ from .reaction_columns import (
     weighted_columns,
     where_determined,
 )
-from .released_reactions import least_energy, solve_released
+from .released_reactions import compliances_serve, least_energy, solve_released, with_shared
 from .unit_sphere import unit_values
 
 _SHIFT = 1e-7
@@ -182,7 +182,7 @@ def _solved(
     try:
         released = released_balances(equations, [*lost, *tied]) if lost or tied else None
     except ConstraintError:
-        if not tied or motion[2] is None or not _served(equations, tied, shared):
+        if not tied or motion[2] is None or not compliances_serve(equations, tied, shared):
             raise
         released = released_balances(equations, lost) if lost else None
         sharing = tied if {*tied} & {*equations.compliances} else []
@@ -195,23 +195,7 @@ def _solved(
         if (x in without or own) and not all(entry.is_zero for entry in column):
             value = where_determined(graph, solved[node], column, hidden=x in without)
             solved[node] = graph.substitute([value], motion[0])[0]
-    return solved, _with_shared(released or Released((), (), ""), sharing)
-
-
-def _with_shared(released: Released, tied: Sequence[str]) -> Released:
-    """Return what was released, with the reactions that share loads in the equations of the coordinates."""
-    if not tied:
-        return released
-    text = f"{list_names(tied)} share loads by their compliances (least elastic energy), beside rigid other connections"
-    text = f"{released.text}; {text}" if released.text else text
-    return replace(released, unknowns=(*released.unknowns, *tied), text=text)
-
-
-def _served(equations: EquationsOfMotion, tied: Sequence[str], shared: Collection[str]) -> bool:
-    """Whether all reactions that share loads where the constraints hold have compliances, or no needed one has."""
-    if not {*tied} & {*equations.compliances}:
-        return True
-    return {*shared} <= {*equations.compliances}
+    return solved, with_shared(released or Released((), (), ""), sharing)
 
 
 def _inputs_of(nodes: Iterable[Node]) -> set[str]:

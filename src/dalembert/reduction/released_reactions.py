@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
+from ..errors import list_names
 from ..ir.node import Node
 from ..mechanics.balance_choice import Released
 from ..mechanics.equations import EquationsOfMotion
@@ -95,6 +97,22 @@ def least_energy(
         more = matvec(graph, across, factors.solve(rest))
         solution = [a + b for a, b in zip(solution, more, strict=True)]
     return solution
+
+
+def with_shared(released: Released, tied: Sequence[str]) -> Released:
+    """Return what was released, with the reactions that share loads in the equations of the coordinates."""
+    if not tied:
+        return released
+    text = f"{list_names(tied)} share loads by their compliances (least elastic energy), beside rigid other connections"
+    text = f"{released.text}; {text}" if released.text else text
+    return replace(released, unknowns=(*released.unknowns, *tied), text=text)
+
+
+def compliances_serve(equations: EquationsOfMotion, tied: Sequence[str], shared: Collection[str]) -> bool:
+    """Whether all reactions that share loads where the constraints hold have compliances, or no needed one has."""
+    if not {*tied} & {*equations.compliances}:
+        return True
+    return {*shared} <= {*equations.compliances}
 
 
 def _blocks(rows: Matrix) -> list[tuple[list[int], list[int]]]:

@@ -25,6 +25,27 @@ def rank_of(ranks: int | Groups) -> int:
     return ranks if isinstance(ranks, int) else sum(rank for _, rank in ranks)
 
 
+def shares(j: FloatArray, lengths: FloatArray, rank: int | Groups | None = None) -> FloatArray:
+    """Return the smallest singular values (k,) of Jacobians (k, n_enforced, n_q), NaN where they are not finite.
+
+    Of rows of a smaller rank, those that do not vanish; of rows in groups, the least of what each adds.
+    """
+    if isinstance(rank, tuple):
+        return np.min(group_shares(j / lengths[:, np.newaxis], rank), axis=1)
+    found = np.full(len(j), np.nan)
+    fine = np.all(np.isfinite(j), axis=(1, 2))
+    if rank is not None:
+        if np.any(fine):
+            found[fine] = np.linalg.svd(j[fine] / lengths[:, np.newaxis], compute_uv=False)[:, rank - 1]
+    elif j.shape[1] == 1:
+        found = np.linalg.norm(j[:, 0], axis=1) / lengths[0]
+    elif j.shape[1] > j.shape[2]:
+        found[fine] = 0.0
+    elif np.any(fine):
+        found[fine] = np.linalg.svd(j[fine] / lengths[:, np.newaxis], compute_uv=False)[:, -1]
+    return found
+
+
 def group_shares(j: FloatArray, groups: Groups) -> FloatArray:
     """Return the least singular value (k, n_groups) of what each group adds to those before it, by its rank.
 

@@ -13,8 +13,8 @@ from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..reduction.dependent_rows import MOST_RANK, Groups, Redundancy, amplified_rounding
 from ..stops.segments import Constants, constants_at
-from .constraint_groups import LOST, group_shares, groups_of_rows, left_of_groups, rank_of
-from .constraint_rows import jacobians, jacobians_at, lengths_along, row_lengths, shares
+from .constraint_groups import LOST, group_shares, groups_of_rows, left_of_groups, rank_of, shares
+from .constraint_rows import jacobians, jacobians_at, lengths_along, row_lengths
 from .state_sizes import distance_sizes, gyration_sizes
 
 _ROUNDED = 1e-11

@@ -16,9 +16,8 @@ import numpy as np
 from ..arrays import FloatArray
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
-from ..reduction.dependent_rows import Groups
 from ..stops.segments import Constants, constants_at
-from .constraint_groups import LOST, group_shares
+from .constraint_groups import LOST
 from .state_sizes import coordinate_sizes, gyration_sizes
 
 _SHORT = 0.1
@@ -97,27 +96,6 @@ def _least_lengths(
         near, given = (v * (1.0 + _UNIT * rng.uniform(-1.0, 1.0, v.shape[-1])) for v in (x, c))
         other.append(jacobians(program, t, near, given, enforced))
     return np.fmax(found, _NOISE * _lengths(np.ptp(np.array(other), axis=0)))
-
-
-def shares(j: FloatArray, lengths: FloatArray, rank: int | Groups | None = None) -> FloatArray:
-    """Return the smallest singular values (k,) of Jacobians (k, n_enforced, n_q), NaN where they are not finite.
-
-    Of rows of a smaller rank, those that do not vanish; of rows in groups, the least of what each adds.
-    """
-    if isinstance(rank, tuple):
-        return np.min(group_shares(j / lengths[:, np.newaxis], rank), axis=1)
-    found = np.full(len(j), np.nan)
-    fine = np.all(np.isfinite(j), axis=(1, 2))
-    if rank is not None:
-        if np.any(fine):
-            found[fine] = np.linalg.svd(j[fine] / lengths[:, np.newaxis], compute_uv=False)[:, rank - 1]
-    elif j.shape[1] == 1:
-        found = np.linalg.norm(j[:, 0], axis=1) / lengths[0]
-    elif j.shape[1] > j.shape[2]:
-        found[fine] = 0.0
-    elif np.any(fine):
-        found[fine] = np.linalg.svd(j[fine] / lengths[:, np.newaxis], compute_uv=False)[:, -1]
-    return found
 
 
 def kept_shares(j: FloatArray, lengths: FloatArray, kept: Sequence[int]) -> FloatArray:
