@@ -241,10 +241,17 @@ def test_every_reaction_that_shares_needs_a_compliance():
     text = "only a combination of Z_1 with Z_2 .* follows from compliances of Z_2, such as"
     with pytest.raises(ConstraintError, match=text):
         da.compile_model(hung({"Z_1": 1}), backend="numpy", outputs=["Z_1"])
-    with pytest.raises(ConstraintError, match=r"R_x with S_x .* follows from compliances of S_x, such as"):
+    with pytest.raises(ConstraintError, match=r"R_x share loads where .*, with S_x, which have no compliance: give"):
         scene = twice()
         scene.add_compliances({"R_x": 1})
         da.compile_model(scene, backend="numpy", outputs=["R_x"])
+
+
+def test_every_reaction_that_shares_in_a_loop_needs_a_compliance():
+    scene = platform(joints=True)
+    scene.add_compliances({"X1": 1.0, "Y2": 2.0})
+    with pytest.raises(ConstraintError, match="with Y1, X2, which have no compliance: give them one"):
+        da.compile_model(scene, formulation="projected", outputs=["X1"])
 
 
 def test_a_compliance_of_zero_is_an_error_of_the_run():

@@ -182,10 +182,10 @@ def _solved(
     try:
         released = released_balances(equations, [*lost, *tied]) if lost or tied else None
     except ConstraintError:
-        if not tied or motion[2] is None or not compliances_serve(equations, tied, shared):
+        if not tied or motion[2] is None:
             raise
+        sharing = tied if compliances_serve(equations, tied, shared) else []
         released = released_balances(equations, lost) if lost else None
-        sharing = tied if {*tied} & {*equations.compliances} else []
     found = solve_released(equations, released, *motion[:2]) if released is not None else {}
     solved = {x: v for x, v in solved.items() if x not in found} | found
     for x in needed:

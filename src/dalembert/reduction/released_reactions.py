@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
-from ..errors import list_names
+from ..errors import ConstraintError, list_names
 from ..ir.node import Node
 from ..mechanics.balance_choice import Released
 from ..mechanics.equations import EquationsOfMotion
@@ -109,10 +109,22 @@ def with_shared(released: Released, tied: Sequence[str]) -> Released:
 
 
 def compliances_serve(equations: EquationsOfMotion, tied: Sequence[str], shared: Collection[str]) -> bool:
-    """Whether all reactions that share loads where the constraints hold have compliances, or no needed one has."""
+    """Whether some needed reactions have compliances, as all then must that share loads where the constraints hold.
+
+    Raises
+    ------
+    ConstraintError
+        With those that have none.
+    """
     if not {*tied} & {*equations.compliances}:
-        return True
-    return {*shared} <= {*equations.compliances}
+        return False
+    bare = [name for name in equations.symbols.unknowns if name in shared and name not in equations.compliances]
+    if bare:
+        raise ConstraintError(
+            f"scene {equations.name!r}: the reactions {list_names(tied)} share loads where the constraints hold, with"
+            f" {list_names(bare)}, which have no compliance: give them one by scene.add_compliances, or none to all"
+        )
+    return True
 
 
 def _blocks(rows: Matrix) -> list[tuple[list[int], list[int]]]:
