@@ -44,7 +44,7 @@ def fitted(
 
     `quick_start` is that of the model, by names of given values.
     """
-    if not cases.program.layout.state:
+    if not cases.program.layout.state or not cases.count:
         return settings
     for i in sorted({0, cases.count // 2, cases.count - 1}):
         problem = single_problem(cases, settings, i, quick_start)
