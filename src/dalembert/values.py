@@ -124,26 +124,6 @@ def option(name: str, value: Any) -> float:
         raise OptionError(f"{name} must be a number, not {value!r}{traced_note(error)}") from None
 
 
-def tolerances(rtol: Any, atol: Any) -> tuple[float, float]:
-    """Return rtol and atol as numbers.
-
-    Raises
-    ------
-    OptionError
-        For what is none, and for numbers that are negative or not finite.
-    """
-    if isinstance(atol, str | Mapping):
-        raise OptionError(
-            f'atol must be a number, not {atol!r}: one for the whole state, or "auto" in simulate, sweep and'
-            " sensitivity. Scale coordinates of other magnitudes by a factor, so that one number serves all"
-        )
-    found = option("rtol", rtol), option("atol", atol)
-    for name, value in zip(("rtol", "atol"), found, strict=True):
-        if not 0.0 <= value < np.inf:
-            raise OptionError(f"{name} must be finite and not negative, not {value!r}")
-    return found
-
-
 def whole(name: str, value: Any) -> int:
     """Return the whole number that an option is.
 

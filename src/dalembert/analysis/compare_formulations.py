@@ -10,6 +10,7 @@ import numpy as np
 
 from ..codegen import backend_named
 from ..errors import ConstraintError, FormulationError, OptionError, unknown_name
+from ..options import known_components, within
 from ..reduction import FORMULATIONS
 from ..results.analyses import Comparison, ComparisonRow
 from ..values import listed
@@ -36,7 +37,7 @@ def compare(
     run : tuple
         Arguments of `CompiledModel.simulate`.
     tolerances : (float, float)
-        rtol and atol.
+        rtol and atol; by name, each formulation takes those of the components of its state.
     chosen : sequence of str or None
         Formulations; None takes all.
     methods : str or mapping of str to str
@@ -44,9 +45,11 @@ def compare(
 
     Raises
     ------
-    OptionError
-        For unknown formulations and methods.
+    OptionError, UnknownNameError
+        For unknown formulations, methods and names of components.
     """
+    layout, (rtol, atol) = model.layout, tolerances
+    atol = known_components(atol, dict.fromkeys((*layout.variables, *layout.state)), layout.aliases, {})
     names = tuple(FORMULATIONS) if chosen is None else tuple(listed("formulations", chosen, "names of formulations"))
     for name in names:
         if not isinstance(name, str) or name not in FORMULATIONS:
@@ -71,8 +74,9 @@ def compare(
             nothing = (float("nan"),) * 4
             rows.append(ComparisonRow(name, "", "cannot serve", *nothing, 0, 0, float("nan"), str(reason)))
             continue
-        rows.append(_row(name, other, run, tolerances, method if method in other.methods else "auto"))
-    return Comparison(model.name, *tolerances, tuple(rows))
+        own = rtol, within(atol, other.layout.state)
+        rows.append(_row(name, other, run, own, method if method in other.methods else "auto"))
+    return Comparison(model.name, rtol, atol, tuple(rows))
 
 
 def _row(

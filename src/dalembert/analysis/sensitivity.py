@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import OptionError, UnknownNameError
-from ..options import SensitivityOptions
+from ..options import NamedTolerances, SensitivityOptions
 from ..reduction.variational import input_of, weight_of
 from ..results.analyses import Sensitivity
 from ..runs.elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_from, with_offsets
@@ -207,6 +207,10 @@ def _in_own_time(
     if found is not model and isinstance(found, type(model)):
         return _in_own_time(found, t_span, initial, parameters, replace(options, of=of, wrt=wrt))
     variation = model.derived.variation(start.given, of, wrt)
+    if isinstance(options.atol, NamedTolerances):
+        size = len(program.layout.state)
+        own = options.atol.with_derivatives(variation.program.layout.state, size)
+        problem = replace(problem, atol=own)
     if options.automatic:
         method = variation.engine.automatic(model.methods, options.rtol, options.atol)
     else:

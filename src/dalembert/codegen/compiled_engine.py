@@ -14,7 +14,7 @@ from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseColumns
 from ..methods.status import Status
 from ..once import computed_once, once_property
-from ..options import DEFAULT_TOLERANCES
+from ..options import DEFAULT_TOLERANCES, NamedTolerances
 from ..steps.method_choice import runge_kutta_pays
 from ..steps.problem import IntegrationProblem, Solution
 from ..stops.segments import constants_at
@@ -64,8 +64,8 @@ class CompiledEngine(Engine):
         self._program, self.steps = program, steps
         self._code = KernelCode(program, steps)
         self._sizes = self._code.sizes
-        self._steppers = Steppers(steps, self._sizes.get("rhs", 0))
-        self._taylor_codes: dict[int, StepCode] = {}
+        self._steppers = Steppers(steps, self._sizes.get("rhs", 0), program.layout.state)
+        self._taylor_codes: dict[tuple[int, bool], StepCode] = {}
 
     @once_property
     def _lanes(self) -> LaneRuns:
@@ -303,18 +303,18 @@ class CompiledEngine(Engine):
         return interpret_rows(kernel, np.array([problem.t0]), problem.y0[np.newaxis], problem.constants)[0]
 
     def _taylor(self, problem: IntegrationProblem) -> StepCode:
-        order = order_at(problem.rtol, problem.atol)
-        found = self._taylor_codes.get(order)
+        order, weighted = order_at(problem.rtol, problem.atol), isinstance(problem.atol, NamedTolerances)
+        found = self._taylor_codes.get((order, weighted))
         if found is not None:
             return found
 
         def make() -> StepCode:
             from ..loops.taylor_runs import StepCode
 
-            step = self.steps.taylor(order, 1, dense=True)
-            return StepCode(loop_named("taylor_loop"), order, step, *self._steppers.projections(1), self.steps.angles)
+            step, loop = self.steps.taylor(order, 1, dense=True, weighted=weighted), loop_named("taylor_loop")
+            return StepCode(loop, order, step, *self._steppers.projections(1), self.steps.angles, weighted)
 
-        return computed_once(self._taylor_codes, order, make)
+        return computed_once(self._taylor_codes, (order, weighted), make)
 
 
 def default_source(program: Program, steps: KernelLibrary, methods: Iterable[str]) -> str:

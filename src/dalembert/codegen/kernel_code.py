@@ -13,6 +13,7 @@ from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..lanes.workspace import aligned
 from ..once import BoundedTable, computed_once
+from ..options import NamedTolerances
 from ..steps.problem import IntegrationProblem
 from ..steps.row_loops import KernelRowsArguments
 from ..stops.stops import CaseStops, StopAction
@@ -39,6 +40,7 @@ class KernelCode:
 
     def __init__(self, program: Program, library: KernelLibrary) -> None:
         self.sizes = {kernel.name: len(kernel.outputs) for kernel in program}
+        self._state = program.layout.state
         self._library = library
         self._further: BoundedTable[tuple[int, int], tuple[Kernel, OwnedAddress]] = BoundedTable(MOST_FURTHER)
 
@@ -58,8 +60,13 @@ class KernelCode:
         return stops.compiled(partial(self.of_action, lanes=lanes))
 
     def of_problem(self, problem: IntegrationProblem) -> IntegrationProblem:
-        """Return a problem of one lane whose inputs have the code of `Program.knot_sides`, stops that of actions."""
+        """Return a problem of one lane whose inputs have the code of `Program.knot_sides`, stops that of actions.
+
+        Absolute tolerances by name become those of the components of the state.
+        """
         inputs, stops = problem.inputs, problem.stops
+        if isinstance(problem.atol, NamedTolerances):
+            problem = problem.with_components(self._state)
         if inputs is not None and inputs.sides is not None:
             problem = replace(problem, inputs=inputs.compiled(lambda sides: self._library.kernel(sides.name)))
         if stops is None:

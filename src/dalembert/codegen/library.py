@@ -25,6 +25,8 @@ from ..transforms.taylor import STEP_ARGUMENTS
 _LARGEST_JACOBIAN = 6000
 """Lines of a right-hand side times columns up to which its Jacobian is one kernel: half a second of compilation there,
 and some five times faster than column by column (measured on chains of pendulums)."""
+_WEIGHTED = "_weighted"
+"""End of the names of steps with an absolute tolerance for each component of the state."""
 _LARGEST_REPEATED = 100_000
 """Lines of a Taylor step, unrolled, that is compiled to pass where constraints lose rank: some five seconds."""
 
@@ -59,7 +61,8 @@ class KernelLibrary(ABC):
         self._lines: dict[int, int] = {}
         self._loaded: dict[tuple[str, int], Code] = {}
         self._further: BoundedTable[tuple[str, int], Code] = BoundedTable(MOST_FURTHER)
-        self._event_steps: BoundedTable[tuple[int, int, int], tuple[Kernel, OwnedAddress]] = BoundedTable(MOST_FURTHER)
+        self._event_steps: BoundedTable[tuple[int, int, int, bool], tuple[Kernel, OwnedAddress]]
+        self._event_steps = BoundedTable(MOST_FURTHER)
 
     # -- what a backend supplies ------------------------------------------------------------
 
@@ -81,7 +84,7 @@ class KernelLibrary(ABC):
         """Return the text of a Taylor step under a name; with `dense`, of one that also writes its series."""
 
     @abstractmethod
-    def attempt_text(self, tableau: Tableau, lanes: int, *, dense: bool) -> str:
+    def attempt_text(self, tableau: Tableau, lanes: int, *, dense: bool, weighted: bool) -> str:
         """Return the text of the functions ``attempt`` and ``start`` of `dalembert.transforms.runge_kutta`."""
 
     @abstractmethod
@@ -98,12 +101,17 @@ class KernelLibrary(ABC):
 
     # -- addresses --------------------------------------------------------------------------
 
-    def taylor(self, order: int, lanes: int, *, dense: bool) -> OwnedAddress:
-        """Return the address of a Taylor step; with `dense`, one that also writes its series."""
-        name = self._taylor_name(order, dense)
-        return self._entry(name, lanes, lambda: self._taylor_text(order, lanes, dense), name)
+    def taylor(self, order: int, lanes: int, *, dense: bool, weighted: bool = False) -> OwnedAddress:
+        """Return the address of a Taylor step; with `dense`, one that also writes its series.
 
-    def with_event_series(self, joint: Kernel, count: int, order: int, lanes: int) -> OwnedAddress:
+        Where steps are `weighted`, here and below, each component of the state has an absolute tolerance of its own.
+        """
+        name = self._taylor_name(order, dense, weighted)
+        return self._entry(name, lanes, lambda: self._taylor_text(order, lanes, dense, weighted), name)
+
+    def with_event_series(
+        self, joint: Kernel, count: int, order: int, lanes: int, *, weighted: bool = False
+    ) -> OwnedAddress:
         """Return the address of a Taylor step that writes its series and those of events.
 
         `joint` is a right-hand side with so many further outputs, which are the events; the step takes and
@@ -112,29 +120,32 @@ class KernelLibrary(ABC):
 
         def make() -> tuple[Kernel, OwnedAddress]:
             def text() -> str:
-                known = recurrences(joint, count, step_growth_limited=self._program.nonanalytic)
+                limited = self._program.nonanalytic
+                known = recurrences(joint, count, step_growth_limited=limited, weighted=weighted)
                 return self.step_text("step", known, order, lanes, dense=True)
 
-            name = f"with_event_series{order}_{_digest(joint, count)}"
+            name = f"with_event_series{order}{_WEIGHTED * weighted}_{_digest(joint, count)}"
             return joint, self._entry(name, lanes, text, "step", table=self._further)
 
         # the kernel is kept alive, so that no other has the same id
-        return computed_once(self._event_steps, (id(joint), order, lanes), make)[1]
+        return computed_once(self._event_steps, (id(joint), order, lanes, weighted), make)[1]
 
-    def attempt(self, tableau: Tableau, lanes: int, *, dense: bool) -> tuple[OwnedAddress, OwnedAddress]:
+    def attempt(
+        self, tableau: Tableau, lanes: int, *, dense: bool, weighted: bool = False
+    ) -> tuple[OwnedAddress, OwnedAddress]:
         """Return the addresses of one attempt of a Runge-Kutta step, and of what precedes the first."""
 
         def text() -> str:
-            return self.attempt_text(tableau, lanes, dense=dense)
+            return self.attempt_text(tableau, lanes, dense=dense, weighted=weighted)
 
-        name = f"{tableau.name}{'_dense' if dense else ''}"
+        name = f"{tableau.name}{'_dense' if dense else ''}{_WEIGHTED * weighted}"
         both = ("attempt", "start")
         attempt, start = (self._entry(name, lanes, text, function, both) for function in both)
         return attempt, start
 
-    def beginning(self, tableau: Tableau, lanes: int) -> OwnedAddress:
+    def beginning(self, tableau: Tableau, lanes: int, *, weighted: bool) -> OwnedAddress:
         """Return the address of what precedes the first attempt."""
-        return self.attempt(tableau, lanes, dense=False)[1]
+        return self.attempt(tableau, lanes, dense=False, weighted=weighted)[1]
 
     def kernel(self, name: str, lanes: int = 1) -> OwnedAddress:
         """Return the address of a kernel of the program, 0 where it has none of that name."""
@@ -231,11 +242,12 @@ class KernelLibrary(ABC):
     def _recurrences(self) -> Recurrences:
         return recurrences(self._program.kernel("rhs"), step_growth_limited=self._program.nonanalytic)
 
-    def _taylor_name(self, order: int, dense: bool) -> str:
-        return f"taylor{order}{'_series' if dense else ''}"
+    def _taylor_name(self, order: int, dense: bool, weighted: bool) -> str:
+        return f"taylor{order}{'_series' if dense else ''}{_WEIGHTED * weighted}"
 
-    def _taylor_text(self, order: int, lanes: int, dense: bool) -> str:
-        return self.step_text(self._taylor_name(order, dense), self._recurrences, order, lanes, dense=dense)
+    def _taylor_text(self, order: int, lanes: int, dense: bool, weighted: bool) -> str:
+        name, known = self._taylor_name(order, dense, weighted), replace(self._recurrences, weighted=weighted)
+        return self.step_text(name, known, order, lanes, dense=dense)
 
     def _program_text(self, name: str, lanes: int) -> str:
         """Return the text of a kernel of the program; that of constants (last argument) takes parameters first."""

@@ -13,6 +13,7 @@ from ..lanes.workspace import POINT_LANES, EventKernels, no_events
 from ..methods.pairs import PAIRS
 from ..methods.step_constants import SMALLEST_SCALE
 from ..once import BoundedTable, computed_once
+from ..options import component_tolerances
 from ..subset.addresses import NO_CODE, AddressTable, OwnedAddress
 from ..transforms.runge_kutta_parts import memory_size
 from ..transforms.taylor import order_at, scale_floor
@@ -122,6 +123,8 @@ class Stepper(NamedTuple):
         What the step reads, and last the tolerances, for projections.
     evaluations : (int, int)
         Evaluations of the rates, or of the series, before the first attempt and in each.
+    weighted : bool
+        Whether each component of the state has an absolute tolerance of its own.
     """
 
     codes: tuple[OwnedAddress, OwnedAddress]
@@ -129,6 +132,7 @@ class Stepper(NamedTuple):
     degree: int
     settings: list[float]
     evaluations: tuple[int, int] = (0, 1)
+    weighted: bool = False
 
 
 @final
@@ -140,11 +144,13 @@ class Steppers:
     steps : KernelLibrary
     n : int
         Size of the state.
+    names : tuple of str
+        Names of its components.
     """
 
-    def __init__(self, steps: KernelLibrary, n: int) -> None:
-        self._steps, self._n = steps, n
-        self._events: BoundedTable[tuple[EventCode, str, tuple[int, int], int, int, bool], EventKernels]
+    def __init__(self, steps: KernelLibrary, n: int, names: tuple[str, ...]) -> None:
+        self._steps, self._n, self._names = steps, n, names
+        self._events: BoundedTable[tuple[EventCode, str, tuple[int, int], int, int, bool, bool], EventKernels]
         self._events = BoundedTable(_MOST_EVENTS)
 
     def projections(self, lanes: int) -> tuple[OwnedAddress, OwnedAddress]:
@@ -168,18 +174,23 @@ class Steppers:
         Runge-Kutta steps counts, too.
         """
         rtol, atol = tolerances
+        own = component_tolerances(atol, self._names)
+        weighted, atol = own is not None, float(atol)
         if method == "taylor":
             order, floor = order or order_at(rtol, atol), scale_floor(rtol, atol)
             if watched is None:
-                step = self._steps.taylor(order, lanes, dense=dense)
+                step = self._steps.taylor(order, lanes, dense=dense, weighted=weighted)
             else:
-                step = self._steps.with_event_series(watched.watch.joint, len(watched.events), order, lanes)
-            return Stepper((step, NO_CODE), 0, order, [floor, rtol, atol])
+                about = watched.watch.joint, len(watched.events), order, lanes
+                step = self._steps.with_event_series(*about, weighted=weighted)
+            weights = [] if own is None else (atol / own).tolist()
+            return Stepper((step, NO_CODE), 0, order, [floor, *weights, rtol, atol], weighted=weighted)
         tableau = pair_named(method, bounded=bounded)
-        codes, memory = self._steps.attempt(tableau, lanes, dense=dense), memory_size(self._n, self._steps.carried)
+        codes = self._steps.attempt(tableau, lanes, dense=dense, weighted=weighted)
         evaluations = 2, tableau.n_total - self._steps.carried
-        settings = [rtol, max(atol, SMALLEST_SCALE), rtol, atol]
-        return Stepper(codes, memory, tableau.degree, settings, evaluations)
+        allowed = [max(a, SMALLEST_SCALE) for a in ([atol] if own is None else own.tolist())]
+        settings, memory = [rtol, *allowed, rtol, atol], memory_size(self._n, self._steps.carried)
+        return Stepper(codes, memory, tableau.degree, settings, evaluations, weighted)
 
     def events(
         self,
@@ -204,13 +215,13 @@ class Steppers:
 
             refill = stepper.codes[1]
             if refill and lanes != 1:
-                refill = self._steps.beginning(pair_named(method), 1)
+                refill = self._steps.beginning(pair_named(method), 1, weighted=stepper.weighted)
             # in single runs kernels are interpreted where compiling them takes longer than running
             compiled = self._steps.extra_kernel if tested or self._steps.compiles_starts else interpreted_code
             about = compiled, self.projections(1), code, refill, (self._n, *shape)
             return event_kernels(*about, lanes, with_series, tested=tested, exact=not refill)
 
-        return computed_once(self._events, (code, method, shape, lanes, with_series, tested), make)
+        return computed_once(self._events, (code, method, shape, lanes, with_series, tested, stepper.weighted), make)
 
 
 def pair_named(name: str, *, bounded: bool = False) -> Tableau:

@@ -18,7 +18,7 @@ from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseBlock
 from ..methods.traced import TRACED
 from ..once import computed_once, once_property
-from ..options import SolveOptions
+from ..options import NamedTolerances, SolveOptions
 from ..steps.problem import IntegrationProblem, Solution
 from ..transforms.recurrences import Recurrences, recurrences
 from ..transforms.roots_at_rest import roots_vanish_at_rest
@@ -76,8 +76,8 @@ class JaxEngine(Engine):
             name: compiled(jax.vmap(self.kernels[name], (0, 0, None)), len(program.kernel(name).body))
             for name in self.kernels.names
         }
-        self._integrators: dict[tuple[str, int], Integrator | TaylorIntegrator] = {}
-        self._finals: dict[tuple[str, int], Final] = {}
+        self._integrators: dict[tuple[str, int, bool], Integrator | TaylorIntegrator] = {}
+        self._finals: dict[tuple[str, int, bool], Final] = {}
 
     def accept_as_static(self, kind: type) -> None:
         """See `Engine.accept_as_static`."""
@@ -106,12 +106,13 @@ class JaxEngine(Engine):
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """See `Engine.integrate`."""
         order = order_at(problem.rtol, problem.atol) if method == "taylor" else 0
-        key = method, order
+        weighted = isinstance(problem.atol, NamedTolerances)
+        key = method, order, weighted
 
         def make() -> Integrator | TaylorIntegrator:
             if method != "taylor":
                 return Integrator(self.kernels, method)
-            step = step_kernel(self._recurrences, order, dense=True)
+            step = step_kernel(replace(self._recurrences, weighted=weighted), order, dense=True)
             operations = len(step.body) + self.kernels.correction_operations
             return TaylorIntegrator(
                 compile_kernel(step),
@@ -136,17 +137,18 @@ class JaxEngine(Engine):
     ) -> Prepared:
         """See `Engine.prepared`: one compiled function, constants included; other problems compile nothing anew."""
         tolerance = clipped_tolerance(problem.rtol, problem.atol)
-        key = method, order_for(tolerance) if method == "taylor" else 0
+        weighted = isinstance(problem.atol, NamedTolerances)
+        key = method, order_for(tolerance) if method == "taylor" else 0, weighted
 
         def make() -> Final:
             # Taylor steps of one case are cut in blocks, which are to be fused.
             operations = (
                 0 if method == "taylor" else len(self._program.kernel("rhs").body) + self.kernels.correction_operations
             )
-            pieces = pieces_of(self._program, self.kernels, *key)
+            pieces = pieces_of(self._program, self.kernels, *key[:2], None, weighted)
             return final_function(pieces, self.kernels, operations)
 
-        return prepared_run(computed_once(self._finals, key, make), problem, admission)
+        return prepared_run(self._program, computed_once(self._finals, key, make), problem, admission)
 
     @once_property
     def vector_field(self) -> VectorField:

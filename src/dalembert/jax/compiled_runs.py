@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
 import jax
@@ -16,6 +17,7 @@ from ..lanes.cases import BlockResult, CaseBlock
 from ..methods.status import Status
 from ..methods.step_constants import SMALLEST_SCALE
 from ..once import computed_once
+from ..options import component_tolerances
 from ..steps.problem import IntegrationProblem
 from ..transforms.recurrences import Recurrences
 from ..transforms.taylor import order_at, scale_floor, step_kernel
@@ -53,7 +55,7 @@ class BlockSweeps:
 
     def __init__(self, program: Program, kernels: ArrayKernels, series: Callable[[], Recurrences]) -> None:
         self._program, self._kernels, self._recurrences = program, kernels, series
-        self._runners: dict[tuple[str, int, bool], Callable[..., Any]] = {}
+        self._runners: dict[tuple[str, int, bool, bool], Callable[..., Any]] = {}
 
     def integrate(self, block: CaseBlock, method: str, result: BlockResult) -> None:
         """Integrate the cases of a block without events; see `Engine.integrate_block`.
@@ -61,14 +63,13 @@ class BlockSweeps:
         Cases that pad their number to a power of two end where they begin.
         """
         order, count = order_at(block.rtol, block.atol) if method == "taylor" else 0, len(block.y)
-        key = method, order, bool(len(block.t_eval))
+        limits = _limits(self._program, block)
+        key = method, order, bool(len(block.t_eval)), len(limits) > _COMMON
         t, states = padded(block.spans), padded(block.y)
         t[count:, 1] = t[count:, 0]
         if len(block.t_eval):  # whose span is that of all cases
             t = np.concatenate([t[0, :1], block.t_eval, t[0, 1:]])
             states[count:] = np.nan
-        least, floor = max(block.atol, SMALLEST_SCALE), scale_floor(block.rtol, block.atol)
-        limits = np.array([block.rtol, least, floor, block.max_step, block.max_steps], dtype=np.float64)
         with double_precision():
             runner = computed_once(self._runners, key, lambda: self._runner(*key))
             reached, record = jax.device_get(runner(t, states, padded(block.c), limits))
@@ -76,22 +77,42 @@ class BlockSweeps:
         result.y[:] = record.end[:count]
         result.ends[:] = np.stack([record.reached, record.status, record.steps], axis=1)[:count]
 
-    def _runner(self, method: str, order: int, timed: bool) -> Callable[..., Any]:
+    def _runner(self, method: str, order: int, timed: bool, weighted: bool) -> Callable[..., Any]:
         """Return the function (times, states, constants, limits) -> how the cases went, compiled once for all limits.
 
         Times are rows, or where they are `timed` those of all cases.
         """
-        pieces = pieces_of(self._program, self._kernels, method, order, constants_of_segments(self._program))
+        constants = constants_of_segments(self._program)
+        pieces = pieces_of(self._program, self._kernels, method, order, constants, weighted)
 
         def cases(t: Any, y: Any, c: Any, limits: Any) -> Any:
-            runs = Runs(pieces, Limits(*limits))
+            runs = Runs(pieces, _read_limits(limits))
             each: Any = jax.vmap(lambda t, y, c: runs.run(0, t, y, c, jnp.zeros(0))[:2], (None if timed else 0, 0, 0))
             return each(t, y, c)
 
         operations = LARGEST_FUSED + 1  # Runge-Kutta attempts are faster unfused, whatever their length
         if method == "taylor":
-            operations = len(step_kernel(self._recurrences(), order, dense=False).body)
+            known = replace(self._recurrences(), weighted=weighted)
+            operations = len(step_kernel(known, order, dense=False).body)
         return compiled(cases, operations + self._kernels.correction_operations)
+
+
+_COMMON = 5
+"""Numbers of limits where one absolute tolerance serves all components of the state; then there is one each, too."""
+
+
+def _limits(program: Program, given: CaseBlock | IntegrationProblem) -> FloatArray:
+    """Return the limits of runs as an array, for `_read_limits`."""
+    own = component_tolerances(given.atol, program.layout.state)
+    floor = scale_floor(given.rtol, given.atol)
+    limits = [given.rtol, max(given.atol, SMALLEST_SCALE), floor, given.max_step, given.max_steps]
+    return np.array([*limits, *([] if own is None else np.maximum(own, SMALLEST_SCALE))], dtype=np.float64)
+
+
+def _read_limits(numbers: Any) -> Limits:
+    """Return the limits of runs from an array of `_limits`."""
+    rtol, atol, *others = numbers[:_COMMON]
+    return Limits(rtol, numbers[_COMMON:] if len(numbers) > _COMMON else atol, *others)
 
 
 Final = Callable[[Any, Any], Any]
@@ -107,18 +128,18 @@ def final_function(pieces: RunPieces, kernels: ArrayKernels, operations: int) ->
 
     def run(given: Any, numbers: Any) -> Any:
         y, c = given[:n], kernels.constants(given[n:])
-        record = Runs(pieces, Limits(*numbers[2:])).one(0, numbers[:2], y, c, jnp.zeros(0))
+        record = Runs(pieces, _read_limits(numbers[2:])).one(0, numbers[:2], y, c, jnp.zeros(0))
         return jnp.append(record.end, record.status)
 
     function: Final = compiled(run, operations)
     return function
 
 
-def prepared_run(function: Final, problem: IntegrationProblem, admission: Admission | None) -> Prepared:
+def prepared_run(
+    program: Program, function: Final, problem: IntegrationProblem, admission: Admission | None
+) -> Prepared:
     """Return a prepared run of a function that `final_function` made; `admission` tests what it is given."""
-    floor = scale_floor(problem.rtol, problem.atol)
-    scale = max(problem.atol, SMALLEST_SCALE)
-    settings = (problem.t0, problem.t1, problem.rtol, scale, floor, problem.max_step, float(problem.max_steps))
+    settings = (problem.t0, problem.t1, *_limits(program, problem))
     with double_precision():
         numbers = jax.device_put(np.array(settings, dtype=np.float64))
 

@@ -52,10 +52,15 @@ _SHORT = 50
 
 @once
 def pieces_of(
-    program: Program, kernels: ArrayKernels, method: str, order: int, constants: RunConstants | None = None
+    program: Program,
+    kernels: ArrayKernels,
+    method: str,
+    order: int,
+    constants: RunConstants | None = None,
+    weighted: bool = False,
 ) -> RunPieces:
     """Return the pieces of a method for a program, made once; see `pieces_with`."""
-    return pieces_with(program, kernels, method, order, constants)
+    return pieces_with(program, kernels, method, order, constants, weighted=weighted)
 
 
 def pieces_with(
@@ -65,14 +70,17 @@ def pieces_with(
     order: int,
     constants: RunConstants | None,
     feedback: FeedbackKernels | None = None,
+    *,
+    weighted: bool = False,
 ) -> RunPieces:
     """Return the pieces of a method for a program.
 
     `order` is that of Taylor steps; `constants` are those of a run that has more than the program takes; inputs may be
-    functions, with `feedback`, but in Taylor steps.
+    functions, with `feedback`, but in Taylor steps. Where steps are `weighted`, each component of the state has an
+    absolute tolerance of its own, and no machine code is called.
     """
     foreign = None
-    served = method != "kvaerno5" and feedback is None and program.conditions is None
+    served = not weighted and method != "kvaerno5" and feedback is None and program.conditions is None
     if served and constants is None and program.layout.state:
         foreign = ForeignRuns(program, method, order)
     if constants is None:
@@ -84,7 +92,7 @@ def pieces_with(
 
     sides = _sides(program, kernels, feedback)
     if method == "taylor":
-        made = _taylor_pieces(program, order, projections, constants, sides)
+        made = _taylor_pieces(program, order, projections, constants, sides, weighted)
     else:
         made = _pair_pieces(program, kernels, PAIRS[method], projections, constants, feedback, sides)
     return replace(made, moved_by=_moved_by(program), foreign=foreign)
@@ -106,9 +114,10 @@ def _taylor_pieces(
     projections: Callable[[Any], Projections],
     constants: RunConstants,
     sides: tuple[Sides | None, Sides | None],
+    weighted: bool,
 ) -> RunPieces:
     """Return the pieces of Taylor steps that depend on the method."""
-    known = recurrences(program.kernel("rhs"), step_growth_limited=program.nonanalytic)
+    known = recurrences(program.kernel("rhs"), step_growth_limited=program.nonanalytic, weighted=weighted)
     step, limited = step_kernel(known, order, dense=False), known.step_growth_limited
     series = _series(series_kernel(known, order))
     return RunPieces(

@@ -15,7 +15,7 @@ from ..errors import OptionError, list_names
 from ..ir.program import DIRECTION, Program, decay_rate_among, directed_rates, representative
 from ..methods.status import Status
 from ..once import once
-from ..options import SolveOptions
+from ..options import NamedTolerances, SolveOptions, at_least, component_tolerances
 from ..transforms.taylor import order_at, scale_floor
 from .arguments import parameters_of, register_samples, times, vector
 from .courses import Course, Courses
@@ -257,8 +257,11 @@ class Solve:
         """Return runs by the method and its limits."""
         options = self._effective
         rtol, atol = options.tolerances
-        least = max(atol, process_precision().smallest_scale)
-        limits = Limits(rtol, least, scale_floor(rtol, atol), options.max_step, options.max_steps)
+        least = at_least(atol, process_precision().smallest_scale)
+        own = component_tolerances(least, self._program.layout.state)
+        limits = Limits(
+            rtol, least if own is None else own, scale_floor(rtol, atol), options.max_step, options.max_steps
+        )
         return TracedMotion(self._pieces(constants, feedback), limits)
 
     def _pieces(self, constants: RunConstants | None, feedback: FeedbackKernels | None) -> RunPieces:
@@ -266,7 +269,8 @@ class Solve:
         options = self._effective
         order = order_at(*options.tolerances) if options.method == "taylor" else 0
         given = self._elapsed.program, self._elapsed, options.method, order, constants
-        pieces = pieces_of(*given) if feedback is None else pieces_with(*given, feedback)
+        weighted = isinstance(options.atol, NamedTolerances)
+        pieces = pieces_of(*given, weighted) if feedback is None else pieces_with(*given, feedback, weighted=weighted)
         return replace(pieces, foreign=None) if options.portable else pieces
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import OptionError, PrecisionWarning, list_names, warn_caller
 from ..ir.kernel import Kernel
 from ..ir.program import Program
-from ..options import SolveOptions
+from ..options import SolveOptions, at_least
 from ..stops.samples import Samples
 from ..transforms.recurrences import recurrences
 from .runs.precision import SINGLE, Precision, is_traced
@@ -31,7 +31,7 @@ _UNUSED = ("energy", "knots", "near_knots", "knot_sides")
 def with_tolerances(options: SolveOptions, precision: Precision) -> SolveOptions:
     """Return options with the requested tolerances, raised to the smallest that the precision allows."""
     rtol = precision.rtol if options.rtol is None else max(options.rtol, precision.least_rtol)
-    atol = precision.atol if options.atol is None else max(options.atol, precision.least_atol)
+    atol = precision.atol if options.atol is None else at_least(options.atol, precision.least_atol)
     return replace(options, rtol=rtol, atol=atol)
 
 

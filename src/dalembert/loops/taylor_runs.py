@@ -72,7 +72,8 @@ class StepCode:
     """Compiled code: the recorded loop of `dalembert.loops.prepared_loop`, and addresses of what it calls.
 
     The step is a Taylor step of some order that also writes its series; the projections are 0 where there are none.
-    ``angles`` are the components of the state that matter modulo a turn. ``workspaces`` are those that no run uses.
+    ``angles`` are the components of the state that matter modulo a turn. The step is ``weighted`` where each component
+    has an absolute tolerance of its own. ``workspaces`` are those that no run uses.
     """
 
     loop: TaylorLoop
@@ -81,6 +82,7 @@ class StepCode:
     position: OwnedAddress = NO_CODE
     velocity: OwnedAddress = NO_CODE
     angles: tuple[int, ...] = ()
+    weighted: bool = False
     workspaces: list[_Workspace] = field(default_factory=list, compare=False, repr=False)
 
     def integrate(self, problem: IntegrationProblem, watch: Watch | None = None) -> Solution | None:
@@ -147,7 +149,7 @@ class _Workspace:
             memory=0,
             parameters=nothing,
             constants=np.zeros((constants, 1)),
-            settings=np.zeros((1, 5)),
+            settings=np.zeros((1, 5 + n * code.weighted)),
             clock=np.empty((1, 1)),
             states=self.states,
             times=self.times,
@@ -176,7 +178,9 @@ class _Workspace:
         y[...], c[...] = problem.y0, problem.constants
         self.low.fill(0.0)
         settings[0], settings[1] = 0.0, 1.0 if problem.t1 >= problem.t0 else -1.0
-        settings[2], settings[3], settings[4] = scale_floor(problem.rtol, problem.atol), problem.rtol, problem.atol
+        settings[2], settings[-2], settings[-1] = scale_floor(problem.rtol, problem.atol), problem.rtol, problem.atol
+        if problem.allowed is not None:
+            settings[3:-2] = problem.atol / problem.allowed
         numbers[_T0_AT], numbers[_T1_AT], numbers[_LARGEST_AT] = problem.t0, problem.t1, problem.max_step
         words[_ATTEMPTS_AT], words[_GOING_AT] = problem.max_steps, 0
         table = table_of(problem.stops, problem.inputs, len(c))

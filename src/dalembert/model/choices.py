@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, cast, final
 
 from ..codegen import backend_named
 from ..errors import OptionError, list_names, unknown_name
-from ..values import tolerances
+from ..options import tolerances
+from ..runs.component_tolerances import with_names
 
 if TYPE_CHECKING:
     from ..contacts.contact_laws import Mode
@@ -82,7 +83,7 @@ def missing(model: CompiledModel, name: str) -> str:
     return f"a {type(model).__name__} has no {name!r}{hint}"
 
 
-def source_of(self: CompiledModel, method: str = "auto", rtol: float = 1e-8, atol: float = 1e-10) -> str:
+def source_of(self: CompiledModel, method: str = "auto", rtol: float = 1e-8, atol: Any = 1e-10) -> str:
     """Return the generated code that `simulate` runs by a method at some tolerances.
 
     Raises
@@ -91,6 +92,7 @@ def source_of(self: CompiledModel, method: str = "auto", rtol: float = 1e-8, ato
         For a method that the backend does not have, or tolerances that are not positive.
     """
     rtol, atol = tolerances(rtol, atol)
+    atol = with_names(self, atol)
     return self.engine.source_of(choose_method(self, method, rtol, atol), rtol, atol) or self.source
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 from ..errors import CapabilityError, list_names, nesting_named
 from ..options import SensitivityOptions, TrimOptions
 from ..runs.capabilities import WITHOUT, refuse_functions, refuse_sampling
+from ..runs.component_tolerances import with_component_names
 from ..starts.input_values import read_inputs, run_span, with_inputs
 from ..starts.inputs import span_of
 from ..values import option
@@ -33,7 +34,7 @@ def sensitivity(
     t_eval: Any = None,
     method: str = "auto",
     rtol: float = 1e-8,
-    atol: float | str = 1e-10,
+    atol: float | str | Mapping[Any, float] = 1e-10,
     max_steps: int = 1_000_000,
 ) -> Sensitivity:
     """Simulate one trajectory with its derivatives.
@@ -82,6 +83,7 @@ def sensitivity(
         of=of,
         t_eval=t_eval,
     )
+    options = with_component_names(self, options)
     along = run_span(inputs, *span_of(t_span), options)
     options = replace(options, inputs=read_inputs(self.layout, self.inputs, inputs, along))
     if self.modes is not None:

@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from ..errors import nesting_named
-from ..options import PrepareOptions, simulate_options
+from ..options import PrepareOptions, simulate_options, tolerances
 from ..progress import run_meter
 from ..runs.capabilities import refuse_functions
+from ..runs.component_tolerances import is_by_name, with_component_names
 from ..runs.elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_from, with_offsets
 from ..runs.events import with_event_parameters
 from ..runs.simulate import simulate_in_own_time
 from ..runs.small_motions import simulate_at_scale, warn_of_small_motion
 from ..starts.input_values import read_inputs, run_span
 from ..starts.inputs import span_of
-from ..values import tolerances
 
 if TYPE_CHECKING:
     from ..results.analyses import Comparison
@@ -39,7 +39,7 @@ def simulate(
     t_eval: Any = None,
     method: str = "auto",
     rtol: float = 1e-8,
-    atol: float | str = 1e-10,
+    atol: float | str | Mapping[Any, float] = 1e-10,
     first_step: float | None = None,
     max_step: float = np.inf,
     max_steps: int = 1_000_000,
@@ -79,9 +79,12 @@ def simulate(
         A name in `methods`, or "auto".
     rtol : float
         Relative tolerance of the local error of every component of the state.
-    atol : float or "auto"
-        Absolute one. "auto" takes a hundredth of `rtol` times the size of a small motion: its largest given initial
-        value, or from rest its largest component in a first run at the default; the note of ``stats`` says so.
+    atol : float, mapping of symbols or names to float, or "auto"
+        Absolute one, of all components or by name: ``{x: 1e-12, "x_dot": 1e-9}``. Components of ``layout.state`` that
+        are left out take 1e-10. By one number, steps of "taylor" have an error of `rtol` times the largest component;
+        by name, sizes are compared as multiples of the tolerances. "auto" takes a hundredth of `rtol` times the size of
+        a small motion: its largest given initial value, or from rest its largest component in a first run at the
+        default; where components are of very different sizes, that of each. The note of ``stats`` says so.
     first_step, max_step : float, optional
         First and largest step [s].
     max_steps : int
@@ -135,6 +138,8 @@ def simulate(
         events=events,
         progress=progress,
     )
+    if is_by_name(options.atol):
+        options = with_component_names(self, options)
     t0, t1 = span = span_of(t_span)
     given = read_inputs(self.layout, self.inputs, inputs, run_span(inputs, t0, t1, options))
     options = options if given is None else replace(options, inputs=given)
@@ -180,7 +185,7 @@ def prepare(
     inputs: Mapping[Any, Any] | None = None,
     method: str = "auto",
     rtol: float = 1e-8,
-    atol: float = 1e-10,
+    atol: float | Mapping[Any, float] = 1e-10,
     max_step: float = np.inf,
     max_steps: int = 1_000_000,
     project_invariants: Any = False,
@@ -199,7 +204,7 @@ def prepare(
     Parameters
     ----------
     t_span, method, rtol, atol, max_step, max_steps
-        As for `simulate`.
+        As for `simulate`, but for ``atol="auto"``.
     inputs : mapping of symbols or names to numbers, samples or functions, optional
         Every input of the scene, as for `simulate`, the same for all runs. Without it each run is given its own,
         ``run(state, p, inputs)`` with an array of numbers in the order of ``layout.inputs``, held over the run: so
@@ -226,11 +231,12 @@ def prepare(
     options = PrepareOptions(
         method=method,
         rtol=rtol,
-        atol=atol,
+        atol=cast(float, atol),
         max_step=max_step,
         max_steps=max_steps,
         project_invariants=project_invariants,
     )
+    options = with_component_names(self, options)
     if inputs is not None:
         along = run_span(inputs, *span_of(t_span), options)
         options = replace(options, inputs=read_inputs(self.layout, self.inputs, inputs, along))
@@ -250,14 +256,14 @@ def compare_formulations(
     formulations: Sequence[str] | None = None,
     method: str | Mapping[str, str] = "auto",
     rtol: float = 1e-8,
-    atol: float = 1e-10,
+    atol: float | Mapping[Any, float] = 1e-10,
 ) -> Comparison:
     """Run one motion in every formulation and return a table of errors, violations, energy drift, steps and time.
 
     Parameters
     ----------
     t_span, initial, parameters, inputs, rtol, atol
-        As for `simulate`.
+        As for `simulate`, but for ``atol="auto"``; by name, each formulation takes those of its state.
     formulations : sequence of str, optional
         Which to compare; all by default.
     method : str or mapping of str to str

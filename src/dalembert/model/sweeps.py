@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import OptionError, nesting_named
 from ..options import StoreOptions, SweepOptions
 from ..runs.capabilities import refuse_functions
+from ..runs.component_tolerances import with_component_names
 from ..runs.run_notes import with_lost_reactions
 from ..runs.small_motions import warn_of_small_cases
 from ..starts.input_values import has_functions, read_inputs, run_span
@@ -33,7 +34,7 @@ def sweep(
     t_eval: Any = None,
     method: str = "auto",
     rtol: float = 1e-8,
-    atol: float | str = 1e-10,
+    atol: float | str | Mapping[Any, float] = 1e-10,
     max_step: float = np.inf,
     max_steps: int = 1_000_000,
     threads: int | None = None,
@@ -141,6 +142,7 @@ def sweep(
         reduce=reduce,
         project_invariants=project_invariants,
     )
+    options = with_component_names(self, options)
     span = None
     if has_functions(inputs):
         from ..runs.case_columns import spans_of

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -12,8 +12,9 @@ from ..codegen import backend_named
 from ..codegen.base import Capability
 from ..errors import CapabilityError, OptionError, list_names
 from ..ir.program import DIRECTION
-from ..options import SolveOptions
+from ..options import NamedTolerances, SolveOptions
 from ..runs.capabilities import refuse_sampling
+from ..runs.component_tolerances import with_names
 from ..starts import inputs as run_input
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ def solve_fn(
     *,
     method: str = "auto",
     rtol: float | None = None,
-    atol: float | None = None,
+    atol: float | Mapping[str, float] | None = None,
     max_step: float = np.inf,
     max_steps: int = 4096,
     dense: bool = False,
@@ -49,7 +50,8 @@ def solve_fn(
         `simulate`. Without it, `initial` is the state y (n_y,).
     method : str
         As for `simulate`.
-    rtol, atol : float, optional
+    rtol : float, optional
+    atol : float or mapping of symbols or names to float, optional
         As for `simulate`; by default 1e-8 and 1e-10, in a process of single precision 1e-5 and 1e-7.
     max_step : float
         Largest step size [s]. Steps are chosen for the motion, and derivatives are those of these steps: where the
@@ -103,13 +105,15 @@ def solve_fn(
     options = SolveOptions(
         method=method,
         rtol=rtol,
-        atol=atol,
+        atol=cast("float | None", atol),
         max_step=max_step,
         max_steps=max_steps,
         dense=dense,
         throw=throw,
         portable=portable,
     )
+    if isinstance(options.atol, NamedTolerances):
+        options = replace(options, atol=with_names(self, options.atol))
     if self.modes is not None:
         hosted = hosted_runs(self, given, method, options, events, reduce)
         return cast("TracedEngine", self.modes.engine()).hosted_solve_fn(None, options, cast("HostedRuns", hosted))

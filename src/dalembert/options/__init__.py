@@ -3,7 +3,6 @@
 from .compilation import ORIENTATIONS, CompileOptions
 from .derivatives import SensitivityOptions, TrimOptions
 from .runs import (
-    DEFAULT_TOLERANCES,
     MAX_STEPS,
     TRACED_MAX_STEPS,
     PrepareOptions,
@@ -16,6 +15,17 @@ from .runs import (
     tighter,
 )
 from .stores import StoreOptions
+from .tolerances import (
+    DEFAULT_TOLERANCES,
+    NamedTolerances,
+    at_least,
+    atol_attribute,
+    atol_text,
+    component_tolerances,
+    known_components,
+    tolerances,
+    within,
+)
 
 __all__ = [
     "DEFAULT_TOLERANCES",
@@ -23,6 +33,7 @@ __all__ = [
     "ORIENTATIONS",
     "TRACED_MAX_STEPS",
     "CompileOptions",
+    "NamedTolerances",
     "PrepareOptions",
     "RunOptions",
     "SensitivityOptions",
@@ -32,6 +43,13 @@ __all__ = [
     "StoreOptions",
     "SweepOptions",
     "TrimOptions",
+    "at_least",
+    "atol_attribute",
+    "atol_text",
+    "component_tolerances",
+    "known_components",
     "simulate_options",
     "tighter",
+    "tolerances",
+    "within",
 ]

@@ -9,12 +9,10 @@ from functools import lru_cache
 from typing import Any, TypeVar, final
 
 from ..errors import OptionError
-from ..values import flag, option, times_of, tolerances, whole
+from ..values import flag, option, times_of, whole
+from .tolerances import DEFAULT_TOLERANCES, scaled, tolerances
 
 _Estimating = TypeVar("_Estimating", "SimulateOptions", "SweepOptions")
-
-DEFAULT_TOLERANCES = 1e-8, 1e-10
-"""Default relative and absolute tolerance."""
 
 _TIGHTER = 1e-2
 """Factor between the tolerances of a run and of the one beside it from which its error is estimated."""
@@ -288,7 +286,7 @@ class SolveOptions:
 
 def tighter(options: _Estimating) -> _Estimating:
     """Return the options of the run beside another from which its error is estimated."""
-    return replace(options, rtol=options.rtol * _TIGHTER, atol=options.atol * _TIGHTER, error_estimate=False)
+    return replace(options, rtol=options.rtol * _TIGHTER, atol=scaled(options.atol, _TIGHTER), error_estimate=False)
 
 
 @lru_cache(maxsize=256, typed=True)

@@ -9,6 +9,7 @@ from typing import Any, final
 from ..arrays import FloatArray
 from ..errors import UnknownNameError, nesting_named, unknown_name
 from ..methods.status import Status
+from ..options import atol_text
 
 
 @final
@@ -228,7 +229,7 @@ class Comparison:
         table = [list(_HEADS.values())]
         table += [[_cell(getattr(row, name)) for name in _HEADS] for row in self.rows]
         widths = [max(len(line[i]) for line in table) for i in range(len(_HEADS))]
-        lines = [f"{self.scene}, rtol = {self.rtol:g}, atol = {self.atol:g}"]
+        lines = [f"{self.scene}, rtol = {self.rtol:g}, atol = {atol_text(self.atol)}"]
         for line in table:
             cells = (
                 cell.ljust(w) if i < 3 else cell.rjust(w) for i, (cell, w) in enumerate(zip(line, widths, strict=True))

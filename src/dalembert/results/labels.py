@@ -12,6 +12,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..errors import MissingExtraError, OptionError, UnknownNameError, unknown_name
 from ..ir.program import Layout
+from ..options import atol_attribute
 from ..stops.segments import Segments, constants_at
 from ..version import __version__
 
@@ -39,7 +40,7 @@ def attributes(
         "formulation": formulation,
         "method": stats.method,
         "rtol": stats.rtol,
-        "atol": stats.atol,
+        "atol": atol_attribute(stats.atol),
         "parameters": json.dumps(dict(parameters)),
         "dalembert_version": __version__,
     }

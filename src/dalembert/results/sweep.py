@@ -94,6 +94,11 @@ class Sweep(Estimated):
         return self._states.y
 
     @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the components of the states."""
+        return self._layout.state
+
+    @property
     def samples(self) -> FloatArray | None:
         """States at the samples (n_case, n_t, n_y), None without any."""
         return self._states.samples

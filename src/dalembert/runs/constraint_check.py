@@ -15,6 +15,7 @@ from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseBlock
 from ..methods.status import Status
+from ..options import NamedTolerances
 from ..reduction.base import ReducedSystem
 from ..reduction.dependent_rows import Groups
 from ..starts.constraint_groups import rank_of
@@ -100,9 +101,12 @@ def _first_violation(
     n, holonomic = len(program.layout.coordinates), program.layout.holonomic
     jacobians = np.abs(interpret_rows(program.kernel("constraint_jacobian"), t, x, c).reshape(len(x), -1, n))
     first = coordinate_sizes(program, t[:1], x[:1], c if c.ndim == 1 else c[:1])[0]
-    tolerance = max(_ERRORS * (problem.rtol + problem.atol), _LEAST)
-    positions = tolerance * np.maximum(np.max(np.abs(x[:, :n]), axis=0), first)
-    rates = tolerance * np.max(np.abs(x[:, n : 2 * n]), axis=0) + _ERRORS * problem.atol * first
+    atol: tuple[float | FloatArray, ...] = problem.atol, problem.atol
+    if isinstance(problem.atol, NamedTolerances):
+        atol = problem.atol.of(program.layout.coordinates), problem.atol.of(program.layout.rates)
+    shares = [np.maximum(_ERRORS * (problem.rtol + own), _LEAST) for own in atol]
+    positions = shares[0] * np.maximum(np.max(np.abs(x[:, :n]), axis=0), first)
+    rates = shares[1] * np.max(np.abs(x[:, n : 2 * n]), axis=0) + _ERRORS * atol[1] * first
     found: list[tuple[float, str]] = []
     for row in rows:
         kernel, limits = ("position_residual", positions) if row < holonomic else ("velocity_residual", rates)

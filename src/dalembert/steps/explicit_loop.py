@@ -24,7 +24,7 @@ from .explicit_stages import (
     first_step_size,
     polynomial_error,
 )
-from .packed_tableaus import PackedTableau, packed_tableau
+from .packed_tableaus import ALLOWED, PackedTableau, packed_tableau
 from .problem import IntegrationProblem, Solution
 from .recorded_runs import (
     Run,
@@ -101,7 +101,9 @@ def integrate(
     settings, packed = settings_of(problem, tableau.degree, stop_if_stiff=stop_if_stiff), packed_tableau(tableau)
     n = settings.kept
     work = np.zeros((packed.first + packed.total, -(-n // LANES) * LANES))
-    work[0, :n] = problem.y0
+    work[0, :n], work[ALLOWED] = problem.y0, settings.atol
+    if problem.allowed is not None:
+        work[ALLOWED] = problem.absolute_tolerances(work.shape[1])
 
     def of_block(run: Run) -> int:
         return loop(ExplicitArguments(codes, packed, settings, run))
@@ -137,7 +139,7 @@ def _begin(codes: RunCodes, tableau: PackedTableau, settings: RunSettings, run: 
     if run.progress.size == 0.0 and t0 != t1:
         limit, direction = min(abs(t1 - t0), settings.max_step), 1.0 if t1 >= t0 else -1.0
         run.progress.size = first_step_size(
-            codes.rhs, tableau, t0, direction, limit, run, 0, settings.rtol, settings.atol, settings.kept
+            codes.rhs, tableau, t0, direction, limit, run, 0, settings.rtol, settings.kept
         )
         progress.evaluations += 1
     return True
@@ -174,7 +176,7 @@ def _attempt(codes: RunCodes, tableau: PackedTableau, settings: RunSettings, run
     h, t_new = planned_step(settings, run, codes.knots)
     proposed = progress.size
     evaluate_stages(codes.rhs, tableau, 1, tableau.end + 1, t, h, run, y, y_new)
-    error = error_norm(tableau, h, work, y, y_new, settings.rtol, settings.atol, n)
+    error = error_norm(tableau, h, work, y, y_new, settings.rtol, n)
     progress.evaluations += tableau.end if tableau.fsal else tableau.end - 1
     outcome = _test_step(codes, tableau, settings, run, error, t_new, y_new)
     if outcome != ACCEPTED:
@@ -186,7 +188,7 @@ def _attempt(codes: RunCodes, tableau: PackedTableau, settings: RunSettings, run
         evaluate_stages(codes.rhs, tableau, tableau.end + 1, tableau.total, t, h, run, y, y_new)
         progress.evaluations += tableau.total - tableau.end - 1
         if tableau.bounded:
-            between = polynomial_error(tableau, h, work, y, y_new, settings.rtol, settings.atol, n)
+            between = polynomial_error(tableau, h, work, y, y_new, settings.rtol, n)
             outcome = error_test(between)
             if outcome != ACCEPTED:
                 return retry(settings, run, abs(h) * reduction(outcome, between, tableau.exponent), outcome)

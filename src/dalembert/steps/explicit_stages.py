@@ -18,7 +18,7 @@ from ..methods.step_constants import (
     SECOND_ERROR_WEIGHT,
 )
 from ..subset.compiled_subset import compiled_subset, exp, fma, log, sqrt, square
-from .packed_tableaus import POINT, PackedTableau
+from .packed_tableaus import ALLOWED, POINT, PackedTableau
 from .projection import end_polynomial
 from .recorded_runs import Run, evaluate
 from .step_control import error_scale
@@ -68,9 +68,7 @@ def evaluate_stages(
 
 
 @compiled_subset
-def error_norm(
-    tableau: PackedTableau, h: float, work: FloatArray, y: int, y_new: int, rtol: float, atol: float, n: int
-) -> float:
+def error_norm(tableau: PackedTableau, h: float, work: FloatArray, y: int, y_new: int, rtol: float, n: int) -> float:
     """RMS norm of the error estimate over the tolerances (combined as in DOP853 if there are two rows)."""
     row = tableau.total
     first, second, last = tableau.starts[row], tableau.starts[row + 1], tableau.starts[row + 2]
@@ -81,7 +79,7 @@ def error_norm(
             estimate = fma(tableau.weights[entry], work[tableau.stages[entry], m], estimate)
         for entry in range(second, last):
             estimate_second = fma(tableau.weights[entry], work[tableau.stages[entry], m], estimate_second)
-        scale = 1.0 / error_scale(rtol, atol, max(abs(work[y, m]), abs(work[y_new, m])))
+        scale = 1.0 / error_scale(rtol, work[ALLOWED, m], max(abs(work[y, m]), abs(work[y_new, m])))
         total += square(estimate * scale)
         total_second += square(estimate_second * scale)
     below = (total + SECOND_ERROR_WEIGHT * total_second) * n
@@ -92,7 +90,7 @@ def error_norm(
 
 @compiled_subset
 def polynomial_error(
-    tableau: PackedTableau, h: float, work: FloatArray, y: int, y_new: int, rtol: float, atol: float, n: int
+    tableau: PackedTableau, h: float, work: FloatArray, y: int, y_new: int, rtol: float, n: int
 ) -> float:
     """RMS norm of the error of the dense output over what is allowed (see `Tableau.bounded`); needs all stages."""
     row, total = tableau.total + 2 + tableau.degree, 0.0
@@ -100,7 +98,7 @@ def polynomial_error(
         estimate = 0.0
         for entry in range(tableau.starts[row], tableau.starts[row + 1]):
             estimate = fma(tableau.weights[entry], work[tableau.stages[entry], m], estimate)
-        total += square(estimate / error_scale(rtol, atol, max(abs(work[y, m]), abs(work[y_new, m]))))
+        total += square(estimate / error_scale(rtol, work[ALLOWED, m], max(abs(work[y, m]), abs(work[y_new, m]))))
     return abs(h) * sqrt(total / n)
 
 
@@ -127,7 +125,6 @@ def first_step_size(
     run: Run,
     y: int,
     rtol: float,
-    atol: float,
     n: int,
 ) -> float:
     """Size of the first step, at most ``limit``; the first stage must have been evaluated, one more is.
@@ -137,7 +134,7 @@ def first_step_size(
     work = run.work
     size = slope = curvature = 0.0
     for m in range(n):
-        scale = 1.0 / error_scale(rtol, atol, abs(work[y, m]))
+        scale = 1.0 / error_scale(rtol, work[ALLOWED, m], abs(work[y, m]))
         size += square(work[y, m] * scale)
         slope += square(work[tableau.first, m] * scale)
     size, slope = sqrt(size / n), sqrt(slope / n)
@@ -147,7 +144,7 @@ def first_step_size(
         work[POINT, m] = fma(direction * h, work[tableau.first, m], work[y, m])
     evaluate(rhs, t + direction * h, run, POINT, tableau.first + 1)
     for m in range(n):
-        scale = 1.0 / error_scale(rtol, atol, abs(work[y, m]))
+        scale = 1.0 / error_scale(rtol, work[ALLOWED, m], abs(work[y, m]))
         curvature += square((work[tableau.first + 1, m] - work[tableau.first, m]) * scale)
     curvature = sqrt(curvature / n) / h
     if not math.isfinite(curvature):

@@ -32,7 +32,7 @@ from .newton import (
     newton_workspace,
     predict,
 )
-from .packed_tableaus import POINT
+from .packed_tableaus import ALLOWED, POINT
 from .problem import IntegrationProblem, Solution
 from .recorded_runs import (
     Run,
@@ -106,8 +106,10 @@ def integrate(
     """
     y0 = np.concatenate([problem.y0, [] if multipliers is None else multipliers])
     work = np.zeros((ROWS, len(y0)))
-    work[0] = y0
     settings, space = settings_of(problem, DEGREE), newton_workspace(len(y0), len(problem.y0) - states)
+    work[0], work[ALLOWED] = y0, settings.atol
+    if problem.allowed is not None:
+        work[ALLOWED] = problem.absolute_tolerances(len(y0))
 
     def of_block(run: Run) -> int:
         return loop(ImplicitArguments(codes, settings, space, run))
@@ -141,7 +143,7 @@ def _begin(codes: RunCodes, settings: RunSettings, run: Run) -> bool:
         return False
     if progress.size == 0.0 and span > 0.0:
         limit = min(span, settings.max_step)
-        progress.size = first_step(run.work, 0, settings.kept, span, limit, settings.rtol, settings.atol)
+        progress.size = first_step(run.work, 0, settings.kept, span, limit, settings.rtol)
     return True
 
 
@@ -176,7 +178,7 @@ def _increments(codes: RunCodes, settings: RunSettings, space: NewtonWorkspace, 
         progress.factored = h if factor_matrices(h, kept, space) else 0.0
     # Newton stops where its error does not show in the estimate of the step's.
     tolerance = max(10.0 * _UNIT / max(rtol, 1e-14), min(0.03, sqrt(max(rtol, 1e-14))))
-    scale_of(run.work, y, kept, space.paired, h, rtol, settings.atol, tolerance)
+    scale_of(run.work, y, kept, space.paired, h, rtol, tolerance)
     if progress.factored != h:
         return BROKEN, 0
     predict(run.work, progress.ratio * abs(h))
@@ -206,12 +208,12 @@ def _diverged(settings: RunSettings, run: Run, h: float, outcome: int) -> int:
 def _error(codes: RunCodes, settings: RunSettings, space: NewtonWorkspace, run: Run, h: float, y_new: int) -> float:
     """Return the norm of the error of a step over the tolerances."""
     progress, work = run.progress, run.work
-    y, kept, rtol, atol = progress.row, settings.kept, settings.rtol, settings.atol
+    y, kept, rtol = progress.row, settings.kept, settings.rtol
     careful = progress.retried != 0 or progress.steps == 0
-    error, more = estimate(codes.rhs, progress.t, h, kept, run, y, y_new, space, rtol, atol, careful)
+    error, more = estimate(codes.rhs, progress.t, h, kept, run, y, y_new, space, rtol, careful)
     progress.evaluations += more
     if progress.last_size != 0.0:
-        error = max(error, between(work, y, y_new, kept, abs(h) / progress.last_size, rtol, atol))
+        error = max(error, between(work, y, y_new, kept, abs(h) / progress.last_size, rtol))
     return error
 
 

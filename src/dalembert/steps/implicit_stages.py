@@ -9,7 +9,7 @@ from ..methods.collocation import BETWEEN, ERROR_WEIGHTS, INVERSE_POWERS, NODES
 from ..subset.compiled_subset import compiled_subset, fma, sqrt, square
 from .lu import solve
 from .newton import ERROR, SCALE, SLOPE, NewtonWorkspace, P, Z
-from .packed_tableaus import DELTA, POINT
+from .packed_tableaus import ALLOWED, DELTA, POINT
 from .projection import end_polynomial
 from .recorded_runs import Run, evaluate
 from .step_control import error_scale
@@ -26,7 +26,6 @@ def estimate(
     y_new: int,
     space: NewtonWorkspace,
     rtol: float,
-    atol: float,
     careful: bool,
 ) -> tuple[float, int]:
     """Return the RMS norm of the error over the tolerances, and the evaluations of the right-hand side.
@@ -49,7 +48,7 @@ def estimate(
         for m in range(n):
             work[ERROR, m] = vector[m]
             if m < differential:
-                scale = error_scale(rtol, atol, max(abs(work[y, m]), abs(work[y_new, m])))
+                scale = error_scale(rtol, work[ALLOWED, m], max(abs(work[y, m]), abs(work[y_new, m])))
                 total += square(vector[m] / scale)
         error = sqrt(total / differential)
         if error <= 1.0 or not careful or attempt == 1 or not error < np.inf:
@@ -62,7 +61,7 @@ def estimate(
 
 
 @compiled_subset
-def between(work: FloatArray, y: int, y_new: int, differential: int, ratio: float, rtol: float, atol: float) -> float:
+def between(work: FloatArray, y: int, y_new: int, differential: int, ratio: float, rtol: float) -> float:
     """Return the RMS norm over the tolerances of the error of the step's polynomial between its nodes.
 
     The error at the end says nothing of it in components that are slaved to others by stiffness, because it is damped
@@ -82,14 +81,20 @@ def between(work: FloatArray, y: int, y_new: int, differential: int, ratio: floa
             for i in range(3):
                 value = fma(INVERSE_POWERS[k, i], work[Z + i, m], value)
             here = theta * (value + here)
-        scale = error_scale(rtol, atol, max(abs(work[y, m]), abs(work[y_new, m])))
+        scale = error_scale(rtol, work[ALLOWED, m], max(abs(work[y, m]), abs(work[y_new, m])))
         total += square((there - here) / (scope * scale))
     return BETWEEN * sqrt(total / differential)
 
 
 @compiled_subset
 def scale_of(
-    work: FloatArray, y: int, differential: int, paired: int, h: float, rtol: float, atol: float, tolerance: float
+    work: FloatArray,
+    y: int,
+    differential: int,
+    paired: int,
+    h: float,
+    rtol: float,
+    tolerance: float,
 ) -> None:
     """Write the scales of Newton corrections.
 
@@ -108,24 +113,22 @@ def scale_of(
         largest = max(largest, size)
         noise = 1e-15 * size / tolerance
         for m in range(kind * count, (kind + 1) * count):
-            work[SCALE, m] = max(noise, error_scale(rtol, atol, abs(work[y, m])))
+            work[SCALE, m] = max(noise, error_scale(rtol, work[ALLOWED, m], abs(work[y, m])))
     for m in range(kinds * count, differential):
         size = abs(work[y, m])
         largest = max(largest, size)
-        work[SCALE, m] = max(1e-15 * size / tolerance, error_scale(rtol, atol, size))
+        work[SCALE, m] = max(1e-15 * size / tolerance, error_scale(rtol, work[ALLOWED, m], size))
     noise = 1e-15 * largest / tolerance
     for m in range(differential, n):
-        work[SCALE, m] = max(noise, error_scale(rtol, atol, abs(work[y, m]))) / min(1.0, abs(h))
+        work[SCALE, m] = max(noise, error_scale(rtol, work[ALLOWED, m], abs(work[y, m]))) / min(1.0, abs(h))
 
 
 @compiled_subset
-def first_step(
-    work: FloatArray, y: int, differential: int, span: float, limit: float, rtol: float, atol: float
-) -> float:
+def first_step(work: FloatArray, y: int, differential: int, span: float, limit: float, rtol: float) -> float:
     """Size of the first step, at most ``limit``, from the sizes of the state and of its slope."""
     size = slope = 0.0
     for m in range(differential):
-        scale = 1.0 / error_scale(rtol, atol, abs(work[y, m]))
+        scale = 1.0 / error_scale(rtol, work[ALLOWED, m], abs(work[y, m]))
         size += square(work[y, m] * scale)
         slope += square(work[SLOPE, m] * scale)
     if size < 1e-10 * differential or slope < 1e-10 * differential:

@@ -24,8 +24,8 @@ from .recorded_runs import Run, evaluate
 
 # Rows of the working array behind those of ``packed_tableaus``: slope at the start, error, scale, increments, slopes
 # at the nodes, modes, and coefficients of the last step's polynomial.
-SLOPE, ERROR, SCALE, Z, F, W, P = 4, 5, 6, 7, 10, 13, 16
-ROWS = 19
+SLOPE, ERROR, SCALE, Z, F, W, P = 5, 6, 7, 8, 11, 14, 17
+ROWS = 20
 
 MAX_ITERATIONS = 7
 _NEGLIGIBLE = 0.1

@@ -11,8 +11,9 @@ from ..methods.tableau import Tableau
 from ..once import once
 from ..subset.arguments import IntVector, Vector
 
-# Rows of the working array: two that hold the ends of a step in turn, two temporary ones, and the stages.
-POINT, DELTA, STAGES = 2, 3, 4
+# Rows of the working array: two that hold the ends of a step in turn, two temporary ones, the absolute tolerances of
+# the components, and the stages.
+POINT, DELTA, ALLOWED, STAGES = 2, 3, 4, 5
 
 
 class PackedTableau(NamedTuple):

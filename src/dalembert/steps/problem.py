@@ -1,7 +1,7 @@
 """The initial value problem that every integrator takes and the solution it returns."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias, final
 
@@ -10,7 +10,8 @@ import numpy as np
 from ..arrays import FloatArray
 from ..errors import OptionError
 from ..methods.status import Status
-from ..options import DEFAULT_TOLERANCES, MAX_STEPS
+from ..methods.step_constants import SMALLEST_SCALE
+from ..options import DEFAULT_TOLERANCES, MAX_STEPS, component_tolerances
 from ..stops.input_records import InputRecords
 from ..stops.stops import CaseStops
 from .dense_output import DenseOutput, PiecewisePolynomial
@@ -100,6 +101,8 @@ class IntegrationProblem:
         Where else steps end; then there are `inputs`, be they without records.
     sampled
         Of a run with controllers that may be cut elsewhere, what is known of their instants; None for other runs.
+    allowed
+        Absolute tolerances (n_y,) of the components of the state, which engines set where `atol` has them by name.
 
     Raises
     ------
@@ -122,9 +125,25 @@ class IntegrationProblem:
     inputs: InputRecords | None = None
     stops: CaseStops | None = None
     sampled: SamplingClock | None = None
+    allowed: FloatArray | None = None
 
     def __post_init__(self) -> None:
         validate(self)
+
+    def with_components(self, names: Sequence[str]) -> "IntegrationProblem":
+        """Return the problem with `allowed` for a state of these names; itself where `atol` is one number."""
+        own = component_tolerances(self.atol, names)
+        return self if own is None else replace(self, allowed=own)
+
+    def absolute_tolerances(self, width: int) -> FloatArray:
+        """Return the absolute tolerance (width,) of each component, not below `SMALLEST_SCALE`.
+
+        Components behind the state, which have no rates, have the smallest.
+        """
+        found = np.full(width, max(float(self.atol), SMALLEST_SCALE))
+        if self.allowed is not None:
+            found[: len(self.allowed)] = np.maximum(self.allowed, SMALLEST_SCALE)
+        return found
 
     def up_to_stop(self, t: float) -> "IntegrationProblem":
         """Return the problem from a time to the next of its stops, with the constants there and nothing to record."""

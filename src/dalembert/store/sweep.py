@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import MissingExtraError, OptionError, StoredSweepError
-from ..options import StoreOptions, SweepOptions
+from ..options import StoreOptions, SweepOptions, atol_attribute
 from ..progress import meter
 from ..results.labels import given_name, with_units
 from ..threads import available_threads
@@ -276,7 +276,7 @@ def _attributes(model: SweptModel, request: Request, options: SweepOptions, pilo
     }
     whole_digest = blake2b(json.dumps([*parts.values(), __version__]).encode(), digest_size=16).hexdigest()
     known = {name: pilot.attrs[name] for name in ("scene", "formulation", "method", "parameters", "dalembert_version")}
-    tolerances = {"rtol": options.rtol, "atol": options.atol}
+    tolerances = {"rtol": options.rtol, "atol": atol_attribute(options.atol)}
     versions = {"python_version": platform.python_version(), "numpy_version": np.__version__}
     attributes = {**known, **tolerances, **versions, "scene_digest": parts["scene"]}
     return {

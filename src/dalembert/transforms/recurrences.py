@@ -73,6 +73,8 @@ class Recurrences:
         Kinds of the operations that a power series may not show, without the switches.
     pivots : tuple of str
         Guarded pivots of constraints that may lose rank: steps do not end where one nearly vanishes.
+    weighted : bool
+        Whether each component of the state has an absolute tolerance of its own.
     """
 
     kernel: Kernel
@@ -91,6 +93,7 @@ class Recurrences:
     switches: tuple[Switch, ...] = ()
     hidden: tuple[str, ...] = ()
     pivots: tuple[str, ...] = ()
+    weighted: bool = False
 
     @property
     def watched(self) -> tuple[str, ...]:
@@ -119,11 +122,13 @@ class Recurrences:
         return lines
 
 
-def recurrences(kernel: Kernel, events_with_series: int = 0, *, step_growth_limited: bool = False) -> Recurrences:
+def recurrences(
+    kernel: Kernel, events_with_series: int = 0, *, step_growth_limited: bool = False, weighted: bool = False
+) -> Recurrences:
     """Return the recurrences of a right-hand side whose output i is the rate of ``y[i]``.
 
     The last `events_with_series` outputs are not rates of the state, but events with series. Steps with a control of
-    their defect are `step_growth_limited`, and others may be.
+    their defect are `step_growth_limited`, and others may be. `weighted` is that of `Recurrences`.
     """
     loaded = {load.index: load.target for load in kernel.loads if load.array == "y"}
     states = tuple(loaded.get(i, f"y_{i}_") for i in range(len(kernel.outputs)))
@@ -170,6 +175,7 @@ def recurrences(kernel: Kernel, events_with_series: int = 0, *, step_growth_limi
         switches,
         tuple(hidden.values()),
         guarded_pivots(kernel, varying),
+        weighted,
     )
 
 

@@ -63,6 +63,7 @@ def reached(
     scale: Operand,
     tolerance: float,
     arguments: Mapping[Operand, Operand],
+    weights: Sequence[Operand] = (),
 ) -> Operand:
     """Return the size of a step that ends at the last point before its polynomial fails to solve the equations.
 
@@ -76,6 +77,8 @@ def reached(
         Scale of errors, and the tolerance of the step as a share of it.
     arguments : mapping of str to Operand
         Arguments of tables and of switches at the beginning of the step, which stays in the pieces that they are in.
+    weights : sequence of Operand
+        Of the components of the state in the scale of errors; none where all count alike.
     """
     body = _controlled_body(recurrences)
     allowed = lines.mul(scale, max(_ALLOWED * (order + 1) * tolerance, _NOISE))
@@ -91,7 +94,9 @@ def reached(
             found = values[recurrences.rates[i]]
             gap = lines.op("abs", lines.sub(found, _polynomial(lines, rates[i], x, terms)))
             gap = lines.op("fma", lines.op("abs", found), -_NOISE, gap)
-            fine = lines.mul(fine, lines.op("less_equal", lines.mul(gap, reaches), allowed))
+            error = lines.mul(gap, reaches)
+            error = lines.mul(error, weights[i]) if weights else error
+            fine = lines.mul(fine, lines.op("less_equal", error, allowed))
         reach = lines.op("select", fine, theta, reach)
     return lines.mul(size, reach)
 

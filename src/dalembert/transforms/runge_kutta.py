@@ -17,25 +17,35 @@ from .runge_kutta_parts import Attempt, Parts, Start, Vector, inlined, loads_of,
 _ARGUMENTS = ("t", "y", "c", "s")
 
 
-def attempt_kernel(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool, knots: Kernel | None = None) -> Kernel:
+def attempt_kernel(
+    rhs: Kernel,
+    tableau: Tableau,
+    *,
+    dense: bool,
+    carried: bool,
+    knots: Kernel | None = None,
+    weighted: bool = False,
+) -> Kernel:
     """Return one attempt as a kernel of the arguments (t, y, c, s).
 
     s holds the `SETTINGS` of `dalembert.transforms.runge_kutta_parts`. The outputs are the new state (n_y), the size of
     the step (0 where it is rejected), a number that is not 0 where a value is not finite, `CONTROL`, the slopes (n_y)
     if `carried`, and, if `dense`, the coefficients of each component in turn, in powers of the fraction of the step.
     Slopes can be carried from the end of a step to the next where nothing changes the state in between. `knots` has
-    the largest sizes of a step, forward and backward in time, that knots of tables allow.
+    the largest sizes of a step, forward and backward in time, that knots of tables allow. Where `weighted`, s has an
+    absolute tolerance for each component of the state.
     """
-    return _straight("attempt", rhs, Attempt(rhs, tableau, carried=carried, dense=dense, knots=knots), knots)
+    parts = Attempt(rhs, tableau, carried=carried, dense=dense, knots=knots, weighted=weighted)
+    return _straight("attempt", rhs, parts, knots)
 
 
-def start_kernel(rhs: Kernel, tableau: Tableau, *, carried: bool) -> Kernel:
+def start_kernel(rhs: Kernel, tableau: Tableau, *, carried: bool, weighted: bool = False) -> Kernel:
     """Return the kernel of the inputs of the first attempt: the outputs of an attempt that ended at the initial state.
 
     The size of the first step is that of Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I,
     section II.4; it is 0 where the slopes are not finite.
     """
-    return _straight("start", rhs, Start(rhs, tableau, carried=carried))
+    return _straight("start", rhs, Start(rhs, tableau, carried=carried, weighted=weighted))
 
 
 def _straight(name: str, rhs: Kernel, parts: Parts, knots: Kernel | None = None) -> Kernel:
@@ -89,19 +99,25 @@ class AttemptPieces:
 
 
 def attempt_pieces(
-    rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool, knots: Kernel | None = None
+    rhs: Kernel,
+    tableau: Tableau,
+    *,
+    dense: bool,
+    carried: bool,
+    knots: Kernel | None = None,
+    weighted: bool = False,
 ) -> AttemptPieces:
     """Return the attempt of `attempt_kernel` in pieces; together they compute the same bits."""
 
     def make(limits: tuple[str, str] | None = None) -> Attempt:
-        return Attempt(rhs, tableau, carried=carried, dense=dense, knots=limits)
+        return Attempt(rhs, tableau, carried=carried, dense=dense, knots=limits, weighted=weighted)
 
     return _pieces("attempt", rhs, make) if knots is None else _pieces("attempt", rhs, make, knots)
 
 
-def start_pieces(rhs: Kernel, tableau: Tableau, *, carried: bool) -> AttemptPieces:
+def start_pieces(rhs: Kernel, tableau: Tableau, *, carried: bool, weighted: bool = False) -> AttemptPieces:
     """Return the start of `start_kernel` in pieces; together they compute the same bits."""
-    return _pieces("start", rhs, lambda limits: Start(rhs, tableau, carried=carried))
+    return _pieces("start", rhs, lambda limits: Start(rhs, tableau, carried=carried, weighted=weighted))
 
 
 def _pieces(

@@ -20,7 +20,7 @@ from ..methods import step_constants as gains
 from ..methods.tableau import Tableau
 
 SETTINGS = ("largest step", "direction of time", "rtol", "atol")
-"""Entries of the argument s."""
+"""Entries of the argument s; atol once for each component of the state, where each has its own."""
 
 CONTROL = ("size of the next attempt", "log2 of the previous error", "largest growth")
 """Outputs behind state, size and check; behind them come the slopes of the state, where they are carried."""
@@ -46,14 +46,15 @@ def memory_size(n: int, carried: bool) -> int:
 class Parts(ABC):
     """The parts of a step that are not evaluations of the right-hand side."""
 
-    def __init__(self, rhs: Kernel) -> None:
+    def __init__(self, rhs: Kernel, *, weighted: bool) -> None:
         self.lines, self.n = Lines(), len(rhs.outputs)
         self.y: Vector = names_of("y", self.n)
         self.slopes: dict[int, Vector] = {}
+        self.atol: Vector = names_of("atol", self.n) if weighted else [_ATOL] * self.n
         self.loads: tuple[Load, ...] = (
             Load("t_", "t", None),
             *loads_of(self.y, "y", 0),
-            *loads_of(_SETTINGS, "s", 0),
+            *loads_of((*_SETTINGS[:3], *(self.atol if weighted else [_ATOL])), "s", 0),
         )
 
     @abstractmethod
@@ -77,10 +78,11 @@ class Parts(ABC):
 class Start(Parts):
     """The choice of the first step, from the slopes at the initial state and after a small explicit Euler step."""
 
-    def __init__(self, rhs: Kernel, tableau: Tableau, *, carried: bool) -> None:
-        super().__init__(rhs)
+    def __init__(self, rhs: Kernel, tableau: Tableau, *, carried: bool, weighted: bool = False) -> None:
+        super().__init__(rhs, weighted=weighted)
         self.exponent, self.carried = 1.0 / (tableau.error_order + 1), carried
-        scale = [self.lines.fma(_RTOL, self.lines.op("abs", component), _ATOL) for component in self.y]
+        sizes = [self.lines.op("abs", component) for component in self.y]
+        scale = [self.lines.fma(_RTOL, size, atol) for size, atol in zip(sizes, self.atol, strict=True)]
         self.weights = [self.lines.op("div", 1.0, value) for value in scale]
 
     def stages(self) -> tuple[int, ...]:
@@ -137,8 +139,9 @@ class Attempt(Parts):
         carried: bool,
         dense: bool,
         knots: Kernel | tuple[str, str] | None = None,
+        weighted: bool = False,
     ) -> None:
-        super().__init__(rhs)
+        super().__init__(rhs, weighted=weighted)
         self.tableau, self.carried, self.dense = tableau, carried, dense
         self.unlimited: Operand = 0.0
         self.loads += loads_of(_CONTROL, "y", self.n + 2)
@@ -231,7 +234,7 @@ class Attempt(Parts):
         totals: Vector = [0.0] * len(estimates)
         for i in range(self.n):
             larger = lines.op("max", lines.op("abs", self.y[i]), lines.op("abs", new[i]))
-            scale = lines.op("div", 1.0, lines.fma(_RTOL, larger, _ATOL))
+            scale = lines.op("div", 1.0, lines.fma(_RTOL, larger, self.atol[i]))
             for row, estimate in enumerate(estimates):
                 scaled = lines.mul(estimate[i], scale)
                 totals[row] = lines.fma(scaled, scaled, totals[row])

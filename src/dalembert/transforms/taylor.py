@@ -31,7 +31,11 @@ from .switch_steps import before_switches
 
 STEP_ARGUMENTS = ("t", "y", "c", "s")
 SETTINGS = ("largest step", "direction of time", "scale floor")
-"""Entries of the argument s. The scale floor is atol / rtol, below which a state counts as that large."""
+"""Entries of the argument s. The scale floor is atol / rtol, below which a state counts as that large.
+
+Where each component of the state has an absolute tolerance of its own, atol is the smallest of them, and the weights
+atol / own tolerance of the components follow: errors and magnitudes are compared after they are multiplied by these.
+"""
 
 _GROWTH = 1.6
 """Power of the order with which the time of a step grows. Any from 1.5 to 1.8 is as good at equal error, as measured on
@@ -49,7 +53,7 @@ _FLOOR_SHARE = 3.0
 
 def clipped_tolerance(rtol: float, atol: float) -> float:
     """Return the tolerance that the order of a Taylor step follows: rtol, or atol where there is no rtol."""
-    return min(max(rtol or atol, 1e-18), 0.5)
+    return min(max(rtol or float(atol), 1e-18), 0.5)
 
 
 @lru_cache(maxsize=64)
@@ -108,7 +112,7 @@ SETTING_NAMES = ("largest_", "direction_", "floor_")
 
 def closing_loads(recurrences: Recurrences) -> list[Load]:
     """Return the loads of the end of a step that its series do not need."""
-    loads = [Load(name, "s", i) for i, name in enumerate(SETTING_NAMES)]
+    loads = [Load(name, "s", i) for i, name in enumerate((*SETTING_NAMES, *_weights(recurrences)))]
     if recurrences.step_growth_limited:
         loads.append(Load(PREVIOUS, "y", len(recurrences.states)))
     return [*loads, Load(CLOCK, "t", None)] if recurrences.watched else loads
@@ -127,7 +131,7 @@ def closing(
     Of poles, the first terms and the last two are read; `watched` are the series of `Recurrences.watched`.
     """
     largest, direction, floor = SETTING_NAMES
-    scale = _scale(lines, recurrences, floor)
+    scale, weights = _scale(lines, recurrences, floor), _weights(recurrences)
     radius = _radius(lines, recurrences, rates, order, scale, _orders_read(recurrences, order))
     tables, vanishing, pivots = len(recurrences.tables), len(recurrences.roots), len(recurrences.pivots)
     arguments, roots, others = watched[:tables], watched[tables : tables + vanishing], watched[tables + vanishing :]
@@ -144,15 +148,16 @@ def closing(
     for (_, key), series in zip(recurrences.tables, arguments, strict=True):
         size = within_piece(lines, series, key, order, size, direction)
     tolerance = _FLOOR if order == _FLOOR_ORDER else math.exp(-_GROWTH * (order - 1))
-    size = before_zeros(lines, roots, rates, order, size, direction, scale, tolerance)
-    moving = recurrences.switches, deciding, rates
+    changes = _weighted(lines, rates, weights) if roots or recurrences.switches else rates
+    size = before_zeros(lines, roots, changes, order, size, direction, scale, tolerance)
+    moving = recurrences.switches, deciding, changes
     size = before_switches(lines, *moving, order, size, direction, scale, tolerance)
     if recurrences.controlled:
         begun: dict[Operand, Operand] = {
             name: series[0] for (name, _), series in zip(recurrences.tables, arguments, strict=True)
         }
         begun |= {name: series[0] for name, series in deciding.items()}
-        size = reached(lines, recurrences, rates, order, size, direction, scale, tolerance, begun)
+        size = reached(lines, recurrences, rates, order, size, direction, scale, tolerance, begun, weights)
     size = beside(lines, others[:pivots], order, size, direction)
     h = lines.op("mul", size, direction)
     faithful = order >= FAITHFUL_ORDER
@@ -167,6 +172,18 @@ def closing(
         new.append(lines.add(state, lines.mul(moved, h)))
         check = lines.op("fma", new[-1], 0.0, check)
     return [*new, *recurrences.states[own:], size, check]
+
+
+def _weights(recurrences: Recurrences) -> list[str]:
+    """Return the names of the weights of the components of the state; none where all count alike."""
+    own = len(recurrences.states) - recurrences.events_with_series
+    return [f"weight_{i}_" for i in range(own)] if recurrences.weighted else []
+
+
+def _weighted(lines: Lines, rates: Sequence[Series], weights: Sequence[str]) -> list[Series]:
+    """Return series times the weights of their components; those behind the weights, of events, as they are."""
+    found = [[lines.mul(a, weight) for a in rate] for rate, weight in zip(rates, weights, strict=False)]
+    return [*found, *rates[len(weights) :]]
 
 
 def _polynomial(lines: Lines, coefficients: Series, powers: Sequence[Operand]) -> Operand:
@@ -209,7 +226,8 @@ def _scale(lines: Lines, recurrences: Recurrences, floor: Operand) -> Operand:
     """Return the scale of errors.
 
     It is the largest component that anything depends on, but at least the floor; quadratures count in the error and
-    not in the scale, and an angle counts as two turns at most, however often it has gone round.
+    not in the scale, and an angle counts as two turns at most, however often it has gone round. Components count by
+    their weights, where they have any.
     """
     own = len(recurrences.states) - recurrences.events_with_series
     used = {arg for item in recurrences.items for arg in (item.value if isinstance(item, Integrated) else item).args}
@@ -217,11 +235,13 @@ def _scale(lines: Lines, recurrences: Recurrences, floor: Operand) -> Operand:
     states = recurrences.states[:own]
     scale: list[Operand] = [state for state in states if state in used] or list(states)
     angles = [state for state in scale if state in recurrences.angles]
-    largest = _norm(lines, [state for state in scale if state not in recurrences.angles], floor)
-    if angles:
-        largest = lines.op(
-            "max", largest, lines.op("min", _norm(lines, angles[1:], lines.op("abs", angles[0])), _TURNS)
-        )
+    every: Sequence[Operand] = _weights(recurrences) or [1.0] * own
+    weights = dict(zip(states, every, strict=True))
+    others = [state for state in scale if state not in recurrences.angles]
+    largest = _norm(lines, [lines.mul(state, weights[str(state)]) for state in others], floor)
+    for group in [[angle] for angle in angles] if recurrences.weighted else [angles] if angles else []:
+        turned = lines.op("min", _norm(lines, group[1:], lines.op("abs", group[0])), _TURNS)
+        largest = lines.op("max", largest, lines.mul(turned, weights[str(group[0])]))
     return largest
 
 
@@ -234,10 +254,12 @@ def _radius(
     """
     own = len(recurrences.states) - recurrences.events_with_series
     rates, event_series = rates[:own], rates[own:]
+    weights: Sequence[Operand] = _weights(recurrences) or [1.0] * own
     size = lines.op("rough_log2", scale)
     steps = []
     for k in read:
-        norm = _norm(lines, [coefficient(rate, k - 1) for rate in rates], _LESS)
+        terms = [coefficient(rate, k - 1) for rate in rates]
+        norm = _norm(lines, [lines.mul(*pair) for pair in zip(terms, weights, strict=True)], _LESS)
         if norm != _LESS:
             gap = lines.op("add", lines.op("sub", size, lines.op("rough_log2", norm)), math.log2(k))
             steps.append(lines.mul(gap, 1.0 / k))

@@ -44,20 +44,22 @@ def attempt_assembly(
     carried: bool,
     inline: bool | None = None,
     knots: Kernel | None = None,
+    weighted: bool = False,
 ) -> str:
     """Return a module with the functions ``attempt`` and ``start`` of `dalembert.transforms.runge_kutta`.
 
     `inline` says whether the right-hand side is repeated once a stage; by default, its length decides. Steps end at
-    `knots` of tables.
+    `knots` of tables. Where `weighted`, each component of the state has an absolute tolerance of its own.
     """
     if inline is None:
         inline = len(rhs.body) * (tableau.n_total if dense else tableau.end + 1) <= LARGEST_INLINED
     if inline:
-        attempt = attempt_kernel(rhs, tableau, dense=dense, carried=carried, knots=knots)
-        return assembly([("attempt", attempt), ("start", start_kernel(rhs, tableau, carried=carried))], lanes)
+        attempt = attempt_kernel(rhs, tableau, dense=dense, carried=carried, knots=knots, weighted=weighted)
+        start = start_kernel(rhs, tableau, carried=carried, weighted=weighted)
+        return assembly([("attempt", attempt), ("start", start)], lanes)
     parts = (
-        attempt_pieces(rhs, tableau, dense=dense, carried=carried, knots=knots),
-        start_pieces(rhs, tableau, carried=carried),
+        attempt_pieces(rhs, tableau, dense=dense, carried=carried, knots=knots, weighted=weighted),
+        start_pieces(rhs, tableau, carried=carried, weighted=weighted),
     )
     kernels = [parts[0].rhs, *(kernel for pieces in parts for _, kernel in pieces.stages)]
     kernels += [pieces.finish for pieces in parts]
@@ -116,7 +118,7 @@ class LLVMLibrary(KernelLibrary):
         kernels = ["prepare", "project_position", "project_velocity"]
         texts = []
         if method == "taylor":
-            texts.append(self._taylor_text(order, 1, True))
+            texts.append(self._taylor_text(order, 1, True, False))
         elif method == "radau":
             rates = "stages" if "stages" in self._program else "rhs"
             kernels.insert(1, rates)
@@ -140,10 +142,10 @@ class LLVMLibrary(KernelLibrary):
             return order_loop_assembly(name, known, order, lanes, native_lanes(), dense=dense)
         return series_loop_assembly(name, known, order, lanes, dense=dense)
 
-    def attempt_text(self, tableau: Tableau, lanes: int, *, dense: bool) -> str:
+    def attempt_text(self, tableau: Tableau, lanes: int, *, dense: bool, weighted: bool) -> str:
         """See `KernelLibrary.attempt_text`."""
-        rhs, knots = self._program.kernel("rhs"), self.knots
-        return with_tables(attempt_assembly(rhs, tableau, lanes, dense=dense, carried=self.carried, knots=knots))
+        rhs, about = self._program.kernel("rhs"), {"dense": dense, "carried": self.carried, "weighted": weighted}
+        return with_tables(attempt_assembly(rhs, tableau, lanes, knots=self.knots, **about))
 
     def _load(self, name: str, lanes: int, text: Callable[[], str], functions: tuple[str, ...]) -> Code:
         """See `KernelLibrary._load`."""

@@ -37,7 +37,7 @@ class NumbaLibrary(KernelLibrary):
 
     def _method_texts(self, method: str, order: int) -> list[str]:
         if method == "taylor":
-            return [self._taylor_text(order, 1, True)]
+            return [self._taylor_text(order, 1, True, False)]
         if method == "radau":
             return [self._derivative_text("stages" if "stages" in self._program else "rhs")]
         return []
@@ -69,11 +69,11 @@ class NumbaLibrary(KernelLibrary):
         assert lanes == 1
         return texts.taylor_step(name, known, order, dense=dense)
 
-    def attempt_text(self, tableau: Tableau, lanes: int, *, dense: bool) -> str:
+    def attempt_text(self, tableau: Tableau, lanes: int, *, dense: bool, weighted: bool) -> str:
         """See `KernelLibrary.attempt_text`."""
         assert lanes == 1
-        rhs = self._program.kernel("rhs")
-        return texts.attempt(rhs, tableau, dense=dense, carried=self.carried, knots=self.knots)
+        rhs, about = self._program.kernel("rhs"), {"dense": dense, "carried": self.carried, "weighted": weighted}
+        return texts.attempt(rhs, tableau, knots=self.knots, **about)
 
     def _program_text(self, name: str, lanes: int) -> str:
         """See `KernelLibrary._program_text`."""

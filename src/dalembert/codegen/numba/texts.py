@@ -114,13 +114,22 @@ def taylor_step(name: str, known: Recurrences, order: int, *, dense: bool) -> st
     return render("numba/taylor.py.j2", taylor_loop(name, known, order, dense=dense))
 
 
-def attempt(rhs: Kernel, tableau: Tableau, *, dense: bool, carried: bool, knots: Kernel | None = None) -> str:
+def attempt(
+    rhs: Kernel,
+    tableau: Tableau,
+    *,
+    dense: bool,
+    carried: bool,
+    knots: Kernel | None = None,
+    weighted: bool = False,
+) -> str:
     """Return the functions ``attempt`` and ``start`` of `dalembert.transforms.runge_kutta`."""
+    own = {"carried": carried, "weighted": weighted}
     if len(rhs.body) * (tableau.n_total if dense else tableau.end + 1) <= _LARGEST_INLINED:
-        made = attempt_kernel(rhs, tableau, dense=dense, carried=carried, knots=knots)
-        return joined(kernel("attempt", made), kernel("start", start_kernel(rhs, tableau, carried=carried)))
-    tries = attempt_pieces(rhs, tableau, dense=dense, carried=carried, knots=knots)
-    starts = start_pieces(rhs, tableau, carried=carried)
+        made = attempt_kernel(rhs, tableau, dense=dense, knots=knots, **own)
+        return joined(kernel("attempt", made), kernel("start", start_kernel(rhs, tableau, **own)))
+    tries = attempt_pieces(rhs, tableau, dense=dense, knots=knots, **own)
+    starts = start_pieces(rhs, tableau, **own)
     texts = [kernel(tries.rhs.name, tries.rhs, 1, ("t", "y", "c", "out"))]
     if tries.knots is not None:
         texts.append(kernel(tries.knots.name, tries.knots, 1, ("t", "y", "c", "out")))

@@ -58,6 +58,7 @@ class NumpyEngine(Engine):
         """See `Engine.integrate`."""
         from .solvers import integrate
 
+        problem = problem.with_components(self._program.layout.state)
         if "stages" in self._kernels:
             return self._integrate_stages(problem)
         return integrate(self._stepped(method), method, problem)
@@ -68,7 +69,7 @@ class NumpyEngine(Engine):
 
         if "stages" in self._kernels:
             return super().step_blocks(problem, method)
-        return step_blocks(self._stepped(method), method, problem)
+        return step_blocks(self._stepped(method), method, problem.with_components(self._program.layout.state))
 
     def _stepped(self, method: str) -> Kernels:
         named = self._kernels

@@ -14,7 +14,7 @@ import numpy as np
 from ...arrays import FloatArray
 from ...methods.collocation import ERROR_WEIGHTS, INVERSE_POWERS, METHOD, NODES, REAL
 from ...methods.status import Status
-from ...methods.step_constants import LARGEST_REDUCTION, SAFETY, SMALLEST_SCALE, STRETCH
+from ...methods.step_constants import LARGEST_REDUCTION, SAFETY, STRETCH
 from ...steps.dense_output import PiecewisePolynomial
 from ...steps.problem import IntegrationProblem, Solution
 from ...steps.step_control import smallest_step
@@ -122,7 +122,7 @@ class _ReferenceRun:
         self.states.append(self.y[: self.kept])
 
     def _scale(self, h: float) -> FloatArray:
-        scale = max(self.problem.atol, SMALLEST_SCALE) + self.problem.rtol * np.abs(self.y)
+        scale = self.problem.absolute_tolerances(len(self.y)) + self.problem.rtol * np.abs(self.y)
         scaled: FloatArray = np.where(self.mass > 0.0, scale, scale / min(1.0, abs(h)))
         return scaled
 
@@ -154,7 +154,8 @@ class _ReferenceRun:
         shifted = REAL / h * np.diag(self.mass) - matrix
         part = ERROR_WEIGHTS @ z / h * self.mass
         new: FloatArray = self.y + z[2]
-        scale = max(self.problem.atol, SMALLEST_SCALE) + self.problem.rtol * np.maximum(np.abs(self.y), np.abs(new))
+        larger = np.maximum(np.abs(self.y), np.abs(new))
+        scale = self.problem.absolute_tolerances(len(self.y)) + self.problem.rtol * larger
         try:
             error = np.linalg.solve(shifted, slope + part)
             norm = float(np.sqrt(np.mean((error / scale)[: self.kept] ** 2)))

@@ -17,7 +17,6 @@ import numpy as np
 from ...arrays import FloatArray
 from ...errors import OptionError
 from ...methods.status import Status
-from ...methods.step_constants import SMALLEST_SCALE
 from ...steps.problem import IntegrationProblem, Kernels, Solution
 from ...steps.projection import end_differences
 from ...threads import check
@@ -258,7 +257,7 @@ class _SteppedRun:
         problem = self.problem
         span = abs(problem.t1 - problem.t0)
         method = METHODS[self.method]
-        explicit = method.attempt > 0
+        explicit, atol = method.attempt > 0, problem.absolute_tolerances(len(y0))
         known = {} if explicit or self.kernels.jacobian is None else {"jac": self._calls.jacobian}
         solver = pkgutil.resolve_name(method.place)(
             self._calls.rhs if explicit or self.kernels.tables else self._calls.finite_rhs,
@@ -266,7 +265,7 @@ class _SteppedRun:
             y0,
             problem.t1,
             rtol=problem.rtol,
-            atol=max(problem.atol, SMALLEST_SCALE),
+            atol=float(atol[0]) if problem.allowed is None else atol,
             max_step=problem.max_step,
             first_step=None if problem.first_step is None else min(problem.first_step, span),
             **known,

@@ -17,7 +17,7 @@ from jax import lax
 
 from ...methods.status import RUNNING, Status
 from ...methods.step_constants import ANY_START, REDUCTION_BLIND
-from .step_rules import Projections, Rows, project, smallest_step
+from .step_rules import Projections, Rows, project, smallest_of, smallest_step, weights_of
 
 Function = Callable[..., Rows]
 
@@ -98,7 +98,9 @@ class TaylorAttempts:
     def attempt(self, batch: Batch, t: Any, y: Rows, largest: Any, direction: Any, memory: Any) -> Attempted:
         """Take a step; one that is too small to advance the time is not accepted."""
         most, *told = memory
-        values = self._step(t, (*y, *told), batch.c, (jnp.minimum(largest, most), direction, batch.floor))
+        values = self._step(
+            t, (*y, *told), batch.c, (jnp.minimum(largest, most), direction, batch.floor, *weights_of(batch.atol))
+        )
         size, finite = values[len(y)], values[len(y) + 1] == 0.0
         accepted = finite & ~((size < largest) & (size < smallest_step(t, jnp.abs(batch.t1 - t))))
         memory = (jnp.full_like(most, jnp.inf), size) if self._paced else (jnp.full_like(most, jnp.inf),)
@@ -175,7 +177,7 @@ def advanced(attempts: Attempts, projections: Projections, batch: Batch, goal: A
     largest = jnp.where(running, jnp.minimum(batch.max_step, rest), 0.0)
     found = attempts.attempt(batch, state.t, state.y, largest, direction, state.memory)
     after = jnp.where(found.size == rest, goal, state.t + direction * found.size)
-    new, held = project(projections, after, found.y, batch.c, state.y, (ANY_START, batch.atol))
+    new, held = project(projections, after, found.y, batch.c, state.y, (ANY_START, smallest_of(batch.atol)))
     moved = running & found.accepted & held
     t = jnp.where(moved, after, state.t)
     tried = state.attempts + running

@@ -26,7 +26,7 @@ from ...methods.tableau import Tableau
 from .lanes import Attempted, Batch, Sides
 from .mesh_axes import varying_like
 from .precision import contracted, precision_of, product
-from .step_rules import Rows, limit_at_knots
+from .step_rules import Rows, limit_at_knots, of_rows
 
 _ITERATIONS = 20
 _STALLED = 0.9
@@ -212,7 +212,7 @@ class PairAttempts:
         """Return the memory before the first step, whose size is that of Hairer, Norsett, Wanner, section II.4."""
         t, y = batch.t0, batch.y
         first = slopes_of(self._rhs, t, y, batch.c)
-        scales = [1.0 / (batch.rtol * jnp.abs(a) + batch.atol) for a in y]
+        scales = [1.0 / (batch.rtol * jnp.abs(a) + atol) for a, atol in zip(y, of_rows(batch.atol, y), strict=True)]
 
         def norm(values: Rows) -> Any:
             return jnp.sqrt(_mean(tuple((v * s) ** 2 for v, s in zip(values, scales, strict=True)), t))
@@ -246,7 +246,8 @@ class PairAttempts:
         size = jnp.where(largest <= proposed * precision_of(t).stretch, largest, proposed)
         h = direction * size
         if self._tableau.implicit:
-            rates, scales = partial(slopes_of, self._rhs), tuple(batch.atol + batch.rtol * jnp.abs(a) for a in y)
+            rates, own = partial(slopes_of, self._rhs), of_rows(batch.atol, y)
+            scales = tuple(atol + batch.rtol * jnp.abs(a) for a, atol in zip(y, own, strict=True))
             slopes = implicit_slopes(rates, self._tableau, (t, y), h, batch.c, first, scales)
         else:
             slopes = self._slopes(self._rhs, self._tableau, self._stages, (t, y), h, batch.c, first)
@@ -275,7 +276,8 @@ class PairAttempts:
     def _error(self, batch: Batch, y: Rows, new: Rows, slopes: Rows, size: Any) -> Any:
         """Return the RMS norm of the error over the tolerances (see `Tableau.error`)."""
         scales = [
-            1.0 / (batch.atol + batch.rtol * jnp.maximum(jnp.abs(a), jnp.abs(b))) for a, b in zip(y, new, strict=True)
+            1.0 / (atol + batch.rtol * jnp.maximum(jnp.abs(a), jnp.abs(b)))
+            for a, b, atol in zip(y, new, of_rows(batch.atol, y), strict=True)
         ]
 
         def norm(row: Any) -> Any:

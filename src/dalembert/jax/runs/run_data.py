@@ -81,6 +81,7 @@ class RunPieces:
 class Limits:
     """Tolerances, the least scale of Taylor steps, the largest step, and how many steps may be attempted.
 
+    `atol` is one number, or an array (n_y,) where each component of the state has its own.
     They may be traced, in runs that are not differentiated.
     """
 

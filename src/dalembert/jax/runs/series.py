@@ -13,6 +13,7 @@ from jax import lax
 
 from ...methods.status import RUNNING, Status
 from ...methods.step_constants import REDUCTION_BLIND
+from ...options import component_tolerances
 from ...steps.problem import IntegrationProblem, Solution
 from ...transforms.taylor import scale_floor
 from .precision import compiled, double_precision
@@ -28,7 +29,7 @@ BLOCK_STEPS = 64
 
 @final
 class _Span(NamedTuple):
-    """Inputs of a run: ends of time, its direction, the largest step, the scale floor, constants, tolerances."""
+    """Inputs of a run: ends of time, its direction, largest step, scale floor, constants, tolerances, weights."""
 
     t0: Any
     t1: Any
@@ -38,6 +39,7 @@ class _Span(NamedTuple):
     c: Any
     rtol: Any
     atol: Any
+    weights: tuple[Any, ...]
 
 
 @final
@@ -98,7 +100,7 @@ def _after_step(
     n, order = len(block.state), block.increments.shape[1]
     exponents = jnp.arange(1, order + 1)[:, None]
     rest = jnp.abs(span.t1 - block.now)
-    settings = (jnp.minimum(jnp.minimum(rest, span.max_step), block.most), span.direction, span.floor)
+    settings = (jnp.minimum(jnp.minimum(rest, span.max_step), block.most), span.direction, span.floor, *span.weights)
     known = jnp.append(block.state, block.before) if step_growth_limited else block.state
     values = jnp.stack([jnp.asarray(v, dtype=float) for v in step(block.now, known, span.c, settings)])
     size, finite = values[n], values[n + 1] == 0.0
@@ -154,6 +156,7 @@ class TaylorIntegrator:
     def __call__(self, problem: IntegrationProblem) -> Solution:
         """Integrate a problem; numerical failure is the solution's status, never an exception."""
         record = BlockRecord(problem, np.eye(self._order), self._kernels.program)
+        own = component_tolerances(problem.atol, self._kernels.program.layout.state)
         span = _Span(
             np.float64(problem.t0),
             np.float64(problem.t1),
@@ -163,6 +166,7 @@ class TaylorIntegrator:
             np.array(problem.constants, dtype=np.float64),
             np.float64(problem.rtol),
             np.float64(problem.atol),
+            () if own is None else tuple(problem.atol / own),
         )
         t, before, y = span.t0, np.float64(0.0), np.array(problem.y0, dtype=np.float64)
         status = RUNNING if np.all(np.isfinite(y)) and np.all(np.isfinite(span.c)) else int(Status.NON_FINITE)

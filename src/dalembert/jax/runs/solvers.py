@@ -7,7 +7,7 @@ compiled anew for a longer span, other tolerances or other times to evaluate.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, final
@@ -23,11 +23,12 @@ from ...ir.interpret import interpret_rows
 from ...methods.status import Status
 from ...methods.step_constants import ANY_START
 from ...once import once
+from ...options import component_tolerances
 from ...steps.problem import IntegrationProblem, Solution
 from .control import Control, StepController, projecting
 from .precision import compiled, double_precision
 from .record import BlockRecord
-from .step_rules import limit_at_knots
+from .step_rules import limit_at_knots, smallest_of
 
 if TYPE_CHECKING:
     from .kernels import ArrayKernels
@@ -122,7 +123,7 @@ def solver_for(kernels: ArrayKernels, method: str) -> Any:
         return solver
 
     def project(t: Any, y: Any, before: Any, settings: SolverSettings) -> Any:
-        tolerances = ANY_START, settings.atol
+        tolerances = ANY_START, smallest_of(settings.atol)
         return kernels.project(settings.direction * t, y, settings.constants, before, tolerances)
 
     return projecting(solver, project)
@@ -215,14 +216,15 @@ def _weights(method: str) -> FloatArray:
     return np.asarray(np.linalg.solve(powers, samples / theta[:, np.newaxis]).T, dtype=np.float64)
 
 
-def _settings(problem: IntegrationProblem, direction: float) -> SolverSettings:
+def _settings(problem: IntegrationProblem, direction: float, names: Sequence[str]) -> SolverSettings:
+    own = component_tolerances(problem.atol, names)
     return SolverSettings(
         direction=np.float64(direction),
         t0=np.float64(direction * problem.t0),
         t1=np.float64(direction * problem.t1),
         constants=np.array(problem.constants, dtype=np.float64),
         rtol=np.float64(problem.rtol),
-        atol=np.float64(problem.atol),
+        atol=np.float64(problem.atol) if own is None else own,
         first_step=np.float64(problem.first_step or 0.0),
         max_step=np.float64(problem.max_step),
     )
@@ -266,7 +268,7 @@ class Integrator:
         """Integrate a problem; numerical failure is the solution's status, never an exception."""
         projected = self._kernels.projected
         record = BlockRecord(problem, _weights(self._method), self._kernels.program)
-        settings = _settings(problem, record.direction)
+        settings = _settings(problem, record.direction, self._kernels.program.layout.state)
         with double_precision():
             start = self._begin(settings, np.array(problem.y0, dtype=np.float64), np.int64(problem.max_steps))
             point, finite = jax.device_get(start)

@@ -81,6 +81,24 @@ def _largest_change(magnitude: Any, rtol: Any, atol: Any) -> Any:
     return jnp.minimum(BRANCH * magnitude, energy) + ADMITTED_ENERGY**0.5 * atol
 
 
+def smallest_of(atol: Any) -> Any:
+    """Return the smallest absolute tolerance, of one for all components or of one each."""
+    return jnp.min(atol) if jnp.ndim(atol) else atol
+
+
+def of_rows(atol: Any, y: Rows) -> Rows:
+    """Return the absolute tolerance of each row of a state, which has all components or one."""
+    return (atol,) * len(y) if jnp.ndim(atol) == 0 or len(y) == 1 else tuple(atol[i] for i in range(len(y)))
+
+
+def weights_of(atol: Any) -> Rows:
+    """Return what Taylor steps read of absolute tolerances besides the smallest (`transforms.taylor.SETTINGS`)."""
+    if jnp.ndim(atol) == 0:
+        return ()
+    smallest = smallest_of(atol)
+    return tuple(smallest / atol[i] for i in range(len(atol)))
+
+
 def smallest_step(t: Any, rest: Any) -> Any:
     """Return the size below which a step does not advance the time; ``rest`` is the time that is left."""
     return precision_of(t).smallest_of_time * jnp.abs(t) + SMALLEST_OF_REST * rest
