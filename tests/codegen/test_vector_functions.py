@@ -11,10 +11,11 @@ from dalembert.codegen.llvm.assembly import assembly, compile_object, load_objec
 from dalembert.codegen.llvm.target import native_lanes
 from dalembert.ir.interpret import interpret
 from dalembert.ir.kernel import Assignment, Kernel, Load
-from dalembert.ir.ops import ALL_OPERATIONS, TABLE_OPERATIONS
+from dalembert.ir.ops import ALL_OPERATIONS, CALL_OPERATIONS, TABLE_OPERATIONS
 
 LANES = (1, 2, 4)
-NUMERICAL = [name for name in ALL_OPERATIONS if name not in TABLE_OPERATIONS]  # those of tables have tests of their own
+# those of tables and compiled functions have tests of their own
+NUMERICAL = [name for name in ALL_OPERATIONS if name not in TABLE_OPERATIONS | CALL_OPERATIONS]
 REPEATED = (1, native_lanes())
 
 

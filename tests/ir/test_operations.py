@@ -10,7 +10,7 @@ from dalembert.codegen.printers import JAX, NUMPY, PRINTERS, PYTHON
 from dalembert.ir import ieee
 from dalembert.ir.interpret import ARRAY_OPERATIONS, interpret, interpret_rows
 from dalembert.ir.kernel import Assignment, Kernel, Load, count_operations, describe_counts
-from dalembert.ir.ops import OPERATIONS, TABLE_OPERATIONS
+from dalembert.ir.ops import CALL_OPERATIONS, OPERATIONS, TABLE_OPERATIONS
 from dalembert.transforms.derivatives import RULES
 from ir.trees import EXTENDED
 
@@ -27,7 +27,8 @@ TABLES = {
 @pytest.mark.parametrize("table", TABLES)
 def test_table_covers_every_operation_and_no_other(table):
     on_tables = {"derivatives": {"table", "surface", "piece", "entry"}, "extended precision (tests)": set()}
-    assert set(TABLES[table]) == set(OPERATIONS) | on_tables.get(table, {"piece", "entry"})
+    calls = set() if table in ("extended precision (tests)", "printer jax") else set(CALL_OPERATIONS)  # jax refuses
+    assert set(TABLES[table]) == set(OPERATIONS) | on_tables.get(table, {"piece", "entry"}) | calls
     assert on_tables["derivatives"] == set(TABLE_OPERATIONS)
 
 

@@ -15,7 +15,7 @@ import dalembert as da
 from dalembert.errors import FormulationError, ProgramTextError
 from dalembert.ir.conditions import NARROW, WHOLE, ZERO, Conditions
 from dalembert.ir.kernel import Assignment, Kernel, Load
-from dalembert.ir.ops import ALL_OPERATIONS, TABLE_OPERATIONS
+from dalembert.ir.ops import ALL_OPERATIONS, CALL_OPERATIONS, TABLE_OPERATIONS
 from dalembert.ir.program import Layout, Program
 from dalembert.lowering.programs import lower
 from dalembert.mechanics.derive import derive
@@ -163,7 +163,7 @@ OPERANDS = st.one_of(NAMES, LITERALS)
 
 @st.composite
 def assignments(draw):
-    op = draw(st.sampled_from(sorted(ALL_OPERATIONS.keys() - TABLE_OPERATIONS)))
+    op = draw(st.sampled_from(sorted(ALL_OPERATIONS.keys() - TABLE_OPERATIONS - CALL_OPERATIONS.keys())))
     return Assignment(draw(NAMES), op, tuple(draw(OPERANDS) for _ in range(ALL_OPERATIONS[op].arity)))
 
 

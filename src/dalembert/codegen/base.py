@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar, final
 
-from ..errors import FormulationError
+from ..errors import FormulationError, list_names
+from ..ir.calls import function_of
+from ..ir.kernel import calls_in
 from ..ir.program import Program
 from ..once import once_property
 from .engine import Engine
@@ -77,8 +79,10 @@ class Backend(ABC):
         FormulationError
             Where there is none.
         """
-        if "stages" not in program:
+        if "stages" not in program and not calls_in(program.kernel("rhs")):
             return self.methods
+        if "stages" not in program:
+            return {name: text for name, text in self.methods.items() if name not in self.series}
         if not self.for_stages:
             raise FormulationError(
                 f"the {self.name} backend has no implicit method for the formulation {program.formulation!r} of"
@@ -90,6 +94,9 @@ class Backend(ABC):
         """Return why a method does not integrate a program; empty where nothing is known against it."""
         if method not in self.methods:
             return ""
+        if calls_in(program.kernel("rhs")) and method in self.series:
+            names = list_names(repr(function_of(key).name) for key in calls_in(program.kernel("rhs")))
+            return f"{method!r} takes power series, and compiled functions ({names}) have none"
         return f"{method!r} cannot solve for the multipliers that {program.formulation!r} has in its stages"
 
     @abstractmethod

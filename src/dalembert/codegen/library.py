@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
-from ..ir.kernel import Kernel
+from ..ir.kernel import Kernel, calls_in
 from ..ir.program import Program
 from ..methods.tableau import Tableau
 from ..once import BoundedTable, computed_once, once_property
@@ -213,6 +213,8 @@ class KernelLibrary(ABC):
 
     def passes_lost_ranks(self, order: int) -> bool:
         """Return whether constraints may lose rank, and Taylor steps, which pass there, are compiled in seconds."""
+        if calls_in(self._program.kernel("rhs")):
+            return False
         smooth = not self.nonsmooth and not self.singular_at_rest
         return bool(self._recurrences.pivots) and smooth and self.series_lines(order) <= _LARGEST_REPEATED
 
@@ -296,7 +298,7 @@ def has_jacobian(kernel: Kernel) -> bool:
 def derivative_of(kernel: Kernel) -> tuple[str, Kernel]:
     """Return the derivative of a kernel by all of its state, and whether it is a "jacobian" or a "tangent"."""
     whole = has_jacobian(kernel)
-    derivative = (jacobian_kernel if whole else tangent_kernel)(kernel, len(kernel.outputs))
+    derivative = (jacobian_kernel if whole else tangent_kernel)(kernel, len(kernel.outputs), exact=False)
     return _DERIVATIVES[whole], replace(derivative, arguments=STEP_ARGUMENTS)
 
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import final
 
+from ..ir.calls import CALLS
 from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..ir.ops import TABLE_OPERATIONS
 from ..transforms.nonsmooth import only_in_branches
@@ -64,7 +65,9 @@ class Printer:
 
     def expression(self, op: str, *operands: str) -> str:
         """Return an operation on operands that are printed; names of tables are whole numbers."""
-        if op in TABLE_OPERATIONS:
+        if op in CALLS:
+            operands = (*operands[:-1], str(int(float(operands[-1]))))
+        elif op in TABLE_OPERATIONS:
             operands = (operands[0], *(str(int(float(number))) for number in operands[1:]))
         return self.formats[op].format(*operands)
 
@@ -133,6 +136,7 @@ PYTHON = Printer(
         "select": "({1} if {0} != 0.0 else {2})",
         "piece": "tables.piece({}, {})",
         "entry": "tables.entry({}, {}, {})",
+        **{op: f"calls.call({', '.join(['{}'] * (count + 1))})" for op, count in CALLS.items()},
     },
 )
 """Scalar Python with the ``math`` module, and `dalembert.ir.tables`."""
@@ -150,6 +154,7 @@ NUMBA = Printer(
         "select": "_select({}, {}, {})",
         "piece": "_piece_{1}({0})",
         "entry": "_table_{1}_{2}(int({0}))",
+        **{op: f"_call_{{{n}}}({', '.join(f'{{{i}}}' for i in range(n))})" for op, n in CALLS.items()},
         "fma": "_fma({}, {}, {})",
         "rough_log2": "_rough_log2({})",
         "rough_exp2": "_rough_exp2({})",
@@ -165,6 +170,7 @@ NUMPY = Printer(
         "floor": "math.floor({})",
         "piece": "math.piece({}, {})",
         "entry": "math.entry({}, {}, {})",
+        **{op: f"math.call({', '.join(['{}'] * (count + 1))})" for op, count in CALLS.items()},
     },
 )
 """Scalar Python on `dalembert.ir.ieee`, which it imports as ``math``."""

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .calls import CALLS, generic_call
 from .node import Node, UnitName
 from .ops import GRAPH_OPERATIONS
 
@@ -204,6 +205,25 @@ def _surface(x: Probed, y: Probed, key: Probed, i: Probed, j: Probed) -> Probed:
     return _rounded(at(0, 0), np.abs(at(1, 0)) * x[1] + np.abs(at(0, 1)) * y[1])
 
 
+_STEP = 1e-6
+"""Step of differences of calls."""
+
+
+def _called(*operands: Probed) -> Probed:
+    """Return a call: at random points, differences say how errors of arguments change it."""
+    *args, key = operands
+
+    def at(points: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+        return np.array([generic_call(*row) for row in zip(*points, key[0], strict=True)])
+
+    points = [arg[0] for arg in args]
+    value, error = at(points), np.zeros(len(key[0]))
+    for place, arg in enumerate(args):
+        moved = [*points[:place], points[place] + _STEP, *points[place + 1 :]]
+        error = error + np.abs(at(moved) - value) / _STEP * arg[1]
+    return _rounded(value, error)
+
+
 _RULES: dict[str, Callable[..., Probed]] = {
     "add": _sum,
     "sub": lambda a, b: _sum(a, (-b[0], b[1])),
@@ -231,4 +251,5 @@ _RULES: dict[str, Callable[..., Probed]] = {
     },
     "table": _table,
     "surface": _surface,
+    **dict.fromkeys(CALLS, _called),
 }

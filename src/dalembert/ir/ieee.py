@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from .calls import call as call
 from .tables import entry as entry
 from .tables import piece as piece
 

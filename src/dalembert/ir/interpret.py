@@ -9,6 +9,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from .calls import CALLS, array_call
 from .kernel import Kernel
 from .ops import ALL_OPERATIONS
 from .tables import array_entry, array_piece
@@ -83,6 +84,7 @@ ARRAY_OPERATIONS: dict[str, Callable[..., Any]] = {
     "select": lambda c, a, b: np.where(c != 0.0, a, b),
     "piece": array_piece,
     "entry": array_entry,
+    **dict.fromkeys(CALLS, array_call),
 }
 """The operations on arrays of many states at once; those on tables that kernels have are among them."""
 

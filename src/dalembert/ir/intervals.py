@@ -14,6 +14,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from .bounds import Bounds, arc_slope, cosine, even, hull, one_plus, plus, reciprocal, root, sine, square, times, wider
+from .calls import CALLS
 from .interpret import ARRAY_OPERATIONS
 from .tables import array_piece, numbers_of
 
@@ -203,6 +204,13 @@ _log = _monotone(np.log, lambda a: (1.0 / a[1], np.where(a[0] > 0.0, 1.0 / a[0],
 _asin = _monotone(lambda x: np.arcsin(np.clip(x, -1.0, 1.0)), arc_slope)
 _atan = _monotone(np.arctan, lambda a: reciprocal(one_plus(square(a))))
 
+
+def _unknown(*args: Interval) -> Interval:
+    """Return what is known of the value of a call: nothing."""
+    far = np.full(np.broadcast_shapes(*(np.shape(_of(arg).low) for arg in args)), np.inf)
+    return Interval(-far, far, -far, far)
+
+
 _RULES: dict[str, Callable[..., Interval]] = {
     "add": _add,
     "sub": lambda a, b: _add(a, _neg(b)),
@@ -233,6 +241,7 @@ _RULES: dict[str, Callable[..., Interval]] = {
     "select": _select,
     "piece": lambda x, key: _stepped(lambda end: array_piece(end, _number(key)))(x),
     "entry": _entry,
+    **dict.fromkeys(CALLS, _unknown),
 }
 
 

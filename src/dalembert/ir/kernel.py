@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NoReturn, final
 
+from .calls import CALLS
 from .notation import Reader, one_line, operand_text, operation_text, word
 from .ops import ALL_OPERATIONS
 
@@ -152,6 +153,11 @@ def count_operations(kernel: Kernel) -> Counter[str]:
         counts[line.op] += 1
         counts["flops"] += operation.flops
     return counts
+
+
+def calls_in(kernel: Kernel) -> list[int]:
+    """Return the keys of the functions that a kernel calls (`dalembert.ir.calls`), each once."""
+    return list(dict.fromkeys(int(float(line.args[-1])) for line in kernel.body if line.op in CALLS))
 
 
 def describe_counts(kernel: Kernel) -> str:

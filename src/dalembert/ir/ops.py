@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from . import ieee, surfaces, tables
+from . import calls, ieee, surfaces, tables
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,14 +103,24 @@ TABLE_OPERATIONS: dict[str, Operation] = {
 `dalembert.ir.tables` and `dalembert.ir.surfaces`). Kernels have pieces and entries in place of ``table`` and
 ``surface``, which at random points are functions of which nothing is known."""
 
-TABLE_ARGUMENTS: dict[str, int] = {name: 2 if name == "surface" else 1 for name in TABLE_OPERATIONS}
-"""Number of operands that are values, of each operation on tables."""
+TABLE_ARGUMENTS: dict[str, int] = {name: 2 if name == "surface" else 1 for name in TABLE_OPERATIONS} | calls.CALLS
+"""Number of operands that are values, of each operation on tables, and of each call."""
 
-GRAPH_OPERATIONS: dict[str, Operation] = OPERATIONS | TABLE_OPERATIONS
+CALL_OPERATIONS: dict[str, Operation] = {
+    name: Operation(name, count + 1, 30.0, 0, calls.generic_call) for name, count in calls.CALLS.items()
+}
+"""Calls of compiled functions, whose last operand is the number of the function (see `dalembert.ir.calls`); at random
+points they are functions of which nothing is known."""
 
-OSCILLATING_OPERATIONS = frozenset({"sin", "cos", "tan", *TABLE_OPERATIONS})
+GRAPH_OPERATIONS: dict[str, Operation] = OPERATIONS | TABLE_OPERATIONS | CALL_OPERATIONS
+
+OSCILLATING_OPERATIONS = frozenset({"sin", "cos", "tan", *TABLE_OPERATIONS, *CALL_OPERATIONS})
 """Operations that may oscillate while their operand only grows."""
 """Everything that a graph may contain."""
 
-ALL_OPERATIONS: dict[str, Operation] = GRAPH_OPERATIONS | STEP_OPERATIONS
+ALL_OPERATIONS: dict[str, Operation] = (
+    GRAPH_OPERATIONS
+    | STEP_OPERATIONS
+    | {name: replace(operation, evaluate=calls.call) for name, operation in CALL_OPERATIONS.items()}
+)
 """Everything that a kernel may contain."""

@@ -13,7 +13,9 @@ from ..codegen.base import Backend, Capability, RenderedModule
 from ..codegen.engine import Engine
 from ..codegen.runs import HostedRuns, Prepared
 from ..codegen.step_blocks import growing_step_blocks
-from ..errors import MissingExtraError
+from ..errors import CapabilityError, MissingExtraError, list_names
+from ..ir.calls import function_of
+from ..ir.kernel import calls_in
 from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseBlock
 from ..methods.traced import TRACED
@@ -208,6 +210,17 @@ class JaxBackend(Backend):
     def methods(self) -> Mapping[str, str]:
         """See `Backend.methods`."""
         return {name: method.description for name, method in TRACED.items()}
+
+    def serving(self, program: Program) -> Mapping[str, str]:
+        """See `Backend.serving`; an error for programs that call compiled functions."""
+        called = dict.fromkeys(key for kernel in program for key in calls_in(kernel))
+        if called:
+            names = list_names(repr(function_of(key).name) for key in called)
+            raise CapabilityError(
+                f"the backend 'jax' traces programs, and cannot look into compiled functions ({names}) of scene"
+                f' {program.name!r}: write them in SymPy or as da.table, or take backend="llvm" or "numba"'
+            )
+        return super().serving(program)
 
     def render(self, program: Program) -> RenderedModule:
         """See `Backend.render`."""

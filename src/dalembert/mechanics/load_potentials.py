@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import final
 
+from ..ir.calls import CALLS
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph
 from ..ir.node import Node
@@ -141,7 +142,7 @@ class _Search(LoadReader):
         potential: Node | None = None
         if all(power.is_zero for power in powers):
             potential = g.zero
-        elif len(g.nodes) < _SIZE:
+        elif len(g.nodes) < _SIZE and not any(node.op in CALLS for node in g.topological(powers)):
             least: int | None = None
             for candidate in chain(() if states else known, self._candidates(loads, powers)):
                 if self._verified(candidate, powers):

@@ -1,6 +1,7 @@
 """Scenes as users write them, and their reading onto the expression graph."""
 
 from .closures import Closure
+from .compiled_functions import compiled
 from .contact_geometry import BoxPlane, DiscPlane, PointPlane, SpherePlane
 from .contact_spheres import SphereInBowl, SphereInCylinder, SphereSphere
 from .contacts import CoulombFriction, UnilateralContact
@@ -33,6 +34,7 @@ __all__ = [
     "Stop",
     "UnilateralContact",
     "Unknown",
+    "compiled",
     "free_orientation",
     "table",
     "unknowns",

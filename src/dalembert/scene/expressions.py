@@ -20,6 +20,7 @@ from ..ir.node import Node
 from ..naming import unwritable
 from ..transforms.conditions import Condition
 from ..transforms.derivatives import tangents
+from .compiled_functions import CompiledCall
 from .elapsed import ElapsedTime
 from .joints import Unknown
 from .table_functions import TableFunction, outside
@@ -186,6 +187,8 @@ class ExpressionReader:
             return self._derivative(e)
         if isinstance(e, TableFunction):
             return self._table(e)
+        if isinstance(e, CompiledCall):
+            return g.call(e.function.op, *map(self._read, e.values), g.const(e.function.key))
         if isinstance(e, sp.Subs) and isinstance(e.expr, sp.Derivative) and isinstance(e.expr.expr, AppliedUndef):
             return self.fault(self._undefined(e.expr.expr.subs(dict(zip(e.variables, e.point, strict=True)))))
         if isinstance(e, AppliedUndef):

@@ -8,11 +8,16 @@ from typing import Any, ClassVar, final
 
 import sympy as sp
 
+from ..ir.calls import array_call
 from ..ir.surfaces import Surface, array_surface, surface_value
 from ..ir.tables import Table, array_value, registered, value
 
-TABLE_CALLS: dict[str, Callable[..., Any]] = {"table_value": array_value, "surface_value": array_surface}
-"""Functions of arrays that `TableFunction.call` calls, by their names in generated text."""
+TABLE_CALLS: dict[str, Callable[..., Any]] = {
+    "table_value": array_value,
+    "surface_value": array_surface,
+    "compiled_value": array_call,
+}
+"""Functions of arrays that `TableFunction.call` and `CompiledCall.call` call, by their names in generated text."""
 
 
 @final

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from ..scene.compiled_functions import CompiledCall
 from ..scene.table_functions import TABLE_CALLS, TableFunction
 
 _CALLS = {
@@ -61,7 +62,7 @@ def _written(expression: Any, names: dict[Any, str], lines: list[str]) -> str:
         if e in names:
             stack.pop()
             continue
-        parts = e.values if isinstance(e, TableFunction) else e.args
+        parts = e.values if isinstance(e, TableFunction | CompiledCall) else e.args
         pending = [part for part in parts if part not in names] if not e.is_number else []
         if pending:
             stack.extend(pending)
@@ -84,7 +85,7 @@ def _number(e: Any) -> str:
 
 
 def _line(e: Any, parts: list[str]) -> str:
-    if isinstance(e, TableFunction):
+    if isinstance(e, TableFunction | CompiledCall):
         return e.call(*parts)
     if e.is_Add:
         return " + ".join(parts)

@@ -10,6 +10,7 @@ import numpy as np
 import sympy as sp
 
 from ..arrays import FloatArray
+from ..scene.compiled_functions import CompiledCall
 from .energy import readable
 from .numeric import TOLERANCE, null_basis, rank
 
@@ -210,7 +211,7 @@ def _potential(loads: Sequence[Any], coordinates: Sequence[Any], time: Any) -> A
         return sp.S.Zero
     names = [sp.Symbol(f"q_{i}", real=True) for i in range(len(coordinates))]
     table = dict(zip(coordinates, names, strict=True))
-    if any(e.has(sp.Derivative) for e in loads):
+    if any(e.has(sp.Derivative, CompiledCall) for e in loads):
         return None
     plain = [e.xreplace(table) for e in loads]
     if any(e.has(time) or e.count_ops() > 200 for e in plain):

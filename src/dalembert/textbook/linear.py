@@ -14,6 +14,7 @@ from typing import Any, final
 import sympy as sp
 from sympy.polys.fields import sfield
 
+from ..scene.compiled_functions import CompiledCall
 from ..scene.identity import vanishes
 from ..scene.table_functions import TableFunction
 
@@ -38,7 +39,7 @@ class Field:
         table: dict[Any, Any] = {}
         for u, angle in self._angles.items():
             table[sp.sin(angle)], table[sp.cos(angle)] = 2 * u / (1 + u**2), (1 - u**2) / (1 + u**2)
-        kinds = (sp.Derivative, sp.core.function.AppliedUndef, TableFunction)
+        kinds = (sp.Derivative, sp.core.function.AppliedUndef, TableFunction, CompiledCall)
         found = {a for e in plain for a in e.xreplace(table).atoms(*kinds)}
         rates = sorted(found, key=lambda a: (not isinstance(a, sp.Derivative), sp.default_sort_key(a)))
         leaves = {leaf: sp.Symbol(f"v_{i}") for i, leaf in enumerate(rates)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
+from ..ir.calls import CALLS, function_of
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..ir.surfaces import surface_of
@@ -60,6 +61,33 @@ def _surface(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
     return total
 
 
+def _call(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
+    *values, key = node.args
+    function, total = function_of(key.number), graph.zero
+    for place, rate in enumerate(tangent[:-1]):
+        if not rate.is_zero:
+            total = total + graph.call(node.op, *values, graph.const(function.slope(place).key)) * rate
+    return total
+
+
+_REACH = 6e-6
+"""Share of an argument, or of 1, for central differences: the third root of the spacing of doubles."""
+
+
+def _difference(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
+    *values, key = node.args
+    if function_of(key.number).slopes:
+        return _call(graph, node, tangent)
+    total = graph.zero
+    for place, (x, rate) in enumerate(zip(values, tangent, strict=False)):
+        if rate.is_zero:
+            continue
+        h = graph.const(_REACH) * graph.call("max", graph.one, graph.call("abs", x))
+        above, below = (graph.call(node.op, *values[:place], at, *values[place + 1 :], key) for at in (x + h, x - h))
+        total = total + (above - below) / (2 * h) * rate
+    return total
+
+
 def _atan2(graph: Graph, node: Form, tangent: tuple[Node, ...]) -> Node:
     y, x = node.args
     return (x * tangent[0] - y * tangent[1]) / (x * x + y * y)
@@ -97,6 +125,7 @@ RULES: dict[str, Rule] = {
     "surface": _surface,
     "piece": _piecewise_zero,
     "entry": _piecewise_zero,
+    **dict.fromkeys(CALLS, _call),
 }
 """The derivative of each operation: (graph, node, tangents of its operands) -> tangent of the node.
 
@@ -112,6 +141,9 @@ def _zero_where(test: Callable[[Graph, Form], Node], rule: Rule) -> Rule:
 
     return guarded
 
+
+APPROXIMATE: dict[str, Rule] = RULES | dict.fromkeys(CALLS, _difference)
+"""`RULES` for matrices that need not be exact: calls without known derivatives have differences."""
 
 GUARDED: dict[str, Rule] = RULES | {
     "sqrt": _zero_where(lambda g, n: n.args[0], RULES["sqrt"]),
@@ -189,7 +221,9 @@ def cotangents(
     return [found.get(source.index, graph.zero) for source in inputs]
 
 
-def jacobian(graph: Graph, outputs: Sequence[Node], inputs: Sequence[Node]) -> list[list[Node]]:
+def jacobian(
+    graph: Graph, outputs: Sequence[Node], inputs: Sequence[Node], rules: Mapping[str, Rule] = RULES
+) -> list[list[Node]]:
     """Return the matrix of partial derivatives, one row an output, one column an input."""
-    columns = [tangents(graph, outputs, {source: graph.one}) for source in inputs]
+    columns = [tangents(graph, outputs, {source: graph.one}, rules) for source in inputs]
     return [[column[row] for column in columns] for row in range(len(outputs))]

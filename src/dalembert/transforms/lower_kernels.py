@@ -18,6 +18,7 @@ from typing import final
 
 from ..errors import ExpressionError
 from ..ir.accuracy import Probed, loses, probed, probed_form
+from ..ir.calls import CALLS, call
 from ..ir.graph import Graph
 from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..ir.node import Node
@@ -251,7 +252,11 @@ def _kernel(
     return Kernel(name, arguments, tuple(loads), tuple(body), outputs)
 
 
-_EXACT: dict[str, Callable[..., float]] = {"table": table_value, "surface": surface_value}
+_EXACT: dict[str, Callable[..., float]] = {
+    "table": table_value,
+    "surface": surface_value,
+    **dict.fromkeys(CALLS, call),
+}
 
 
 def _literal(node: Node, args: list[Operand]) -> float:

@@ -13,11 +13,11 @@ from typing import final
 from ..ir.graph import Graph
 from ..ir.kernel import Kernel, Operand
 from ..ir.node import Node
-from .derivatives import GUARDED, cotangents, jacobian, tangents
+from .derivatives import APPROXIMATE, GUARDED, RULES, cotangents, jacobian, tangents
 from .lower_kernels import lower_kernel
 
 
-def jacobian_kernel(kernel: Kernel, size: int, array: str = "y") -> Kernel:
+def jacobian_kernel(kernel: Kernel, size: int, array: str = "y", *, exact: bool = True) -> Kernel:
     """Return the kernel of the partial derivatives of all outputs by the entries of an argument.
 
     Parameters
@@ -28,6 +28,8 @@ def jacobian_kernel(kernel: Kernel, size: int, array: str = "y") -> Kernel:
         Length of the argument.
     array : str
         Name of the argument; "t", the time, has size 1.
+    exact : bool
+        Whether calls of functions whose derivatives are not known are errors; else they have differences.
 
     Returns
     -------
@@ -36,19 +38,24 @@ def jacobian_kernel(kernel: Kernel, size: int, array: str = "y") -> Kernel:
     """
     parsed = _parse(kernel)
     sources = [parsed.source(array, i) for i in range(size)]
-    rows = jacobian(parsed.graph, parsed.outputs, sources)
+    rows = jacobian(parsed.graph, parsed.outputs, sources, RULES if exact else APPROXIMATE)
     return parsed.lower(f"{kernel.name}_by_{array}", [entry for row in rows for entry in row])
 
 
-def tangent_kernel(kernel: Kernel, size: int, array: str = "y", count: int | None = None) -> Kernel:
+def tangent_kernel(
+    kernel: Kernel, size: int, array: str = "y", count: int | None = None, *, exact: bool = True
+) -> Kernel:
     """Return the kernel of one directional derivative of all outputs by the entries of an argument.
 
     It takes the state (size) and the direction (count, by default size), one behind the other, as ``y``, and costs
-    some three evaluations whatever their length, where a Jacobian's length grows with it.
+    some three evaluations whatever their length, where a Jacobian's length grows with it. For `exact` see
+    `jacobian_kernel`.
     """
     parsed = _parse(kernel)
     seeds = {parsed.source(array, i): parsed.source("y", size + i) for i in range(size if count is None else count)}
-    return parsed.lower(f"{kernel.name}_along", tangents(parsed.graph, parsed.outputs, seeds))
+    return parsed.lower(
+        f"{kernel.name}_along", tangents(parsed.graph, parsed.outputs, seeds, RULES if exact else APPROXIMATE)
+    )
 
 
 def cotangent_kernel(kernel: Kernel, size: int, constants: int) -> Kernel:

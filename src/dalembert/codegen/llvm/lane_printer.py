@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from typing import Any, final
 
+from ...ir.calls import CALLS, SYMBOL, function_of
 from ...ir.kernel import Assignment, Operand
 from ...ir.tables import numbers_of, table_of
 from ..rendering import render
@@ -43,8 +44,9 @@ def _gathered(lanes: int, target: str, at: str) -> list[str]:
 
 
 def with_tables(text: str) -> str:
-    """Return a module of assembly with what it uses of tables."""
+    """Return a module of assembly with what it uses of tables, and declarations of the functions that it calls."""
     names = list(dict.fromkeys(_ARRAY.findall(text)))
+    text += "".join(f"\n{declaration}\n" for declaration in _declarations(text))
     if not names:
         return text
     searches = sorted({int(lanes) for lanes in _SEARCH.findall(text)})
@@ -55,6 +57,11 @@ def with_tables(text: str) -> str:
         "gathers": [{**_types(lanes), "lanes": lanes} for lanes in gathers],
     }
     return text + render("llvm/tables.ll.j2", variables)
+
+
+def _declarations(text: str) -> list[str]:
+    counts = {key: function_of(key).count for key in dict.fromkeys(_CALLED.findall(text))}
+    return [f"declare double @{SYMBOL}{key}({', '.join(['double'] * count)})" for key, count in counts.items()]
 
 
 def _array(key: str, row: str) -> dict[str, Any]:
@@ -82,6 +89,8 @@ def _search(lanes: int) -> dict[str, Any]:
         "load": _gathered(lanes, "edge", "%at"),
     }
 
+
+_CALLED = re.compile(rf"@{SYMBOL}(\d+)\(")
 
 _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 
@@ -152,6 +161,8 @@ class LanePrinter:
                 self.lines += piece_lines(self.lanes, target, args, float(line.args[1]))
             case "entry":
                 self.lines += entry_lines(self.lanes, target, args, float(line.args[1]), float(line.args[2]))
+            case op if op in CALLS:
+                self.lines += lanewise(f"{SYMBOL}{int(float(line.args[-1]))}", self.lanes, target, args[:-1])
             case _ if self.exact and self.lanes > 1 and len(args) == 1:
                 self._set(target, f"call {v} @{line.op}_repeating({typed})")
             case _:

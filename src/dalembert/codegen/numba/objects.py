@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import OptionError
+from ...ir.calls import SYMBOL
 from ...once import once
 from ..cache import read_kept, write_kept
 from ..llvm.assembly import LoadedCode, compile_object, load_object
@@ -116,7 +117,7 @@ def _compiled(text: str, functions: Sequence[str]) -> tuple[list[bytes], bool]:
 def _refuse_other_symbols(function: str, assembly: str) -> None:
     """Refuse code with symbols that another process may lack: LLVM would end that process."""
     called = set(re.findall(r'^declare[^@]*@"?([^"(]+)', assembly, re.MULTILINE))
-    unknown = sorted(name for name in called if name not in _LIBRARY and not name.startswith("llvm."))
+    unknown = sorted(name for name in called if name not in _LIBRARY and not name.startswith(("llvm.", SYMBOL)))
     if unknown:
         raise RuntimeError(f"numba's code of {function} calls {', '.join(unknown)}, which it should not")
 

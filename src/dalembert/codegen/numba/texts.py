@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from ...ir.calls import SYMBOL, function_of
 from ...ir.kernel import Kernel, describe_counts
 from ...ir.program import Program
 from ...ir.tables import numbers_of, table_of
@@ -22,10 +23,22 @@ from .taylor_loops import taylor_loop
 # Tables in numba modules: numbers of their pieces, and the search for a piece.
 
 _SEARCH, _ARRAY = re.compile(r"\b_piece_(\d+)\("), re.compile(r"\b_table_(\d+)_(\d+)\(")
+_CALLED = re.compile(r"\b_call_(\d+)\(")
 
 
 def table_definitions(text: str) -> str:
-    """Return the definitions of what printed functions use of tables; nothing where they use none."""
+    """Return the definitions of what printed functions use of tables, and call; nothing where they use none."""
+    called = [_declaration(key) for key in dict.fromkeys(_CALLED.findall(text))]
+    return "\n\n".join(part for part in ("\n".join(called), _piece_definitions(text)) if part)
+
+
+def _declaration(key: str) -> str:
+    """Return the definition of a compiled function of a user, which machine code calls by its symbol."""
+    given = ", ".join(["NUMBER"] * function_of(key).count)
+    return f'_call_{key} = numba.types.ExternalFunction("{SYMBOL}{key}", NUMBER({given}))'
+
+
+def _piece_definitions(text: str) -> str:
     searched, read = dict.fromkeys(_SEARCH.findall(text)), dict.fromkeys(_ARRAY.findall(text))
     if not searched and not read:
         return ""
