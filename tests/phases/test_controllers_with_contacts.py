@@ -414,3 +414,30 @@ def test_conditions_on_time_are_decided_as_of_the_instant(law, backend):
     assert run["y_dot"][-1] - run["y_dot"][1] == pytest.approx(0.2 * wanted + 0.3 * run["u"][1], abs=1e-9)
     cases = touching.sweep((0, 1.4), given, p | {T: np.array([0.25, 0.5])}, t_eval=[0, 0.7, 1.2])
     assert cases["u"][:, -1].tolist() == [wanted, wanted]
+
+
+@pytest.mark.parametrize("backend", ["llvm", "numba", "numpy"])
+def test_an_unstable_loop_on_a_floor_is_called_divergent(backend):
+    """Motions, cases and prepared runs whose steps fail because a sampled loop grows without bound."""
+    (x, z, u), (k, period) = dynamicsymbols("x z u"), sp.symbols("k period", positive=True)
+    frame, origin = ReferenceFrame("N"), Point("O")
+    point = origin.locatenew("B", x * frame.x + z * frame.z)
+    scene = da.Scene("loop", frame, origin, [x, z])
+    scene.add_bodies(Particle("b", point, 1))
+    scene.add_inputs(u)
+    scene.add_loads((point, u * frame.x - 10 * frame.z))
+    scene.add_contacts(da.PointPlane("floor", body="b", point=point, plane=(origin, frame.z), friction=0.1))
+    scene.add_controllers(da.Controller("p", period=period, inputs={u: -k * x}))
+    model, start = da.compile_model(scene, backend=backend), {x: 1, x.diff(): 0, z: 0, z.diff(): 0}
+    p, options = {k: 1e6, period: 0.5}, {"method": "dop853", "max_steps": 100_000}
+    run = model.simulate((0, 400), start, p, **options)
+    assert run.status is Status.DIVERGED
+    assert "loop is unstable" in run.message
+    assert "'x' grew to" in run.message
+    assert "from 1 at the start" in run.message
+    sweep = model.sweep((0, 400), start, {**p, k: [0.01, 1e6]}, **options)
+    assert sweep.status.tolist() == [Status.SUCCESS, Status.DIVERGED]
+    assert "loop is unstable" in sweep.failures()[0].message
+    prepared = model.prepare((0, 400), **options)
+    prepared(model.state(start, p), model.parameter_vector(p))
+    assert prepared.status is Status.DIVERGED

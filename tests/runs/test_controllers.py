@@ -345,6 +345,15 @@ def test_an_unstable_loop_is_called_divergent(backend):
     assert stopped.status is Status.MAX_STEPS
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_an_unstable_loop_in_a_prepared_run(backend):
+    model, start = model_of(backend), {x: 0, x.diff(): 0, e: 0}
+    for gain, status in ((8.0, Status.SUCCESS), (1e6, Status.DIVERGED)):
+        run = model.prepare((0, 50))
+        run(model.state(start, {**VALUES, k_p: gain}), model.parameter_vector({**VALUES, k_p: gain}))
+        assert run.status is status
+
+
 def test_an_unstable_loop_whose_steps_become_small_is_called_divergent():
     angle, (ell, gravity) = dynamicsymbols("angle"), sp.symbols("ell gravity", positive=True)
     N, O = ReferenceFrame("N"), Point("O")

@@ -16,6 +16,7 @@ from ..events.event_rules import last_instants
 from ..lanes.cases import BlockResult
 from ..methods.status import RUNNING, Status
 from ..results.sweep_states import NO_MODE, SweepStates
+from ..runs.sampling import diverged, free_places
 from .output_values import OutputValues
 from .phases import PhaseExecutor
 from .runner_choice import RunnerChoice
@@ -59,6 +60,8 @@ class CaseRuns:
     log : ndarray (n_lines, n)
         Beginnings of the phases of a case that is recorded.
     executor : PhaseExecutor
+    first : ndarray (k, 2 n_q + n_z) or None
+        The states in which the cases began, where controllers act.
     """
 
     def __init__(
@@ -97,6 +100,7 @@ class CaseRuns:
         )
         self.executor = PhaseExecutor(choice, self._table, threads)
         changing = () if threads else (*self.cases, *self.numbers, self.occurred)
+        self.first: FloatArray | None = None
         self._before_map: tuple[FloatArray, NDArray[np.int64]] | None = None
         self._initial = [(values, values.copy()) for values in changing]
 
@@ -130,6 +134,8 @@ class CaseRuns:
         cases.t[...] = table.t0[...] = t0
         table.t1[...], cases.span[...] = t1, t1 - t0
         cases.x[...], cases.p[...] = x, p
+        if self.choice.modes.equations.controllers:
+            self.first = cases.x.copy()
         self.numbers.state[...], self.numbers.runner[...] = RUNNING, NOT_STARTED
         self.executor.begin(None if stops is None else stops.table)
         self.choice.begin(first_step)
@@ -183,6 +189,7 @@ class CaseRuns:
         finally:
             self._mark_refused_maps()
             self._mark_paradoxes()
+            self._mark_divergence()
 
     def _jump(self, jumps: EventJumps, some: NDArray[np.intp]) -> None:
         """Map the states of cases in which events have occurred that do so, and begin a phase anew in each."""
@@ -208,6 +215,13 @@ class CaseRuns:
             values = OutputValues(self.choice.modes, self.cases.p)
             jammed = values.jammed(self.states(broken))
             self.numbers.state[broken[jammed]] = int(Status.CONTACT_IMPOSSIBLE)
+
+    def _mark_divergence(self) -> None:
+        """Distinguish failures of loops with controllers that are unstable from others."""
+        if self.first is not None:
+            free = free_places(self.choice.modes.layout)
+            grown = diverged(self.numbers.state, self.first[:, free], self.cases.x[:, free])
+            self.numbers.state[grown] = int(Status.DIVERGED)
 
     def interrupt(self) -> None:
         """Set the status of cases that an interrupt has stopped, or kept from running, and NaN for their results."""

@@ -17,6 +17,7 @@ from ..results.events import EventRecord, EventRecords
 from ..results.parts import Part, Phase
 from ..results.statistics import RunStatistics
 from ..results.trajectory import Trajectory
+from ..runs.sampling import free_places, growth_note
 from ..runs.simulate import simulate_in_own_time
 from .mode_models import ModeModels
 from .motion_recorder import MotionRequest, RecordedPhase, recorder_of
@@ -47,7 +48,7 @@ def simulate(request: MotionRequest[SimulateOptions]) -> Trajectory:
         parts = [_part(run, phase.t0, phase.t1, *about[phase.mode]) for phase, run in zip(kept, runs, strict=True)]
         if not kept:
             runs, parts = _start(request, now)
-        note = _note(modes, phases, now, status) or recorder.note or _shared_impacts(modes, now)
+        note = _note(modes, phases, now, status, case.first) or recorder.note or _shared_impacts(modes, now)
         end = now.x[0].copy()
     stats = _statistics(runs, options, note, (seconds, time.perf_counter() - begin - seconds))
     whole, after = list(parts), None
@@ -167,12 +168,24 @@ def _refuse(request: MotionRequest[SimulateOptions], phases: Sequence[RecordedPh
     raise modes.decisions.start_error(now) or InitialStateError("the initial state contradicts the contacts")
 
 
-def _note(modes: ModeModels, phases: Sequence[RecordedPhase], now: ContactCases, status: Status) -> str:
-    """Return where a motion ended that its contacts stopped, and what they did; nothing for others."""
+def _note(
+    modes: ModeModels,
+    phases: Sequence[RecordedPhase],
+    now: ContactCases,
+    status: Status,
+    first: FloatArray | None,
+) -> str:
+    """Return where a motion ended that its contacts stopped, or that grew without bound; nothing for others.
+
+    `first` (1, n_x) is the state in which it began.
+    """
     values = zip(modes.equations.symbols.variables, now.x[0], strict=True)
     where = f"at t = {float(now.t[0]):.6g} with {', '.join(f'{name} = {value:.6g}' for name, value in values)}"
     if status in (Status.CONTACT_IMPOSSIBLE, Status.CONTACT_AMBIGUOUS):
         return where
+    if status is Status.DIVERGED and first is not None:
+        free, names = free_places(modes.layout), modes.layout.state
+        return growth_note([names[i] for i in free], float(now.t[0]), first[0, free], now.x[0, free])
     if status is not Status.EVENTS_ACCUMULATE:
         return ""
     before, after = (modes.named(phases[-k].mode) for k in (min(2, len(phases)), 1))

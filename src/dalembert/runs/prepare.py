@@ -28,6 +28,8 @@ from ..starts.segment_constants import starting_constants
 from ..steps.problem import IntegrationProblem
 from ..values import array_of
 from .elapsed import begins_elsewhere, extension, in_elapsed_time
+from .run_check import FAILED
+from .sampling import diverged, free_places
 from .simulate import simulate_in_own_time
 
 if TYPE_CHECKING:
@@ -182,8 +184,10 @@ def simulated(
     p: FloatArray,
     method: str,
     options: PrepareOptions,
+    *,
+    recorded: bool = False,
 ) -> Final:
-    """Return the final state and the status of a run by `simulate`."""
+    """Return the final state and the status of a run by `simulate`, whose steps are `recorded` or not."""
     layout, nothing = model.layout, np.full_like(state, np.nan)
     program, times = model.stages.program, np.array(t_span[:1])
     c = starting_constants(program, inputs.constants(program, p), *t_span)
@@ -197,7 +201,7 @@ def simulated(
         max_step=options.max_step,
         max_steps=options.max_steps,
         inputs=options.inputs,
-        t_eval=np.array(t_span[1:]),
+        t_eval=None if recorded else np.array(t_span[1:]),
     )
     try:
         run = simulate_in_own_time(model, t_span, initial, dict(zip(layout.parameters, p.tolist(), strict=True)), own)
@@ -268,7 +272,27 @@ def prepare_in_own_time(
         run = _from_knots(model, sides, run, t_span)
     if t_span[1] < t_span[0] and decay_rate_among(model.layout.parameters):
         run = _decaying(model.layout.parameters, run)
-    return method, run
+    return method, _watched(model, t_span, method, options, run) if model.controllers else run
+
+
+def _watched(
+    model: CompiledModel, t_span: tuple[float, float], method: str, options: PrepareOptions, run: Prepared
+) -> Prepared:
+    """Return a prepared run of a scene with controllers, which has the status of an unstable loop where it is one.
+
+    Where the state that a failed run reached is not known, it is run again as `simulate` does.
+    """
+    free = free_places(model.layout)
+
+    def watched(state: FloatArray, p: FloatArray) -> Final:
+        final, status = run(state, p), run.status()
+        if diverged([status], state[np.newaxis, free], final[np.newaxis, free])[0]:
+            return final, Status.DIVERGED
+        if status in FAILED and np.isnan(final).any():
+            status = simulated(model, t_span, state, p, method, options, recorded=True)[1]
+        return final, status
+
+    return PreparedStates(watched)
 
 
 def _decaying(names: tuple[str, ...], run: Prepared) -> Prepared:

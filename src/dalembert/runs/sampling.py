@@ -201,6 +201,24 @@ _GROWN = 1e8
 """Size of a component, as a share of the largest at the start, 1 at least, from which a run that fails has diverged."""
 
 
+def diverged(status: Any, start: FloatArray, end: FloatArray) -> NDArray[np.bool_]:
+    """Return whether motions with these statuses (k,) failed because states (k, n) grew without bound."""
+    sizes = np.maximum(np.max(np.abs(start), axis=1, initial=0.0), 1.0)
+    grown = np.max(np.abs(end), axis=1, initial=0.0) > _GROWN * sizes
+    return np.asarray(np.isin(status, FAILED) & grown)
+
+
+def free_places(layout: Layout) -> list[int]:
+    """Return the places of the components of the state without the inputs that are held."""
+    return [i for i, name in enumerate(layout.state) if name not in layout.held]
+
+
+def growth_note(names: Sequence[str], t: float, start: FloatArray, end: FloatArray) -> str:
+    """Return which component of states (n,) has grown most until a time, and from what."""
+    place = int(np.argmax(np.abs(end)))
+    return f"{names[place]!r} grew to {end[place]:.3g} at t = {float(t):.9g}, from {start[place]:.3g} at the start"
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class DivergenceCheck(RunCheck):
@@ -218,24 +236,14 @@ class DivergenceCheck(RunCheck):
     def after(self, run: EndedRun) -> tuple[Solution, str]:
         """See `RunCheck.after`: a run that failed where its state is huge has the status that says so."""
         solution, problem = run.solution, run.problem
-        if solution.status not in FAILED:
+        places = [place for place, _ in self.components]
+        t, y = run.stop if solution.status in FAILED else (0.0, problem.y0)
+        start, end = problem.y0[places], y[places]
+        if not diverged([solution.status], start[np.newaxis], end[np.newaxis])[0]:
             return solution, ""
-        t, y = run.stop
-        if not self._grown(problem.y0[np.newaxis], y[np.newaxis])[0]:
-            return solution, ""
-        place, name = max(self.components, key=lambda item: abs(y[item[0]]))
-        where = f"{name!r} grew to {y[place]:.3g} at t = {float(t):.9g}, from {problem.y0[place]:.3g} at the start"
-        return replace(solution, status=Status.DIVERGED), where
+        return replace(solution, status=Status.DIVERGED), growth_note([n for _, n in self.components], t, start, end)
 
     def after_cases(self, method: str, block: CaseBlock, done: BlockResult) -> None:
         """See `RunCheck.after_cases`."""
-        failed = np.isin(done.ends[:, 1], FAILED)
-        if np.any(failed):
-            done.ends[failed & self._grown(block.y, done.y), 1] = float(Status.DIVERGED)
-
-    def _grown(self, start: FloatArray, end: FloatArray) -> NDArray[np.bool_]:
-        """Return whether states (k, n_y) have grown without bound, (k,)."""
-        places = [i for i, _ in self.components]
-        start, end = start[:, places], end[:, places]
-        sizes = np.maximum(np.max(np.abs(start), axis=1, initial=0.0), 1.0)
-        return np.asarray(np.max(np.abs(end), axis=1, initial=0.0) > _GROWN * sizes)
+        places = [place for place, _ in self.components]
+        done.ends[diverged(done.ends[:, 1], block.y[:, places], done.y[:, places]), 1] = float(Status.DIVERGED)
