@@ -282,3 +282,36 @@ def test_written_contacts_stand_beside_those_by_geometry():
     assert [contact.label for contact in made.contacts] == ["wall", "heel"]
     with pytest.raises(SceneError, match="two contacts"):
         da.compile_model(planar(point(), point()), backend="numpy")
+
+
+@pytest.mark.parametrize("backend", ["llvm", "numpy"])
+def test_a_coin_in_quaternions(backend):
+    """A coin falls, strikes the floor at its edge, rolls and slips: in angles, and in quaternions in their place."""
+    x, y, z, psi, theta, phi = dynamicsymbols("x y z psi theta phi")
+    r, g = symbols("r g", positive=True)
+    frame, origin = ReferenceFrame("N"), Point("O")
+    turned = frame.orientnew("A", "Axis", (psi, frame.z))
+    tilted = turned.orientnew("L", "Axis", (theta, turned.x))
+    own = tilted.orientnew("B", "Axis", (phi, tilted.z))
+    centre = origin.locatenew("G", x * frame.x + y * frame.y + z * frame.z)
+    scene = da.Scene("coin", frame, origin, [x, y, z, psi, theta, phi])
+    scene.add_bodies(RigidBody("coin", centre, own, 1, (inertia(own, r**2 / 4, r**2 / 4, r**2 / 2), centre)))
+    scene.apply_uniform_gravity(-g * frame.z)
+    plane = (origin, frame.z)
+    scene.add_contacts(
+        da.DiscPlane("edge", body="coin", centre=centre, radius=r, axis=tilted.z, plane=plane, friction=0.2)
+    )
+    start = {x: 0, y: 0, z: 0.1, psi: 0.3, theta: 1.2, phi: 0}
+    start |= {x.diff(): 0.2, y.diff(): 0.1, z.diff(): 0, psi.diff(): 0.4, theta.diff(): 0.1, phi.diff(): 9}
+    runs = [
+        da.compile_model(scene, backend=backend, orientation=orientation, outputs=["edge.gap"]).simulate(
+            (0, 0.25), start, {r: 0.1, g: 9.81}, rtol=1e-9, t_eval=np.linspace(0, 0.25, 11), method="dop853"
+        )
+        for orientation in ("scene", "quaternion")
+    ]
+    assert [run.success for run in runs] == [True, True]
+    assert len(runs[1].phases) > 1
+    assert [phase.modes for phase in runs[0].phases] == [phase.modes for phase in runs[1].phases]
+    for name in ("x", "y", "z", "x_dot", "y_dot", "z_dot", "edge.gap"):
+        np.testing.assert_allclose(runs[1][name], runs[0][name], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(runs[1]["energy"], runs[0]["energy"], rtol=0, atol=1e-7)

@@ -28,6 +28,10 @@ _QUARTERS = tuple((Fraction(a), Fraction(b)) for a, b in ((1, 0), (0, 1), (-1, 0
 _SECONDS = tuple((Fraction(a, 5), Fraction(b, 5)) for a, b in ((3, 4), (4, 3), (-3, 4), (4, -3), (3, -4)))
 
 
+_COMPOSED = ("add", "sub", "mul", "div", "neg", "sqrt")
+"""Operations whose operands may be written in quaternions one by one."""
+
+
 @final
 class Angles:
     """Reads expressions and vectors that contain the angles of one orientation.
@@ -115,6 +119,26 @@ class Angles:
         return [graph.sum(a / determinant * w for a, w in zip(row, self._spins, strict=True)) for row in cofactors]
 
     def written(self, node: Node) -> Node | None:
+        """Return a node in terms of the quaternion, or None where it is no function of what is affine in it.
+
+        Sums of entries of rotation and spin are; of quotients and roots, as for the lowest point of a disc, operands.
+        """
+        found = self._linear(node)
+        return self._composed(node) if found is None else found
+
+    def _composed(self, node: Node) -> Node | None:
+        """Return a node whose operands can be written; a squared sine is 1 less the squared cosine."""
+        if node.op not in _COMPOSED:
+            return None
+        first = node.args[0]
+        if node.op == "mul" and first is node.args[1] and first.op == "sin":
+            cosine = self.written(self.graph.cos(first.args[0]))
+            return None if cosine is None else 1 - cosine * cosine
+        parts = [self.written(arg) for arg in node.args]
+        whole = [part for part in parts if part is not None]
+        return self.graph.call(node.op, *whole) if len(whole) == len(parts) else None
+
+    def _linear(self, node: Node) -> Node | None:
         """Return a node in terms of the quaternion, or None where it is not affine in rotation and spin."""
         graph, spins = self.graph, self._spins
         for body in (False, True):
