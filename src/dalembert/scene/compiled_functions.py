@@ -123,13 +123,15 @@ def compiled(f: Any, *x: Any, derivatives: Sequence[Any] | None = None, name: st
 
     Examples
     --------
-    A tyre whose side force is a program of slip and load::
+    A brake with a law of its own, on a body of the frame B::
+
+        import math, numba
 
         @numba.njit
-        def side_force(slip, load):
-            return load * math.sin(1.4 * math.atan(8.0 * slip))
+        def brake(rate, k):
+            return -k * math.sin(1.4 * math.atan(8.0 * rate))
 
-        scene.add_loads((wheel, C, -da.compiled(side_force, slip, load) * W.y))
+        scene.add_loads((B, da.compiled(brake, theta.diff(), m) * N.z))
     """
     label = name if name is not None else getattr(_python(f), "__name__", "f")
     if not x or len(x) > _MOST:
