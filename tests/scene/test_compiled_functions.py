@@ -198,3 +198,11 @@ def test_what_cannot_be_served(models):
     placed.add_bodies(Particle("body", origin.locatenew("P", da.compiled(spring, X) * frame.x), 1))
     with pytest.raises(ExpressionError, match="the derivative of the compiled function 'spring' is needed"):
         da.compile_model(placed)
+
+
+def test_exports_refuse_them(models, tmp_path):
+    with pytest.raises(CapabilityError, match=r"compiled functions \('force'\) are machine code of this process"):
+        models["llvm"].export(tmp_path / "program", initial=START, parameters=P)
+    plain = da.compile_model(on_a_line(-X))
+    with pytest.raises(OptionError, match="exports take one atol for the whole state"):
+        plain.export(tmp_path / "plain", initial=START, parameters={}, atol={"x": 1e-9})

@@ -8,10 +8,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import OptionError, nesting_named, unknown_name
+from ..errors import CapabilityError, OptionError, list_names, nesting_named, unknown_name
+from ..ir.calls import function_of
+from ..ir.kernel import calls_in
 from ..ir.program import hidden_parameters
+from ..options import NamedTolerances, tolerances
 from ..starts.inputs import span_of
-from ..values import tolerances
 
 if TYPE_CHECKING:
     from .model import CompiledModel
@@ -118,6 +120,15 @@ def export(
     if fmi != "2.0":
         raise OptionError(f"fmi is {fmi!r}: exports are units of FMI '2.0'")
     rtol, atol = tolerances(rtol, atol)
+    if isinstance(atol, NamedTolerances):
+        raise OptionError("exports take one atol for the whole state, and not tolerances by name: give a number")
+    called = [] if self.modes is not None else [key for kernel in self.stages.program for key in calls_in(kernel)]
+    if called:
+        names = list_names(dict.fromkeys(repr(function_of(key).name) for key in called))
+        raise CapabilityError(
+            f"compiled functions ({names}) are machine code of this process, which no export can hold: write them in"
+            " SymPy or as da.table"
+        )
     if rtol == atol == 0.0:
         raise OptionError("rtol and atol must not both be 0: set one of them above 0")
     given = None if initial is None else dict(self.read_initial(initial))
