@@ -1,18 +1,29 @@
 """Texts of LLVM assembly, one or more a template, of programs written by hand."""
 
+from functools import partial
+from unittest import mock
+
 from codegen.programs import every_operation, oscillator, pendulum
 from dalembert.codegen.lane_runs import advance_lanes_assembly, check_inputs_assembly
+from dalembert.codegen.llvm import assembly as llvm_assembly
 from dalembert.codegen.llvm.assembly import assembly
 from dalembert.codegen.llvm.backend import LLVMLibrary, attempt_assembly
 from dalembert.codegen.llvm.order_loops import order_loop_assembly
 from dalembert.codegen.llvm.series_loops import series_loop_assembly
 from dalembert.methods.tableaus import TABLEAUS
+from dalembert.transforms.kernel_pieces import pieces_of
 from dalembert.transforms.order_pass import LEAST_ORDER
 from dalembert.transforms.recurrences import recurrences
 
 
 def _kernels(program, lanes, *, exact=False):
     return assembly([(kernel.name, kernel) for kernel in program], lanes, exact=exact)
+
+
+def _pieces(lanes):
+    cut = partial(pieces_of, longest=1, size=3)
+    with mock.patch.object(llvm_assembly, "pieces_of", cut):
+        return assembly([("rhs", pendulum())], lanes)
 
 
 def _calls(lanes):
@@ -34,6 +45,7 @@ TEXTS = {
     "oscillator_llvm": lambda: _kernels(oscillator(), 1),
     "every_operation_llvm": lambda: _kernels(every_operation(), 2, exact=True),
     "oscillator_attempt_calls": lambda: _calls(2),
+    "pendulum_pieces": lambda: _pieces(1),
     "pendulum_order_loop": lambda: _order_loop(1, 2),
     "pendulum_series_loop": lambda: _series_loop(1),
     "advance_lanes": lambda: advance_lanes_assembly(4),
@@ -44,6 +56,7 @@ TEXTS = {
 FURTHER_TEXTS = (
     lambda: LLVMLibrary(oscillator(), None).source("dop853", 0),
     lambda: _kernels(oscillator(), 4),
+    lambda: _pieces(4),
     lambda: _calls(4),
     lambda: _order_loop(2, 1, dense=False),
     lambda: _series_loop(4, dense=False),

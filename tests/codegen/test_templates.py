@@ -65,6 +65,7 @@ def render_everything():
     with mock.patch.object(lane_types, "_LARGEST_FRAME", 0):
         TEXTS["pendulum_order_loop"]()
         TEXTS["pendulum_series_loop"]()
+        TEXTS["pendulum_pieces"]()
 
 
 def render_batch_handlers():

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, final
 
@@ -19,10 +20,11 @@ import llvmlite.binding as llvm
 from ...ir.kernel import Kernel
 from ...once import computed_once, once
 from ...subset.addresses import OwnedAddress
+from ...transforms.kernel_pieces import pieces_of
 from ..cache import read_kept, write_kept
 from ..rendering import render
 from .lane_printer import LanePrinter
-from .target import target, vector
+from .target import memory_of_call, target, vector
 from .vector_functions import LIBRARY, prelude_variables
 
 _ENTERED = threading.RLock()
@@ -31,28 +33,69 @@ _ENTERED = threading.RLock()
 
 def assembly(kernels: Sequence[tuple[str, Kernel]], lanes: int, *, exact: bool = False) -> str:
     """Return a module of LLVM assembly with each kernel under the name given; for `exact`, see `LanePrinter`."""
+    printed = [kernel_functions(name, kernel, lanes, exact=exact) for name, kernel in kernels]
     variables = {
         "prelude": prelude_variables(lanes),
-        "kernels": [kernel_variables(name, kernel, lanes, exact=exact) for name, kernel in kernels],
+        "kernels": [function for functions in printed for function in functions.straight],
         "stack_alignment": stack_alignment(lanes),
     }
     if not exact or lanes == 1:
-        return render("llvm/kernels.ll.j2", variables)
+        return render("llvm/kernels.ll.j2", variables) + piece_calls(printed)
     used = {line.op for _, kernel in kernels for line in kernel.body if len(line.args) == 1}
     functions = [name for name in LIBRARY if name in used]
     further = {"functions": functions, "vector": vector(lanes), "lane_numbers": list(range(lanes))}
-    return render("llvm/kernels_of_library_functions.ll.j2", variables | further)
+    return render("llvm/kernels_of_library_functions.ll.j2", variables | further) + piece_calls(printed)
 
 
-def kernel_variables(name: str, kernel: Kernel, lanes: int, *, exact: bool = False) -> dict[str, Any]:
-    """Return the variables of the template ``llvm/kernel.ll.j2``."""
-    printer = LanePrinter(lanes, exact=exact)
-    for load in kernel.loads:
-        printer.load(load.target, load.array, load.index or 0)
-    printer.body(kernel.body)
-    for index, operand in enumerate(kernel.outputs):
-        printer.store(operand, index)
-    return {"name": name, "arguments": kernel.arguments, "lines": printer.lines}
+@final
+@dataclass(frozen=True)
+class KernelFunctions:
+    """A kernel as functions: itself or, of a long one, its pieces in `straight` and, in `calls`, what calls them.
+
+    They are the variables of the templates ``llvm/kernel.ll.j2`` and ``llvm/piece_calls.ll.j2``.
+    """
+
+    straight: tuple[dict[str, Any], ...]
+    calls: dict[str, Any] | None = None
+
+
+def kernel_functions(name: str, kernel: Kernel, lanes: int, *, exact: bool = False) -> KernelFunctions:
+    """Return the functions of a kernel."""
+
+    def function(name: str, kernel: Kernel, places: Sequence[int]) -> dict[str, Any]:
+        printer = LanePrinter(lanes, exact=exact)
+        for load in kernel.loads:
+            printer.load(load.target, load.array, load.index or 0)
+        printer.body(kernel.body)
+        for place, operand in zip(places, kernel.outputs, strict=True):
+            printer.store(operand, place)
+        return {"name": name, "arguments": kernel.arguments, "lines": printer.lines}
+
+    pieces, count = pieces_of(kernel)
+    own = range(len(kernel.outputs))
+    if not pieces:
+        return KernelFunctions((function(name, kernel, own),))
+    names = [f"{name}.piece{number}" for number in range(len(pieces))]
+    straight = [
+        function(each, piece.kernel, own if piece is pieces[-1] else piece.places)
+        for each, piece in zip(names, pieces, strict=True)
+    ]
+    targets = [*([_WORK] * (len(pieces) - 1)), "out"]
+    called = [{"name": each, "target": target} for each, target in zip(names, targets, strict=True)]
+    memory = memory_of_call(8 * lanes * count)
+    calls = {"name": name, "arguments": kernel.arguments, "pieces": called, "memory": memory}
+    return KernelFunctions(tuple(straight), calls)
+
+
+_WORK = "n.work"
+"""Memory of a call in which pieces pass on values."""
+
+
+def piece_calls(kernels: Sequence[KernelFunctions]) -> str:
+    """Return the functions that call the pieces of long kernels; nothing where there are none."""
+    long = [functions.calls for functions in kernels if functions.calls is not None]
+    on_heap = any(kernel["memory"]["on_heap"] for kernel in long)
+    return render("llvm/piece_calls.ll.j2", {"kernels": long, "on_heap": on_heap}) if long else ""
 
 
 def stack_alignment(lanes: int) -> int:

@@ -20,7 +20,7 @@ from ...transforms.taylor import step_kernel
 from ..compiled_backend import CompiledBackend
 from ..library import Code, KernelLibrary
 from ..rendering import banner_lines, render
-from .assembly import Shape, assembly, kernel_variables, load_object, object_code, stack_alignment
+from .assembly import Shape, assembly, kernel_functions, load_object, object_code, piece_calls, stack_alignment
 from .lane_printer import with_tables
 from .order_loops import order_loop_assembly
 from .series_loops import series_loop_assembly
@@ -64,14 +64,15 @@ def attempt_assembly(
     kernels = [parts[0].rhs, *(kernel for pieces in parts for _, kernel in pieces.stages)]
     kernels += [pieces.finish for pieces in parts]
     kernels += [pieces.knots for pieces in parts if pieces.knots is not None]
+    printed = [kernel_functions(kernel.name, kernel, lanes) for kernel in kernels]
     variables = {
         "prelude": prelude_variables(lanes),
         "vector": vector(lanes),
-        "kernels": [kernel_variables(kernel.name, kernel, lanes) for kernel in kernels],
+        "kernels": [function for functions in printed for function in functions.straight],
         "stack_alignment": stack_alignment(lanes),
         "chains": [_chain_variables(pieces, len(rhs.outputs)) for pieces in parts],
     }
-    return render("llvm/attempt_calls.ll.j2", variables)
+    return render("llvm/attempt_calls.ll.j2", variables) + piece_calls(printed)
 
 
 def _chain_variables(pieces: AttemptPieces, n: int) -> dict[str, Any]:
