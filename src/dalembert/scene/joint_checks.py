@@ -72,13 +72,14 @@ def foreign_points(
     between two bodies at a point of either. Everything else that changes with a coordinate which moves other bodies,
     but not this one, is the wrong point or the wrong body.
     """
-    poses = [_frame(frames, body.frame) | _point(frames, points, body.centre) for body in bodies]
+    poses: list[int] = []
     searched = graph.mask(unknowns)
     faults: dict[str, None] = {}
     for action in actions:
         held = _inputs(action) & searched
         if not action.of_joint or action.target is None or action.at is None or not held:
             continue
+        poses = poses or [_frame(frames, body.frame) | _point(frames, points, body.centre) for body in bodies]
         own = sorted({action.target} if action.other is None else {action.target, action.other})
         others, moving = 0, 0
         for number, pose in enumerate(poses):

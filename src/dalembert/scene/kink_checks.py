@@ -161,7 +161,9 @@ def rough_tables(graph: Graph, requirements: Sequence[tuple[int, str, Sequence[N
     requirements : sequence of (int, str, sequence of Node)
         How many derivatives must be continuous, of what, and its values.
     """
-    faults = []
+    faults: list[str] = []
+    if not any(node.op in ("table", "surface") for node in graph.nodes):
+        return faults
     for least, place, nodes in requirements:
         for _, table, order in table_nodes(graph, nodes):
             if table.smoothness - order < least:

@@ -72,6 +72,7 @@ class SymbolReader:
         self.scene = scene
         self.graph = Graph()
         self.faults: list[str] = []
+        self._masks: dict[str, int] = {}
         self.coordinates = self._coordinates()
         self.inputs = self._functions_of_time()
         self.states = state_symbols(scene, self.coordinates, self.faults.append)
@@ -298,8 +299,11 @@ class SymbolReader:
         return [self.graph.input(rate_name(q.func.__name__)) for q in self.coordinates]
 
     def _mask(self, kind: str) -> int:
-        names = [q.func.__name__ for q in (self.states if kind == "states" else self.coordinates)]
-        return self.graph.mask(names if kind != "rates" else [rate_name(name) for name in names])
+        """Return the dependency bits of all coordinates, rates or states, which are known when it is first called."""
+        if kind not in self._masks:
+            names = [q.func.__name__ for q in (self.states if kind == "states" else self.coordinates)]
+            self._masks[kind] = self.graph.mask(names if kind != "rates" else [rate_name(name) for name in names])
+        return self._masks[kind]
 
     def _moving(self) -> int:
         """Return the dependency bits of the inputs that change along a motion: coordinates, rates, states, time."""

@@ -68,6 +68,7 @@ class _Check:
         self.reader = reader_of(scene)
         self.graph, self.flow = self.reader.graph, self.reader.flow()
         self._from_root: dict[Any, Matrix | None] = {scene.frame: self._identity()}
+        self._from_parent: dict[Any, Matrix] = {}
 
     def _read(self, e: Any) -> Node:
         return self.reader.read(e, "", accelerations=True)  # of inputs whose rates are angles
@@ -85,6 +86,7 @@ class _Check:
             rotation = agree([x for row in square for x in row], [x for row in self._identity() for x in row])
             above = self.from_root(parent)
             known = rotation and above is not None
+            self._from_parent[frame] = step
             self._from_root[frame] = matmul(self.graph, step, above) if known and above is not None else None
         return self._from_root[frame]
 
@@ -102,18 +104,40 @@ class _Check:
     def spin(self, frame: Any) -> list[Node] | None:
         """Return the angular velocity of a frame, on the scene's: the axial vector of dR^T/dt R."""
         turn = self.from_root(frame)
-        if turn is None:
-            return None
-        back = transpose(turn)
-        rates = [tangents(self.graph, row, self.flow) for row in back]
+        return None if turn is None else self._axial(turn)
+
+    def _axial(self, turn: Matrix) -> list[Node]:
+        """Return the axial vector of dR^T/dt R."""
+        rates = [tangents(self.graph, row, self.flow) for row in transpose(turn)]
         skew = matmul(self.graph, rates, turn)
         return [skew[2][1], skew[0][2], skew[1][0]]
+
+    def in_parent(self, frame: Any, given: Any) -> tuple[list[Node], list[Node]] | None:
+        """Return the angular velocity of a frame in its parent, and a vector, on the parent.
+
+        None where the vector is written on other frames or has symbols that are not known, and unless frames are known
+        to turn. Along chains the way to the frame of the scene is long.
+        """
+        parent = self.frames.parent[frame]
+        if self.from_root(frame) is None:
+            return None
+        turn, total = self._from_parent[frame], [self.graph.zero] * 3
+        for matrix, on in getattr(given, "args", ()):
+            if on not in (frame, parent) or any(f not in self.reader.leaves for f in matrix.atoms(AppliedUndef)):
+                return None
+            part = [self._read(_of_real_numbers(x)) for x in matrix]
+            part = matvec(self.graph, transpose(turn), part) if on is frame else part
+            total = [a + b for a, b in zip(total, part, strict=True)]
+        return self._axial(turn), total
 
     def frame(self, frame: Any) -> list[str]:
         """Return the faults of the angular velocities that were set for a frame."""
         faults = []
         for other, given in frame._ang_vel_dict.items():
             if other is not self.frames.parent[frame] and other is not self.scene.frame:
+                continue
+            local = self.in_parent(frame, given) if other is self.frames.parent[frame] else None
+            if local is not None and agree(*local):
                 continue
             own, base = self.spin(frame), self.spin(other)
             if own is None or base is None or self.equal(own, base, given):
