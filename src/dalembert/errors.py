@@ -116,6 +116,10 @@ class CacheWarning(UserWarning):
     """A file of the module cache was damaged and has been rebuilt, or the cache is not used; the message says why."""
 
 
+class CompileTimeWarning(UserWarning):
+    """Equations are so long that the backend takes minutes to compile them, where another takes seconds."""
+
+
 class EnergyWarning(UserWarning):
     """A potential energy is not that of the loads, or the energy is requested and a load has no known potential."""
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, final
 from .codegen import backend_named
 from .codegen.base import RenderedModule
 from .codegen.engine import Engine
-from .errors import EnergyWarning, OptionError, SceneError, list_names, warn_caller
+from .errors import CompileTimeWarning, EnergyWarning, OptionError, SceneError, list_names, warn_caller
 from .ir.program import Program
 from .lowering.programs import lower
 from .mechanics.derive import derive
@@ -234,7 +234,9 @@ def compile_equations(
     program = watch("lower", lambda: lower(reduced, records))
     if program.energy_note and {"energy", "potential_energy"} & set(names):
         warn_caller(program.energy_note, EnergyWarning)
-    methods = backend.serving(program)
+    methods, long = backend.serving(program), backend.long_compilation(program)
+    if long:
+        warn_caller(long, CompileTimeWarning)
     rendered = watch("render", lambda: backend.render(program))
     engine = watch("load", lambda: backend.load(rendered, cache=options.cache))
     stages = Stages(

@@ -66,6 +66,9 @@ class Backend(ABC):
     capabilities: ClassVar[frozenset[Capability]] = frozenset()
     """Its abilities beyond simulation."""
 
+    largest: ClassVar[int] = 0
+    """Operations of a right-hand side that are compiled in about a minute; 0 where there is no such limit."""
+
     @property
     @abstractmethod
     def methods(self) -> Mapping[str, str]:
@@ -89,6 +92,17 @@ class Backend(ABC):
                 f' {program.name!r}. Use formulation="minimal" or "projected", or backend="llvm"'
             )
         return {name: self.methods[name] for name in self.for_stages}
+
+    def long_compilation(self, program: Program) -> str:
+        """Return the text of the warning for equations that take minutes to compile; empty for others."""
+        operations = len(program.kernel("rhs").body) if "rhs" in program else 0
+        if not self.largest or operations <= self.largest:
+            return ""
+        return (
+            f"scene {program.name!r}: its right-hand side has {operations:,} operations, and the {self.name} backend"
+            f' takes minutes to compile more than {self.largest:,}. backend="llvm" takes seconds, and'
+            ' backend="numpy" does not compile'
+        )
 
     def refusal(self, program: Program, method: str) -> str:
         """Return why a method does not integrate a program; empty where nothing is known against it."""

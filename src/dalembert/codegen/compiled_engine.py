@@ -112,10 +112,15 @@ class CompiledEngine(Engine):
         lines, control = self.steps.series_lines(order), self.steps.control(order)
         if many and tolerance < _TIGHT and self.steps.passes_lost_ranks(order):
             return "taylor"
-        if lines > LARGEST_UNROLLED:
+        if self.too_long_for_series(rtol, atol):
             return "dop853"
         pays = not self.steps.poles and runge_kutta_pays(self._program.kernel("rhs"), lines, control, tolerance)
         return "dop853" if pays else "taylor"
+
+    def too_long_for_series(self, rtol: float, atol: float) -> int:
+        """See `Engine.too_long_for_series`."""
+        lines = self.steps.series_lines(order_for(clipped_tolerance(rtol, atol)))
+        return lines if lines > LARGEST_UNROLLED else 0
 
     def source_of(self, method: str, rtol: float, atol: float) -> str:
         """See `Engine.source_of`: the text of a single run."""

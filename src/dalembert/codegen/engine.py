@@ -83,6 +83,10 @@ class Engine(ABC):
         """
         return methods[0]
 
+    def too_long_for_series(self, rtol: float, atol: float) -> int:
+        """Return the lines of the recurrences of a Taylor step, written out, where "auto" takes none for them; or 0."""
+        return 0
+
     def integrate_automatic(self, problem: IntegrationProblem, method: str) -> tuple[Solution, str, str]:
         """Return the solution by `method`, unless that turns out to be unfit: with the method taken, and why."""
         return self.integrate(problem, method), method, ""

@@ -119,6 +119,7 @@ _MEANING = {
     "reaction_matrix": "Power coefficients of the unknown reactions, row by row, at y = (q, q_dot)",
     "initial": "State from y = (q, q_dot)",
     "mass_matrix": "Mass matrix, row by row, at y = (q, q_dot)",
+    "momenta": "Mass matrix times q_dot at y = (q, q_dot)",
     "forcing": "Given actions and bias terms at y = (q, q_dot)",
     "accelerations": "Second rates of the coordinates at y = (q, q_dot)",
     "energy": "Kinetic and potential energy at y = (q, q_dot)",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from .calls import CALLS, array_call
 from .kernel import Kernel
 from .ops import ALL_OPERATIONS
 from .tables import array_entry, array_piece
+
+if TYPE_CHECKING:
+    from .program import Program
 
 
 def interpret(
@@ -156,6 +159,33 @@ def interpret_rows(
     with np.errstate(all="ignore"):
         columns = _tape(kernel)({"t": t, "y": y.T, "c": c.T})
     return rows_of_columns(columns, len(t))
+
+
+def mass_matrices(
+    program: Program, t: NDArray[np.float64], x: NDArray[np.float64], c: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the mass matrices (k, n_q, n_q) of a program.
+
+    At times t (k,), coordinates, rates and first-order states x (k, 2 n_q + n_z), and constants (n_c,) or (k, n_c).
+    """
+    n = len(program.layout.coordinates)
+    if "mass_matrix" in program:
+        return interpret_rows(program.kernel("mass_matrix"), t, x, c).reshape(-1, n, n)
+    times, rows = unit_rates(n, t, x)
+    constants = c if c.ndim == 1 else np.repeat(c, n, axis=0)
+    return interpret_rows(program.kernel("momenta"), times, rows, constants).reshape(-1, n, n)
+
+
+def unit_rates(
+    n: int, t: NDArray[np.float64], x: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return times and variables (k n,) and (k n, 2 n_q + n_z) at which momenta are columns of mass matrices (k, n, n).
+
+    Each coordinate in turn has the rate one there.
+    """
+    rows = np.repeat(x, n, axis=0)
+    rows[:, n : 2 * n] = np.tile(np.eye(n), (len(x), 1))
+    return np.repeat(t, n), rows
 
 
 def rows_of_columns(columns: Sequence[Any], count: int) -> NDArray[np.float64]:

@@ -274,6 +274,7 @@ def _output_labels(layout: Layout, kernel: Kernel) -> list[str]:
         "outputs": list(layout.outputs),
         "initial": list(layout.state),
         "mass_matrix": [f"{a}, {b}" for a in q for b in q],
+        "momenta": list(q),
         "forcing": list(q),
         "accelerations": [f"rate of {name}" for name in qdot],
         "constraint_jacobian": [f"{row}, {name}" for row in rows for name in qdot],

@@ -203,6 +203,7 @@ class JaxBackend(Backend):
     """For accelerators, and for programs that are JAX already."""
 
     name = "jax"
+    largest = 4_000
     series = ("taylor",)
     capabilities = frozenset({Capability.VECTOR_FIELD, Capability.STATE_FUNCTIONS, Capability.SOLVE_FUNCTION})
 

@@ -241,16 +241,24 @@ class StateFunctions(_OfProgram):
             p = parameters_at(layout, symbols, given, p, t.reshape(-1), 1.0)[0].reshape(*t.shape, -1)
 
         def one(t: Any, q: Any, qdot: Any, z: Any, p: Any) -> Any:
-            if kernel not in self._kernels:
-                return jnp.zeros(shape)
-            x = jnp.concatenate([q, qdot, z])
-            return self._kernels[kernel](t, x, self._constants(t, p)).reshape(shape)
+            return self._at(kernel, shape, t, jnp.concatenate([q, qdot, z]), self._constants(t, p))
 
         return _over_rows(one, {"t": (t, 0), "q": (q, 1), "qdot": (qdot, 1), "states": (z, 1), "inputs": (p, 1)})
 
     def _of_scene(self, kernel: str, shape: tuple[int, ...], t: Any, y: Any, p: Any) -> Any:
         """Return the outputs of a kernel of coordinates, rates and first-order states, zeros where there is none."""
         x, _, c = self._point(t, y, p)
+        return self._at(kernel, shape, t, x, c)
+
+    def _at(self, kernel: str, shape: tuple[int, ...], t: Any, x: Any, c: Any) -> Any:
+        """Return the outputs of a kernel at coordinates, rates and first-order states x."""
+        if kernel == "mass_matrix" and "momenta" in self._kernels:
+            n = shape[0]
+
+            def column(unit: Any) -> Any:
+                return self._kernels["momenta"](t, x.at[n : 2 * n].set(unit), c)
+
+            return jax.vmap(column)(jnp.eye(n, dtype=x.dtype))
         return self._kernels[kernel](t, x, c).reshape(shape) if kernel in self._kernels else jnp.zeros(shape)
 
     def _point(self, t: Any, y: Any, p: Any) -> tuple[Any, Any, Any]:

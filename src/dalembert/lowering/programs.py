@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ..ir.conditions import CONDITION_TIME
@@ -15,6 +16,7 @@ from ..reduction.knot_starts import knot_sides
 from ..reduction.reactions import shared_reactions
 from ..transforms.conditions import decide
 from ..transforms.lower_kernels import lower_kernel
+from ..transforms.passes import EliminateDeadCode
 from ..transforms.pipelines import PROGRAM_PASSES, PassRecord
 from ..transforms.step_limits import step_limits
 
@@ -59,6 +61,8 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
     for name, nodes in on_scene.items():
         if name == "energy" and equations.load_energy.potential is not None:
             kernels.append(_energies(equations, scene, records))
+        elif name == "accelerations" and _ends_in(system, nodes) and state == scene:
+            kernels.append(_without_coordinates(kernels[0], name, len(nodes)))
         elif nodes or name == "initial":  # a mode may prescribe the whole motion
             kernels.append(lower_kernel(graph, name, nodes, scene, records=records))
     shared = shared_reactions(system)
@@ -102,7 +106,7 @@ def _values_on_scene(system: ReducedSystem, residuals: Sequence[Node]) -> dict[s
     back = {a: b for a, b in zip(system.inputs, system.initial, strict=True) if a is not b}
     values: dict[str, Sequence[Node]] = {
         "initial": system.initial,
-        "mass_matrix": tuple(entry for row in equations.mass_matrix for entry in row),
+        **_inertia(equations),
         "forcing": equations.forcing,
         "accelerations": tuple(equations.graph.substitute(system.accelerations, back)),
         "energy": (equations.kinetic_energy, equations.potential_energy),
@@ -115,6 +119,13 @@ def _values_on_scene(system: ReducedSystem, residuals: Sequence[Node]) -> dict[s
         powers = (entry if kept else zero for row in equations.reactions for entry, kept in zip(row, own, strict=True))
         values["reaction_matrix"] = tuple(powers)
     return values
+
+
+def _inertia(equations: EquationsOfMotion) -> dict[str, Sequence[Node]]:
+    """Return the mass matrix or, of many bodies, its product with the rates, of which one column at a time is made."""
+    if equations.dense is None:
+        return {"momenta": equations.momenta(equations.qdot)}
+    return {"mass_matrix": tuple(entry for row in equations.dense for entry in row)}
 
 
 def _layout(system: ReducedSystem) -> Layout:
@@ -141,6 +152,16 @@ def _layout(system: ReducedSystem) -> Layout:
         held=symbols.held,
         angles=equations.angles,
     )
+
+
+def _ends_in(system: ReducedSystem, nodes: Sequence[Node]) -> bool:
+    """Return whether the right-hand side of many bodies ends in these values, and so need not be lowered twice."""
+    return system.equations.tree is not None and tuple(system.rhs[-len(nodes) :]) == tuple(nodes)
+
+
+def _without_coordinates(rhs: Kernel, name: str, count: int) -> Kernel:
+    """Return the kernel of the last outputs of a right-hand side, where its state is that of the scene."""
+    return EliminateDeadCode()(replace(rhs, name=name, outputs=rhs.outputs[-count:]))
 
 
 def _energies(

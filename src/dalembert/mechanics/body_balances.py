@@ -19,7 +19,8 @@ from ..transforms.derivatives import tangents
 from . import kinematics as vec
 from .equations import moved_to
 from .kinematics import Kinematics
-from .virtual_power import Screw, inertia_screw
+from .screws import Screw
+from .virtual_power import inertia_screw
 
 
 @final

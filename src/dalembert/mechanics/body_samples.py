@@ -64,7 +64,7 @@ def body_samples(equations: EquationsOfMotion, balances: BodyBalances) -> list[B
     slopes = [tangents(graph, gone, {x: graph.one}) for x in equations.unknowns] if gone else []
     jacobian = [x for row in rows for x in row.jacobian]
     others = [x for row in rows for x in (row.drift, row.bias)] + [x for column in slopes for x in column]
-    others += [*equations.forcing, *(entry for row in equations.mass_matrix for entry in row)]  # finite, as of bodies
+    others += [*equations.forcing, *equations.inertia]  # finite, as of bodies
     positions = [row.position for row in rows if row.position is not None]
     found = []
     for number, (_, values) in enumerate(places_on_manifold(equations.q, others, positions, jacobian)):

@@ -124,7 +124,8 @@ def derive(model: SceneModel) -> EquationsOfMotion:
     ]
     nonholonomic = [_nonholonomic(kinematics, constraint) for constraint in model.nonholonomic]
     rows = (*holonomic, *nonholonomic)
-    terms = [*(entry for row in power.mass_matrix for entry in row), *power.forcing]
+    inertia = power.mass_matrix if power.tree is None else [power.tree.nodes]
+    terms = [*(entry for row in inertia or () for entry in row), *power.forcing]
     terms += [node for row in rows for node in (*row.jacobian, row.drift, row.bias)]
     states = tuple(map(model.graph.input, model.symbols.states))
     terms += model.state_rates
@@ -137,7 +138,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         symbols=model.symbols,
         q=tuple(kinematics.q),
         qdot=tuple(kinematics.qdot),
-        mass_matrix=power.mass_matrix,
+        dense=power.mass_matrix,
         forcing=tuple(forcing),
         reactions=reactions,
         constraints=rows,
@@ -152,9 +153,10 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         states=states,
         state_rates=model.state_rates,
         controllers=model.controllers,
-        angles=angles_of(model, rows, power.mass_matrix),
+        angles=angles_of(model, rows, power.mass_matrix or []),
         compliances=model.compliances,
         scene=model if model.given is None and model.lagrangian is None else None,
+        tree=power.tree,
     )
     require_reactions_of_constraints(model, equations)
     return equations

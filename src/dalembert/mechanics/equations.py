@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import cached_property
 from typing import Any, final
 
 from ..errors import list_names
@@ -13,7 +14,8 @@ from ..ir.node import Node
 from ..scene.model import ControllerModel, SceneModel
 from ..scene.symbol_table import SymbolTable
 from ..transforms.conditions import Condition, decide
-from ..transforms.linear import Matrix
+from ..transforms.linear import Matrix, matvec
+from .inertia_tree import InertiaTree
 
 
 @final
@@ -203,7 +205,8 @@ class EquationsOfMotion:
 
     Attributes
     ----------
-    mass_matrix : Matrix, n_q by n_q
+    dense : Matrix, n_q by n_q, or None
+        The mass matrix, as it was derived; None where `tree` stands for it.
     forcing : tuple of Node, length n_q
         Given actions and bias terms, no reactions.
     reactions : Matrix, n_q by n_unknown
@@ -248,6 +251,8 @@ class EquationsOfMotion:
         contact.
     compliances : mapping of str to Node
         Compliances of unknown reactions, by which they share loads that the balances of bodies leave undetermined.
+    tree : InertiaTree or None
+        The bodies, where they are so many that the mass matrix is long.
     """
 
     name: str
@@ -255,7 +260,7 @@ class EquationsOfMotion:
     symbols: SymbolTable
     q: tuple[Node, ...]
     qdot: tuple[Node, ...]
-    mass_matrix: Matrix
+    dense: Matrix | None
     forcing: tuple[Node, ...]
     reactions: Matrix
     constraints: tuple[ConstraintRow, ...]
@@ -287,6 +292,36 @@ class EquationsOfMotion:
     scene: SceneModel | None = None
     mode_reactions: Mapping[str, Node] = field(default_factory=dict)
     compliances: Mapping[str, Node] = field(default_factory=dict)
+    tree: InertiaTree | None = None
+
+    @cached_property
+    def mass_matrix(self) -> Matrix:
+        """The mass matrix (n_q, n_q); of many bodies it is long, and made when it is first asked for."""
+        if self.dense is not None:
+            return self.dense
+        assert self.tree is not None
+        return self.tree.mass_matrix(self.graph)
+
+    @property
+    def diagonal(self) -> list[Node]:
+        """The diagonal of the mass matrix."""
+        if self.tree is not None:
+            return self.tree.diagonal(self.graph)
+        return [row[i] for i, row in enumerate(self.mass_matrix)]
+
+    @property
+    def inertia(self) -> list[Node]:
+        """All values that the mass matrix is made of."""
+        if self.dense is not None:
+            return [entry for row in self.dense for entry in row]
+        assert self.tree is not None
+        return self.tree.nodes
+
+    def momenta(self, rates: Sequence[Node]) -> list[Node]:
+        """Return the mass matrix times a vector (n_q,)."""
+        if self.tree is not None:
+            return self.tree.product(self.graph, rates)
+        return matvec(self.graph, self.mass_matrix, rates)
 
     @property
     def variables(self) -> tuple[Node, ...]:

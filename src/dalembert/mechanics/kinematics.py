@@ -13,6 +13,7 @@ principle of virtual power.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import final
 
 from ..ir.graph import Graph
@@ -22,13 +23,13 @@ from ..transforms.derivatives import tangents
 
 
 @final
+@dataclass(frozen=True, slots=True)
 class Motion:
     """The part of a partial kinematic screw that one coordinate has at one step: angular or linear."""
 
-    __slots__ = ("angular", "coordinate", "direction")
-
-    def __init__(self, coordinate: int, direction: Components, angular: bool) -> None:
-        self.coordinate, self.direction, self.angular = coordinate, direction, angular
+    coordinate: int
+    direction: Components
+    angular: bool
 
 
 @final

@@ -11,6 +11,7 @@ from ..arrays import FloatArray
 from ..codegen import backend_named
 from ..codegen.base import Capability
 from ..errors import CapabilityError, UnknownNameError, ValueInputError, list_names, nesting_named
+from ..ir.interpret import unit_rates
 from ..ir.program import coefficient_places
 from ..starts import inputs as run_input
 from ..starts.input_values import read_inputs
@@ -279,6 +280,10 @@ def _outputs(self: CompiledModel, kernel: str, t: FloatArray, x: FloatArray, p: 
     if self.modes is not None:
         return self.modes.decisions.evaluate(kernel, t, x, p)
     program = self.stages.program
+    if kernel == "mass_matrix" and "momenta" in program:
+        kernel, count = "momenta", len(self.layout.coordinates)
+        t, x = unit_rates(count, t, x)
+        p = p if p.ndim == 1 else np.repeat(p, count, axis=0)
     if kernel not in program:
         return None
     if p.ndim == 1:

@@ -85,6 +85,7 @@ def _program_lines(model: CompiledModel, passes: bool, formulations: bool) -> li
         *([f"inputs        {list_names(layout.inputs)}"] if layout.inputs else []),
         f"backend       {stages.rendered.backend}",
         f"method        auto takes {_automatic(methods, automatic)}; also: {list_names(others)}",
+        *_long_series(model),
         *_stiff(methods),
         *_nonanalytic(stages, methods),
         *_conditions(program),
@@ -122,6 +123,15 @@ def _automatic(methods: Mapping[str, str], automatic: Mapping[float, str]) -> st
         return f"{taken[0]}, {methods[taken[0]]}"
     spans = {name: [rtol for rtol in automatic if automatic[rtol] == name] for name in taken}
     return "; ".join(f"{name} at rtol {max(s):g} to {min(s):g}, {methods[name]}" for name, s in spans.items())
+
+
+def _long_series(model: CompiledModel) -> list[str]:
+    """Return a line that says from which tolerance on auto takes no Taylor steps because their series are long."""
+    found = [(rtol, lines) for rtol in _RTOL if (lines := model.engine.too_long_for_series(rtol, rtol))]
+    if not found:
+        return []
+    rtol, lines = found[0]
+    return [f"              no Taylor steps from rtol {rtol:g} on, because their series have {lines:,} lines or more"]
 
 
 def _stiff(methods: Mapping[str, str]) -> list[str]:

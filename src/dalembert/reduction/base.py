@@ -12,8 +12,10 @@ from ..ir.conditions import CONDITION_TIME, Conditions
 from ..ir.graph import Graph
 from ..ir.kernel import Kernel
 from ..ir.node import Node
-from ..mechanics.equations import EquationsOfMotion
-from ..transforms.linear import Factorization, Matrix, SingularMatrix, factorize
+from ..mechanics.equations import EquationsOfMotion, moved_to
+from ..mechanics.inertia_tree import WORTH, InertiaTree
+from ..mechanics.tree_elimination import TreeFactorization
+from ..transforms.linear import Factorization, Factors, Matrix, SingularMatrix, factorize
 from ..transforms.lower_kernels import lower_kernel
 from ..transforms.rank_one import diagonal_less_dyad
 from .dependent_rows import Redundancy
@@ -120,6 +122,8 @@ class ReducedSystem:
         Reactions that come from balances of bodies, and the bodies that were moved for them; else empty.
     balanced : tuple of str
         Names of reactions that come from balances of bodies or share loads by compliances.
+    tree_factors : TreeFactorization or None
+        Of the inertia of the speeds, where it is eliminated along the tree of bodies.
     """
 
     formulation: str
@@ -146,6 +150,7 @@ class ReducedSystem:
     inertia: tuple[tuple[str, Node], ...] = ()
     released: str = ""
     balanced: tuple[str, ...] = ()
+    tree_factors: TreeFactorization | None = None
 
     @property
     def state_rates(self) -> tuple[Node, ...]:
@@ -186,25 +191,75 @@ def factorize_inertia(graph: Graph, matrix: Matrix, names: Sequence[str], scene:
     try:
         return factorize(graph, matrix)
     except SingularMatrix as singular:
-        raise SingularMassMatrixError(
-            f"scene {scene!r}: the mass matrix is singular at every state: {names[singular.index]!r} moves no"
-            " inertia of its own in a direction that the constraints leave free. Give the bodies it moves mass or"
-            " inertia, drop the coordinate, or add the constraint that fixes it"
-        ) from None
+        raise _singular(singular, names, scene) from None
+
+
+def _singular(singular: SingularMatrix, names: Sequence[str], scene: str) -> SingularMassMatrixError:
+    return SingularMassMatrixError(
+        f"scene {scene!r}: the mass matrix is singular at every state: {names[singular.index]!r} moves no"
+        " inertia of its own in a direction that the constraints leave free. Give the bodies it moves mass or"
+        " inertia, drop the coordinate, or add the constraint that fixes it"
+    )
+
+
+def factorize_tree(graph: Graph, tree: InertiaTree | None, demand: Sequence[Node]) -> TreeFactorization | None:
+    """Return the factors of the mass matrix of a tree; None where the unrolled elimination has fewer operations.
+
+    Those of the solution for a demand are counted; those of the mass matrix on a copy of the graph, where they decide.
+
+    Raises
+    ------
+    SingularMatrix
+        When a pivot is identically zero.
+    """
+    if tree is None or tree.dense_operations(WORTH) <= WORTH:
+        return None
+    factors, given = TreeFactorization(graph, tree), [*tree.nodes, *demand]
+    count = _added(graph, given, factors.solve(demand))
+    unrolled = tree.dense_operations(count, entry=0)
+    if unrolled <= count:
+        trial = graph.copy()
+        bodies = moved_to(tree, graph, trial)
+        entries = [entry for row in bodies.mass_matrix(trial) for entry in row]
+        unrolled += _added(trial, bodies.nodes, entries)
+    return factors if unrolled > count else None
+
+
+def _added(graph: Graph, given: Sequence[Node], made: Sequence[Node]) -> int:
+    """Return how many operations values take beyond those of given values."""
+    return sum(1 for _ in graph.topological([*given, *made])) - sum(1 for _ in graph.topological(given))
+
+
+def factorize_inertia_of_tree(
+    equations: EquationsOfMotion, tree: InertiaTree | None, demand: Sequence[Node], names: Sequence[str]
+) -> TreeFactorization | None:
+    """Return what `factorize_tree` does; a pivot that is identically zero is an error naming its coordinate."""
+    try:
+        return factorize_tree(equations.graph, tree, demand)
+    except SingularMatrix as singular:
+        raise _singular(singular, names, equations.name) from None
 
 
 def inertia_pivots(
-    equations: EquationsOfMotion, factors: Factorization, names: Sequence[str]
+    equations: EquationsOfMotion, factors: Factors, names: Sequence[str]
 ) -> tuple[tuple[str, Node], ...]:
     """Return the pivots of a mass matrix that are differences of functions of the parameters, with their names."""
     moving = ~equations.graph.mask(equations.symbols.parameters)
-    rows = zip(factors.order, factors.lower, factors.pivots, strict=True)
-    return tuple((names[i], pivot) for i, below, pivot in rows if below and pivot.deps and not pivot.deps & moving)
+    rows = zip(factors.order, factors.reduced, factors.pivots, strict=True)
+    return tuple((names[i], pivot) for i, reduced, pivot in rows if reduced and pivot.deps and not pivot.deps & moving)
+
+
+def tree_notes(factors: Factors | None) -> list[str]:
+    """Return a note on the elimination along a tree, for `explain()`; none for an unrolled one."""
+    if not isinstance(factors, TreeFactorization):
+        return []
+    bodies = sum(step.inertia is not None for step in factors.tree.steps)
+    return [f"the mass matrix is eliminated along the tree of {bodies} bodies: operations grow linearly with them"]
 
 
 def solve_inertia(
     equations: EquationsOfMotion, matrix: Matrix, demand: Sequence[Node], names: Sequence[str]
-) -> tuple[list[Node], Factorization | None]:
+) -> tuple[list[Node], Factors | None]:
     """Return matrix^-1 demand, by the structure of the matrix where that saves work, else with its factors."""
     graph = equations.graph
     moving = ~graph.mask(equations.symbols.parameters)

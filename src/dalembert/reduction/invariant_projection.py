@@ -23,7 +23,7 @@ from ..ir.graph import Graph
 from ..ir.node import Node
 from ..mechanics.equations import EquationsOfMotion
 from ..transforms.derivatives import tangents
-from ..transforms.linear import Factorization, factorize
+from ..transforms.linear import Factors, factorize
 from .base import Projection, ReducedSystem
 from .invariants import integrals
 from .saddle import SaddlePoint, velocity_residuals
@@ -106,7 +106,7 @@ class _Space:
         Change of the coordinates by a displacement along each of the speeds.
     values : dict of Node to Node
         Coordinates and rates of the scene that are not inputs of the state.
-    mass : Factorization
+    mass : Factors
         The metric.
     saddle : SaddlePoint or None
         Where constraints are among the rows.
@@ -118,7 +118,7 @@ class _Space:
     speeds: tuple[Node, ...]
     columns: tuple[tuple[Node, ...], ...]
     values: dict[Node, Node]
-    mass: Factorization
+    mass: Factors
     saddle: SaddlePoint | None
 
     @staticmethod
@@ -134,6 +134,8 @@ class _Space:
         if rows and system.formulation != "minimal":
             saddle = SaddlePoint.of(replace(equations, constraints=rows), guarded=not system.regular)
             return _Space(graph, equations, coordinates, speeds, columns, values, saddle.mass, saddle)
+        if system.tree_factors is not None:
+            return _Space(graph, equations, coordinates, speeds, columns, values, system.tree_factors, None)
         kinetic = graph.substitute([equations.kinetic_energy], values) if values else [equations.kinetic_energy]
         momenta = [tangents(graph, kinetic, {u: graph.one})[0] for u in speeds]
         matrix = [tangents(graph, momenta, {u: graph.one}) for u in speeds]

@@ -242,7 +242,7 @@ def _found(equations: EquationsOfMotion, graph: Graph, flow: Sequence[tuple[Node
 
 def _equations(equations: EquationsOfMotion, graph: Graph) -> list[Node]:
     """Return what accelerations and the energy depend on."""
-    rows = [*equations.mass_matrix, *(row.jacobian for row in equations.constraints)]
+    rows = [equations.inertia, *(row.jacobian for row in equations.constraints)]
     nodes = [
         *equations.forcing,
         *(row.drift for row in equations.constraints),

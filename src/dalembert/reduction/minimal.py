@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -10,10 +10,19 @@ from ..errors import FormulationError, SingularMassMatrixError
 from ..ir.graph import Graph
 from ..ir.node import Node, UnitName
 from ..mechanics.equations import EquationsOfMotion
+from ..mechanics.tree_elimination import TreeFactorization
 from ..transforms.derivatives import tangents
 from ..transforms.forms import Forms
-from ..transforms.linear import Factorization, matmul, matvec, transpose
-from .base import Formulation, ReducedSystem, ReductionSettings, inertia_pivots, solve_inertia
+from ..transforms.linear import Factors, Matrix, matmul, matvec, transpose
+from .base import (
+    Formulation,
+    ReducedSystem,
+    ReductionSettings,
+    factorize_inertia_of_tree,
+    inertia_pivots,
+    solve_inertia,
+    tree_notes,
+)
 from .parametrization import NoRegularBasis, Parametrization, parametrizations
 from .reactions import requested_outputs
 from .unit_sphere import from_unit_sphere, normalisation, on_unit_sphere, unit_notes
@@ -50,25 +59,39 @@ class _SpeedEquations:
     coordinate_rates: tuple[Node, ...]
     speed_rates: tuple[Node, ...]
     accelerations: tuple[Node, ...]
-    factors: Factorization | None = None
+    factors: Factors | None = None
+
+    @property
+    def along_tree(self) -> TreeFactorization | None:
+        """The factors, where they are those of a tree of bodies."""
+        return self.factors if isinstance(self.factors, TreeFactorization) else None
 
 
 def _kane(equations: EquationsOfMotion, p: Parametrization) -> _SpeedEquations:
     """Project the equations of motion on the free directions: S^T M S u_dot = S^T (forcing - M (S_dot u + s_dot))."""
     graph, size = equations.graph, len(equations.q)
     plain = p.coordinates == equations.q and p.rates == equations.qdot
-    flat = [entry for row in equations.mass_matrix for entry in row] + list(equations.forcing)
+    values: dict[Node, Node] = {}
     if not plain:
         values = {a: b for a, b in zip(equations.q, p.coordinates, strict=True) if a is not b}
         values |= {a: b for a, b in zip(equations.qdot, p.rates, strict=True) if a is not b}
+    flow = {equations.q[i]: p.rates[i] for i in p.kept} | {equations.time: graph.one}
+    rates = dict(zip((*equations.q, *equations.qdot), (*p.coordinates, *p.rates), strict=True))
+
+    def bias_and_basis() -> tuple[list[Node], Matrix]:
+        turning = dict(zip(equations.states, graph.substitute(equations.state_rates, rates), strict=True))
+        bias = tangents(graph, p.rates, flow | turning)
+        return bias, transpose([_slopes(graph, p.rates, speed) for speed in p.speeds]) if p.speeds else []
+
+    along_tree = _along_tree(equations, p, values, bias_and_basis, plain=plain)
+    if along_tree is not None:
+        return along_tree
+    flat = [entry for row in equations.mass_matrix for entry in row] + list(equations.forcing)
+    if not plain:
         flat = graph.substitute(flat, values)
     mass = [flat[i * size : (i + 1) * size] for i in range(size)]
     forcing = flat[size * size :]
-    flow = {equations.q[i]: p.rates[i] for i in p.kept} | {equations.time: graph.one}
-    rates = dict(zip((*equations.q, *equations.qdot), (*p.coordinates, *p.rates), strict=True))
-    flow |= dict(zip(equations.states, graph.substitute(equations.state_rates, rates), strict=True))
-    bias = tangents(graph, p.rates, flow)
-    basis = transpose([tangents(graph, p.rates, {speed: graph.one}) for speed in p.speeds]) if p.speeds else []
+    bias, basis = bias_and_basis()
     if not p.speeds:
         accelerations = tuple(bias)
         speed_rates: list[Node] = []
@@ -87,6 +110,48 @@ def _kane(equations: EquationsOfMotion, p: Parametrization) -> _SpeedEquations:
         moved = matvec(graph, basis, speed_rates)
         accelerations = tuple(a + b for a, b in zip(moved, bias, strict=True))
     return _SpeedEquations(tuple(p.rates[i] for i in p.kept), tuple(speed_rates), accelerations, factors)
+
+
+def _slopes(graph: Graph, rates: Sequence[Node], speed: Node) -> list[Node]:
+    """Return the derivatives of rates by a speed."""
+    found = iter(tangents(graph, [rate for rate in rates if rate.deps & speed.deps], {speed: graph.one}))
+    return [next(found) if rate.deps & speed.deps else graph.zero for rate in rates]
+
+
+def _along_tree(
+    equations: EquationsOfMotion,
+    p: Parametrization,
+    values: dict[Node, Node],
+    bias_and_basis: Callable[[], tuple[list[Node], Matrix]],
+    *,
+    plain: bool,
+) -> _SpeedEquations | None:
+    """Return the rates by elimination along the tree of bodies, where that takes fewer operations; else None."""
+    graph, tree = equations.graph, equations.tree
+    if tree is None or not p.speeds:
+        return None
+    if plain:
+        factors = factorize_inertia_of_tree(equations, tree, equations.forcing, p.names)
+        if factors is None:
+            return None
+        found = factors.solve(equations.forcing)
+        return _SpeedEquations(tuple(p.rates[i] for i in p.kept), tuple(found), tuple(found), factors)
+    moved = tree.substituted(graph, values)
+    bias, basis = bias_and_basis()
+    given = graph.substitute(equations.forcing, values)
+    load = [f - b for f, b in zip(given, moved.product(graph, bias), strict=True)]
+    demand = _sparse_products(graph, transpose(basis), load)
+    factors = factorize_inertia_of_tree(equations, moved.in_speeds(graph, basis), demand, p.names)
+    if factors is None:
+        return None
+    found = factors.solve(demand)
+    turned = _sparse_products(graph, basis, found)
+    accelerations = tuple(a + b for a, b in zip(turned, bias, strict=True))
+    return _SpeedEquations(tuple(p.rates[i] for i in p.kept), tuple(found), accelerations, factors)
+
+
+def _sparse_products(graph: Graph, rows: Matrix, x: Sequence[Node]) -> list[Node]:
+    return [graph.sum(a * b for a, b in zip(row, x, strict=True) if not a.is_zero) for row in rows]
 
 
 @final
@@ -132,7 +197,13 @@ class Minimal(Formulation):
             balanced=wanted.balanced,
             pivots=best.pivots,
             inertia=inertia_pivots(equations, motion.factors, best.names) if motion.factors else (),
-            notes=(f"independent speeds: {', '.join(best.names) or 'none'}", *best.notes, *unit_notes(scene)),
+            tree_factors=motion.along_tree if equations is scene else None,
+            notes=(
+                f"independent speeds: {', '.join(best.names) or 'none'}",
+                *best.notes,
+                *unit_notes(scene),
+                *tree_notes(motion.factors),
+            ),
         )
 
     def _cost(self, equations: EquationsOfMotion, p: Parametrization) -> float:

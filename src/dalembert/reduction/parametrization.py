@@ -79,18 +79,20 @@ def parametrizations(equations: EquationsOfMotion, cost: Callable[[Parametrizati
     picks: list[VelocityChoice | None] = [group.choices[0] if group.norm else None for group in groups]
     best: Parametrization | None = None
     best_cost, reason = float("inf"), ""
-    trials: list[tuple[int, VelocityChoice | None]] = [(-1, None)]
-    trials += [(place, choice) for place, group in enumerate(groups) for choice in group.choices]
-    for place, choice in trials:
-        trial = list(picks)
-        if place >= 0:
-            trial[place] = choice
+    trials: list[dict[int, VelocityChoice | None]] = [{}]
+    if equations.tree is None:
+        trials += [{place: choice} for place, group in enumerate(groups) for choice in group.choices]
+    else:  # of many bodies, each of which makes a trial longer, all groups change together
+        for k in range(max((len(group.choices) for group in groups), default=0)):
+            trials.append(dict(enumerate(group.choices[min(k, len(group.choices) - 1)] for group in groups)))
+    for changed in trials:
+        trial = [changed.get(place, pick) for place, pick in enumerate(picks)]
         try:
             found = _parametrize(equations, holonomic, groups, trial)
         except NoRegularBasis as failure:
             reason = reason or str(failure)
             continue
-        price = cost(found)
+        price = cost(found) if len(trials) > 1 or equations.tree is None else 0.0
         if price < best_cost:
             best, best_cost, picks = found, price, trial
     if best is None:
@@ -287,6 +289,7 @@ def _solve_nonholonomic(
 
 def _linear(graph: Graph, node: Node, speeds: Sequence[Node]) -> Node:
     """Return `node`, which is affine in the speeds, having offered it the form sum of slope times speed."""
+    speeds = [speed for speed in speeds if speed.deps & node.deps]
     slopes = [tangents(graph, [node], {speed: graph.one})[0] for speed in speeds]
     slopes = [graph.zero if vanishes(slope) else slope for slope in slopes]
     rest = graph.substitute([node], dict.fromkeys(speeds, graph.zero))[0]

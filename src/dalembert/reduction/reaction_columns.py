@@ -136,7 +136,7 @@ def weighted_columns(equations: EquationsOfMotion, matrix: Matrix) -> Matrix:
     if len(columns) < 2 or len(kinds) < 2:
         return columns
     moving = ~graph.mask(equations.symbols.parameters)
-    diagonal = [row[i] for i, row in enumerate(equations.mass_matrix)]
+    diagonal = equations.diagonal
     known = [(entry, angle) for entry, angle in zip(diagonal, angles, strict=True) if not entry.deps & moving]
     inertia = graph.sum(entry for entry, angle in known if angle)
     mass = graph.sum(entry for entry, angle in known if not angle)

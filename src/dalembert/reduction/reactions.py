@@ -236,14 +236,21 @@ def _solve(
     independent, _ = independent_columns(columns)
     if equations.minimum_norm:
         independent = list(range(len(equations.unknowns)))
-    flat = [entry for row in equations.mass_matrix for entry in row] + list(equations.forcing)
+    tree = None if equations.tree is None else equations.tree.substituted(graph, values)
+    flat = [entry for row in equations.dense or () for entry in row]
+    square = len(flat)
+    flat += equations.forcing
     flat += [row[i] for row in equations.reactions for i in independent]
     flat = graph.substitute(flat, values)
     mass = [flat[i * size : (i + 1) * size] for i in range(size)]
-    forcing, rest = flat[size * size : size * size + size], flat[size * size + size :]
+    forcing, rest = flat[square : square + size], flat[square + size :]
+
+    def momenta(x: Sequence[Node]) -> list[Node]:
+        return matvec(graph, mass, x) if tree is None else tree.product(graph, x)
+
     reactions = [rest[i * len(independent) : (i + 1) * len(independent)] for i in range(size)]
     proved = accelerations if plain is None else plain
-    residual = [a - f for a, f in zip(matvec(graph, mass, proved), forcing, strict=True)]
+    residual = [a - f for a, f in zip(momenta(proved), forcing, strict=True)]
     if equations.minimum_norm:
         unknowns = equations.unknowns
         return {unknowns[i]: x for i, x in enumerate(_minimum_norm(equations, reactions, residual, 2))}
@@ -252,7 +259,7 @@ def _solve(
     _require_exerted(equations, left)
     unknowns = equations.unknowns
     if plain is not None or loose:
-        residual = [a - f for a, f in zip(matvec(graph, mass, accelerations), forcing, strict=True)]
+        residual = [a - f for a, f in zip(momenta(accelerations), forcing, strict=True)]
         if equations.compliances:
             solution = least_energy(equations, reactions, [unknowns[i] for i in independent], residual)
         else:

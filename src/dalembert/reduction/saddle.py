@@ -18,14 +18,16 @@ from ..errors import ConstraintError
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion
-from ..transforms.linear import SET_ASIDE, Factorization, Matrix, SingularMatrix, factorize, guarded_pivot
+from ..transforms.linear import SET_ASIDE, Factorization, Factors, Matrix, SingularMatrix, factorize, guarded_pivot
 from .base import (
     Formulation,
     Projection,
     ReducedSystem,
     ReductionSettings,
     factorize_inertia,
+    factorize_tree,
     inertia_pivots,
+    tree_notes,
 )
 from .dependent_rows import Redundancy
 from .grouped_rows import Solver, solver_of, turning_demand
@@ -98,7 +100,7 @@ class SaddlePoint:
 
     Attributes
     ----------
-    mass : Factorization
+    mass : Factors
         Of M, or of M + J^T J.
     forcing : tuple of Node, length n_q
     rows : tuple of ConstraintRow
@@ -114,7 +116,7 @@ class SaddlePoint:
     """
 
     graph: Graph
-    mass: Factorization
+    mass: Factors
     forcing: tuple[Node, ...]
     rows: tuple[ConstraintRow, ...]
     halves: tuple[list[Node], ...]
@@ -132,17 +134,17 @@ class SaddlePoint:
             When a coordinate moves no inertia in a direction that the constraints leave free.
         """
         graph, rows = equations.graph, equations.constraints
-        matrix, forcing = equations.mass_matrix, list(equations.forcing)
-        names = equations.symbols.coordinates
+        forcing, names = list(equations.forcing), equations.symbols.coordinates
         try:
-            mass = factorize(graph, matrix)
+            mass: Factors = factorize_tree(graph, equations.tree, forcing) or factorize(graph, equations.mass_matrix)
+            inertias = equations.diagonal
         except SingularMatrix:
-            n = range(len(names))
+            n, matrix = range(len(names)), equations.mass_matrix
             matrix = [[matrix[i][j] + graph.sum(r.jacobian[i] * r.jacobian[j] for r in rows) for j in n] for i in n]
             forcing = [forcing[i] + graph.sum(r.jacobian[i] * r.bias for r in rows) for i in n]
             mass = factorize_inertia(graph, matrix, names, equations.name)
+            inertias = [matrix[i][i] for i in n]
         halves = tuple(mass.half_solve(row.jacobian) for row in rows)
-        inertias = [matrix[i][i] for i in range(len(matrix))]
         # rows that vanish belong to folds of mechanisms; where contacts close and open, they decide no branch
         folding = guarded and not equations.guards
         scales = tuple(row_scale(graph, row.jacobian, inertias) if folding else graph.zero for row in rows)
@@ -277,7 +279,7 @@ def reduce_saddle(
         released=wanted.released,
         balanced=wanted.balanced,
         inertia=inertia_pivots(equations, saddle.mass, equations.symbols.coordinates),
-        notes=tuple(notes),
+        notes=(*notes, *tree_notes(saddle.mass)),
     )
 
 

@@ -126,7 +126,7 @@ class StartLimits:
         lengths = [self._abs(x) for x, angle in zip(self.q, self.angles, strict=True) if not angle]
         if any(self.angles):
             own = dict(zip(graph.adopt(equations.q), self.q, strict=True))
-            masses = graph.substitute(graph.adopt([row[i] for i, row in enumerate(equations.mass_matrix)]), own)
+            masses = graph.substitute(graph.adopt(equations.diagonal), own)
             lengths += self._gyration(masses)
         largest = self._largest(lengths)
         return graph.call("select", graph.call("less", graph.node(_ROUNDED), largest), largest, graph.one)

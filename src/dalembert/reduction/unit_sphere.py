@@ -61,7 +61,8 @@ def on_unit_sphere(equations: EquationsOfMotion) -> EquationsOfMotion:
     return replace(
         equations,
         q=tuple(values.get(q, q) for q in equations.q),
-        mass_matrix=matrix(equations.mass_matrix),
+        dense=None if equations.dense is None else matrix(equations.dense),
+        tree=None if equations.tree is None else equations.tree.substituted(graph, values),
         forcing=moved(equations.forcing),
         state_rates=moved(equations.state_rates),
         reactions=matrix(equations.reactions),

@@ -17,7 +17,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..errors import ConstraintError
 from ..ir.conditions import CONDITION_TIME
-from ..ir.interpret import interpret_rows
+from ..ir.interpret import interpret_rows, mass_matrices
 from ..ir.program import Program
 from ..mechanics.equations import EquationsOfMotion
 from ..reduction.starting import Start
@@ -87,7 +87,7 @@ class Impulses:
     ) -> FloatArray:
         """Return the rates (n_q,) behind the impulses of the constraints that are `held`, with a change of momenta."""
         size, number = len(self.program.layout.coordinates), len(held)
-        mass = self._value("mass_matrix", t, x, after).reshape(size, size)
+        mass = self._mass(t, x, after)
         rows, residual = np.empty((0, size)), np.empty(0)
         if number:
             rows = self._value("constraint_jacobian", t, x, after).reshape(-1, size)[list(held)]
@@ -107,7 +107,7 @@ class Impulses:
         size = len(self.program.layout.coordinates)
         if not self.moved:
             return np.zeros(size), False
-        mass = np.diag(self._value("mass_matrix", t, x, after).reshape(size, size))
+        mass = np.diag(self._mass(t, x, after))
         energy = max(0.0, *(float(self._value("energy", t, x, c)[0]) for c in (before, after)))
         sizes = np.sqrt(2.0 * energy * np.maximum(mass, 0.0))
         change = self._momenta(t, x, after, sizes) - self._momenta(t, x, before, sizes)
@@ -116,13 +116,16 @@ class Impulses:
     def _value(self, kernel: str, t: float, x: FloatArray, c: FloatArray) -> FloatArray:
         return interpret_rows(self.program.kernel(kernel), np.array([t]), x[np.newaxis], c)[0]
 
+    def _mass(self, t: float, x: FloatArray, c: FloatArray) -> FloatArray:
+        return mass_matrices(self.program, np.array([t]), x[np.newaxis], c)[0]
+
     def _momenta(self, t: float, x: FloatArray, c: FloatArray, sizes: FloatArray) -> FloatArray:
         """Return dT/dqdot (n_q,): central differences, which are exact for a quadratic function of the rates.
 
         Rates are moved by what gives momenta of these sizes (n_q,).
         """
         size = len(self.program.layout.coordinates)
-        rates, mass = slice(size, 2 * size), np.diag(self._value("mass_matrix", t, x, c).reshape(size, size))
+        rates, mass = slice(size, 2 * size), np.diag(self._mass(t, x, c))
         steps = np.where((sizes > 0.0) & (mass > 0.0), sizes / np.where(mass > 0.0, mass, 1.0), 1.0)
         rows = np.tile(x, (2 * size, 1))
         rows[:size, rates] += np.diag(steps)

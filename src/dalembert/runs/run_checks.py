@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import OptionError, list_names
-from ..ir.interpret import interpret_rows
+from ..ir.interpret import interpret_rows, mass_matrices
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..ir.tables import Table, table_of
@@ -157,7 +157,7 @@ def _singular(
         place = layout.coordinates.index(found.decisive[group])
         x[0, place] = _lock(float(x[0, place]), value)
         value = 0.0
-    mass = interpret_rows(program.kernel("mass_matrix"), times, x, c).reshape(n, n)
+    mass = mass_matrices(program, times, x, c)[0]
     free = np.eye(n)
     if layout.constraints:
         rows = interpret_rows(program.kernel("constraint_jacobian"), times, x, c).reshape(-1, n)

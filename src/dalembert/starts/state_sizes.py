@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..ir.interpret import interpret_rows
+from ..ir.interpret import mass_matrices
 from ..ir.program import Program
 
 _ROUNDED, AT_REST, _SLOW = 1e-12, 1e-8, 1e-4
@@ -27,7 +27,7 @@ def _angles(program: Program) -> NDArray[np.bool_]:
 def _radii(program: Program, t: FloatArray, x: FloatArray, c: FloatArray) -> FloatArray:
     """Return radii of gyration (k,) at coordinates and rates x (k, 2 n_q), zero without a mass or an inertia."""
     angles = _angles(program)
-    masses = interpret_rows(program.kernel("mass_matrix"), t, x, c)[:, :: len(angles) + 1]
+    masses = np.diagonal(mass_matrices(program, t, x, c), axis1=1, axis2=2)
     inertia, mass = np.sum(masses[:, angles], axis=1), np.sum(masses[:, ~angles], axis=1)
     with np.errstate(all="ignore"):
         radius = np.sqrt(np.where(inertia > 0.0, inertia, 0.0) / np.where(mass > 0.0, mass, np.inf))

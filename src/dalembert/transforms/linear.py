@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import final
@@ -45,10 +46,47 @@ def matmul(graph: Graph, a: Sequence[Sequence[Node]], b: Sequence[Sequence[Node]
     return [[graph.sum(u * v for u, v in zip(row, column, strict=True)) for column in columns] for row in a]
 
 
+class Factors(ABC):
+    """P A P^T = L D L^T of a symmetric matrix, L unit lower triangular, in any form that solves equations.
+
+    Attributes
+    ----------
+    order : sequence of int
+        Row of A that stands at each place.
+    pivots : sequence of Node
+        The diagonal D.
+    """
+
+    graph: Graph
+    order: Sequence[int]
+    pivots: Sequence[Node]
+
+    @property
+    @abstractmethod
+    def reduced(self) -> Sequence[bool]:
+        """Whether each pivot may differ from the entry of A that it came from."""
+
+    @abstractmethod
+    def half_solve(self, b: Sequence[Node]) -> list[Node]:
+        """Return L^-1 P b."""
+
+    @abstractmethod
+    def finish(self, half: Sequence[Node]) -> list[Node]:
+        """Return A^-1 b from the half solution L^-1 P b."""
+
+    def solve(self, b: Sequence[Node]) -> list[Node]:
+        """Return A^-1 b."""
+        return self.finish(self.half_solve(b))
+
+    def inner(self, a: Sequence[Node], b: Sequence[Node]) -> Node:
+        """Return x . A^-1 y from the half solutions a = L^-1 P x and b = L^-1 P y."""
+        return self.graph.sum(x * y / pivot for x, y, pivot in zip(a, b, self.pivots, strict=True))
+
+
 @final
 @dataclass(frozen=True)
-class Factorization:
-    """P A P^T = L D L^T of a symmetric matrix, L unit lower triangular, stored without its zeros.
+class Factorization(Factors):
+    """Factors whose L is stored without its zeros.
 
     Attributes
     ----------
@@ -65,8 +103,13 @@ class Factorization:
     lower: tuple[dict[int, Node], ...]
     pivots: tuple[Node, ...]
 
+    @property
+    def reduced(self) -> Sequence[bool]:
+        """See `Factors.reduced`."""
+        return [bool(row) for row in self.lower]
+
     def half_solve(self, b: Sequence[Node]) -> list[Node]:
-        """Return L^-1 P b."""
+        """See `Factors.half_solve`."""
         x: list[Node] = []
         for place, row in enumerate(self.order):
             value = b[row]
@@ -75,16 +118,8 @@ class Factorization:
             x.append(value)
         return x
 
-    def solve(self, b: Sequence[Node]) -> list[Node]:
-        """Return A^-1 b."""
-        return self.finish(self.half_solve(b))
-
-    def inner(self, a: Sequence[Node], b: Sequence[Node]) -> Node:
-        """Return x . A^-1 y from the half solutions a = L^-1 P x and b = L^-1 P y."""
-        return self.graph.sum(x * y / pivot for x, y, pivot in zip(a, b, self.pivots, strict=True))
-
     def finish(self, half: Sequence[Node]) -> list[Node]:
-        """Return A^-1 b from the half solution L^-1 P b."""
+        """See `Factors.finish`."""
         x = [value / pivot for value, pivot in zip(half, self.pivots, strict=True)]
         for place in range(len(x) - 1, -1, -1):
             for column, entry in self.lower[place].items():

@@ -90,6 +90,7 @@ class NumbaBackend(CompiledBackend):
     """Kernels that numba compiles, one case at a time, for the same integrator loops as the default backend's."""
 
     name = "numba"
+    largest = 5_000
     capabilities = frozenset({Capability.KERNEL_FUNCTIONS})
 
     def versions(self) -> str:

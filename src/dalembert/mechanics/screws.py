@@ -1,0 +1,129 @@
+"""Screws, twists and inertias, from step to step of a tree of bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Protocol, final
+
+from ..ir.node import Node
+from ..scene.model import Components
+from . import kinematics as vec
+from .kinematics import Motion
+
+Rows = tuple[Components, Components, Components]
+Screw = tuple[Components, Components]
+"""Resultant and moment about the point of a step."""
+Twist = tuple[Components, Components]
+"""Angular velocity and velocity of the point of a step, or their rates."""
+
+
+class Step(Protocol):
+    """What turns a frame or moves its point."""
+
+    @property
+    def rotation(self) -> Rows | None:
+        """Rows such that components here = rotation * components of the parent."""
+
+    @property
+    def offset(self) -> Components | None:
+        """Position from the point of the parent, where nothing turns."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Inertia:
+    """Mass, first moment and inertia about the point of a step."""
+
+    mass: Node
+    moment: Components
+    second: Rows
+
+
+def power(motion: Motion, screw: Screw) -> Node:
+    """Return the power coefficient of a screw: its product with a partial kinematic screw."""
+    return vec.dot(motion.direction, screw[1] if motion.angular else screw[0])
+
+
+def add_screw(old: Screw | None, screw: Screw) -> Screw:
+    """Return the sum of two screws about one point."""
+    return screw if old is None else (vec.add(old[0], screw[0]), vec.add(old[1], screw[1]))
+
+
+def carry_screw(step: Step, screw: Screw) -> Screw:
+    """Return a screw of a step about the point, and in the components, of its parent."""
+    resultant, moment = screw
+    if step.offset is not None:
+        return resultant, vec.add(moment, vec.cross(step.offset, resultant))
+    assert step.rotation is not None
+    return vec.rotate_back(step.rotation, resultant), vec.rotate_back(step.rotation, moment)
+
+
+def carry_twist(step: Step, twist: Twist) -> Twist:
+    """Return what a step has of the twist of its parent."""
+    omega, v = twist
+    if step.offset is not None:
+        return omega, vec.add(v, vec.cross(omega, step.offset))
+    assert step.rotation is not None
+    return vec.rotate(step.rotation, omega), vec.rotate(step.rotation, v)
+
+
+def moved_twist(motions: Iterable[Motion], twist: Twist | None, x: Sequence[Node]) -> Twist | None:
+    """Return a twist with what coordinates add to it whose rates are x; None for a twist that is zero."""
+    for motion in motions:
+        rate = x[motion.coordinate]
+        nothing = vec.zero(rate.graph)  # type: ignore[arg-type]  # an Algebra
+        omega, v = twist or (nothing, nothing)
+        part = vec.scale(rate, motion.direction)
+        twist = (vec.add(omega, part), v) if motion.angular else (omega, vec.add(v, part))
+    return twist
+
+
+def momentum(inertia: Inertia, twist: Twist) -> Screw:
+    """Return the momentum of bodies and its moment."""
+    omega, v = twist
+    moment = vec.add(vec.rotate(inertia.second, omega), vec.cross(inertia.moment, v))
+    return vec.add(vec.scale(inertia.mass, v), vec.cross(omega, inertia.moment)), moment
+
+
+def momentum_screw(inertia: Inertia, motion: Motion) -> Screw:
+    """Return the momentum of bodies that move with a partial kinematic screw."""
+    if motion.angular:
+        return vec.cross(motion.direction, inertia.moment), vec.rotate(inertia.second, motion.direction)
+    return vec.scale(inertia.mass, motion.direction), vec.cross(inertia.moment, motion.direction)
+
+
+def add_inertia(old: Inertia | None, new: Inertia) -> Inertia:
+    """Return the inertia of two bodies about one point."""
+    if old is None:
+        return new
+    a, b = old.second, new.second
+    second = (vec.add(a[0], b[0]), vec.add(a[1], b[1]), vec.add(a[2], b[2]))
+    return Inertia(old.mass + new.mass, vec.add(old.moment, new.moment), second)
+
+
+def carry_inertia(step: Step, inertia: Inertia) -> Inertia:
+    """Return an inertia of a step about the point, and in the components, of its parent."""
+    if step.rotation is not None:
+        c = step.rotation
+        half = [vec.rotate_back(c, row) for row in inertia.second]
+        columns = [vec.rotate_back(c, (half[0][j], half[1][j], half[2][j])) for j in range(3)]
+        return Inertia(inertia.mass, vec.rotate_back(c, inertia.moment), symmetric(columns))
+    r, h, m = step.offset, inertia.moment, inertia.mass
+    assert r is not None
+    total = vec.add(vec.add(h, h), vec.scale(m, r))
+    trace = vec.dot(total, r)
+    moment = vec.add(h, vec.scale(m, r))
+    columns = []
+    for i in range(3):
+        # J + (2 h.r + m r.r) 1 - h r^T - r h^T - m r r^T, written with h + m r
+        column = [inertia.second[j][i] - moment[j] * r[i] - r[j] * h[i] for j in range(3)]
+        column[i] = column[i] + trace
+        columns.append((column[0], column[1], column[2]))
+    return Inertia(m, moment, symmetric(columns))
+
+
+def symmetric(columns: Sequence[Components]) -> Rows:
+    """Return a symmetric matrix from the lower parts of its columns."""
+    (a, b, c), (_, d, e), (_, _, f) = columns
+    return (a, b, c), (b, d, e), (c, e, f)
