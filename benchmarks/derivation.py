@@ -28,6 +28,8 @@ _ENOUGH_SECONDS = 1.0
 def scaling(sizes: Sequence[int], limit: float, say: Callable[[str], None] = print) -> list[Record]:
     """Return one record a chain and size: seconds by stage from scene to program, and operation counts.
 
+    Of many links there is no kernel of the mass matrix.
+
     A size whose seconds would go beyond `limit`, by the growth between the two sizes before, is left out
     with a record that says so.
     """
@@ -79,8 +81,7 @@ def _derive_chain(build: Callable[[int], Any], n: int) -> Record:
         "seconds": {stage: round(seconds, 5) for stage, seconds in watch.seconds.items()},
         "total": sum(watch.seconds.values()),
         "formulation": program.formulation,
-        "mass_matrix": _operations(program, "mass_matrix"),
-        "rhs": _operations(program, "rhs"),
+        **{name: _operations(program, name) for name in ("mass_matrix", "rhs") if name in program},
     }
 
 

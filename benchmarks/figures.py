@@ -121,11 +121,12 @@ def scaling_picture(records: Sequence[Mapping[str, Any]], kane: Sequence[Mapping
         seconds.plot(n, [r["total"] for r in line], "o-", color=colour, label=f"{chain}: scene to program")
         seconds.plot(n, equations, "s--", color=colour, markersize=4, label=f"{chain}: scene to reduced equations")
         for kernel, style in (("rhs", "o-"), ("mass_matrix", "s--")):
-            flops = [r[kernel]["flops"] for r in line]
-            larger = [(k, f) for k, f in zip(n, flops, strict=True) if k >= 5]
+            made = [r for r in line if kernel in r]
+            sizes, flops = [r["n"] for r in made], [r[kernel]["flops"] for r in made]
+            larger = [(k, f) for k, f in zip(sizes, flops, strict=True) if k >= 5]
             slope = growth_exponent([k for k, _ in larger], [f for _, f in larger])
             label = f"{chain}: {kernel.replace('_', ' ')}" + (f" ~ n^{slope:.1f}" if slope else "")
-            operations.plot(n, flops, style, color=colour, markersize=4, label=label)
+            operations.plot(sizes, flops, style, color=colour, markersize=4, label=label)
     if kane:
         n = [r["n"] for r in kane]
         seconds.plot(n, [r["total"] for r in kane], "^-", color="#999999", label="planar: SymPy KanesMethod and CSE")

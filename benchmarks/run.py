@@ -216,6 +216,12 @@ def say(text: str) -> None:
     print(text, flush=True)
 
 
+def _mass_matrices(line: Sequence[dict[str, Any]]) -> tuple[list[int], list[int]]:
+    """Return sizes and operations of the mass matrices that have a kernel."""
+    made = [r for r in line if "mass_matrix" in r]
+    return [r["n"] for r in made], [r["mass_matrix"]["flops"] for r in made]
+
+
 def exponents(chains: Sequence[dict[str, Any]], kane: Sequence[dict[str, Any]]) -> dict[str, dict[str, float | None]]:
     """Return fitted growth exponents of seconds and operations: chains from 5 links on, KanesMethod throughout."""
     fits: dict[str, dict[str, float | None]] = {}
@@ -225,7 +231,7 @@ def exponents(chains: Sequence[dict[str, Any]], kane: Sequence[dict[str, Any]]) 
         fits[f"{chain} chain"] = {
             "scene to reduced equations [s]": growth_exponent(n, [r["total"] - r["seconds"]["lower"] for r in line]),
             "scene to program [s]": growth_exponent(n, [r["total"] for r in line]),
-            "mass matrix flops": growth_exponent(n, [r["mass_matrix"]["flops"] for r in line]),
+            "mass matrix flops": growth_exponent(*_mass_matrices(line)),
             "rhs flops": growth_exponent(n, [r["rhs"]["flops"] for r in line]),
         }
     n = [r["n"] for r in kane]
