@@ -88,6 +88,15 @@ def test_mass_matrix_and_forcing_are_those_of_the_recursion(name):
     np.testing.assert_allclose(both[0], mass, rtol=1e-14)
 
 
+def test_inverse_dynamics_is_the_recursion():
+    tree, model, values = compiled("slides")
+    q, qdot = states(tree)
+    qddot = states(tree, 1)[0]
+    found = model.inverse_dynamics(0.0, q, qdot, qddot, values)
+    expected, terms = torques(tree, q, qdot, qddot)
+    assert np.max(np.abs(found - expected) / terms) < 1e-12
+
+
 @pytest.mark.parametrize("name", ["plane of 3", "stars", "balls", "floating"])
 def test_factors_along_the_tree_are_those_of_the_matrix(name, monkeypatch):
     """The same solutions, inner products, products and diagonal as with the dense matrix, however short."""

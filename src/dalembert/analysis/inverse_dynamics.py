@@ -135,8 +135,7 @@ def inverse_kernel(model: CompiledModel, given: Sequence[str]) -> InverseKernel:
     _refuse_other_uses(model, equations, rows, (forcing, slopes), [*controlled, *free])
     rest = graph.substitute(forcing, dict.fromkeys(values, graph.zero))
     columns = slopes if values else [[graph.one if i == j else graph.zero for i in n] for j in n]
-    inertia = [graph.sum(a * b for a, b in zip(row, second, strict=True)) for row in equations.mass_matrix]
-    nodes = [equations.mass_matrix[i][i] for i in n] + inertia + rest
+    nodes = equations.diagonal + equations.momenta(second) + rest
     nodes += [column[i] for i in n for column in columns]
     nodes += [entry for row in rows for entry in row.jacobian] + [row.bias for row in rows]
     nodes += _friction_nodes(equations, friction, second)
