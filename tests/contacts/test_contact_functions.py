@@ -9,11 +9,11 @@ from dalembert.contacts.contact_forces import load_accelerations, open_contacts,
 from dalembert.contacts.contact_impacts import strike
 from dalembert.contacts.contact_kinds import refused
 from dalembert.contacts.contact_system import CLOSED, OPEN, SLIP, STICK, combination
-from dalembert.contacts.dead_centres import turns_back
 from dalembert.contacts.dense_solve import dense_workspace, solve_dense
 from dalembert.contacts.mode_candidates import candidates_space
 from dalembert.contacts.mode_laws import ROUNDING
 from dalembert.contacts.mode_selection import select_mode
+from dalembert.contacts.slip_direction import turns_back
 from dalembert.methods.status import Status
 
 WEIGHT = 10.0

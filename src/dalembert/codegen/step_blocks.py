@@ -21,8 +21,8 @@ from .steppers import event_kernels
 
 if TYPE_CHECKING:
     from ..arrays import FloatArray
-    from ..events.block_search import SearchArguments
     from ..events.event_code import EventCode
+    from ..events.event_resolution import SearchArguments
     from ..events.recorded_motion import RecordedCase
     from ..lanes.workspace import EventKernels
     from .engine import Engine

@@ -1,4 +1,4 @@
-"""Cases with contacts at an instant: `ContactCases`."""
+"""Cases with contacts at an instant, and the sizes by which contacts are compared with zero in any unit."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..subset.arguments import IntMatrix, IntVector, Matrix, Vector
-from ..subset.compiled_subset import compiled_subset
+from ..subset.compiled_subset import compiled_subset, sqrt
 from .contact_laws import STATES
+from .contact_system import ContactSystem, drift, terms
 
 UNDECIDED = -1
 """Mode of a contact, and of a case, before the first decision, and `ContactCases.after` without an impact."""
@@ -127,3 +128,114 @@ def set_mode(cases: ContactCases, case: int, mode: IntVector) -> None:
         number += digit * mode[i]
         digit *= _STATES
     cases.number[case] = number
+
+
+NOISE = 1e-8
+"""Share of a velocity, or of a position, below which it counts as zero."""
+
+_ROUNDED_LENGTH, _AT_REST, _SLOW_SHARE = 1e-12, 1e-8, 1e-4
+"""Those of `dalembert.reduction.start_limits`: a length and a speed that rounding may have left of zero, and the share
+of the speed of the whole motion that counts as a rate where less moves."""
+
+_MOTIONLESS, _LIGHT = 1e-12, 1e-8
+"""Share of the rate that a gap could have with the kinetic energy there is, up to which it has none; and share of the
+largest inertia up to which a coordinate counts as that heavy in this: light bodies do not take all energy."""
+
+
+@compiled_subset
+def _length_size(system: ContactSystem, x: FloatArray) -> float:
+    """Return the size of the coordinates with a unit, which are the first of x (2 n_q + n_z,).
+
+    The largest of them, and at least the radius of gyration where there are angles; one where that is rounding.
+    """
+    largest, inertia, weight = 0.0, 0.0, 0.0
+    for j in range(system.coordinates):
+        if system.angle[j] != 0:
+            inertia += system.mass[j, j]
+        else:
+            weight += system.mass[j, j]
+            largest = max(largest, abs(x[j]))
+    if inertia > 0.0 and weight > 0.0:
+        largest = max(largest, sqrt(inertia / weight))
+    return largest if largest > _ROUNDED_LENGTH else 1.0
+
+
+@compiled_subset
+def position_terms(system: ContactSystem, x: FloatArray, row: int, total: float) -> float:
+    """Return the sizes of what coordinates add to a gap, or to a way slipped, added to a total; x as before."""
+    length = _length_size(system, x)
+    for j in range(system.coordinates):
+        size = 1.0 if system.angle[j] != 0 else length
+        total += abs(system.jacobian[row, j]) * max(abs(x[j]), size)
+    return total
+
+
+@compiled_subset
+def gap_noise(system: ContactSystem, x: FloatArray, i: int) -> float:
+    """Return the size below which the gap of a contact counts as zero at a start; x as before."""
+    return NOISE * position_terms(system, x, system.constraint[i], abs(system.gap[i]))
+
+
+@compiled_subset
+def slow_terms(system: ContactSystem, x: FloatArray, row: int) -> float:
+    """Return the least size of the terms of the rate of a constraint, or of a slip velocity; x as before."""
+    total, speed, length = 0.0, 0.0, _length_size(system, x)
+    for j in range(system.coordinates):
+        size = 1.0 if system.angle[j] != 0 else length
+        total += abs(system.jacobian[row, j]) * size
+        speed += abs(system.rates[j]) / size
+    return _SLOW_SHARE * (speed if speed > _AT_REST else 1.0) * total
+
+
+@compiled_subset
+def gap_rate(system: ContactSystem, i: int) -> float:
+    """Return the rate of the gap of a contact."""
+    return float(system.sense[i]) * system.velocity[system.constraint[i]]
+
+
+@compiled_subset
+def motionless_rate(system: ContactSystem, i: int) -> float:
+    """Return the rate of a gap up to which a contact does not move, beside the kinetic energy there is."""
+    slopes, energy, heavy, turning, most = system.jacobian[system.constraint[i]], 0.0, 0.0, 0.0, 0.0
+    for j in range(system.coordinates):
+        if system.angle[j] != 0:
+            turning = max(turning, system.mass[j, j])
+        else:
+            heavy = max(heavy, system.mass[j, j])
+        for m in range(system.coordinates):
+            energy += system.rates[j] * system.mass[j, m] * system.rates[m]
+    for j in range(system.coordinates):
+        if system.mass[j, j] > 0.0:
+            inertia = max(system.mass[j, j], _LIGHT * (turning if system.angle[j] != 0 else heavy))
+            most += slopes[j] * slopes[j] / inertia
+    return _MOTIONLESS * sqrt(max(energy * most, 0.0))
+
+
+@compiled_subset
+def rate_noise(system: ContactSystem, i: int) -> float:
+    """Return the size below which the rate of a gap counts as zero."""
+    return NOISE * terms(system.jacobian[system.constraint[i]], system.rates, 0.0) + motionless_rate(system, i)
+
+
+@compiled_subset
+def rate_terms(system: ContactSystem, row: int) -> float:
+    """Return the sum of the sizes of the terms of a slip velocity, or of the rate of a constraint."""
+    return terms(system.jacobian[row], system.rates, abs(drift(system, row)))
+
+
+@compiled_subset
+def slip_speed(system: ContactSystem, i: int) -> float:
+    """Return the size of the slip velocity of a contact."""
+    total = 0.0
+    for a in range(system.width[i]):
+        total += system.velocity[system.row[i] + a] * system.velocity[system.row[i] + a]
+    return sqrt(total)
+
+
+@compiled_subset
+def slip_terms(system: ContactSystem, i: int) -> float:
+    """Return the sum of the sizes of the terms of a slip velocity, the larger of two."""
+    largest = 0.0
+    for a in range(system.width[i]):
+        largest = max(largest, rate_terms(system, system.row[i] + a))
+    return largest

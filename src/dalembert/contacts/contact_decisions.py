@@ -13,7 +13,7 @@ from ..methods.status import Status
 from ..methods.step_constants import EPSILON
 from ..subset.arguments import IntVector, Matrix
 from ..subset.compiled_subset import compiled_subset, sqrt
-from .contact_cases import ADDED, REST, SIDE, UNDECIDED, ContactCases, set_mode
+from .contact_cases import ADDED, REST, SIDE, UNDECIDED, ContactCases, set_mode, slip_speed, slip_terms, slow_terms
 from .contact_forces import compliance, load_accelerations, motionless, solve_mode
 from .contact_impacts import close_gaps, hold, moves_in_mode, strike
 from .contact_kinds import (
@@ -28,7 +28,6 @@ from .contact_kinds import (
     strikes,
     touching,
 )
-from .contact_sizes import slip_speed, slip_terms, slow_terms
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, dot, inertial_terms, opening_power, terms
 from .mode_candidates import BREAK_DOWN, BREAK_UP, FREE, GRIPPED, HOVERING, TOUCHING, TURN, Candidates
 from .mode_selection import select_mode

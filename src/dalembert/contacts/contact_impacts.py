@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from ..methods.status import Status
 from ..subset.compiled_subset import compiled_subset, sqrt
-from .contact_cases import ADDED, SIDE, ContactCases
-from .contact_forces import load_correction, load_impact, load_restitution, solve_mode
-from .contact_kinds import RESTING, ROUNDED, STILL
-from .contact_sizes import (
+from .contact_cases import (
+    ADDED,
     NOISE,
+    SIDE,
+    ContactCases,
     gap_noise,
     gap_rate,
     motionless_rate,
@@ -18,6 +18,8 @@ from .contact_sizes import (
     slip_terms,
     slow_terms,
 )
+from .contact_forces import load_correction, load_impact, load_restitution, solve_mode
+from .contact_kinds import RESTING, ROUNDED, STILL
 from .contact_system import CLOSED, OPEN, POISSON, SEQUENCE, SLIP, STICK, ContactSystem, dot, drift, terms
 from .mode_candidates import FREE, GRIPPED, HOVERING, LIFTING, SLIDING, TOUCHING, Candidates, closed_kind
 from .mode_selection import select_mode

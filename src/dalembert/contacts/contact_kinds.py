@@ -4,8 +4,20 @@ from __future__ import annotations
 
 from ..methods.step_constants import EPSILON, RESOLUTION, TOGETHER
 from ..subset.compiled_subset import compiled_subset
-from .contact_cases import ADDED, REST, SIDE, UNDECIDED, ContactCases
-from .contact_sizes import NOISE, gap_noise, gap_rate, position_terms, rate_noise, slip_speed, slip_terms
+from .contact_cases import (
+    ADDED,
+    NOISE,
+    REST,
+    SIDE,
+    UNDECIDED,
+    ContactCases,
+    gap_noise,
+    gap_rate,
+    position_terms,
+    rate_noise,
+    slip_speed,
+    slip_terms,
+)
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, drift, inertial_size, opening_power, terms
 from .mode_candidates import BREAK_UP, FREE, LIFT, LIFTING, MEET, STOP, closed_kind
 

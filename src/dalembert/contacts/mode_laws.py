@@ -10,7 +10,6 @@ from ..methods.step_constants import EPSILON
 from ..subset.compiled_subset import compiled_subset, sqrt
 from .contact_forces import compliance
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertial_size
-from .dead_centres import held_by_others, turns_back
 from .mode_candidates import (
     FREE,
     LIFTING,
@@ -20,7 +19,7 @@ from .mode_candidates import (
     rests,
     turned,
 )
-from .slip_direction import uneven
+from .slip_direction import held_by_others, turns_back, uneven
 
 ROUNDING = 1e-9
 """Share of the forces, or rates, within which a comparison may go either way."""

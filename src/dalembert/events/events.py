@@ -20,8 +20,8 @@ from ..steps.dense_output import DenseOutput, PiecewisePolynomial
 from ..steps.problem import IntegrationProblem, Solution
 from ..steps.projection import end_in, projected
 from ..stops.segments import Constants, Segments
-from .block_search import BEGIN, END, RESOLVE, RESTART, SEARCH, SearchArguments, SearchProgress
 from .event_code import EventCode
+from .event_resolution import BEGIN, END, RESOLVE, RESTART, SEARCH, SearchArguments, SearchProgress
 from .event_search import BROKEN, NOTHING
 from .recorded_motion import RecordedCase
 
@@ -52,7 +52,7 @@ def run_with_events(
     constants : ndarray (n_c,) or Segments
         Those of the run; blocks end where they change.
     loop
-        That of `dalembert.events.block_search`.
+        That of `dalembert.events.event_resolution`.
     carried : ndarray (n_events,) or None
         See `dalembert.codegen.engine.Engine.integrate_watched`.
     """

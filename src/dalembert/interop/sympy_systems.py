@@ -20,8 +20,8 @@ from sympy.physics.vector import Vector, dynamicsymbols
 from ..errors import SceneError, list_names
 from ..scene.actuators import actuator_loads
 from ..scene.frames import Tree
-from ..scene.prescribed_velocities import located
 from ..scene.sympy_joints import REACTIONS, reaction_of
+from ..scene.velocity_checks import located
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene

@@ -45,8 +45,8 @@ from .modules import compile_kernel, loaded, rendered_module
 from .pieces import pieces_of
 from .pointwise import StateFunctions, VectorField
 from .pure import Solve, register_static
-from .runs.kernels import ArrayKernels
 from .runs.precision import LARGEST_FUSED, compiled, double_precision
+from .runs.run_constants import ArrayKernels
 from .runs.series import TaylorIntegrator
 from .runs.solvers import Integrator
 

@@ -24,8 +24,8 @@ from ..transforms.nonsmooth import only_in_branches
 from ..transforms.partials import cotangent_kernel
 from .modules import compile_kernel
 from .runs.adjoint import Pull
-from .runs.kernels import Function, stacked
 from .runs.mesh_axes import varying_like
+from .runs.run_constants import Function, stacked
 
 BLOCK = 12
 """Operations of a block: few enough that little is repeated in it (measured on right-hand sides of chains)."""

@@ -22,8 +22,8 @@ from ..steps.problem import IntegrationProblem
 from ..transforms.recurrences import Recurrences
 from ..transforms.taylor import order_at, scale_floor, step_kernel
 from .pieces import constants_of_segments, pieces_of
-from .runs.kernels import ArrayKernels
 from .runs.precision import LARGEST_FUSED, compiled, double_precision
+from .runs.run_constants import ArrayKernels
 from .runs.run_data import Limits, RunPieces
 from .runs.runs import Runs
 

@@ -18,8 +18,7 @@ from .feedback import FeedbackKernels
 from .host_calls import on_host
 from .pieces import place_of
 from .run_inputs import Given, feedback_kernels, run_inputs
-from .runs.kernels import ArrayKernels
-from .runs.run_constants import RunConstants
+from .runs.run_constants import ArrayKernels, RunConstants
 from .runs.run_data import middles
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from ..errors import OptionError
 from ..once import once
 from ..scene.symbol_table import InputSymbol
 from ..stops.feedback import Feedback
-from .runs.kernels import Function, OnArrays
 from .runs.mesh_axes import stack
+from .runs.run_constants import Function, OnArrays
 from .runs.step_rules import Rows
 
 _CALL = "(t, q, qdot, theta), or (t, q, qdot) without theta"

@@ -18,8 +18,8 @@ from ..methods.status import Status
 from .modules import compile_kernel
 from .pure import Solve
 from .run_inputs import Given
-from .runs.kernels import stacked
 from .runs.linear_maps import FirstOrder, apply
+from .runs.run_constants import stacked
 from .runs.unknown import Sloped, without_derivative
 
 if TYPE_CHECKING:

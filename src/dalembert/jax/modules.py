@@ -18,7 +18,7 @@ from ..ir.program import Program
 from ..once import once
 from ..version import __version__
 from . import functions
-from .runs.kernels import ArrayKernels, Function
+from .runs.run_constants import ArrayKernels, Function
 
 
 def rendered_module(program: Program) -> RenderedModule:

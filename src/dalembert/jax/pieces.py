@@ -26,11 +26,10 @@ from .feedback import FeedbackKernels
 from .foreign import ForeignRuns
 from .modules import compile_kernel
 from .runs.adjoint import InTurn
-from .runs.kernels import ArrayKernels, Function, OnArrays
 from .runs.lanes import Sides, TaylorAttempts
 from .runs.pairs import PairAttempts
 from .runs.precision import LARGEST_FUSED
-from .runs.run_constants import RunConstants
+from .runs.run_constants import ArrayKernels, Function, OnArrays, RunConstants
 from .runs.run_data import RunPieces, Stepping
 from .runs.step_rules import CORRECTIONS, Projections, Rows
 from .step_derivatives import PairSteps, WholeSteps, implicit_ends, series_ends

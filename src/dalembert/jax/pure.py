@@ -19,18 +19,16 @@ from ..options import NamedTolerances, SolveOptions, at_least, component_toleran
 from ..transforms.taylor import order_at, scale_floor
 from .arguments import parameters_of, register_samples, times, vector
 from .courses import Course, Courses
-from .elapsed import in_elapsed_time
+from .elapsed import in_elapsed_time, require_single, warn_below_single, warn_of_rounded_knots, with_tolerances
 from .feedback import FeedbackKernels, register_feedback
 from .modules import compile_kernel, kernels_of
 from .pieces import SERVED, pieces_of, pieces_with
 from .run_inputs import Given, failed, inputs_of, refuse_given
 from .runs.derivatives import Steps
-from .runs.kernels import ArrayKernels, stacked
 from .runs.motion import TracedMotion, started
 from .runs.precision import process_precision
-from .runs.run_constants import RunConstants
+from .runs.run_constants import ArrayKernels, RunConstants, stacked
 from .runs.run_data import Limits, Path, Reached, RunPieces, middles
-from .single import require_single, warn_below_single, warn_of_rounded_knots, with_tolerances
 from .solved import Dense, Solved, States, raise_failure, solved_of
 
 if TYPE_CHECKING:

@@ -22,9 +22,8 @@ from .elapsed import expansion_in_elapsed_time
 from .feedback import FeedbackKernels, checked_feedback, function_of_weights, weights_of
 from .modules import compile_kernel
 from .pieces import EXPLICIT
-from .runs.kernels import stacked
 from .runs.precision import is_traced, precision_of
-from .runs.run_constants import RunConstants, TracedInputs
+from .runs.run_constants import RunConstants, TracedInputs, stacked
 
 Given = dict[str, Samples | Feedback]
 """Inputs that are functions of time, by name."""

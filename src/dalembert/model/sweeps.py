@@ -145,7 +145,7 @@ def sweep(
     options = with_component_names(self, options)
     span = None
     if has_functions(inputs):
-        from ..runs.case_columns import spans_of
+        from ..runs.case_settings import spans_of
 
         span = run_span(inputs, *spans_of(t_span), options)
     given = None if to is not None and span is None else read_inputs(self.layout, self.inputs, inputs, span, many=True)

@@ -12,9 +12,8 @@ from ..arrays import FloatArray
 from ..codegen.engine import Engine
 from ..codegen.llvm.loops import loop_named
 from ..contacts.automaton import HybridAutomaton
-from ..contacts.contact_cases import ContactCases, contact_cases
+from ..contacts.contact_cases import ContactCases, contact_cases, gap_noise
 from ..contacts.contact_decisions import DecisionArguments
-from ..contacts.contact_sizes import gap_noise
 from ..contacts.contact_system import ContactSystem, contact_system, opening_power
 from ..contacts.mode_candidates import candidates_space
 from ..errors import InitialStateError, ValueInputError, list_names

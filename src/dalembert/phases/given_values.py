@@ -27,8 +27,7 @@ from ..results.statistics import SweepStatistics
 from ..results.sweep import Sweep
 from ..results.sweep_states import ContactStates
 from ..results.trajectory import Trajectory
-from ..runs.case_columns import with_grid
-from ..runs.case_settings import common_settings
+from ..runs.case_settings import common_settings, with_grid
 from ..runs.cases import Cases
 from ..runs.events import moving_events
 from ..runs.reductions import reduction_table

@@ -12,8 +12,7 @@ from .baumgarte import Baumgarte
 from .dependent_rows import Redundancy
 from .first_order_states import with_states
 from .ggl import GearGuptaLeimkuhler
-from .minimal import Minimal
-from .prescribed import prescribed
+from .minimal import Minimal, prescribed
 from .redundancy import independent_constraints
 from .saddle import Augmented, Projected
 

@@ -1,4 +1,7 @@
-"""Formulation `minimal`: independent speeds u with q_dot = S u + s, which satisfy the constraints by construction."""
+"""Formulation `minimal`: independent speeds u with q_dot = S u + s, which satisfy the constraints by construction.
+
+Systems without degrees of freedom are those without speeds: q_dot is a function of q and time.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +12,11 @@ from typing import final
 from ..errors import FormulationError, SingularMassMatrixError
 from ..ir.graph import Graph
 from ..ir.node import Node, UnitName
-from ..mechanics.equations import EquationsOfMotion
+from ..mechanics.equations import ConstraintRow, EquationsOfMotion
 from ..mechanics.tree_elimination import TreeFactorization
 from ..transforms.derivatives import tangents
 from ..transforms.forms import Forms
-from ..transforms.linear import Factors, Matrix, matmul, matvec, transpose
+from ..transforms.linear import Factors, Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from .base import (
     Formulation,
     ReducedSystem,
@@ -215,3 +218,52 @@ class Minimal(Formulation):
             return float("inf")
         moving = ~equations.graph.mask(equations.symbols.parameters)
         return Forms(equations.graph, moving).work((*motion.coordinate_rates, *motion.speed_rates))
+
+
+def prescribed(equations: EquationsOfMotion, requested: Sequence[str]) -> ReducedSystem | None:
+    """Return the system with the state q of a scene whose constraints fix every rate; None where they do not.
+
+    Coordinates at rest stay exactly where they are: no rounding of accelerations is integrated.
+    """
+    graph, size = equations.graph, len(equations.q)
+    rows: list[ConstraintRow] = []
+    for row in equations.constraints:
+        trial = [list(r.jacobian) for r in (*rows, row)]
+        try:
+            factorize(graph, matmul(graph, trial, transpose(trial)))
+        except SingularMatrix:
+            continue
+        rows.append(row)
+        if len(rows) == size:
+            break
+    if len(rows) < size:
+        return None
+    matrix = [list(row.jacobian) for row in rows]
+    across = transpose(matrix)
+    normal = factorize(graph, matmul(graph, across, matrix))
+
+    def solved(demand: Sequence[Node]) -> list[Node]:
+        return normal.solve(matvec(graph, across, demand))
+
+    rates = solved([-row.drift for row in rows])
+    known = {a: b for a, b in zip(equations.qdot, rates, strict=True) if a is not b}
+    accelerations = solved(graph.substitute([row.bias for row in rows], known))
+    wanted = requested_outputs(equations, requested, known, accelerations)
+    still = all(rate.is_zero for rate in rates)
+    return ReducedSystem(
+        formulation="prescribed",
+        equations=equations,
+        state=equations.symbols.coordinates,
+        inputs=equations.q,
+        rhs=tuple(rates),
+        coordinates=equations.q,
+        rates=tuple(rates),
+        accelerations=tuple(accelerations),
+        initial=equations.q,
+        projection=None,
+        outputs=wanted.outputs,
+        undetermined=wanted.undetermined,
+        released=wanted.released,
+        balanced=wanted.balanced,
+        notes=("all contacts stick: nothing moves" if still else "all contacts stick: the constraints fix every rate",),
+    )

@@ -25,13 +25,16 @@ from ..transforms.linear import Matrix, factorize, matmul, matvec, transpose
 from .base import ReducedSystem
 from .reaction_columns import (
     branches,
+    compliances_serve,
     independent_columns,
+    least_energy,
     loose_on_constraints,
     reaction_solver,
+    solve_released,
     weighted_columns,
     where_determined,
+    with_shared,
 )
-from .released_reactions import compliances_serve, least_energy, solve_released, with_shared
 from .unit_sphere import unit_values
 
 _SHIFT = 1e-7

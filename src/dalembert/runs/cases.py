@@ -23,8 +23,7 @@ from ..starts.symbol_assumptions import ROUNDING, contradicts, refuse_contradict
 from ..steps.problem import IntegrationProblem
 from ..stops.breakpoints import CaseBreaks
 from ..stops.input_records import InputRecords
-from .case_columns import columns_of, spans_of
-from .case_settings import CaseSettings
+from .case_settings import CaseSettings, columns_of, spans_of
 
 if TYPE_CHECKING:
     from ..starts.initial_states import QuickStart

@@ -12,7 +12,7 @@ from ..arrays import FloatArray
 from ..errors import PrecisionWarning, warn_caller
 from ..options import NamedTolerances, SimulateOptions, SweepOptions, atol_text
 from ..values import number
-from .case_columns import with_grid
+from .case_settings import with_grid
 from .component_tolerances import (
     FEW,
     ROUNDING,

@@ -25,8 +25,7 @@ from ..starts.constraint_rank import unlike
 from ..starts.first_integrals import keeping_model, kept_values, refuse_jumps
 from ..starts.symbol_assumptions import warn_of_motion
 from .case_blocks import fitted, run_cases
-from .case_columns import spans_of, with_grid
-from .case_settings import CaseSettings, common_settings
+from .case_settings import CaseSettings, common_settings, spans_of, with_grid
 from .cases import Cases, single_problem
 from .elapsed import begins_elsewhere, elapsed_times, far, in_elapsed_time, offset_columns
 from .events import with_event_parameters

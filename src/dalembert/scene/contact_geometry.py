@@ -24,9 +24,9 @@ from .contact_places import (
     frame_of,
     length,
     several,
+    tangents_of_plane,
     unit_vector,
 )
-from .contact_tangents import tangents_of_plane
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

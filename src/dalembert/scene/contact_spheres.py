@@ -11,8 +11,18 @@ from sympy.physics.mechanics import Point
 from sympy.physics.vector import Vector, dot
 
 from .contact_geometry import GeometricContact
-from .contact_places import GeometryFault, Places, Touch, contact_point, frame_of, length, several, unit_vector
-from .contact_tangents import tangents_of_cylinder, tangents_of_sphere
+from .contact_places import (
+    GeometryFault,
+    Places,
+    Touch,
+    contact_point,
+    frame_of,
+    length,
+    several,
+    tangents_of_cylinder,
+    tangents_of_sphere,
+    unit_vector,
+)
 
 
 @final

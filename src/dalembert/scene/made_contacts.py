@@ -10,8 +10,7 @@ from sympy.physics.vector import Vector, dot
 
 from ..errors import SceneError
 from .contact_geometry import GeometricContact
-from .contact_places import GeometryFault, Places, Touch
-from .contact_tangents import chosen_tangents, require_independent, rolling_axes
+from .contact_places import GeometryFault, Places, Touch, chosen_tangents, require_independent, rolling_axes
 from .contacts import FRICTION_LAWS, CoulombFriction, UnilateralContact
 from .joints import Joint, Unknown
 

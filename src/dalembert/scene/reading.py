@@ -18,12 +18,11 @@ from .joint_checks import foreign_points, points_off_particles, travelling_point
 from .joints import Component, NamedOutput, Place
 from .kink_checks import kinked_constraints, rough_tables
 from .model import Action, BodyModel, ConstraintModel, ContactModel, GivenMotion, Piece, Pieces, SceneModel
-from .prescribed_velocities import located, read_given
 from .scene import Scene
 from .symbol_table import SymbolTable
 from .symbols import RESERVED_OUTPUTS, Requirement
 from .sympy_joints import tree_faults
-from .velocity_checks import velocity_faults
+from .velocity_checks import located, read_given, velocity_faults
 
 # Reader of requested outputs onto the graph of a scene.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..methods.status import Status
 from ..options import SweepOptions
 from ..results.labels import distinct, value_name
-from ..runs.case_columns import spans_of
+from ..runs.case_settings import spans_of
 from ..runs.cases import Cases
 from ..runs.events import with_event_parameters
 from ..runs.sweep import sweep_cases

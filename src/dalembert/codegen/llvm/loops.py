@@ -36,7 +36,7 @@ _PERMANENT: list[LoadedCode] = []
 
 
 SOURCES: dict[str, tuple[str, str, Shape]] = {
-    "block_search": ("events.block_search", "LOOP", "branches"),
+    "block_search": ("events.event_resolution", "LOOP", "branches"),
     "contact_decisions": ("contacts.contact_decisions", "LOOP", "short loops"),
     "event_lane_loop": ("loops.lane_loop", "EVENT_LOOP", "branches"),
     "explicit_loop": ("steps.explicit_loop", "LOOP", "loops"),

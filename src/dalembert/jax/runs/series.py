@@ -17,11 +17,11 @@ from ...options import component_tolerances
 from ...steps.problem import IntegrationProblem, Solution
 from ...transforms.taylor import scale_floor
 from .precision import compiled, double_precision
-from .record import BlockRecord
+from .run_data import BlockRecord
 from .step_rules import smallest_step
 
 if TYPE_CHECKING:
-    from .kernels import ArrayKernels
+    from .run_constants import ArrayKernels
 
 BLOCK_STEPS = 64
 """Steps in a block: the most that one call of the compiled function takes and returns."""

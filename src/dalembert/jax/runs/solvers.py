@@ -27,11 +27,11 @@ from ...options import component_tolerances
 from ...steps.problem import IntegrationProblem, Solution
 from .control import Control, StepController, projecting
 from .precision import compiled, double_precision
-from .record import BlockRecord
+from .run_data import BlockRecord
 from .step_rules import limit_at_knots, smallest_of
 
 if TYPE_CHECKING:
-    from .kernels import ArrayKernels
+    from .run_constants import ArrayKernels
 
 BLOCK_STEPS = 256
 """Attempts in a block: the most that one call of the compiled function takes and returns."""
