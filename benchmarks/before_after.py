@@ -78,9 +78,9 @@ def _single(called: bool) -> Iterator[tuple[str, Task]]:
 
 
 def _contacts() -> Iterator[tuple[str, Task]]:
-    import contacts
+    import contact_speed
 
-    sweeps, runs = contacts.tasks(4096)
+    sweeps, runs = contact_speed.tasks(4096)
     for kind, tasks in (("sweep of 4,096", sweeps), ("simulate()", runs)):
         for name, task in tasks.items():
             yield f"{kind}, {name}", task

@@ -173,7 +173,7 @@ def _contacts(result: Record) -> list[str]:
     """Return the section on friction and contacts, where it was measured."""
     if not result.get("contacts"):
         return []
-    from contacts import HEAD, contacts_rows
+    from contact_speed import HEAD, contacts_rows
 
     return [
         "## Friction and contacts: modes against the same scene without",

@@ -23,6 +23,7 @@ import figures
 import jax_speed
 import report
 from cases import PROBLEMS
+from contact_speed import measure_contacts
 from contenders import available_backends
 from derivation import kane_scaling, scaling
 from exact import ROOT
@@ -32,8 +33,6 @@ from precision import work_precision
 from startup import first_trajectory, import_seconds
 from sweeps import CASES, coverage, measure_sweeps, unequal_cases
 from tables import describe_machine
-
-from contacts import measure_contacts
 
 
 @dataclass(frozen=True)
