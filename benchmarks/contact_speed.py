@@ -1,8 +1,8 @@
 """Friction and contacts: steps a second of sweeps and runs with modes, and the cost of a decision by contacts.
 
-``python benchmarks/contact_speed.py`` prints the tables: a scene with friction against the same without; decisions of 2 to
-12 contacts with the search for a mode against trying every combination; and first and later runs of scenes of 4 to 12
-contacts, whose modes one program serves, against one program for each mode.
+``python benchmarks/contact_speed.py`` prints the tables: a scene with friction against the same without; decisions of 2
+to 12 contacts with the search for a mode against trying every combination; and first and later runs of scenes of 4 to
+12 contacts, whose modes one program serves, against one program for each mode.
 """
 
 from __future__ import annotations
