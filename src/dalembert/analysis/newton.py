@@ -122,7 +122,7 @@ class _Point:
 
     def singular_values(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         u, s, vt = np.linalg.svd(self.jacobian * self.size / self.scale[:, np.newaxis], full_matrices=True)
-        kept = s > _RANK * max(float(s.max(initial=0.0)), 1e-300)
+        kept = s > _RANK * max(float(np.max(s, initial=0.0)), 1e-300)
         rank = int(np.count_nonzero(kept))
         return u[:, :rank], s[:rank], vt
 

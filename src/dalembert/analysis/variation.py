@@ -132,7 +132,7 @@ def _changes(kernel: Kernel, dense: DenseOutput, c: Constants) -> Iterator[tuple
         knots = dense.knots[start : start + _STEPS_AT_ONCE + 1]
         times = np.unique((knots[:-1, np.newaxis] + np.diff(knots)[:, np.newaxis] * shares).ravel())
         made = interpret_rows(kernel, times, dense(times), constants_at(c, times))
-        for i in np.flatnonzero(np.any(made[1:] != made[:-1], axis=1)):
+        for i in np.flatnonzero(np.any(made[1:] != made[:-1], axis=1)).tolist():
             low, high = float(times[i]), float(times[i + 1])
             for _ in range(_HALVINGS):
                 middle = 0.5 * (low + high)

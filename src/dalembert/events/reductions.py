@@ -124,8 +124,8 @@ def _largest(sample: Sample, till: float, sign: float, best: float, oscillating:
             missed = float(np.abs(between - BETWEEN @ values).max())
             if not math.isfinite(missed):
                 return np.nan
-            best = max(best, float(between.max()))
-        best = max(best, float(values.max()))
+            best = max(best, float(np.max(between)))
+        best = max(best, float(np.max(values)))
         if series[0] + varies + TAIL * tail + MISSED * missed <= best or depth >= deepest:
             continue
         if abs(slopes[0]) > np.abs(slopes[1:]).sum() + SLOPE_TAIL * (tail + missed):

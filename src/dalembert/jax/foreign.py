@@ -35,6 +35,7 @@ from ..once import computed_once, once
 from ..threads import available_threads
 from .runs.derivatives import StepsRecord
 from .runs.mesh_axes import varying_alike, varying_like
+from .runs.precision import CONFIG
 from .runs.run_data import Limits
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ class ForeignRuns:
         """
         kinds = jax.sharding.AxisType.Auto, jax.sharding.AxisType.Manual
         types = jax.sharding.get_abstract_mesh().axis_types
-        wide: bool = jax.config.jax_enable_x64  # type: ignore[attr-defined]
+        wide: bool = CONFIG.jax_enable_x64
         return wide and all(kind in kinds for kind in types) and foreign_interface() is not None and not debugging()
 
     def __call__(

@@ -26,7 +26,7 @@ from .pieces import SERVED, pieces_of, pieces_with
 from .run_inputs import Given, failed, inputs_of, refuse_given
 from .runs.derivatives import Steps
 from .runs.motion import TracedMotion, started
-from .runs.precision import process_precision
+from .runs.precision import CONFIG, process_precision
 from .runs.run_constants import ArrayKernels, RunConstants, stacked
 from .runs.run_data import Limits, Path, Reached, RunPieces, middles
 from .solved import Dense, Solved, States, raise_failure, solved_of
@@ -140,7 +140,7 @@ class Solve:
         ------
         OptionError
         """
-        if jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+        if CONFIG.jax_enable_x64:
             return
         require_single(self._program, self._options.method)
         warn_below_single(self._options)

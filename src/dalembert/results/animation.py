@@ -67,7 +67,7 @@ class Animation(FuncAnimation):
         if not first <= time <= last:
             raise OptionError(f"t = {time:g} is not a time of the motion, which goes from {first:g} to {last:g} s")
         figure, update = _figure(self._at(time))
-        update(int(np.abs(update.drawing.t - time).argmin()))
+        update(int(np.argmin(np.abs(update.drawing.t - time))))
         return figure
 
     def save(self, filename: Any, writer: Any = None, *settings: Any, **options: Any) -> None:

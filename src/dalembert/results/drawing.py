@@ -99,7 +99,7 @@ def drawing_of(
 def _flat_axes(low: FloatArray, high: FloatArray) -> list[int]:
     """Return the axes along which nothing is apart, the last first."""
     extent = high - low
-    return [i for i in (2, 1, 0) if extent[i] <= _FLAT * max(float(extent.max()), _FLAT)]
+    return [i for i in (2, 1, 0) if extent[i] <= _FLAT * max(float(np.max(extent)), _FLAT)]
 
 
 class _Builder:
@@ -125,7 +125,8 @@ class _Builder:
         """Return the corners (3,) of what moves."""
         moving = [surface.vertices for surface in self.surfaces if not surface.at_rest]
         found = [(x.min(axis=(0, 1)), x.max(axis=(0, 1))) for x in (self.positions, self.traced, *moving)]
-        return np.min([low for low, _ in found], axis=0), np.max([high for _, high in found], axis=0)
+        low, high = np.array([low for low, _ in found]), np.array([high for _, high in found])
+        return np.asarray(low.min(axis=0), float), np.asarray(high.max(axis=0), float)
 
     def turning(self, body: int) -> FloatArray:
         """Return the axes (n_t, 3, 3) of a body, one a row; those of the scene for one without a frame."""

@@ -233,6 +233,6 @@ def ranges(names: Iterable[str], columns: Iterable[FloatArray]) -> list[tuple[st
     rows = []
     for name, column in zip(names, columns, strict=True):
         finite = column[np.isfinite(column)]
-        cells = (finite.min(), finite.max(), column.ravel()[-1]) if finite.size else (np.nan,) * 3
+        cells = (np.min(finite), np.max(finite), column.ravel()[-1]) if finite.size else (np.nan,) * 3
         rows.append((name, *(f"{x:.6g}" for x in cells)))
     return rows

@@ -222,7 +222,7 @@ def _least_residual(constraints: _Constraints, start: FloatArray, movable: np.nd
         jacobian = constraints.jacobian(q, holonomic=True)[:, movable]
         u, s, vt = np.linalg.svd(jacobian, full_matrices=False)
         if damping < 0.0:
-            damping = 1e-3 * float(s.max(initial=0.0)) ** 2
+            damping = 1e-3 * float(np.max(s, initial=0.0)) ** 2
         down = u.T @ residual
         step = -vt.T @ (s / (s * s + damping + 1e-300) * down)
         if not np.any(np.abs(step) > 1e-15 * (1e-3 + np.abs(q[movable]))):

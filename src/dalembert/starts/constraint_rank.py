@@ -275,7 +275,7 @@ def indeterminate(program: Program, t: float, y: FloatArray, c: FloatArray) -> s
     lengths = np.linalg.norm(matrix, axis=0)
     lengths = np.maximum(lengths, _VANISHED * np.max(lengths, initial=0.0))
     _, values, directions = np.linalg.svd(matrix / np.where(lengths > 0.0, lengths, 1.0))
-    loose = directions[int(np.sum(values > LOST * values.max(initial=0.0))) :]
+    loose = directions[int(np.sum(values > LOST * np.max(values, initial=0.0))) :]
     weights = np.max(np.abs(loose), axis=0, initial=0.0)
     from_bodies = {n for n, column in zip(layout.unknowns, matrix.T, strict=True) if not column.any()}
     from_bodies &= {*layout.undetermined}  # what no coordinate determines comes from balances of bodies

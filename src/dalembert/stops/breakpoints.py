@@ -87,7 +87,7 @@ def break_times_of_cases(
     starts = np.searchsorted(run, np.arange(count + 1))
     backward = t1 < t0
     if np.any(backward):
-        for i in np.flatnonzero(backward):
+        for i in np.flatnonzero(backward).tolist():
             times[starts[i] : starts[i + 1]] = times[starts[i] : starts[i + 1]][::-1]
     return starts, times
 

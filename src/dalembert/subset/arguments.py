@@ -54,6 +54,7 @@ _SCALARS: dict[Any, Scalar] = {int: INTEGER, float: NUMBER, bool: FLAG}
 _RECORD_FIELDS: dict[Any, Scalar] = {"int": INTEGER, "float": NUMBER, int: INTEGER, float: NUMBER}
 _DTYPES = {INTEGER: np.dtype(np.int64), NUMBER: np.dtype(np.float64), FLAG: np.dtype(np.bool_)}
 _WORD = 8
+_CHARACTER: Any = ctypes.c_char
 _CONSTANT: dict[int, tuple[Any, list[Any]]] = {}
 
 
@@ -211,7 +212,7 @@ def address_of(array: NDArray[Any]) -> int:
     if array.size == 0:
         return 0
     if array.flags.writeable:
-        return ctypes.addressof(ctypes.c_char.from_buffer(array))  # type: ignore[arg-type]
+        return ctypes.addressof(_CHARACTER.from_buffer(array))
     return int(array.__array_interface__["data"][0])
 
 

@@ -183,7 +183,7 @@ def null_basis(matrix: FloatArray, size: int) -> FloatArray:
     if not len(matrix):
         return np.eye(size)
     _, singular, rows = np.linalg.svd(matrix)
-    return rows[int(np.sum(singular > TOLERANCE * max(singular.max(initial=0), 1e-300))) :].T
+    return rows[int(np.sum(singular > TOLERANCE * max(float(np.max(singular, initial=0.0)), 1e-300))) :].T
 
 
 def rank(matrix: FloatArray) -> int:
@@ -191,7 +191,7 @@ def rank(matrix: FloatArray) -> int:
     if not matrix.size:
         return 0
     singular = np.linalg.svd(matrix, compute_uv=False)
-    return int(np.sum(singular > TOLERANCE * max(singular.max(initial=0), 1e-300)))
+    return int(np.sum(singular > TOLERANCE * max(float(np.max(singular, initial=0.0)), 1e-300)))
 
 
 def undetermined(power: FloatArray) -> NDArray[np.bool_]:

@@ -18,6 +18,9 @@ from jax import lax
 from ...arrays import FloatArray
 from ...methods import step_constants
 
+CONFIG: Any = jax.config
+"""Settings of JAX, whose names its types know in some releases only."""
+
 
 @final
 @dataclass(frozen=True)
@@ -81,7 +84,7 @@ def precision_of(*values: Any) -> Precision:
 
 def process_precision() -> Precision:
     """Return the precision of numbers that are traced in this process."""
-    return DOUBLE if jax.config.jax_enable_x64 else SINGLE  # type: ignore[attr-defined]
+    return DOUBLE if CONFIG.jax_enable_x64 else SINGLE
 
 
 def double_precision() -> contextlib.AbstractContextManager[Any]:
@@ -89,7 +92,7 @@ def double_precision() -> contextlib.AbstractContextManager[Any]:
 
     NaN is a status of ours, so that a user's ``jax_debug_nans`` does not apply inside.
     """
-    if not jax.config.jax_debug_nans:  # type: ignore[attr-defined]
+    if not CONFIG.jax_debug_nans:
         return jax.enable_x64(True)
     return _without_debugging()
 
