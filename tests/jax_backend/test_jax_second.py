@@ -1,5 +1,7 @@
 """Second derivatives of traced runs: all ways to nest first ones, by everything that is given together."""
 
+import re
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -103,7 +105,7 @@ def test_products_with_hessians_in_batches(switched):
 
 @pytest.mark.parametrize("batched", [False, True])
 def test_programs_in_which_jax_drops_rules_are_refused(batched):
-    """Forward over reverse, `jax.lax.scan` is differentiated without the rules of what is inside."""
+    """Forward over reverse, older releases differentiate `jax.lax.scan` without the rules of what is inside."""
     parameters, initial, _ = MOTIONS["chaplygin_sleigh"]
     model = da.compile_model(da.scenes.chaplygin_sleigh(), backend="jax")
     solve, times, p = model.solve_fn(**OPTIONS), np.array([0.0, 0.1]), model.parameter_vector(parameters)
@@ -115,5 +117,9 @@ def test_programs_in_which_jax_drops_rules_are_refused(batched):
         y = jax.numpy.asarray(model.state(initial, parameters))
         return jax.lax.scan(lambda y, _: (end(y, p), None), y, length=3)[0][0]
 
-    with pytest.raises(CapabilityError, match=r"jax.lax.scan or jax.lax.map .* Use jax.jacrev\(jax.jacfwd"):
-        jax.hessian(chained)(p)
+    try:
+        found = jax.hessian(chained)(p)
+    except CapabilityError as error:
+        assert re.search(r"jax.lax.scan or jax.lax.map .* Use jax.jacrev\(jax.jacfwd", str(error))
+    else:  # JAX 0.12 keeps them
+        np.testing.assert_allclose(found, jax.jacrev(jax.jacfwd(chained))(p), rtol=1e-9, atol=1e-12)

@@ -16,7 +16,7 @@ from ..steps.explicit_loop import LOOP as EXPLICIT_LOOP
 from ..steps.explicit_loop import ExplicitArguments
 from ..steps.implicit_loop import LOOP as IMPLICIT_LOOP
 from ..steps.implicit_loop import ImplicitArguments, begin_piece
-from ..steps.packed_tableaus import POINT
+from ..steps.packed_tableaus import ALLOWED, POINT
 from ..steps.projection import ROUNDING_OF_POLYNOMIALS, project_row
 from ..steps.recorded_runs import Run, RunCodes, RunSettings, evaluate, evaluate_polynomial
 from ..subset.arguments import IntVector, Record, Vector
@@ -132,9 +132,12 @@ def taylor_sample(arguments: TaylorSteps, t: float) -> int:
 
 
 @compiled_subset
-def _begin_step(run: Run, place: StepPlace) -> None:
-    """Make room for a step, and set the time at which its polynomial will be asked for."""
+def _begin_step(settings: RunSettings, run: Run, place: StepPlace) -> None:
+    """Make room for a step, set the time at which its polynomial is wanted, and before the first the tolerances."""
     progress = run.progress
+    if progress.evaluations == 0:
+        for m in range(run.work.shape[1]):
+            run.work[ALLOWED, m] = settings.atol
     progress.begun, progress.limit = progress.steps, progress.steps + 1
     progress.recorded, run.t_eval[0] = 0, place.wanted
     place.begin = progress.t
@@ -163,7 +166,7 @@ def _sample(codes: RunCodes, settings: RunSettings, run: Run, place: StepPlace, 
 @compiled_subset
 def explicit_step(arguments: ExplicitSteps) -> int:
     """Take a step; return the status of the run."""
-    _begin_step(arguments.run.run, arguments.place)
+    _begin_step(arguments.run.settings, arguments.run.run, arguments.place)
     return EXPLICIT_LOOP(arguments.run)
 
 
@@ -184,7 +187,7 @@ def explicit_continue(arguments: ExplicitSteps) -> None:
 @compiled_subset
 def implicit_step(arguments: ImplicitSteps) -> int:
     """Take a step; return the status of the run."""
-    _begin_step(arguments.run.run, arguments.place)
+    _begin_step(arguments.run.settings, arguments.run.run, arguments.place)
     return IMPLICIT_LOOP(arguments.run)
 
 

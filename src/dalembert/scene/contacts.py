@@ -313,7 +313,8 @@ def read_contacts(
             continue
         normal, load = contacts.normal_of(law)
         held = found.setdefault(normal, {"name": law.label, "normal": normal, "normal_load": load})
-        own = law.name is None or law.name == held["name"] or normal not in opening
+        named = law.name if isinstance(law.name, str) else None  # any other name is a fault of its own
+        own = named is None or named == held["name"] or normal not in opening
         if own and "tangential" in held:
             contacts.faults.append(
                 f"two frictions have the normal reaction {normal}: several laws, as of sliding and rolling, need a"

@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-import hashlib
-import pickle
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, final
+from typing import final
 
-import numba
-from numba.core.caching import NullCache
-from numba.core.compiler import CompileResult
-from numba.core.serialize import dumps
-
-from ...errors import CacheWarning
 from ...ir.kernel import Kernel
 from ...ir.program import Program
 from ...methods.tableau import Tableau
 from ...once import once_property
 from ...transforms.recurrences import Recurrences
 from ..base import Capability
-from ..cache import digest_of, load_in_memory, read_kept, write_kept
+from ..cache import digest_of, load_in_memory
 from ..compiled_backend import CompiledBackend
 from ..library import Code, KernelLibrary
 from . import texts
@@ -58,6 +49,7 @@ class NumbaLibrary(KernelLibrary):
     @once_property
     def functions(self) -> SimpleNamespace:
         """See `KernelLibrary.functions`."""
+        from .kept_kernels import keep_compiled
         from .objects import configure_numba
 
         configure_numba()
@@ -108,43 +100,3 @@ class NumbaBackend(CompiledBackend):
     def library(self, program: Program, folder: Path | None) -> NumbaLibrary:
         """See `CompiledBackend.library`."""
         return NumbaLibrary(program, folder)
-
-
-def keep_compiled(kernel: Any, folder: Path) -> None:
-    """Keep the code that numba compiles of a kernel in the folder of its module."""
-    kernel._cache = _Kept(kernel.py_func.__name__, folder)
-
-
-@final
-class _Kept(NullCache):
-    """Compiled kernels on disk, in place of numba's own `FunctionCache`."""
-
-    def __init__(self, name: str, folder: Path) -> None:
-        self._name, self._folder = name, folder
-
-    @property
-    def cache_path(self) -> str:
-        return str(self._folder)
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the code for a signature, None where there is none."""
-        target_context.refresh()
-        path = self._path(sig, target_context.codegen())
-        data = read_kept(path)
-        if data is None:
-            return None
-        try:
-            return CompileResult._rebuild(target_context, *pickle.loads(data))
-        except Exception as failure:  # perhaps made by another version of numba
-            text = f"the cached code {path} could not be used ({failure}) and is rebuilt"
-            warnings.warn(text, CacheWarning, stacklevel=2)
-            return None
-
-    def save_overload(self, sig: Any, cres: Any) -> None:
-        """Keep the code for a signature."""
-        if not cres.library.has_dynamic_globals and all(lifted.can_cache for lifted in cres.lifted):
-            write_kept(self._path(sig, cres.codegen), dumps(cres._reduce()))
-
-    def _path(self, sig: Any, codegen: Any) -> Path:
-        key = repr((numba.__version__, sig, codegen.magic_tuple()))
-        return self._folder / f"{self._name}_{hashlib.sha256(key.encode()).hexdigest()[:16]}.nbc"
