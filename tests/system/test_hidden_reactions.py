@@ -399,7 +399,8 @@ def test_upright_by_quaternion_has_the_forces_that_virtual_work_gives_in_angles(
     first, second, rod = (numeric(position.jacobian(scene.coordinates)) for position in positions)
     columns = np.vstack([first, second, numeric(positions[2]).T @ rod / 0.5])
     wanted = np.linalg.lstsq(columns.T, demand, rcond=None)[0]
-    np.testing.assert_allclose(forces, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+    # the last bit of the start, in which processors differ, moves them by up to 3e-12 of the largest
+    np.testing.assert_allclose(forces, wanted, rtol=0, atol=1e-11 * np.abs(wanted).max())
 
 
 # -- what is not determined, and what is missing ---------------------------------------------------------------
