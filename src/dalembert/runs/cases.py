@@ -243,7 +243,7 @@ class Cases:
         layout = self.program.layout
         if settings.judge is None or self._changing:
             return KeptStarts.nothing()
-        return KeptStarts(np.empty((count, layout.constants)), np.empty((count, len(layout.state))))
+        return KeptStarts(np.zeros((count, layout.constants)), np.zeros((count, len(layout.state))))  # some may not run
 
     def of_run(self, block: slice, settings: CaseSettings, kept: KeptStarts) -> CaseBlock:
         """Return a block of cases that have run, whose run has `kept` their starts; else they are made again."""
