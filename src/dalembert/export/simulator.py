@@ -1,4 +1,4 @@
-"""What of a model is exported: the checks that it can be, and everything that its source is made of."""
+"""Parts of a model that its simulator in C is made of, and checks that it can be exported."""
 
 from __future__ import annotations
 

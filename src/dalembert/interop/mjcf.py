@@ -32,7 +32,7 @@ SKIPPABLE = {
     "fluid": "forces of a fluid",
     "sizes": "settings that change masses",
 }
-"""What may be left out of a scene, and what it is."""
+"""Names of parts of a file that may be left out of a scene, with their descriptions."""
 
 _IGNORED = ("asset", "visual", "statistic", "size", "sensor", "keyframe", "custom", "deformable", "extension")
 _KNOWN = ("compiler", "option", "default", "worldbody", "contact", "equality", "tendon", "actuator", *_IGNORED)

@@ -55,7 +55,7 @@ class Defaults:
 @final
 @dataclass(frozen=True)
 class Angles:
-    """How a file writes angles: in degrees or radians, and the axes of Euler angles; capital letters are fixed axes."""
+    """Convention of angles in a file: degrees or not, and axes of Euler angles; capital letters are fixed axes."""
 
     degrees: bool = True
     sequence: str = "xyz"

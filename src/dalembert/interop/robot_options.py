@@ -12,7 +12,7 @@ from ..errors import OptionError
 from ..values import flag
 
 PARAMETERS = "numbers", "symbols"
-"""What masses, inertias and lengths of a file become."""
+"""Forms of masses, inertias and lengths of a file in a scene."""
 
 LOADS = "damping", "friction"
 """Loads of joints that can be chosen by name."""

@@ -119,7 +119,7 @@ def no_part_samples() -> PartSamples:
 
 
 class KeptStarts(NamedTuple):
-    """What is kept of the starts of cases: (k, ...), or (0, 0) for nothing.
+    """Starts of cases that a run keeps: (k, ...), or (0, 0) for none.
 
     Attributes
     ----------

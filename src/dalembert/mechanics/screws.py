@@ -19,7 +19,7 @@ Twist = tuple[Components, Components]
 
 
 class Step(Protocol):
-    """What turns a frame or moves its point."""
+    """Rotation of a frame or displacement of its point."""
 
     @property
     def rotation(self) -> Rows | None:

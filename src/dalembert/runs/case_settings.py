@@ -1,4 +1,4 @@
-"""What the cases of a sweep are given: columns of values, and the settings that they have in common."""
+"""Columns of values of the cases of a sweep, and the settings that they have in common."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ class RobotJoint:
 @final
 @dataclass(frozen=True)
 class RobotParts:
-    """What a scene has from the file of a robot, with the name of the robot, by the names of the file.
+    """Links, joints and parameters of the file of a robot, by their names there.
 
     Attributes
     ----------

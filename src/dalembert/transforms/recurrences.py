@@ -66,7 +66,7 @@ class Recurrences:
     tables : tuple of (str, float)
         Arguments of tables that vary, and the keys of these: a step ends where an argument leaves a piece.
     roots : tuple of str
-        Square roots that may vanish: a step ends there, because power series continue to negative values.
+        Square roots: a step ends where their series vanish, because power series continue to negative values.
     switches : tuple of Switch
         Kinks and jumps at which steps end.
     hidden : tuple of str

@@ -206,7 +206,7 @@ def before_zeros(
     Parameters
     ----------
     roots, rates : sequence of Series
-        Of the square roots that may vanish, and of all components of the state, in powers of time.
+        Of the square roots, and of all components of the state, in powers of time.
     size, direction : Operand
         Of the step that is proposed, and that of time.
     scale, tolerance

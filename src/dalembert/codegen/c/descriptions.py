@@ -16,7 +16,7 @@ from .printing import double, identifiers
 @final
 @dataclass(frozen=True)
 class CSource:
-    """What a simulator in C is made of.
+    """Parts of a simulator in C.
 
     Attributes
     ----------

@@ -55,7 +55,7 @@ _PUBLIC = (
     *("run", "start", "step", "at", "continue", "set_input", "simulate", "time", "expand", "outputs", "energy"),
     *("check_text", "status_text"),
 )
-"""What the names of public functions end in."""
+"""Ends of the names of public functions."""
 
 _TEXTS = {
     Status.TIMES_IN_NO_ORDER: "The times are not finite, not sorted, or before the last step.",

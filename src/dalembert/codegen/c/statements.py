@@ -10,8 +10,7 @@ from ...subset.compiled_subset import INTEGER, NUMBER, Array, Fields, Group, Kin
 from ..subset.translation import UNKNOWN, definition_of, result_of
 from ..subset.values import Value, by_reference
 from .expressions import TYPES, Expressions, Functions, Known, Pointer, is_atom, literal_of
-from .printing import bare, c_name
-from .tidy import NAME, tidied
+from .printing import NAME, bare, c_name, tidied
 
 
 @final

@@ -144,13 +144,9 @@ class Expressions(Translation):
 
     # -- numbers ----------------------------------------------------------------------------
 
-    def literal(self, number: bool | int | float) -> Value:
-        """See `Translation.literal`."""
-        if isinstance(number, bool):
-            return Value(FLAG, ("true" if number else "false",))
-        if isinstance(number, int):
-            return Value(INTEGER, (str(int(number)),))
-        return Value(NUMBER, (rounded(number),))
+    def double(self, number: float) -> str:
+        """See `Target.double`."""
+        return rounded(number)
 
     def constant_array(self, array: Any) -> Value:
         """See `Translation.constant_array`."""

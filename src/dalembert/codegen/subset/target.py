@@ -1,4 +1,4 @@
-"""What a target of the translation prints: the interface between what code means and how it is written."""
+"""Interface of the languages that functions of the subset are translated to."""
 
 from __future__ import annotations
 
@@ -7,16 +7,24 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
-from ...subset.compiled_subset import Kind
+from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Kind
 from .values import Value
 
 
 class Target(ABC):
     """Prints the expressions and statements of one function."""
 
-    @abstractmethod
     def literal(self, number: bool | int | float) -> Value:
         """Return a constant."""
+        if isinstance(number, bool):
+            return Value(FLAG, ("true" if number else "false",))
+        if isinstance(number, int):
+            return Value(INTEGER, (str(int(number)),))
+        return Value(NUMBER, (self.double(number),))
+
+    @abstractmethod
+    def double(self, number: float) -> str:
+        """Return the text of a double."""
 
     @abstractmethod
     def constant_array(self, array: Any) -> Value:
