@@ -141,39 +141,54 @@ class Graph(Algebra):
 
         The cheapest form of a value may name an input that cancels in it.
         """
-        outside: set[int] = set()
-        for node in list(self.topological(nodes)):
-            if node.op == "input" and node not in allowed:
-                outside.add(node.index)
-        if not outside:
-            return
-        strangers = [self.nodes[index] for index in sorted(outside)]
+        strangers = self._strangers(nodes, allowed)
+        if strangers:
+            self.free(nodes, strangers)
+            strangers = self._strangers(nodes, allowed)
+        outside = {node.index for node in strangers}
         for node in list(self.topological(nodes)):
             if any(arg.index in outside for arg in node.args) and self.freed_of(node, strangers) is None:
                 outside.add(node.index)
 
-    def freed_of(self, node: Node, inputs: Sequence[Node]) -> Node | None:
-        """Return `node` in a form without `inputs`, or None where its value does depend on them.
+    def _strangers(self, nodes: Sequence[Node], allowed: Collection[Node]) -> list[Node]:
+        """Return the inputs named in the forms of nodes that are not allowed there."""
+        found = (node for node in self.topological(nodes) if node.op == "input" and node not in allowed)
+        return sorted(found, key=lambda node: node.index)
+
+    def free(self, nodes: Sequence[Node], inputs: Sequence[Node]) -> None:
+        """Give those `nodes` whose values do not depend on `inputs`, all of them together, forms without them."""
+        mask = sum(source.deps for source in inputs)
+        named = [node for node in nodes if node.args and node.deps & mask]
+        if self._at_numbers(named, inputs) is None:  # one of them divides by zero there
+            for node in named:
+                self.freed_of(node, inputs)
+
+    def _at_numbers(self, nodes: Sequence[Node], inputs: Sequence[Node]) -> list[Node] | None:
+        """Return nodes with numbers in the place of inputs, or None where that divides by zero.
 
         Functions of the inputs that cancel become numbers other than 0: with f(t) = 0 before t = 1, the form of
         (2 f)/(3 f) is 2/3, not 0/0.
         """
-        mask = 0
-        for source in inputs:
-            mask |= source.deps
-        if not node.deps & mask:
-            return node
         for trial, value in enumerate((self.zero, self.one)):
             values = dict.fromkeys(inputs, value)
             for source in inputs:
                 if isinstance(source.payload, UnitName):  # a point of the sphere, as the identities of its values need
                     values[source] = self.one if source.payload.place == trial else self.zero
             try:
-                fixed = self.substitute([node], values, count(2))[0]
+                return self.substitute(nodes, values, count(2))
             except ZeroDivisionError:
                 continue
-            return fixed if fixed is node and not node.deps & mask else None
         return None
+
+    def freed_of(self, node: Node, inputs: Sequence[Node]) -> Node | None:
+        """Return `node` in a form without `inputs`, or None where its value does depend on them."""
+        mask = 0
+        for source in inputs:
+            mask |= source.deps
+        if not node.deps & mask:
+            return node
+        fixed = self._at_numbers([node], inputs)
+        return node if fixed is not None and fixed[0] is node and not node.deps & mask else None
 
 
 def _graph_of(

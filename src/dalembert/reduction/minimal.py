@@ -47,10 +47,7 @@ def drop_independent(graph: Graph, nodes: Sequence[Node], inputs: Sequence[Node]
         key = source.payload.quaternion if isinstance(source.payload, UnitName) else str(source.payload)
         groups.setdefault(key, []).append(source)
     for group in groups.values():
-        mask = sum(source.deps for source in group)
-        for node in nodes:
-            if node.args and node.deps & mask:
-                graph.freed_of(node, group)
+        graph.free(nodes, group)
     return list(nodes)
 
 

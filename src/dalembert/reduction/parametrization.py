@@ -95,6 +95,8 @@ def parametrizations(equations: EquationsOfMotion, cost: Callable[[Parametrizati
         price = cost(found) if len(trials) > 1 or equations.tree is None else 0.0
         if price < best_cost:
             best, best_cost, picks = found, price, trial
+        elif equations.tree is not None:  # bodies come by their distance from the root, with which costs grow
+            break
     if best is None:
         raise NoRegularBasis(reason)
     return best
