@@ -71,6 +71,16 @@ def test_what_is_small_does_not_vanish(g, x, y):
     assert not vanishes(x / (d(0.1) + d(0.2) - d(0.3)))  # undefined, not zero
 
 
+def test_the_value_of_a_long_recursion_does_not_vanish(g):
+    """Each step halves an error and more than doubles its bound, which soon says nothing."""
+    value = g.decimal(2.0)
+    for k in range(60):
+        value = (g.decimal(3.1) * value - g.decimal(2.1) * g.input(f"x{k}")) / value
+    assert not vanishes(value)
+    rounding = g.decimal(0.1) + g.decimal(0.2) - g.decimal(0.3)
+    assert vanishes(rounding * value)
+
+
 def test_symbols_and_rationals_are_decided_exactly(g, x, y):
     tiny = g.const(Fraction(1, 10**40))
     assert not vanishes(tiny) and not vanishes(x + tiny - x)

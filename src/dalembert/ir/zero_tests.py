@@ -4,7 +4,8 @@ Identity on the graph is exact, and so is the zero test of values of symbols and
 before they reach the graph: 0.1 + 0.2 - 0.3 is 2.8e-17 there, and means zero. A value of decimals therefore counts as
 zero in a decision where it is smaller than `TOLERANCE` times the size of the terms that it came from, at
 random points. That size is to first order what the value would change by if every decimal changed by its own size,
-as in a running error analysis; of a product of two zeros it is what is left of the second order.
+as in a running error analysis; of a product of two zeros it is what is left of the second order. Along many steps of a
+recursion that bound is far too large: a value is zero only if small changes of the decimals change it as a whole, too.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from .ops import GRAPH_OPERATIONS, TABLE_ARGUMENTS
 _ROUNDING = 0.01
 """Rounding of an operation of this test, as a share of its result: 1e-15 after `TOLERANCE`."""
 
-_POINTS, _DRAWS = 3, 8
+_POINTS, _DRAWS, _CHANGES = 3, 8, 3
 _STEP = 1e-7
 
 Sized = tuple[float, float, bool]
@@ -48,12 +49,18 @@ def vanishes(node: Node) -> bool:
             return False
         if not (math.isfinite(value) and math.isfinite(size)):
             continue
-        if size == 0.0 or abs(value) > TOLERANCE * size:
+        if size == 0.0 or abs(value) > TOLERANCE * size or not _is_rounding(graph, node, draw, value):
             return False
         found += 1
         if found == _POINTS:
             return True
     return False
+
+
+def _is_rounding(graph: Algebra, node: Node, draw: int, value: float) -> bool:
+    """Return whether changes of the decimals, each by up to `TOLERANCE` of its size, change a value as a whole."""
+    moved = (_sampled(graph, node, draw, change)[0] for change in range(1, _CHANGES + 1))
+    return any(not abs(other - value) < 0.5 * abs(value) for other in moved)
 
 
 def agree(first: Sequence[Node], second: Sequence[Node]) -> bool:
@@ -112,9 +119,9 @@ def terms_of(graph: Graph, node: Node) -> Node:
     return done[node.index]
 
 
-def _sampled(graph: Algebra, node: Node, draw: int) -> Sized:
-    """Return a value at a random point of its inputs, the same one in every process."""
-    known = graph.samples.setdefault(draw, {})
+def _sampled(graph: Algebra, node: Node, draw: int, change: int = 0) -> Sized:
+    """Return a value at a random point of its inputs, the same one in every process, with a change of the decimals."""
+    known = graph.samples.setdefault(draw + change * _DRAWS, {})
     deciding = graph.known_mask(CONDITION_TIME)
     stack = [node]
     while stack:
@@ -130,12 +137,18 @@ def _sampled(graph: Algebra, node: Node, draw: int) -> Sized:
         if top.op == "input":
             known[top.index] = (_place(top, draw), 0.0, False)
         elif top.op == "const":
-            known[top.index] = _constant(graph, top)
+            known[top.index] = _constant(graph, top, change)
         elif deciding & top.deps and top.op in DECIDED:  # random times may all lie on one side of a jump
             known[top.index] = (random.Random(f"{top.fingerprint} {draw}").uniform(0.4, 1.3), 0.0, False)
         else:
-            known[top.index] = _operation(top.op, [known[arg.index] for arg in top.args])
+            args = [known[arg.index] for arg in top.args]
+            nothing = top.op == "div" and not change and _divides_by_rounding(graph, top, draw, *args[1][:2])
+            known[top.index] = _UNDEFINED if nothing else _operation(top.op, args)
     return known[node.index]
+
+
+def _divides_by_rounding(graph: Algebra, quotient: Node, draw: int, value: float, size: float) -> bool:
+    return abs(value) <= TOLERANCE * size and _is_rounding(graph, quotient.args[1], draw, value)
 
 
 def _place(node: Node, draw: int) -> float:
@@ -148,12 +161,14 @@ def _place(node: Node, draw: int) -> float:
     return random.Random(f"{name} {draw}").uniform(0.4, 1.3)
 
 
-def _constant(graph: Algebra, node: Node) -> Sized:
+def _constant(graph: Algebra, node: Node, change: int) -> Sized:
     try:
         value = float(node.payload)  # type: ignore[arg-type]
     except OverflowError:
         return _UNDEFINED
     size = graph.decimals.get(node.index, 0.0)
+    if change and size:
+        value += TOLERANCE * size * random.Random(f"{node.fingerprint} {change}").uniform(-1.0, 1.0)
     return value, size + _ROUNDING * abs(value), size > 0.0
 
 
@@ -172,8 +187,6 @@ def _operation(op: str, args: Sequence[Sized]) -> Sized:
         return -a, s, decimal
     if op == "div":
         b, r = args[1][:2]
-        if abs(b) <= TOLERANCE * r:
-            return _UNDEFINED
         value = a / b if b else math.nan
         return value, (s + abs(value) * r) / abs(b) + _ROUNDING * abs(value) if b else math.inf, decimal
     x = [arg[0] for arg in args]
