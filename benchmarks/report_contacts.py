@@ -1,6 +1,6 @@
-"""The section on friction and contacts of docs/hard_cases.md.
+"""Friction and contacts among the data of the hard cases.
 
-``python benchmarks/report_contacts.py`` prints it; ``--save`` puts it into the page that is there.
+``python benchmarks/report_contacts.py`` prints them; ``--save`` puts them into the data and writes the pages again.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ import math
 from typing import Any
 
 import numpy as np
-from exact import ROOT  # puts tests/ on the path
+from exact import ROOT  # noqa: F401  (puts tests/ on the path)
+from hard_case_pages import DATA, dump, load, number, rounded, write
 from sympy import Symbol, sin
 from sympy.physics.mechanics import dynamicsymbols
 
@@ -20,34 +21,31 @@ from dalembert.methods.status import Status
 from hard_cases.contact_case import contact_reference
 from hard_cases.contacts import CONTACT_CASES, contact_motion, corner_plate
 
-__all__ = ["HEADING", "contact_section"]
+__all__ = ["contact_data"]
 
 TIME = dynamicsymbols._t
-HEADING, NEXT = "## Friction and contacts", "## Whipple bicycle"
 PLATE = {"m": 1.0, "l": 1.0, "h": 0.5, "g": 9.81, "mu": 0.8}
 START = {"x": -0.5 / math.tan(0.5), "theta": 0.5, "theta_dot": 0.0, "x_dot": 0.0}
 
 
-def _number(value: float) -> str:
-    return "0" if value == 0.0 else f"{value:.0e}"
-
-
-def _rows() -> list[str]:
-    rows = []
+def _cases() -> dict[str, dict[str, Any]]:
+    cases = {}
     for name, build in CONTACT_CASES.items():
         case = contact_motion(name)
         motion = case.motion
         model = motion.compile("auto")
         run = motion.simulate(model)
-        hard = " ".join((inspect.getdoc(build) or "").split())
         agreed = [dict(phase.modes) for phase in run.phases] == case.modes()
-        transitions = _number(case.transition_error(run)) if agreed else "other phases"
-        violation = _number(float(np.max(np.abs(run.constraint_violation), initial=0.0)))
-        error = _number(motion.error(run)) if run.success else run.status.name
-        cells = [f"**{name}**. {hard}", motion.source, str(len(case.phases)), transitions, error, violation]
-        rows.append("| " + " | ".join(cells) + " |")
-        print(rows[-1], flush=True)
-    return rows
+        cases[name] = {
+            "hard": " ".join((inspect.getdoc(build) or "").split()),
+            "source": motion.source,
+            "phases": len(case.phases),
+            "transitions": rounded(case.transition_error(run)) if agreed else "other phases",
+            "error": rounded(motion.error(run)) if run.success else run.status.name,
+            "violation": rounded(float(np.max(np.abs(run.constraint_violation), initial=0.0))),
+        }
+        print(name, cases[name], flush=True)
+    return cases
 
 
 def _energy() -> str:
@@ -64,7 +62,7 @@ def _energy() -> str:
         force = 4 + 7 * np.sin(3 * motion.t)
         work += float(np.sum((motion["F_Q"] * slip).reshape(len(half), -1) @ weights * half[:, 0]))
         push += float(np.sum((force * motion["x_dot"]).reshape(len(half), -1) @ weights * half[:, 0]))
-    return _number(abs((run["energy"][-1] - run["energy"][0] - push - work) / work))
+    return number(abs((run["energy"][-1] - run["energy"][0] - push - work) / work))
 
 
 def _stuck() -> str:
@@ -72,7 +70,7 @@ def _stuck() -> str:
     moved = []
     for force in (4, 4 + 2 * sin(TIME)):
         run = da.compile_model(corner_plate(force)).simulate((0, 1e4), START, PLATE)
-        moved.append(_number(float(np.max(np.abs(run.q - run.q[0])))))
+        moved.append(number(float(np.max(np.abs(run.q - run.q[0])))))
     return " and ".join(moved)
 
 
@@ -88,10 +86,10 @@ def _critical() -> str:
     for _ in range(45):
         middle = (low + high) / 2
         low, high = (low, middle) if status(middle) is Status.CONTACT_IMPOSSIBLE else (middle, high)
-    return _number(max(abs(low - 4 / 3), abs(high - 4 / 3)))
+    return number(max(abs(low - 4 / 3), abs(high - 4 / 3)))
 
 
-def _smooth() -> list[str]:
+def _smooth() -> list[list[str]]:
     """Return the rows of the smooth law: slip speed eps, error at 2.2 s and at 8 s, steps, method."""
     entry = contact_reference("plate_push_pull")
     exact = [float(entry["rows"][i]["state"][0]) for i in (1, 3)]
@@ -99,51 +97,33 @@ def _smooth() -> list[str]:
     rows = []
     for eps in (1e-2, 1e-3, 1e-4, 1e-5):
         run = model.simulate((0, 8), START, {**PLATE, "eps": eps}, t_eval=[2.2, 8.0], rtol=1e-9, atol=1e-11)
-        errors = " | ".join(_number(abs(a - b)) for a, b in zip(run["theta"], exact, strict=False))
-        rows.append(f"| {eps:.0e} | {errors} | {run.stats.steps:,} | {run.stats.method} |")
+        errors = [number(abs(a - b)) for a, b in zip(run["theta"], exact, strict=False)]
+        rows.append([f"{eps:.0e}", *errors, f"{run.stats.steps:,}", run.stats.method])
     return rows
 
 
-def contact_section() -> str:
-    """Run everything and return the section."""
-    rows, smooth = "\n".join(_rows()), "\n".join(_smooth())
-    return f"""{HEADING}
-
-Coulomb's law as a set-valued law, with modes ([friction.md](friction.md)); `formulation="auto"`, the Taylor method at
-rtol = 1e-14. Errors of transitions are the largest of the starts of all phases, over max(1, time); errors and
-violations as above. Every case is a test in `tests/hard_cases/test_contacts.py`, more are in
-`tests/system/test_friction.py`.
-
-| case and why it is hard | source | phases | error of transitions | error | violation |
-| --- | --- | ---: | ---: | ---: | ---: |
-{rows}
-
-The work of friction on the plate pushed and pulled, by Gauss quadrature within each phase, differs from the energy lost
-by {_energy()} of itself. Stuck for 1e4 s under a push of 4 N, or of 4 + 2 sin(t) N, the plate moves by {_stuck()}.
-Painleve's paradox of the sliding rod begins at mu = 4/3; found by bisection over the status, to 2e-14, it differs by
-{_critical()}.
-
-The smooth law F = -mu N slip / sqrt(slip^2 + eps^2) on the plate pushed and pulled, its error in theta against the law
-itself; it creeps where the law sticks:
-
-| eps, m/s | error at 2.2 s | error at 8 s | steps | method of "auto" |
-| ---: | ---: | ---: | ---: | --- |
-{smooth}
-"""
+def contact_data() -> dict[str, Any]:
+    """Run everything and return its part of the data."""
+    head = ["eps, m/s", "error at 2.2 s", "error at 8 s", "steps", 'method of "auto"']
+    return {
+        "contacts": _cases(),
+        "checks": {"energy": _energy(), "stuck": _stuck(), "critical": _critical()},
+        "table_smooth": {"head": head, "rows": _smooth()},
+    }
 
 
 def main() -> None:
-    """Print the section, or put it into the page."""
+    """Print the data, or put them where the pages are made from."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--save", action="store_true", help="put the section into docs/hard_cases.md")
-    section = contact_section()
+    parser.add_argument("--save", action="store_true", help=f"write {DATA.name} and the pages again")
+    found = contact_data()
     if not parser.parse_args().save:
-        print(section)
+        print(dump(found))
         return
-    page = ROOT / "docs" / "hard_cases.md"
-    text = page.read_text(encoding="utf-8")
-    before, after = text.split(NEXT, 1)
-    page.write_text(f"{before.split(HEADING)[0]}{section}\n{NEXT}{after}", encoding="utf-8")
+    known = load()
+    data = known | found | {"checks": known["checks"] | found["checks"]}
+    DATA.write_text(dump(data), encoding="utf-8")
+    write(data)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """The benchmarks: what they compare is right, and their tables say what was measured."""
 
+import inspect
 import math
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import before_after  # noqa: E402
+import hard_case_pages  # noqa: E402
 import overhead  # noqa: E402
 import report  # noqa: E402
 import sweeps  # noqa: E402
@@ -23,6 +25,9 @@ from contenders import BACKEND_ORDER, available_backends  # noqa: E402
 from peer_settings import MARKERS  # noqa: E402
 from peers import compiled_rhs, scipy_ode  # noqa: E402
 from sweeps import SweepContender, _within_limit, own_sweep  # noqa: E402
+
+from hard_cases import CASES  # noqa: E402
+from hard_cases.contacts import CONTACT_CASES  # noqa: E402
 
 
 def test_every_backend_of_the_registry_is_measured_in_one_order():
@@ -90,3 +95,16 @@ def test_before_and_after_are_one_line_with_medians_minima_and_ratios():
     assert list(before_after.rows_of("prepared run", samples, "us")) == [
         "| prepared run: run [us] | 3.00 | 3.00 | 2.00 | 1.00 | 1.00 | 0.50 |"
     ]
+
+
+def test_pages_of_hard_cases_are_those_of_their_data():
+    data = hard_case_pages.load()
+    assert hard_case_pages.DATA.read_text() == hard_case_pages.dump(data)
+    assert (ROOT / "docs/hard_cases.md").read_text() == hard_case_pages.overview(data)
+    assert (ROOT / "docs/hard_cases_details.md").read_text() == hard_case_pages.details(data)
+
+
+@pytest.mark.parametrize(("group", "known"), [("cases", CASES), ("contacts", CONTACT_CASES)])
+def test_data_of_hard_cases_are_of_cases_that_there_are(group, known):
+    for name, case in hard_case_pages.load()[group].items():
+        assert case["hard"] == " ".join(inspect.getdoc(known[name]).split())

@@ -42,17 +42,17 @@ def _euler(name, bound, **options):
 
 
 def generic():
-    """3-1-3 angles, away from their singularity."""
+    """Away from the singularity of its angles."""
     return _euler("generic", 1e-12)
 
 
 def through_theta_0_in_angles():
-    """3-1-3 angles, theta = 1 - t: the mass matrix of the angles is singular at t = 1."""
+    """theta = 1 - t: the mass matrix of the angles is singular at t = 1."""
     return _euler("through_theta_0", 1e-12, may_fail="3-1-3 angles are singular at theta = 0")
 
 
 def through_theta_0():
-    """The same motion with a quaternion."""
+    """Passes the singularity of 3-1-3 angles, with a quaternion."""
     entry = reference("rolling_sphere_313_euler")
     data = entry["values"]["through_theta_0"]
     psi, theta, phi = (float(data[name]) for name in ("psi0", "theta0", "phi0"))
@@ -115,7 +115,7 @@ def ball_scene(moments, *, at=None, surface=None, frame_gravity=None):
 
 
 def chaplygin_sphere(times=(1.0, 10.0, 50.0)):
-    """Unequal moments; energy and the angular momentum about the contact, a vector fixed in space, are conserved."""
+    """Energy and the angular momentum about the contact, a vector fixed in space, are conserved."""
     entry = reference("chaplygin_sphere")
     I1, I2, I3, m, R = symbols("I1 I2 I3 m R", positive=True)
     scene = ball_scene((I1, I2, I3))
@@ -207,17 +207,17 @@ def _turntable(name, slope, bound):
 
 
 def turntable():
-    """A plane that turns: the constraint has a part without rates, energy is not conserved, the path is a circle."""
+    """The constraint has a part without rates, energy is not conserved, the path is a circle."""
     return _turntable("level", 0.0, 1e-12)
 
 
 def tilted_turntable():
-    """A plane that turns and slopes: the path is a cycloid."""
+    """The plane turns and slopes: the path is a cycloid."""
     return _turntable("tilted", 0.4, 5e-11)
 
 
 def incline():
-    """A sphere rolls up and down a slope: the acceleration is 5/7 g sin(alpha)."""
+    """Rolls up and down a slope: the acceleration is 5/7 g sin(alpha)."""
     scene = da.scenes.rolling_sphere()
     alpha, g = symbols("alpha g", positive=True)
     N = scene.frame
@@ -240,7 +240,7 @@ def incline():
 
 
 def sliding():
-    """A billiard ball that slides before it rolls: the friction is along the slip, whose direction is constant."""
+    """Friction is along the slip, whose direction is constant."""
     x, y = dynamicsymbols("x y")
     m, R, g, mu = symbols("m R g mu", positive=True)
     N, O, S, e = quaternion_frame()

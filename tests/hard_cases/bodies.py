@@ -56,7 +56,7 @@ def _jacobi(t, moments, start):
 
 
 def free_asymmetric():
-    """Near the unstable axis: ten half turns over in 100 s."""
+    """Ten half turns over in 100 s."""
     return _free((5.0, 20.0, 100.0), 1e-9)
 
 

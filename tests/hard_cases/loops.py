@@ -249,7 +249,7 @@ def four_bar():
 
 
 def four_bar_through_singularity():
-    """On: the loops are singular where the cranks lie down."""
+    """The loops are singular where the cranks lie down."""
     why = "the constraints lose rank where the cranks lie down"
     return _four_bar("four_bar", WINDOWS, *_benchmark(), 1e-9, may_fail=why)
 

@@ -20,7 +20,7 @@ def _point(name, coordinates, *, mass=1):
 
 
 def knife_edge():
-    """On an incline: turns through pi/2 again and again, and does not descend."""
+    """Turns through pi/2 again and again, and does not descend."""
     entry = reference("knife_edge_on_incline")
     x, y, phi = dynamicsymbols("x y phi")
     m, J, g, alpha = symbols("m J g alpha", positive=True)
@@ -43,7 +43,7 @@ def knife_edge():
 
 
 def rosenberg():
-    """Rosenberg's particle, z_dot = y x_dot: the vakonomic equations give another motion."""
+    """z_dot = y x_dot: the vakonomic equations give another motion."""
     entry = reference("nonholonomic_particle_free")
     scene, (x, y, z) = _point("rosenberg_particle", "x y z")
     scene.add_nonholonomic_constraints(z.diff() - y * x.diff())
@@ -75,7 +75,7 @@ def heisenberg():
 
 
 def cartesian_pendulum():
-    """IFToMM A01: x^2 + y^2 = 1, 100 s."""
+    """x^2 + y^2 = 1 over 100 s."""
     entry = reference("iftomm_A01_pendulum")
     scene, (x, y) = _point("cartesian_pendulum", "x y", mass=symbols("m", positive=True))
     scene.apply_uniform_gravity(-symbols("g", positive=True) * scene.frame.y)

@@ -38,13 +38,13 @@ def _exact(parameters, start, times):
 
 
 def through_half_pi():
-    """theta passes pi/2, where x_dot gives no speed."""
+    """x_dot is no independent speed at pi/2."""
     p, start = {"m": 1.0, "b": 0.3, "I_C": 0.5}, (0.0, 0.0, 0.2, 1.0, 2.0)
     return _case(p, start, _exact(p, start, (1.0, 10.0)), CLOSED, bound=5e-15)
 
 
 def against_stable_direction():
-    """Backwards with omega = 1e-3: turns around at t = 12.7; errors grow by some 4e3."""
+    """Turns around at t = 12.7; errors grow by some 4e3."""
     p, start = {"m": 1.0, "b": 0.3, "I_C": 0.5}, (0.0, 0.0, 0.5, -1.0, 1e-3)
     return _case(p, start, _exact(p, start, (10.0, 40.0)), CLOSED, bound=2e-14)
 
@@ -60,7 +60,7 @@ def _given(name):
 
 
 def b_1e_8():
-    """b = 1e-8: the closed form divides by b."""
+    """The closed form divides by b."""
     return _case(*_given("S3_b_1e-8_near_singular"), bound=3e-13)
 
 
@@ -70,7 +70,7 @@ def from_v_zero():
 
 
 def b_0():
-    """b = 0: C moves on a circle."""
+    """The centre of mass moves on a circle."""
     p, start = {"m": 1.0, "b": 0.0, "I_C": 0.5}, (0.0, 0.0, 0.2, 1.0, 0.5)
     return _case(p, start, _exact(p, start, (10.0, 100.0)), "closed form: a circle of radius v/omega", bound=1e-13)
 
