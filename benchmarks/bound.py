@@ -1,6 +1,6 @@
 """What bounds a Taylor sweep: operations of a step that are no multiply-adds, its chain of waiting ones, its code.
 
-    python benchmarks/bound.py      prints the tables of docs/speed.md
+    python benchmarks/bound.py      prints the tables that docs/speed.md is about
 
 Times are in slots: a slot is the time of one multiply-add of a pack at the machine's measured peak, so that a step of F
 operations a lane that takes S slots reaches the share F / (2 S) of the peak.

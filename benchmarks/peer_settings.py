@@ -1,7 +1,7 @@
 """Peers at several settings: what each gives, and which of them the benchmarks use.
 
 ``python benchmarks/peer_settings.py`` prints tables of times and errors, and takes some minutes. ``--save`` keeps them
-in benchmarks/results/peer_settings.json and writes them into docs/speed.md; ``--only heyoka`` measures one peer. A
+in benchmarks/results/peer_settings.json and writes docs/peer_settings.md; ``--only heyoka`` measures one peer. A
 setting is faster where it takes less time at the same error; the one of `peers` and `peer_sweeps` is in bold.
 """
 
@@ -254,13 +254,17 @@ def _prepare_sweeps(scene: str, rtol: float, tried: Sequence[Tried]) -> Timed:
 
 
 def section(result: Record) -> str:
-    """Return the tables of a result, as docs/speed.md shows them."""
+    """Return the tables of a result, as docs/peer_settings.md shows them."""
     parts = [f"Measured on {describe_machine(result['machine'])}."]
     for kind, text in (
-        ("one trajectory", "One trajectory of 10 s, microseconds of a run, lower quartile (error at the end):"),
+        (
+            "one trajectory",
+            "Run time in microseconds for 10 s of motion, lower quartile; in brackets, the error at the end:",
+        ),
         (
             "sweeps",
-            f"Sweeps of {result['cases']:,} cases, microseconds of a case, lower quartile (largest error of eight):",
+            f"Time in microseconds for each of {result['cases']:,} cases, lower quartile; in brackets, the largest"
+            " error of eight:",
         ),
     ):
         if records := result[kind]:
@@ -284,7 +288,7 @@ def main() -> None:
     """Measure, print, and keep if asked to."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", metavar="PEER", help="measure one peer (SciPy, heyoka, diffrax, CasADi or PyDy)")
-    parser.add_argument("--save", action="store_true", help="write peer_settings.json and docs/speed.md")
+    parser.add_argument("--save", action="store_true", help="write peer_settings.json and docs/peer_settings.md")
     options = parser.parse_args()
     if options.only and options.save:
         parser.error("--save keeps the settings of all peers: leave out --only")
@@ -293,7 +297,7 @@ def main() -> None:
     print(f"\n{text}")
     if options.save:
         FILE.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-        report.fill_page(Path(report.ROOT) / "docs" / "speed.md", MARKERS, text)
+        report.fill_page(Path(report.ROOT) / "docs" / "peer_settings.md", MARKERS, text)
 
 
 if __name__ == "__main__":

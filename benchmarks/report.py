@@ -187,8 +187,8 @@ def _singles(result: Record) -> list[str]:
     if not records:
         return []
     return [
-        "One trajectory in a JAX program, a jitted `solve_fn` against diffrax on equations reduced by hand, at equal"
-        " error: microseconds of a run (times that of `taylor`):",
+        "Run time in microseconds of one trajectory in a JAX program, a jitted `solve_fn` beside diffrax on equations reduced"
+        " by hand, at the same final error; in brackets, the ratio to `taylor`:",
         markdown_table(EQUAL, ratio_rows(records, "trajectory", "dalembert jax solve_fn taylor")),
     ]
 
@@ -267,20 +267,22 @@ def benchmarks_section(result: Record) -> str:
     return "\n\n".join(
         [
             f"Measured on {describe_machine(result['machine'])}.",
-            "Microseconds of a run of 10 s / of `simulate()` as called, and (largest error at the end):",
+            "Run time in microseconds for 10 s of motion: a prepared run / the call of `simulate()`; in brackets, the"
+            " largest error at the end:",
             *precision,
-            "One trajectory at equal error, by `model.prepare()`: microseconds of a run (times dalembert's):",
+            "Run time in microseconds of one trajectory by `model.prepare()` at the same final error; in brackets, the"
+            " ratio to dalembert:",
             markdown_table(EQUAL, ratio_rows(_for_equal_error(result["precision"]), "trajectory", _OWN_RUN)),
             _settings(SETTINGS, result["precision"]),
             *_singles(result),
-            f"`model.sweep()` of {_cases(result):,} cases, the whole call, at equal error: microseconds"
-            " of a case (times those of dalembert's Taylor method on two threads):",
+            f"The whole call of `model.sweep()` with {_cases(result):,} cases, at the same largest error: microseconds"
+            " for each case; in brackets, the ratio to dalembert's Taylor method on two threads:",
             markdown_table(EQUAL, ratio_rows(result["sweeps"], "sweep", _OWN_SWEEP)),
             *fewer_cases(result["sweeps"]),
             _settings(SWEEP_SETTINGS, result["sweeps"]),
             _chains_in_short(result["derivation"]),
-            "Seconds to the sleigh's first trajectory, or first sweep, in a new process, with empty caches (loops of"
-            " the library are compiled too) and with what that left behind:",
+            "Seconds from the start of a process to the sleigh's first trajectory, or first sweep: with an empty cache,"
+            " where loops of the library are compiled too, and with a filled one:",
             markdown_table(["", *STAGES], startup_rows(result["startup"])),
         ]
     )
@@ -316,8 +318,8 @@ def docs_section(result: Record) -> str:
     return "\n\n".join(
         [
             f"Measured on {describe_machine(result['machine'])}.",
-            f"Times of the fastest contender of a peer over those of `taylor` on `llvm`, at equal errors of {errors}"
-            " (smallest to largest):",
+            "Run time of each peer divided by that of dalembert's Taylor method at the same final error; smallest to"
+            f" largest ratio of the errors {errors}:",
             markdown_table(["", *SETTINGS], comparison_rows(result)),
         ]
     )
