@@ -187,8 +187,8 @@ def _singles(result: Record) -> list[str]:
     if not records:
         return []
     return [
-        "Run time in microseconds of one trajectory in a JAX program, a jitted `solve_fn` beside diffrax on equations reduced"
-        " by hand, at the same final error; in brackets, the ratio to `taylor`:",
+        "Run time in microseconds of one trajectory in a JAX program, a jitted `solve_fn` beside diffrax on equations"
+        " reduced by hand, at the same final error; in brackets, the ratio to `taylor`:",
         markdown_table(EQUAL, ratio_rows(records, "trajectory", "dalembert jax solve_fn taylor")),
     ]
 
@@ -204,7 +204,7 @@ def _jax(result: Record) -> list[str]:
 
 
 def selected(records: Sequence[Record]) -> list[Record]:
-    """Return what a short table shows: llvm but for `augmented`, of every other solver its first contender."""
+    """Return what the picture shows: llvm but for `augmented`, of every other solver its first contender."""
     first: dict[tuple[str, str], str] = {}
     for r in records:
         first.setdefault((r["scene"], r["solver"]), r["label"])
@@ -262,16 +262,11 @@ def _fastest(found: Sequence[Record], solver: str) -> list[str]:
 
 def benchmarks_section(result: Record) -> str:
     """Return what docs/benchmarks.md shows of a result."""
-    shown = [r for r in selected(result["precision"]) if r["rtol"] in (1e-6, 1e-9, 1e-12)]
-    precision = [markdown_table(head, rows) for _, head, rows in precision_rows(shown, False)]
     return "\n\n".join(
         [
             f"Measured on {describe_machine(result['machine'])}.",
-            "Run time in microseconds for 10 s of motion: a prepared run / the call of `simulate()`; in brackets, the"
-            " largest error at the end:",
-            *precision,
-            "Run time in microseconds of one trajectory by `model.prepare()` at the same final error; in brackets, the"
-            " ratio to dalembert:",
+            "Run time in microseconds for 10 s of motion, by `model.prepare()`, at the same final error; in brackets,"
+            " the ratio to dalembert:",
             markdown_table(EQUAL, ratio_rows(_for_equal_error(result["precision"]), "trajectory", _OWN_RUN)),
             _settings(SETTINGS, result["precision"]),
             *_singles(result),

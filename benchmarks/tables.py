@@ -116,7 +116,7 @@ def ratio_rows(records: Sequence[Record], kind: str, reference: str) -> list[lis
     rows = []
     for r in ratios(records, kind, reference):
         cells = [
-            "-" if time is None else f"{microseconds(time)}" + ("" if share is None else f" ({share:.2g}x)")
+            "-" if time is None else microseconds(time) + ("" if share is None else f" ({float(f'{share:.2g}'):g}x)")
             for time, share in zip(r["times"], r["ratios"], strict=True)
         ]
         own = [x for x in records if x["scene"] == r["scene"]]
