@@ -1,6 +1,6 @@
 """A stored sweep of very many random sleighs in a process of its own: time, disk and memory, and a map of them.
 
-``python benchmarks/stored_many.py`` prints; ``--save`` writes the paragraph of docs/distributed.md. A hundred million
+``python benchmarks/stored_many.py`` prints; ``--save`` writes the paragraph of docs/stored_measured.md. A hundred million
 cases need 7 GB of disk.
 """
 
@@ -26,7 +26,7 @@ import dalembert as da
 
 __all__ = ["PAGE", "SLEIGH", "many", "told"]
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "distributed.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "stored_measured.md"
 MARKERS = ("<!-- many: begin (written by benchmarks/stored_many.py) -->", "<!-- many: end -->")
 SLEIGH = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 LIMIT = 1 << 30

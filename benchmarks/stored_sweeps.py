@@ -1,6 +1,6 @@
 """Stored sweeps: throughput by workers against a plain sweep, cost of a task, ten million cases, and a plan.
 
-``python benchmarks/stored_sweeps.py`` prints; ``--save`` writes the tables of docs/distributed.md, ``--quick`` takes
+``python benchmarks/stored_sweeps.py`` prints; ``--save`` writes the tables of docs/stored_measured.md, ``--quick`` takes
 fewer cases. Workers are processes of a LocalCluster on this machine. With ``--repeat 3`` it takes some five minutes on
 two free cores.
 """
@@ -281,28 +281,28 @@ def written(
     a_case = case_cost(PENDULUM, works, costs, task)
     return "\n\n".join(
         [
-            f"Measured on {describe_machine(machine())}. CPU times are those of all processes together, the scheduler"
-            " and the client among them. Every stored run follows a plain one by as many threads as it may take cores,"
-            f" {CORES_HERE} at most; shares are of its CPU time and of its time by the clock, the medians of the pairs."
-            " Where other programs ran, only shares of CPU time mean something. Laying out the store and trying how"
-            " long a case takes need some 0.1 s in each run.",
+            f"Measured on {describe_machine(machine())}. CPU times include all processes, the scheduler and the client"
+            " among them. Each stored run is compared with a plain sweep by the same number of threads,"
+            f" {CORES_HERE} at most, that ran just before; the percentages are medians. If other programs ran, only the"
+            " percentages of CPU time are meaningful. Each run needs some 0.1 s to lay out the store and to time a"
+            " case.",
             markdown_table(
                 ["", "us of CPU a case", "million cases a second", "of the plain sweep, CPU", "by the clock"], rows
             ),
             f"A task of one case takes {1e3 * task.cpu:.1f} ms of CPU, {1e3 * task.wall:.1f} ms by the clock with one"
-            " worker: sending it, its sweep, and writing a dozen files. Chunks of seconds make that less than 1 %.",
-            "What a new worker needs [CPU s]: its imports, its model from the program, beside that the same from the"
-            " scene, as models were sent before, and a first sweep that compiles, or that finds the code in the cache:",
+            " worker: it is sent, swept, and written to a dozen files. With chunks of seconds this is less than 1 %.",
+            "CPU seconds of a new worker: imports, the model from its program (and, for comparison, from the scene),"
+            " and a first sweep with an empty and with a filled cache:",
             markdown_table(
                 ["", "program [kB]", "imports", "from the program", "from the scene", "empty cache", "cached"], starts
             ),
             told(count, large),
-            "What the plan below says, cases times their cost by one worker, as above, and tasks times theirs, against"
-            " runs with smaller chunks [CPU s]:",
+            "The plan below is the number of cases times the cost of a case by one worker, plus the number of tasks"
+            " times the cost of a task. Checked against runs with smaller chunks, in CPU seconds:",
             markdown_table(["", "planned", "measured", "ratio"], checks),
-            f"A plan past this machine, of double pendulums of {1e6 * a_case:.0f} us: seconds by what they are spent"
-            f" on, and the bottleneck. Nodes with {CORES} cores like these, {1e3 * SCHEDULER:g} ms a task in the"
-            f" scheduler, a store that takes {BANDWIDTH / 1e9:g} GB/s.",
+            f"Planned, not measured: seconds for double pendulums of {1e6 * a_case:.0f} us on nodes with {CORES} cores"
+            f" like these, with {1e3 * SCHEDULER:g} ms a task in the scheduler and a store that takes"
+            f" {BANDWIDTH / 1e9:g} GB/s:",
             markdown_table(
                 ["", "computing", "scheduler", "store", "workers between tasks", "bottleneck"],
                 plan(a_case, large["size"] / count, task.wall),
