@@ -1,6 +1,6 @@
 """Stored sweeps whose workers and clients are killed, and whose stores are cut: what is there in the end.
 
-``python benchmarks/stored_kills.py`` prints; ``--save`` writes the paragraph of docs/stored_measured.md, ``--quick`` kills
+``python benchmarks/stored_kills.py`` prints; ``--save`` writes it into docs/stored_measured.md, ``--quick`` kills
 less often. Kills are SIGKILL, spread over each run by what it has done so far.
 """
 

@@ -1,6 +1,6 @@
 """A stored sweep of very many random sleighs in a process of its own: time, disk and memory, and a map of them.
 
-``python benchmarks/stored_many.py`` prints; ``--save`` writes the paragraph of docs/stored_measured.md. A hundred million
+``python benchmarks/stored_many.py`` prints; ``--save`` writes it into docs/stored_measured.md. A hundred million
 cases need 7 GB of disk.
 """
 

@@ -1,6 +1,6 @@
 """Stored sweeps: throughput by workers against a plain sweep, cost of a task, ten million cases, and a plan.
 
-``python benchmarks/stored_sweeps.py`` prints; ``--save`` writes the tables of docs/stored_measured.md, ``--quick`` takes
+``python benchmarks/stored_sweeps.py`` prints; ``--save`` writes docs/stored_measured.md, ``--quick`` takes
 fewer cases. Workers are processes of a LocalCluster on this machine. With ``--repeat 3`` it takes some five minutes on
 two free cores.
 """
