@@ -71,7 +71,7 @@ def compile_model(
         the angles or the quaternion, and the angles and their rates are outputs.
     impacts : str
         What several contacts do at an impact. "newton" (default): all that touch take part at once, each that is
-        struck with its coefficient of restitution. "poisson": all that touch take part at once; each gives back its
+        struck with its coefficient of restitution. "poisson": all that touch take part at once; each returns its
         coefficient times the normal impulse that has pressed it together, so that friction does not make energy.
         "sequence": the one that approaches fastest is struck alone, as if the others were a little open, then the next,
         until none approaches; so balls in touch pass momentum on as balls with small gaps do. ``traj.message`` says

@@ -55,7 +55,7 @@ class SingularMassMatrixError(DalembertError, ValueError):
 
 
 class FormulationError(DalembertError, ValueError):
-    """A formulation cannot serve the scene; the message says why and which can."""
+    """A formulation does not support the scene; the message says why and which one does."""
 
 
 class OptionError(DalembertError, ValueError):

@@ -2,7 +2,7 @@
 
 `functools.cache` and `functools.cached_property` let two threads compute two values, of which one is dropped. Where a
 value is loaded machine code whose address is in use, dropping it is a crash; where computing it changes shared objects,
-two threads at once spoil them. So everything that is kept for later, and is not a plain value, goes through here.
+two threads at once corrupt them. So everything that is kept for later, and is not a plain value, goes through here.
 
 There are two kinds of lock. `once`, `once_property` and `computed_once` lock the one value that is computed, so that
 others are computed meanwhile; such a computation must not take `DERIVING`. What is derived symbolically (a model, and

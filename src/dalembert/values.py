@@ -1,7 +1,7 @@
 """Checks of numbers and arrays that users give.
 
 NumPy reads strings, durations and quantities with units as numbers, drops imaginary parts and forgets masks. Here they
-are refused.
+are rejected.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def array_of(value: Any) -> FloatArray:
 
 
 def traced_note(error: Exception) -> str:
-    """Return the addition to a message about a value that `array_of` refused because JAX traces it; else nothing."""
+    """Return the addition to a message about a value that `array_of` rejected because JAX traces it; else nothing."""
     return f", which {_TRACED}" if str(error) == _TRACED else ""
 
 

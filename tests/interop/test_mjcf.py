@@ -168,22 +168,22 @@ def test_all_faults_at_once_with_their_lines(tmp_path):
     with pytest.raises(SceneError) as caught:
         scene_of(tmp_path, text)
     expected = [
-        "line 2: forces of a fluid are not served: density= or viscosity= of <option>; leave them out with skip=",
+        "line 2: forces of a fluid are not supported: density= or viscosity= of <option>; leave them out with skip=",
         "line 4: type='screw' of <joint>: known are hinge, slide, ball, free",
         "line 4: the mass of a body would follow from a geom of type 'mesh'; give the body an <inertial>",
-        "line 4: geoms that collide are not served",
+        "line 4: geoms that collide are not supported",
         "line 5: a second <body> is called 'a'",
         "line 5: <body> 'a' has quat and euler; give one of them",
         "line 5: the axis of joint 'k' has no direction",
         "line 5: class='no' of <joint> is no default class of the file",
         "line 6: the mass of body 'a' is -1 kg",
         "line 6: diaginertia='1 1' of <inertial> must be 3 finite numbers",
-        "line 7: <composite> is not served",
-        "line 9: tendons are not served: tendon 'rope'; leave them out with skip=['tendons']",
+        "line 7: <composite> is not supported",
+        "line 9: tendons are not supported: tendon 'rope'; leave them out with skip=['tendons']",
         "line 10: <motor> 'u' acts on 'q', which is no hinge or slide; known: k",
-        "line 10: actuators that are no forces of joints are not served: <muscle>",
+        "line 10: actuators that are no forces of joints are not supported: <muscle>",
         "line 11: equality 'connect_2': 'c' is no body",
-        "line 11: equalities other than connect, weld and joint are not served: <tendon>",
+        "line 11: equalities other than connect, weld and joint are not supported: <tendon>",
         "line 12: unknown element <sensors> in <mujoco>; did you mean <sensor>?",
     ]
     found = caught.value.faults

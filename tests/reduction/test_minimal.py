@@ -304,7 +304,7 @@ def test_a_unit_quaternion_is_kept_at_length_one():
     np.testing.assert_allclose(runs["minimal"].q, runs["projected"].q, atol=1e-7)
 
 
-# -- where minimal cannot serve -----------------------------------------------------------
+# -- what minimal does not support -----------------------------------------------------------
 
 CANNOT = {"Cartesian pendulum": cartesian_pendulum, "four-bar": four_bar}
 
@@ -314,7 +314,7 @@ def test_auto_falls_back_to_projected_and_says_why(name):
     model = da.compile_model(CANNOT[name](), backend="numpy")
     assert model.formulation == "projected"
     text = model.explain()
-    assert "'minimal' cannot serve" in text
+    assert "'minimal' does not support the scene" in text
     assert "holonomic constraint 1" in text and "closed form" in text
 
 

@@ -221,7 +221,7 @@ def test_a_box_that_tumbles_comes_to_rest():
 
 
 def test_what_is_said(bouncers):
-    line = "impacts       poisson: all contacts that touch take part at once, and give back their restitution times"
+    line = "impacts       poisson: all contacts that touch take part at once, and each returns its restitution times"
     assert line in bouncers["poisson"].explain()
     assert "impacts  " not in bouncers["newton"].explain()
     with pytest.raises(OptionError, match=r"law of impacts 'poison'.*newton, poisson, sequence"):

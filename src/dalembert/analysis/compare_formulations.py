@@ -72,7 +72,7 @@ def compare(
             other = model if name == model.formulation else model.variants.in_formulation(name)
         except (FormulationError, ConstraintError) as reason:
             nothing = (float("nan"),) * 4
-            rows.append(ComparisonRow(name, "", "cannot serve", *nothing, 0, 0, float("nan"), str(reason)))
+            rows.append(ComparisonRow(name, "", "not supported", *nothing, 0, 0, float("nan"), str(reason)))
             continue
         own = rtol, within(atol, other.layout.state)
         rows.append(_row(name, other, run, own, method if method in other.methods else "auto"))

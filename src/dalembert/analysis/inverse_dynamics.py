@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..model.model import CompiledModel
 
 TOLERANCE = 1e-8
-"""Share of the terms of an equation below which what is left of it counts as rounding."""
+"""Share of the terms of an equation below which its residual counts as rounding."""
 
 ROUNDING = 1e-12
 """Size of rounding beside squares of rates, of which the bias of a constraint is a difference."""
@@ -198,7 +198,7 @@ def _refuse_other_uses(
     forces: tuple[list[Node], list[list[Node]]],
     names: Sequence[str],
 ) -> None:
-    """Refuse inputs that are no loads: geometry, constraints or rates depend on them, or loads not in proportion.
+    """Reject inputs that are no loads: geometry, constraints or rates depend on them, or loads not in proportion.
 
     Raises
     ------
@@ -231,7 +231,7 @@ def inverse_dynamics_at(
     Raises
     ------
     ValueInputError
-        Where accelerations contradict the constraints, or no inputs give them, with what is left over.
+        Where accelerations contradict the constraints, or no inputs give them, with the residual.
     """
     p = np.array(np.broadcast_to(p, (len(t), p.shape[-1])), order="C")
     if CONDITION_TIME in model.layout.parameters:
@@ -254,7 +254,7 @@ def inverse_dynamics_at(
 def _refuse_contradiction(
     inverse: InverseKernel, terms: _Terms, rates: FloatArray, second: FloatArray, where: str
 ) -> None:
-    """Refuse second rates (n_q,) that the constraints do not allow, and contacts that are closed."""
+    """Reject second rates (n_q,) that the constraints do not allow, and contacts that are closed."""
     closed = [f"{name!r} ({gap:.3g})" for name, gap in zip(inverse.stops, terms.gaps, strict=True) if gap <= 0.0]
     if closed:
         raise ValueInputError(

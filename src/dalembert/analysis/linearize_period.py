@@ -101,7 +101,7 @@ def _period(model: CompiledModel, point: LinearPoint, t: float) -> _Period:
     assert kernels is not None
     sampling = Sampling.of(point.program, kernels)
     schedule = sampling.schedules(point.c[np.newaxis])[0]
-    sampling.instants(schedule, t, t)  # what makes no sense is refused there
+    sampling.instants(schedule, t, t)  # what makes no sense is rejected there
     periods, offsets = np.split(schedule, 2)
     ratios = [Fraction(period / periods[0]).limit_denominator(_MOST_PERIODS) for period in periods]
     every = Fraction(math.lcm(*(r.numerator for r in ratios)), math.gcd(*(r.denominator for r in ratios)))

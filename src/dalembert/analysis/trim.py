@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _RANK = 1e-9
 _SPREAD = 4.0
-"""Largest ratio of what is left of a condition to its spread by rounding."""
+"""Largest ratio of the residual of a condition to its spread by rounding."""
 
 _ROUNDING = 4e-15
 """Rounding error of a condition, as a share of its change with the free values."""
@@ -136,7 +136,7 @@ def _regular(
 
 
 def _refuse_undetermined(model: CompiledModel, t: float, x: FloatArray, c: FloatArray, missing: Sequence[str]) -> None:
-    """Refuse rates that were left out and that the constraints do not fix."""
+    """Reject rates that were left out and that the constraints do not fix."""
     layout = model.layout
     columns = [layout.rates.index(name) for name in missing]
     program, count = model.stages.program, len(layout.constraints)

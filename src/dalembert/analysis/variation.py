@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from ..pipeline import Stages
 
 
-# Jumps of rates across which derivatives are not those of the equations of variation: found, and refused by name.
+# Jumps of rates across which derivatives are not those of the equations of variation: found, and raised as errors.
 #
 # Where rates jump at a time that what is differentiated by moves, or in a state that it moves, the derivative of the
 # motion jumps too. At a time that stays, it does not, and steps end there.
@@ -83,7 +83,7 @@ def moved_breaks(program: Program, wrt: tuple[str, ...], c: FloatArray, t0: floa
 def refuse_jumps_at(
     program: Program, times: FloatArray, solution: Solution, c: Constants, size: int, wrt: tuple[str, ...]
 ) -> None:
-    """Refuse a run (its first `size` components are the state) whose rates jump at times which it recorded.
+    """Reject a run (its first `size` components are the state) whose rates jump at times which it recorded.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def refuse_jumps_at(
 def refuse_jumps_between(
     program: Program, kernel: Kernel, solution: Solution, c: Constants, size: int, wrt: tuple[str, ...]
 ) -> None:
-    """Refuse a run with continuous output in which decisions change strictly within the span, and rates jump there.
+    """Reject a run with continuous output in which decisions change strictly within the span, and rates jump there.
 
     Raises
     ------

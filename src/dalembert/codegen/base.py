@@ -45,7 +45,7 @@ class RenderedModule:
 
 
 class Capability(Enum):
-    """Abilities of some backends beyond simulation; the values are the texts of refusals."""
+    """Abilities of some backends beyond simulation; the values are the texts of rejections."""
 
     KERNEL_FUNCTIONS = 'model.kernels are functions of numba: compile with backend="numba"'
     VECTOR_FIELD = 'vector_field is for programs in JAX: compile with backend="jax"'

@@ -28,7 +28,7 @@ from ..naming import Namer
 # believed where it belongs to the user, and neither its group nor everybody can write it, and where the same holds of
 # every folder above it, or these belong to root, or are sticky as ``/tmp`` is, where nobody can replace what belongs
 # to others. Symbolic links are followed one by one, and must themselves lie in such folders and belong to the user or
-# root. Where the platform has no owners of files (Windows) nothing is refused: there, folders of the user are
+# root. Where the platform has no owners of files (Windows) nothing is rejected: there, folders of the user are
 # protected by access lists, which are not looked at. Nor are those that other platforms have besides.
 
 _MOST_LINKS = 40
@@ -71,7 +71,7 @@ def folder_refusal(folder: Path) -> str:
 
 
 def _refusal(path: Path, status: os.stat_result, *, last: bool) -> str:
-    """Return why a folder, or one above it, is refused."""
+    """Return why a folder, or one above it, is rejected."""
     if not stat.S_ISDIR(status.st_mode):
         return f"{path} is not a folder"
     owners = (os.geteuid(),) if last else (0, os.geteuid())

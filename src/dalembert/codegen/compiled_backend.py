@@ -43,7 +43,7 @@ class CompiledBackend(Backend):
 
     def render(self, program: Program) -> RenderedModule:
         """See `Backend.render`; the text is printed on demand, because nothing runs it as a whole."""
-        target()  # a library that cannot serve the program is refused first
+        target()  # a library that does not support the program is rejected first
         kernels = "\n".join(map(str, program))
         digest = digest_of(self.name, self.versions(), generator_digest(), program.name, kernels)
 

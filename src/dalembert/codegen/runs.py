@@ -52,7 +52,7 @@ class _Last(threading.local):
 class PreparedStates:
     """A prepared run by a function from a state and parameters to the final state and the status.
 
-    What `admission` refuses is not run so, and ends as it says.
+    What `admission` rejects is not run so, and ends as it says.
     """
 
     def __init__(self, run: Callable[[FloatArray, FloatArray], Final], admission: Admission | None = None) -> None:
@@ -186,7 +186,7 @@ class HostRunner(Protocol):
 @final
 @dataclass(frozen=True, eq=False)
 class HostedRuns:
-    """The host's runs behind a traced function, with names, events and refusals.
+    """The host's runs behind a traced function, with names, events and rejections.
 
     Attributes
     ----------

@@ -53,7 +53,7 @@ def load_impact(system: ContactSystem) -> None:
 
 @compiled_subset
 def load_restitution(system: ContactSystem, compressed: FloatArray) -> None:
-    """Have the rates at the end of an impact solved for, from those after its compression, by what contacts give back.
+    """Have the rates at the end of an impact solved for, from those after its compression, by what contacts return.
 
     That is in ``restored``: the least normal impulses, of which the load gets the momentum.
     """

@@ -88,9 +88,9 @@ def strike(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
 
 @compiled_subset
 def _gives_back(system: ContactSystem, pick: Candidates) -> bool:
-    """Have the second part of an impact by Poisson's law solved for; return whether any contact gives back an impulse.
+    """Have the second part of an impact by Poisson's law solved for; return whether any contact returns an impulse.
 
-    Each contact that was pushed during the compression gives back at least its restitution times that impulse, and more
+    Each contact that was pushed during the compression returns at least its restitution times that impulse, and more
     where it would be pressed together otherwise; friction is that of these impulses.
     """
     gives = False
@@ -108,7 +108,7 @@ def _gives_back(system: ContactSystem, pick: Candidates) -> bool:
 
 @compiled_subset
 def _keep(system: ContactSystem) -> None:
-    """End the second part of an impact: nothing is given back any more."""
+    """End the second part of an impact: nothing is returned any more."""
     for i in range(system.contacts):
         system.restored[i] = 0.0
 

@@ -237,7 +237,7 @@ def began_to_slip(system: ContactSystem, cases: ContactCases, case: int, i: int)
 def forget_breaks(cases: ContactCases, case: int) -> None:
     """Forget the guards that say that friction fails to hold, where a force has a kink: it may stay at its limit there.
 
-    A contact sticks on where that breaks no law, and its guard fires again at once where the force goes on to grow.
+    A contact sticks on where that breaks no law, and its guard fires again at once where the force continues to grow.
     """
     for i in range(cases.fired.shape[1]):
         cases.fired[case, i] %= BREAK_UP

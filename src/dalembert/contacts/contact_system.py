@@ -37,7 +37,7 @@ class Combination(NamedTuple):
     mode, sides : (n_contacts,)
         States, and signs of normal reactions.
     released : (n_contacts,)
-        1 where a contact separates while it gives back a share of its impulse, with friction of that.
+        1 where a contact separates while it returns a part of its impulse, with friction of that.
     along : (n_contacts, 2)
         Directions of slip.
     press : (n_contacts,)
@@ -125,7 +125,7 @@ class ContactSystem(NamedTuple):
     load, demand : (n_q,), (n_rows,)
         Forcing, or momentum before an impact; what is required of Jacobian times unknown where a row holds.
     restored : (n_contacts,)
-        Normal impulses that contacts give back at least, and that the load has; zero except while they do.
+        Normal impulses that contacts return at least, and that the load has; zero except while they do.
     responses : (8 n, 1 + n_slips)
         For 8 sets of open contacts, of n = n_q + 2 n_contacts + n_slips each: motion, normal reactions, accelerations
         of gaps and of slip, without friction and for a unit of each friction force.

@@ -21,7 +21,7 @@ sliding; closed with a slip velocity of zero; closed with a slip velocity; after
 if no other impact follows at the same instant."""
 
 RELEASED = 2
-"""Side of an option in which a contact separates while it gives back a share of its impulse."""
+"""Side of an option in which a contact separates while it returns a part of its impulse."""
 
 _MOST_OPTIONS = 8
 
@@ -61,7 +61,7 @@ class Candidates(NamedTuple):
     struck : (n_contacts,)
         1 where it is being struck, 2 without restitution: it is closed during the impact, if that contradicts nothing.
     rebounds : (n_contacts,)
-        1 where it gives back a share of its impulse, by Poisson's law.
+        1 where it returns a part of its impulse, by Poisson's law.
     slides : (n_contacts,)
         1 where it slides into an impact, so that sticking begins within mu and not within mu_static.
     still, least : (n_contacts,)

@@ -181,7 +181,7 @@ def friction_limit(system: ContactSystem, pick: Candidates, i: int) -> float:
 def push_margin(system: ContactSystem, pick: Candidates, i: int, force: float) -> float:
     """Return by which share of all forces a closed contact pushes; 1 where nothing is required of it.
 
-    One that gives back an impulse pushes more than that, or separates.
+    One that returns an impulse pushes more than that, or separates.
     """
     if turned(pick, i) or (system.constraint[i] < 0 and system.sided[i] == 0):
         return 1.0

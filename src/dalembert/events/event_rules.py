@@ -69,7 +69,7 @@ def start_sign(
 def carried_sign(
     before: float, value: float, rate: float, noise: float, t: float, forward: float, direction: int
 ) -> float:
-    """Return the sign with which an expression goes on behind a stop; 0 where it is that of the state there.
+    """Return the sign with which an expression continues after a stop; 0 where it is that of the state there.
 
     ``before`` is its sign when it reached the stop: NaN where a motion begins, 0 where it was not known. An armed event
     that is not zero has that of its side, wherever its expression is now.

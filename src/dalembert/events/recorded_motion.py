@@ -83,7 +83,7 @@ class RecordedCase:
             if int(step) == stopped:  # all that follow in the step happen together
                 self._at_stop[i] = True
                 self._jumped[stopped] |= jumping[int(event)]
-        if status is Status.EVENT_STATE:  # the constraints refused the map
+        if status is Status.EVENT_STATE:  # the constraints rejected the map
             self._jumped[-1:] = False
 
     def solution(self, problem: IntegrationProblem, settle: Settle, *, right: bool) -> Solution:

@@ -38,7 +38,7 @@ def path_of(given: Any) -> Path:
 
 
 def refuse_others(path: Path) -> None:
-    """Refuse a path at which something is that no export has written.
+    """Reject a path at which something is that no export has written.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def write_folder(path: Path, files: Mapping[str, str]) -> Path:
 
 
 def refuse_other_files(path: Path) -> None:
-    """Refuse a path at which something is that is no archive of an export.
+    """Reject a path at which something is that is no archive of an export.
 
     Raises
     ------

@@ -28,7 +28,7 @@ FORMULATIONS = ("minimal", "projected", "augmented")
 
 
 def refuse_scene(model: CompiledModel) -> None:
-    """Refuse a model that no export carries.
+    """Reject a model that no export carries.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def refuse_scene(model: CompiledModel) -> None:
     if program.conditions is not None:
         raise CapabilityError(
             f"{program.name!r} has functions of time with kinks or jumps, at which runs are cut; exports do not carry"
-            " them yet: make them inputs (add_inputs), which are set while a run goes on"
+            " them yet: make them inputs (add_inputs), which are set during a run"
         )
     if reduced.unproven or reduced.redundancy is not None:
         raise CapabilityError(
@@ -64,13 +64,13 @@ def refuse_scene(model: CompiledModel) -> None:
         raise CapabilityError(f"the constraints of {program.name!r} prescribe its motion: there is nothing to simulate")
     if "shared_loads" in program:
         raise CapabilityError(
-            f"outputs of {program.name!r} are reactions that the equations leave open, of least norm, which exports do"
-            " not compute: compile the model without these outputs"
+            f"outputs of {program.name!r} are reactions that the equations do not determine, of least norm, which exports"
+            " do not compute: compile the model without these outputs"
         )
 
 
 def refuse_inputs(model: CompiledModel, start: Start) -> None:
-    """Refuse inputs that cannot be set between steps.
+    """Reject inputs that cannot be set between steps.
 
     Raises
     ------

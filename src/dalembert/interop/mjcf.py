@@ -115,7 +115,7 @@ class MjcfReader:
         self.unserved.setdefault(kind, []).append((element.line, what))
 
     def raise_faults(self) -> None:
-        """Raise all faults, and what is not served and not skipped.
+        """Raise all faults, and what is not supported and not skipped.
 
         Raises
         ------
@@ -126,7 +126,7 @@ class MjcfReader:
                 line, first = items[0]
                 more = f" and {len(items) - 1} more" if len(items) > 1 else ""
                 self.file.fault(
-                    line, f"{SKIPPABLE[kind]} are not served: {first}{more}; leave them out with skip=[{kind!r}]"
+                    line, f"{SKIPPABLE[kind]} are not supported: {first}{more}; leave them out with skip=[{kind!r}]"
                 )
         self.file.raise_faults()
 
@@ -155,7 +155,7 @@ class MjcfReader:
     def _refuse_unserved(self, element: Element) -> None:
         for child in element:
             if child.tag in _UNSERVED:
-                self.file.fault(child, f"<{child.tag}> is not served: write out what it stands for")
+                self.file.fault(child, f"<{child.tag}> is not supported: write out what it stands for")
 
     def _inside(self, element: Element, around: _Around) -> None:
         """Read what stands in the world, in a body after its joints, or in a frame."""
@@ -187,9 +187,11 @@ class MjcfReader:
             file.fault(element, f"a second <body> is called {name!r}")
             name = f"{name}_{len(self.bodies)}"
         if element.attributes.get("mocap", "false") == "true":
-            file.fault(element, f"body {name!r} is a mocap body, which is not served: leave it out")
+            file.fault(element, f"body {name!r} is a mocap body, which is not supported: leave it out")
         if file.number(element, "gravcomp", 0.0):
-            file.fault(element, f"gravcomp= of body {name!r} is not served: leave it out, and add its force as a load")
+            file.fault(
+                element, f"gravcomp= of body {name!r} is not supported: leave it out, and add its force as a load"
+            )
         within = element.attributes.get("childclass", around.within)
         place = around.place.then(self.angles.placement(file, element))
         link, place = self._chain(element, name, around.link, place, within)
@@ -235,7 +237,7 @@ class MjcfReader:
         if kind in ("ball", "free"):
             for what, value in losses.items():
                 if value and (kind, what) != ("ball", "damping"):
-                    file.fault(joint, f"{what}= of the {kind} joint {name!r} is not served; leave it out")
+                    file.fault(joint, f"{what}= of the {kind} joint {name!r} is not supported; leave it out")
         for what, value in losses.items():
             if value < 0.0:
                 file.fault(joint, f"the {what} of joint {name!r} is {value:g}; it may not be less than 0")

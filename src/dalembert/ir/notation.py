@@ -69,7 +69,7 @@ def operation_text(op: str, args: Sequence[str | float]) -> str:
 
 
 def _enclosed(value: float) -> str:
-    """Return a number as it stands beside a sign: a negative one in parentheses."""
+    """Return a number as it is written after a sign: a negative one in parentheses."""
     text = literal_text(value)
     return f"({text})" if text.startswith("-") else text
 

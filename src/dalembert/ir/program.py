@@ -88,7 +88,7 @@ class KnotSides:
     near : Kernel
         1 where a state is on one, else 0: a state that is on none is that of `sides`.
     sides : Kernel
-        The state with which the motion goes on, forwards and backwards in time.
+        The state with which the motion continues, forwards and backwards in time.
     """
 
     near: Kernel

@@ -4,7 +4,7 @@ Identity on the graph is exact, and so is the zero test of values of symbols and
 before they reach the graph: 0.1 + 0.2 - 0.3 is 2.8e-17 there, and means zero. A value of decimals therefore counts as
 zero in a decision where it is smaller than `TOLERANCE` times the size of the terms that it came from, at
 random points. That size is to first order what the value would change by if every decimal changed by its own size,
-as in a running error analysis; of a product of two zeros it is what is left of the second order. Along many steps of a
+as in a running error analysis; of a product of two zeros it is the term of second order. Along many steps of a
 recursion that bound is far too large: a value is zero only if small changes of the decimals change it as a whole, too.
 """
 

@@ -139,7 +139,7 @@ def warn_of_rounded_knots(given: Mapping[str, Any]) -> None:
 
 
 def require_single(program: Program, method: str) -> None:
-    """Refuse what single precision does not serve.
+    """Reject what single precision does not support.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def require_single(program: Program, method: str) -> None:
 
 
 def _beyond(kernel: Kernel) -> list[float]:
-    """Return the numbers in a kernel whose size single precision does not serve."""
+    """Return the numbers in a kernel whose size single precision does not support."""
     numbers = (arg for line in kernel.body for arg in line.args if not isinstance(arg, str))
     kept = (float(number) for number in numbers if number != 0.0 and math.isfinite(number))
     return [number for number in kept if not _SMALLEST <= abs(number) <= _LARGEST]

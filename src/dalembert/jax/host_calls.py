@@ -63,5 +63,5 @@ def _called(call: Callable[..., Any], shapes: Sequence[tuple[int, ...]], single:
 
 
 def _halves(value: Any) -> Any:
-    """Return numbers as two integers each: a thread of a callback may not know of 64 bits."""
+    """Return numbers as two integers each: a thread of a callback may not support 64 bits."""
     return jax.lax.bitcast_convert_type(value, jnp.uint32)

@@ -150,7 +150,7 @@ class HostedSolve:
         return run
 
     def _refuse_derivatives(self, given: Given) -> None:
-        """Refuse derivatives that traced runs do not give.
+        """Reject derivatives that traced runs do not give.
 
         Raises
         ------
@@ -195,7 +195,7 @@ class HostedSolve:
 
 
 def _refuse_functions(given: Given) -> None:
-    """Refuse inputs that are functions of the state, which compiled loops cannot call.
+    """Reject inputs that are functions of the state, which compiled loops cannot call.
 
     Raises
     ------

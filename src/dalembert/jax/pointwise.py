@@ -29,7 +29,7 @@ def _checked(kind: str, values: Any, names: tuple[str, ...]) -> Any:
 
 
 def _require_one(kind: str, value: Any) -> None:
-    """Refuse arrays where one number is required: a function is one of a single state.
+    """Reject arrays where one number is required: a function is one of a single state.
 
     Raises
     ------

@@ -45,18 +45,18 @@ class Solve:
     y (n_y,) where nothing was named; p a mapping of all parameters, and inputs that are constant in time, to scalars,
     or an array (n_p,) as of ``model.parameter_vector``. `inputs` maps names or symbols of inputs to numbers, or to
     records ``da.samples(t, values, kind)``, at whose knots steps end; records are pytrees, and derivatives by their
-    values are those of the run, those by their knots where the rates do not jump there (else they are refused).
+    values are those of the run, those by their knots where the rates do not jump there (else they are rejected).
     Steps are chosen from the values alone: derivatives are those of the steps taken, at fixed sizes, and those by a
     time are rates. Derivatives of what a run did not reach are NaN.
 
     Nothing is checked inside a trace: an initial state that contradicts a constraint by more than rounding is
     projected where the formulation projects, and taken as it is elsewhere. Of times in no order, which are an error
-    where they are known, all states are NaN, and the status says so; so it is with knots in no order and with records
-    that are too short.
+    where they are known, all states are NaN, and the status reports it; knots in no order and records that are too short
+    are treated in the same way.
 
     The function has the precision of the process: double where ``jax_enable_x64`` is on, else single, in all of it.
     In single precision tolerances are 1e-5 and 1e-7 unless others are given, at least 1e-6 and 1e-8 (with a
-    warning); what it does not serve is refused.
+    warning); what it does not support is rejected.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ class Solve:
         return self._options
 
     def check_precision(self, given: Given) -> None:
-        """Refuse what single precision does not serve, where the process has it, and warn of tolerances below it.
+        """Reject what single precision does not support, where the process has it, and warn of tolerances below it.
 
         Raises
         ------

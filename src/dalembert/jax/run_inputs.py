@@ -44,7 +44,7 @@ def inputs_of(
     ValueInputError
         For samples for many cases, too short ones, and those of a kind that is not smooth enough.
     OptionError
-        For functions that do not serve.
+        For functions that are not supported.
     """
     if inputs is None:
         return {}, {}
@@ -74,7 +74,7 @@ def inputs_of(
 
 
 def refuse_given(given: Given, options: SolveOptions) -> None:
-    """Refuse inputs that are functions of time where the method, or dense output, does not serve them.
+    """Reject inputs that are functions of time where the method, or dense output, does not support them.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def refuse_given(given: Given, options: SolveOptions) -> None:
 
 
 def _checked(symbol: InputSymbol, record: Samples, t: Any) -> Samples:
-    """Return a record, refused where it is known not to serve a run along times t."""
+    """Return a record, rejected where it is known not to cover a run along times t."""
     shape, knots = np.shape(record.values), len(record.t)
     if shape != (knots,):
         raise ValueInputError(
@@ -128,7 +128,7 @@ class RunInputs(NamedTuple):
     pieces : tuple of InputTable and Array
         Where the polynomials of each record go, and these at the times of the run (n_t, width).
     wrong : Array ()
-        Status of a run whose records do not serve it, else SUCCESS.
+        Status of a run whose records do not cover it, else SUCCESS.
     """
 
     constants: RunConstants

@@ -196,7 +196,7 @@ def _threads(arguments: BatchArguments) -> int:
 
 @compiled_subset
 def _fails(arguments: BatchArguments, place: int) -> bool:
-    """Call a function of XLA with the arguments at the beginning of the memory; return whether it refused."""
+    """Call a function of XLA with the arguments at the beginning of the memory; return whether it rejected."""
     memory = arguments.memory
     error = call_c(arguments.table[place], row(memory, 0))
     if error != 0:

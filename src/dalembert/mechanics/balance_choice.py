@@ -38,7 +38,7 @@ class Balance:
 class Released:
     """Balances on a graph of their own, and a text on what was moved for them.
 
-    Of `unknowns`, the balances leave those open that share loads by their compliances, by number in `shared`.
+    Of `unknowns`, the balances do not determine those that share loads by their compliances, by number in `shared`.
     """
 
     balances: tuple[Balance, ...]

@@ -153,7 +153,7 @@ class Connections:
         return self.sample.unknowns[:, list(joint.unknowns)]
 
     def _declared_rest(self, pair: Pair) -> tuple[FloatArray, bool]:
-        """Return what joints leave open of the connection of their bodies, and whether they can be all of it.
+        """Return what joints do not fix of the connection of their bodies, and whether they can be all of it.
 
         At each of their points that are the forces and couples across to the declared ones. Where these do not hold
         all that the coordinates leave out, such as the axle of a wheel beside a contact at its rim, there is another

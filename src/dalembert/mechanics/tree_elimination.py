@@ -6,7 +6,7 @@ to the root each step has a quadratic form in the twist V of its parent and in t
     V.I V / 2 + sum_k (U_k . V) x_k + sum_jk D_jk x_j x_k / 2.
 
 A rate is eliminated as soon as all steps where its coordinate enters are in the form: with relative coordinates where
-it enters, with absolute angles at the body before. What is left of I is the inertia of an articulated body.
+it enters, with absolute angles at the body before. The rest of I is the inertia of an articulated body.
 """
 
 from __future__ import annotations
@@ -183,7 +183,7 @@ class _Form:
 @final
 @dataclass(frozen=True, slots=True)
 class _Elimination:
-    """A rate x_k = half / pivot - weights . V - sum of ratios x_j, where half is what is left of the demand."""
+    """A rate x_k = half / pivot - weights . V - sum of ratios x_j, where half is the rest of the demand."""
 
     coordinate: int
     pivot: Node

@@ -98,19 +98,19 @@ RESOLUTION = 64 * EPSILON
 """Share of the time below which two events are simultaneous."""
 
 TOGETHER = 2 * RESOLUTION
-"""Share of the time within which events happen together: more than what counts as zero when the motion goes on."""
+"""Share of the time within which events happen together: more than what counts as zero when the motion continues."""
 
 TIME_NOISE = 4.0 * EPSILON
 """Share of the time by which rounding may move an event, and the least length of a piece of a step."""
 
 RESIDUAL = 4.0
-"""Multiple of what is left of an expression at its zero, below which it counts as zero when the motion goes on."""
+"""Multiple of the residual of an expression at its zero, below which it counts as zero when the motion continues."""
 
 SOON, SOON_IN_A_ROW = 1e-9, 4
 """Share of the span below which a jump follows the one before it too soon, and how often that may happen in a row."""
 
 SHORT_SPAN = 1e-3
-"""Share of the span that stands for the time, where that is near 0, in judging whether two jumps are told apart."""
+"""Share of the span that stands for the time, where that is near 0, in judging whether two jumps are distinguished."""
 
 FLAT, BENT = 1e-12, 1e-9
 """Slope, and bend or dip to the other side, as shares of the values, up to which a function leaves zero as if it had

@@ -21,7 +21,7 @@ _MOST_CHOSEN = 64
 
 @final
 class OfOneMode:
-    """Method that models with several modes do not have: their `__getattr__` says so."""
+    """Method that models with several modes do not have: their `__getattr__` raises the error."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self.function, self.__doc__ = function, function.__doc__

@@ -226,7 +226,7 @@ def trim(
     Returns
     -------
     OperatingPoint
-        Values by name, what is left of each condition, `converged` and a message: where conditions could not be
+        Values by name, the residual of each condition, `converged` and a message: where conditions could not be
         met, it says which.
 
     Raises

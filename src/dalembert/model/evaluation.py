@@ -240,7 +240,7 @@ def _with_inputs(self: CompiledModel, p: FloatArray, t: FloatArray, inputs: Mapp
 
 
 def _require_states(self: CompiledModel, kernel: str, given: Any) -> None:
-    """Refuse to evaluate a kernel that depends on first-order states where none are given.
+    """Raise an error if a kernel depends on first-order states and none are given.
 
     Raises
     ------
@@ -306,7 +306,7 @@ def _states(self: CompiledModel, given: Any) -> FloatArray:
 
 
 def _refuse_contradictions(self: CompiledModel, q: FloatArray, p: FloatArray) -> None:
-    """Refuse arrays of coordinates (k, n_q) and parameters (n_p,) with numbers that their symbols exclude."""
+    """Reject arrays of coordinates (k, n_q) and parameters (n_p,) with numbers that their symbols exclude."""
     layout = self.layout
     for names, table, rounding in ((layout.coordinates, q, ROUNDING), (layout.parameters, p[np.newaxis], 0.0)):
         for row in table[rows_that_contradict(layout.assumptions, names, table, rounding)]:

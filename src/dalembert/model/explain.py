@@ -61,7 +61,7 @@ def _impacts(model: CompiledModel) -> list[str]:
         return []
     how = {
         "newton": "all contacts that touch take part at once",
-        "poisson": "all contacts that touch take part at once, and give back their restitution times their impulses",
+        "poisson": "all contacts that touch take part at once, and each returns its restitution times its impulse",
         "sequence": "the contact that approaches fastest is struck alone, then the next",
     }
     return [f"impacts       {automaton.impacts}: {how[automaton.impacts]}"]
@@ -268,7 +268,7 @@ def _count(stages: Stages, formulation: str) -> str:
         reduced = reduce(equations if stages.mode is None else mode_equations(equations, stages.mode), formulation)
         return describe_counts(lower(reduced).kernel("rhs"))
     except (FormulationError, ConstraintError):
-        return "cannot serve"
+        return "not supported"
 
 
 def _passes(stages: Stages) -> list[str]:

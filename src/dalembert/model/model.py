@@ -263,7 +263,7 @@ class CompiledModel:
     def explain(self, *, passes: bool = False, formulations: bool = False) -> str:
         """Return, in a few lines, what was chosen and why, what was left out, and operation counts.
 
-        With contacts that change it says so of every mode compiled so far.
+        With contacts that change it reports every mode compiled so far.
 
         Parameters
         ----------

@@ -84,7 +84,7 @@ def simulate(
         are left out take 1e-10. By one number, steps of "taylor" have an error of `rtol` times the largest component;
         by name, sizes are compared as multiples of the tolerances. "auto" takes a hundredth of `rtol` times the size of
         a small motion: its largest given initial value, or from rest its largest component in a first run at the
-        default; where components are of very different sizes, that of each. The note of ``stats`` says so.
+        default; where components are of very different sizes, that of each. The note of ``stats`` reports it.
     first_step, max_step : float, optional
         First and largest step [s].
     max_steps : int
@@ -272,7 +272,7 @@ def compare_formulations(
     Returns
     -------
     Comparison
-        One row a formulation, also for those that cannot serve the scene; ``print`` shows it.
+        One row a formulation, also for those that do not support the scene; ``print`` shows it.
 
     Raises
     ------

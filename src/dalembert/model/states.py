@@ -143,7 +143,7 @@ def assemble(
     Raises
     ------
     InitialStateError
-        When the loops cannot close, with what is left of each constraint at the best position found.
+        When the loops cannot close, with the residual of each constraint at the best position found.
     UnknownNameError, ValueInputError
         For input that is wrong.
     """

@@ -66,7 +66,7 @@ def solve_fn(
         raised on the host while the program runs, so that JAX raises an error of its own with that text.
     portable : bool
         Whether programs with such runs may be exported (``jax.export``). Else single runs and batches on CPUs are calls
-        of machine code of this process, which are faster, and which ``jax.export`` refuses.
+        of machine code of this process, which are faster, and which ``jax.export`` does not support.
     events, reduce
         As for `sweep`: ``solved.events``, ``solved.reduced`` and ``solved.end`` hold what they give. Symbols that only
         events and reductions contain are further parameters of the function. Such runs, and those of scenes whose
@@ -93,8 +93,8 @@ def solve_fn(
         if portable:
             changing = f"contacts that change ({list_names(self.contacts)})" if self.modes is not None else ""
             raise OptionError(
-                f"runs with {changing or 'events or reductions'} are calls of the host, which jax.export refuses: take"
-                f" portable=True {'in one mode, as mode() gives it' if changing else 'without events= and reduce='}"
+                f"runs with {changing or 'events or reductions'} are calls of the host, which jax.export does not support:"
+                f" take portable=True {'in one mode, as mode() gives it' if changing else 'without events= and reduce='}"
             )
         from ..runs.hosted import hosted_runs, with_symbols  # for these runs alone
 

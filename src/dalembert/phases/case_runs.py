@@ -201,7 +201,7 @@ class CaseRuns:
         self.numbers.runner[some] = NOT_STARTED
 
     def _mark_refused_maps(self) -> None:
-        """Distinguish states that contacts refuse after a map from those at starts; such a map does not take place."""
+        """Distinguish states that contacts reject after a map from those at starts; such a map does not take place."""
         if self._before_map is not None:
             x, modes = self._before_map
             some = np.flatnonzero((self.cases.status == Status.INITIAL_STATE) & np.isfinite(x).any(axis=1))

@@ -138,7 +138,7 @@ def _results(
 
 
 def refuse_kept_invariants(model: CompiledModel, project_invariants: Any) -> ModeModels:
-    """Return the modes of a model, after refusing to keep first integrals.
+    """Return the modes of a model; raise an error if first integrals are to be kept.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Modes that Python runs, by the integrators of their models, where the loop over lanes does not serve them.
+"""Modes that Python runs, by the integrators of their models, where the loop over lanes does not support them.
 
 These are modes of engines without such loops, radau, modes whose prescribed velocities jump at a break, and those of
 which results are checked. The loop over phases calls such a runner as it calls compiled ones.

@@ -94,7 +94,7 @@ class VelocityJumps:
                 group.x[name][place] = rate
 
     def _refuse(self, t: float, broken: list[int]) -> None:
-        """Refuse a jump that strikes, opens or drags contacts."""
+        """Reject a jump that strikes, opens or drags contacts."""
         if broken:
             what = list_names([self.contact_rows[i] for i in broken])
             raise CapabilityError(

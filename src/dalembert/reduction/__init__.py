@@ -52,7 +52,7 @@ def reduce(
     OptionError
         For an unknown formulation.
     FormulationError
-        When the formulation cannot serve the scene.
+        When the formulation does not support the scene.
     ConstraintError
         For constraints that contradict each other, and reactions that are not determined.
     """
@@ -111,7 +111,7 @@ def _reduce(equations: EquationsOfMotion, formulation: str, requested: Sequence[
             return replace(FORMULATIONS[formulation].reduce(equations, requested, settings), regular=False)
         reduced = replace(FORMULATIONS["projected"].reduce(equations, requested, settings), regular=False)
         why = str(reason).split(": ", 1)[1].split(". Use")[0]
-        return replace(reduced, notes=(*reduced.notes, f"chosen because 'minimal' cannot serve: {why}"))
+        return replace(reduced, notes=(*reduced.notes, f"chosen because 'minimal' does not support the scene: {why}"))
     if formulation == "auto":
         why = "chosen because its basis is regular at every configuration"
         return minimal if not equations.constraints else replace(minimal, notes=(*minimal.notes, why))

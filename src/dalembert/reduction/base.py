@@ -182,7 +182,7 @@ class Formulation(ABC):
         Raises
         ------
         FormulationError
-            When the formulation cannot serve the scene, with the reason.
+            When the formulation does not support the scene, with the reason.
         """
 
 

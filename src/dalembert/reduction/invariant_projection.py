@@ -3,7 +3,7 @@
 A step's error in first integrals I(q, q_dot) is removed along their gradients, in the metric of the kinetic energy:
 with d the virtual displacement and w the change of the speeds, both in directions that the constraints leave free, the
 correction has the least d.M.d / tau^2 + w.M.w among those that restore I to first order. It is made together with that
-onto the constraints, so that neither spoils the other, and repeated as that is (Newton's iteration; E. Hairer, C.
+onto the constraints, so that neither undoes the other, and repeated as that is (Newton's iteration; E. Hairer, C.
 Lubich, G. Wanner, Geometric Numerical Integration, section IV.4). tau [s] makes displacements and speeds comparable.
 
 The small system of the gradients' inner products is damped by a share of its diagonal. Where gradients are nearly
@@ -43,7 +43,7 @@ def initial_name(integral: str) -> str:
 
 
 def refuse_formulation(system: ReducedSystem) -> None:
-    """Refuse a system whose steps are not projected.
+    """Reject a system whose steps are not projected.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 Every residual is compared with the sizes of its own terms: with their values, with what the coordinates add to them,
 and with what an angle, or a component of a quaternion, adds where it changes by one. A distant body in the same scene
-does not excuse what a small mechanism leaves open: the size of the whole scene enters by what rounding leaves of it,
+does not excuse the residual of a small mechanism: the size of the whole scene enters by what rounding leaves of it,
 and by a small share where a constraint has no length besides its coordinates, which may all be zero. Only a constraint
 of a single coordinate that must vanish, and the gap of a contact, which is closed by its share of all lengths, are
 compared with that size itself.

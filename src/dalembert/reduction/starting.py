@@ -4,7 +4,7 @@ What the constraints fix may be left out: missing coordinates solve the holonomi
 which they must enter linearly, and missing rates the velocity constraints, both by least squares
 written out on the graph. What is given is checked against the constraints, each relative to the
 size of its terms, and what the tolerance lets pass is projected away. Where that changes a value
-by more than a millionth, as a constraint with a small coefficient can, the start is refused too.
+by more than a millionth, as a constraint with a small coefficient can, the start is rejected too.
 The limits are those of `start_limits`.
 """
 

@@ -159,7 +159,7 @@ class ComparisonRow:
     formulation, method : str
         Formulation, and the method that was used in the end.
     status : str
-        How the run ended, or "cannot serve".
+        How the run ended, or "not supported".
     error : float
         Largest estimated error of a coordinate along the run, from a twin at a hundredth of the tolerances.
     position_violation, velocity_violation : float
@@ -171,7 +171,7 @@ class ComparisonRow:
     seconds : float
         Of a second run, when everything is compiled.
     note : str
-        Why the formulation cannot serve, or another method was taken.
+        Why the formulation is not supported, or another method was taken.
     """
 
     formulation: str

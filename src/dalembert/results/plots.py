@@ -49,7 +49,7 @@ def plot(self: Trajectory, *given: Any, ax: Any = None) -> Figure:
     if self.can_evaluate and len(self.t) > 1:
         count = min(20_000, _POINTS_PER_STEP * len(self.t))
         smooth = self(np.linspace(self.t[0], self.t[-1], count))
-    # unknown names are refused before a figure is made
+    # unknown names are rejected before a figure is made
     columns = [[run[over] if over else run.t for run in (smooth, self)] for over, _ in wanted]
     values = [[run[name] for run in (smooth, self)] for _, name in wanted]
     timed = not any(over for over, _ in wanted)

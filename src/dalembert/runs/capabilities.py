@@ -1,4 +1,4 @@
-"""Refusals of calls that a backend or a scene does not support."""
+"""Errors for calls that a backend or a scene does not support."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def refusal(backend: str, program: Program, capability: Capability) -> str:
 
 
 def require(backend: str, program: Program, capability: Capability) -> None:
-    """Refuse a call that a program on a backend does not support.
+    """Reject a call that a program on a backend does not support.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def require(backend: str, program: Program, capability: Capability) -> None:
 
 
 def refuse_functions(controllers: Sequence[ControllerModel], what: str) -> None:
-    """Refuse a call that does not support Python functions.
+    """Reject a call that does not support Python functions.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def refuse_functions(controllers: Sequence[ControllerModel], what: str) -> None:
 
 
 def refuse_sampling(controllers: Sequence[ControllerModel], what: str, remedy: str) -> None:
-    """Refuse a call that does not support controllers.
+    """Reject a call that does not support controllers.
 
     Raises
     ------

@@ -86,7 +86,7 @@ class Cases:
     def _refused(self) -> NDArray[np.bool_] | None:
         """Return which cases (k,) have values that their symbols exclude, None where there are none.
 
-        Values for all cases are refused at once.
+        Values for all cases are rejected at once.
         """
         layout, whole = self.program.layout, np.zeros(self.count, bool)
         for table, rounding in ((self.parameters, 0.0), (self.initial, ROUNDING)):
@@ -228,7 +228,7 @@ class Cases:
     def alone(
         self, number: int, settings: CaseSettings, quick_start: Callable[[Iterable[str]], QuickStart]
     ) -> CaseBlock | None:
-        """Return a case by the start of single runs; None where that does not serve it, or finds something wrong."""
+        """Return a case by the start of single runs; None where that does not support it, or finds something wrong."""
         if self._changing or self.program.conditions is not None or (self.refused is not None and self.refused[number]):
             return None
         block = slice(number, number + 1)

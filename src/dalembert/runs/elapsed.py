@@ -122,7 +122,7 @@ def in_elapsed_time(
 
 
 def check_watched(model: CompiledModel, events: Any, reduce: Any) -> None:
-    """Refuse events and reductions that cannot be watched, as a run does."""
+    """Reject events and reductions that cannot be watched, as a run does."""
     if model.modes is not None:
         moving_events(model.layout, events)
         model = model.modes.model(model.modes.open_mode)

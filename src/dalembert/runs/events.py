@@ -30,7 +30,7 @@ def with_event_parameters(
     """Return the model whose parameters include those that events and reductions of a run bring; itself without any.
 
     They are the symbols of events and reductions that are given, and that the scene does not have. What is given and
-    stands nowhere is left for the model to refuse.
+    stands nowhere is left for the model to reject.
     """
     if (reduce is None and isinstance(events, tuple) and not events) or not isinstance(parameters, Mapping):
         return model

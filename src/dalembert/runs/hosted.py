@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 def record_statuses(symbols: Sequence[InputSymbol], records: Mapping[str, Samples], t: FloatArray) -> NDArray[np.int64]:
-    """Return the statuses (k,) of cases whose records do not serve runs along times t (k, n_t), else SUCCESS.
+    """Return the statuses (k,) of cases whose records do not cover runs along times t (k, n_t), else SUCCESS.
 
     Records hold knots (k, n) and values (k, n). The statuses are those of traced runs.
     """
@@ -230,7 +230,7 @@ def hosted_runs(
     Raises
     ------
     OptionError
-        For what such runs do not serve.
+        For what such runs do not support.
     UnknownNameError, ExpressionError
         For expressions that cannot be watched.
     """

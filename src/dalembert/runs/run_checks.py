@@ -234,7 +234,7 @@ class TableCheck(RunCheck):
 
     @classmethod
     def of(cls, model: CompiledModel) -> TableCheck | None:
-        """Return the check of a model; None where every table goes on beyond its knots."""
+        """Return the check of a model; None where every table continues beyond its knots."""
         rhs = model.stages.program.kernel("rhs")
         found = {
             line.args[0]: table_of(float(line.args[1]))
@@ -247,7 +247,7 @@ class TableCheck(RunCheck):
         return cls(tuple(found.values()), arguments)
 
     def after(self, run: EndedRun) -> tuple[Solution, str]:
-        """See `RunCheck.after`: a run that failed at an end of a table has the status that says so."""
+        """See `RunCheck.after`: a run that failed at an end of a table has that status."""
         solution = run.solution
         if solution.status not in _FAILED_AT_KNOT:
             return solution, ""

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ..model.model import CompiledModel
 
 _MOST = 10_000_000
-"""Number of instants of one run from which on it is refused."""
+"""Number of instants of one run from which on it is rejected."""
 
 
 @final
@@ -234,7 +234,7 @@ class DivergenceCheck(RunCheck):
         return cls(free) if model.controllers and free else None
 
     def after(self, run: EndedRun) -> tuple[Solution, str]:
-        """See `RunCheck.after`: a run that failed where its state is huge has the status that says so."""
+        """See `RunCheck.after`: a run that failed where its state is huge has that status."""
         solution, problem = run.solution, run.problem
         places = [place for place, _ in self.components]
         t, y = run.stop if solution.status in FAILED else (0.0, problem.y0)

@@ -199,7 +199,7 @@ def checked_run(
 
     A run that failed near one ended because of it. One whose formulation does not project its steps is also searched
     for one that it has crossed, beyond which its branch would be a matter of chance; projected runs cross them, and
-    are refused where they would change their branch. Searched too are those of constraints that are enforced together,
+    are rejected where they would change their branch. Searched too are those of constraints that are enforced together,
     of a `rank` that is less than their number. The text also has the branches that meet there, where they are to be
     `named`. `steps` is the same run with its accepted steps for records, `span` its
     start and end as given.

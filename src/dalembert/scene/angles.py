@@ -203,8 +203,8 @@ class Angles:
         own, base = self.orientation.frame.name, self.orientation.base.name
         return (
             f"{item} depends on the angles {names} other than through the orientation of {own!r} and its angular"
-            f" velocity, so that orientation='quaternion' cannot serve: write it with vectors of {own!r} and {base!r},"
-            " or leave the option out"
+            f" velocity, so that orientation='quaternion' is not supported: write it with vectors of {own!r} and"
+            f" {base!r}, or leave the option out"
         )
 
 

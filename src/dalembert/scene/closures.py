@@ -64,7 +64,7 @@ class Closure:
 
     Examples
     --------
-    A ball on a rod without mass, in coordinates that know nothing of the rod::
+    A ball on a rod without mass, in coordinates that do not contain the rod::
 
         x, y = dynamicsymbols("x y")
         swing = da.Scene("swing", frame=N, origin=O, coordinates=[x, y])

@@ -94,7 +94,7 @@ class Gear:
 
     Examples
     --------
-    A motor that turns five times as fast as the drum that it drives, the other way round::
+    A motor that turns five times as fast as the drum that it drives, in the opposite direction::
 
         ground, motor, drum = RigidBody("ground", masscenter=O, frame=N), RigidBody("motor"), RigidBody("drum")
         winch = da.Scene("winch", frame=N, origin=O)
@@ -139,7 +139,7 @@ def add_rod(scene: Scene, rod: Rod) -> None:
 
 
 def add_rope(scene: Scene, rope: Rope) -> None:
-    """Add a rope as a contact, whose gap is what is left of its length.
+    """Add a rope as a contact, whose gap is its slack.
 
     Raises
     ------

@@ -42,7 +42,7 @@ def short(expression: Any, width: int = 80) -> str:
         text = str(expression)
     except RecursionError:
         return "an expression that is nested deeply"
-    except ValueError:  # Python refuses to print integers of more than 4,300 digits
+    except ValueError:  # Python does not print integers of more than 4,300 digits
         return "an expression with numbers of thousands of digits"
     text = re.sub(r"(\w+)\(t\)", lambda found: found[0] if found[1] in supported() else found[1], text)
     return text if len(text) <= width else text[: width - 3] + "..."

@@ -34,7 +34,7 @@ class RollingDisc:
     """A thin disc, or a wheel, that rolls on a plane without slip.
 
     The velocities of its contact point along and across its heading vanish: constraints on rates. A height of its
-    centre that the coordinates leave open is a constraint on positions. "wheel.normal", "wheel.friction_1" (along the
+    centre that the coordinates do not fix is a constraint on positions. "wheel.normal", "wheel.friction_1" (along the
     heading, axis x normal) and "wheel.friction_2" (across) are its reaction [N] on the body, "wheel.slip_1" and
     "wheel.slip_2" the velocities that vanish [m/s]. The disc must not lie flat.
 
@@ -78,7 +78,7 @@ class RollingDisc:
     def sine(self) -> Any:
         """Sine of the angle between axis and normal; from the height of the centre, where that is in the coordinates.
 
-        The square root of its square would leave open which side of the disc is up.
+        The square root of its square would not say which side of the disc is up.
         """
         square = 1 - self.plane[1].dot(self.axis) ** 2
         height = self.centre.pos_from(self.plane[0]).dot(self.plane[1])

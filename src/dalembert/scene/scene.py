@@ -272,7 +272,7 @@ class Scene:
     def add_inputs(self, *inputs: Expr) -> None:
         """Add given functions of time, such as forces, motor torques or the height of a road.
 
-        They may stand wherever time may, with their first rates: in loads, positions, orientations, constraints and
+        They may occur wherever time may, with their first rates: in loads, positions, orientations, constraints and
         outputs. Each run is given their values as ``inputs=``: numbers, which are constant in time, or records made by
         `dalembert.samples`.
 

@@ -61,7 +61,7 @@ def _singular_start(program: Program, t: float, y: FloatArray, c: FloatArray, en
 def _enforced_together(
     model: CompiledModel, program: Program, t: float, y: FloatArray, c: FloatArray
 ) -> Redundancy | None:
-    """Return what it takes to enforce all constraints at a start; None where none follow, or it is not served."""
+    """Return what it takes to enforce all constraints at a start; None where none follow, or it is not supported."""
     stages, reduced = model.stages, model.stages.reduced
     if stages.kept or model.dropped or not _served_in_modes(model):
         return None

@@ -224,7 +224,7 @@ def _listed(requested: Any) -> list[str]:
 
 
 def refuse_unknown(requested: Any, found: InvariantCandidates) -> None:
-    """Refuse names of first integrals that a scene cannot have.
+    """Reject names of first integrals that a scene cannot have.
 
     Raises
     ------
@@ -238,7 +238,7 @@ def refuse_unknown(requested: Any, found: InvariantCandidates) -> None:
 
 
 def refuse_jumps(events: Any, aliases: Any) -> None:
-    """Refuse events that jump: first integrals change there.
+    """Reject events that jump: first integrals change there.
 
     Raises
     ------

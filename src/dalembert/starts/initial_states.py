@@ -199,7 +199,7 @@ class QuickStart:
     def __call__(self, t: float, values: Mapping[str, float], p: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Return the state (n_y,) and constants (n_c,) at time t from given values and parameters p (n_p,).
 
-        None where code is not compiled yet, and where the ordinary start may refuse something and says what.
+        None where code is not compiled yet, and where the ordinary start may reject something and says what.
         """
         if self._uses < _INTERPRETED:
             self._uses += 1

@@ -59,7 +59,7 @@ class GivenInputs:
         return replace(self, shift=self.shift + np.atleast_1d(np.asarray(start, dtype=float)))
 
     def refuse_span(self, t0: Any, t1: Any) -> None:
-        """Refuse records that are too short for runs from t0 to t1 (k,), or not smooth enough for where they stand.
+        """Reject records that are too short for runs from t0 to t1 (k,), or not smooth enough for where they stand.
 
         Raises
         ------
@@ -178,7 +178,7 @@ def read_inputs(
     given : mapping or None
         Names or symbols -> numbers, `Samples` or functions of time.
     span : SampledSpan, ndarray (k,) or None
-        Where functions are sampled: along a run, or at times that are all that counts. Without it they are refused.
+        Where functions are sampled: along a run, or at times that are all that counts. Without it they are rejected.
     many : bool
         Whether arrays of numbers, and records, one a case, are allowed.
 

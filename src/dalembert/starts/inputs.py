@@ -201,7 +201,7 @@ def parameter_values(layout: Layout, parameters: Mapping[Any, Any]) -> dict[str,
 
 
 def refuse_inputs(layout: Layout, parameters: Mapping[Any, Any], why: str = "not a parameter") -> None:
-    """Refuse inputs among parameters or initial values.
+    """Reject inputs among parameters or initial values.
 
     Raises
     ------

@@ -88,7 +88,7 @@ def _number_contradicts(declared: Sequence[str], value: float, rounding: float) 
 def refuse_contradictions(
     assumptions: Mapping[str, Sequence[str]], values: Mapping[str, float], rounding: float = 0.0
 ) -> None:
-    """Refuse numbers that their symbols exclude; `rounding` as for `contradicts`.
+    """Reject numbers that their symbols exclude; `rounding` as for `contradicts`.
 
     Raises
     ------

@@ -61,8 +61,8 @@ class Progress(Record):
     """Progress of a run.
 
     Time, where steps must end next, the size of the next step and the error of the last; the row of the state in
-    the work; how many steps were taken and refused, evaluations made and times recorded; whether the last step was
-    refused; the steps before the present block, and those after which it is full. What follows is kept by one loop
+    the work; how many steps were taken and rejected, evaluations made and times recorded; whether the last step was
+    rejected; the steps before the present block, and those after which it is full. What follows is kept by one loop
     alone: steps in a row at the boundary of stability (`explicit_loop`); for `implicit_loop` whether the Jacobian
     is that of the present state, the size of the last step, its inverse where its polynomial can be continued, the
     rate of convergence of its iteration, what the first correction of the next is judged by, and the step that the

@@ -231,7 +231,7 @@ def _warn_of_rounding(symbol: InputSymbol, record: Samples, allowed: FloatArray,
 
 
 def _refuse(symbol: InputSymbol, t: float, error: float, allowed: float, count: int, *, narrow: bool) -> NoReturn:
-    """Refuse a function that samples do not follow.
+    """Reject a function that samples do not follow.
 
     Raises
     ------

@@ -37,7 +37,7 @@ class InputTable(NamedTuple):
         Addresses of the values and of the derivatives of the first case, and the distance from case to case: 0 where
         all share them.
     kinds, first, last, beyond, places : (n_records,)
-        Kinds; numbers of the first and the last piece; whether the slope goes on beyond the knots; and where the knot
+        Kinds; numbers of the first and the last piece; whether the slope continues beyond the knots; and where the knot
         and the coefficients are among the constants.
     shift, shift_stride : address, int
         The time at which the clock of the first case is zero, and the distance from case to case.
@@ -51,7 +51,7 @@ class InputTable(NamedTuple):
         Is overwritten.
     near, sides : address
         `Program.knot_sides` as code for so many lanes: whether a state is on a knot of a table or a switch, and the
-        state with which a motion goes on; 0 where it is the same.
+        state with which a motion continues; 0 where it is the same.
     sided : (k, lanes)
         Gets the outputs of these.
     """
@@ -222,7 +222,7 @@ class InputRecords:
     rows : ndarray (n_case,) or None
         Which rows of records and shifts belong to the cases; None where row i is that of case i.
     sides : KnotSides or None
-        `Program.knot_sides`: kernels of the state with which a motion goes on at a knot, None where it is the same.
+        `Program.knot_sides`: kernels of the state with which a motion continues at a knot, None where it is the same.
     sides_code : (OwnedAddress, OwnedAddress)
         Addresses of these kernels as code for the lanes of a loop.
     """

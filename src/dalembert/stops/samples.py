@@ -145,7 +145,7 @@ def samples(t: Any, values: Any, kind: str = "linear", extrapolate: str = "error
         "hold" keeps the value of the last knot, that of a knot included; "linear" interpolates; "cubic" is SciPy's
         ``CubicSpline`` (not-a-knot), twice differentiable as a prescribed position and a holonomic constraint need it.
     extrapolate : str
-        What values are outside of the knots: "error" refuses runs that need some, "hold" keeps the first and the last,
+        What values are outside of the knots: "error" rejects runs that need some, "hold" keeps the first and the last,
         "linear" continues with the slopes at the ends.
 
     Inside of ``jax.jit``, ``jax.grad`` and ``jax.vmap``, for the solve functions of models in JAX, both arrays may be
@@ -199,7 +199,7 @@ def samples(t: Any, values: Any, kind: str = "linear", extrapolate: str = "error
 
 
 def _refuse_coefficients(t: FloatArray, values: FloatArray, kind: str) -> None:
-    """Refuse knots and values (n_case, n_t) whose polynomials between the knots have no doubles as coefficients.
+    """Reject knots and values (n_case, n_t) whose polynomials between the knots have no doubles as coefficients.
 
     Raises
     ------
@@ -268,7 +268,7 @@ def _spline_slopes(t: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def refuse_samples(symbol: InputSymbol, record: Samples, low: float, high: float) -> None:
-    """Refuse samples that are too short for a run between two times, or not smooth enough for where the input stands.
+    """Reject samples that are too short for a run between two times, or not smooth enough for where the input stands.
 
     Raises
     ------
@@ -291,7 +291,7 @@ def refuse_samples(symbol: InputSymbol, record: Samples, low: float, high: float
 
 
 def refuse_kind(symbol: InputSymbol, record: Samples) -> None:
-    """Refuse samples of a kind that is not smooth enough for where the input stands.
+    """Reject samples of a kind that is not smooth enough for where the input stands.
 
     Raises
     ------

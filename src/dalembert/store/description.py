@@ -90,7 +90,7 @@ def described_group(where: Any) -> Any:
 
 
 def _refuse_places(where: Any) -> None:
-    """Refuse a file, where zarr makes a folder, and what is no place at all."""
+    """Reject a file, where zarr makes a folder, and what is no place at all."""
     from zarr.core.sync import sync
     from zarr.storage import LocalStore
     from zarr.storage._common import make_store_path
@@ -122,7 +122,7 @@ def _seen(where: Any) -> tuple[bool, bool]:
 
 
 def _refuse_others(where: Any, root: Mapping[str, Any] | None, others: bool, described: bool) -> None:
-    """Refuse what has no intact description, unless there is nothing."""
+    """Reject what has no intact description, unless there is nothing."""
     name, nothing = repr(str(where)), "nothing was written. Choose another name"
     if root is not None and DIGEST not in root:
         raise OptionError(f"to={name} is a zarr group that no sweep wrote; {nothing}")

@@ -174,7 +174,7 @@ def _length(value: Any) -> int | None:
         return value.cases
     try:
         shape = value.shape if hasattr(value, "shape") else np.shape(value)
-    except ValueError:  # rows of several lengths, which the sweep refuses by name
+    except ValueError:  # rows of several lengths, for which the sweep raises an error
         return None
     return int(shape[0]) if shape else None
 

@@ -164,7 +164,7 @@ def stored_sweep(compiled: CompiledModel, given: Given, options: SweepOptions, w
     pilot, seconds = _pilot(model, request, leaders, each)
     attributes = _attributes(model, request, each, pilot)
     names = model.model.layout.aliases, json.loads(attributes["parameters"])
-    with_units(pilot, where.units, *names)  # refuses units before anything is written
+    with_units(pilot, where.units, *names)  # rejects units before anything is written
     if store is not None:
         _refuse_other(store, where, attributes)
     try:
@@ -206,7 +206,7 @@ def _laid_out(
 
 
 def _refuse_other(store: Store, where: StoreOptions, attributes: Mapping[str, Any]) -> None:
-    """Refuse a store of another sweep."""
+    """Reject a store of another sweep."""
     held = store.group.attrs
     if held[DIGEST] != attributes[DIGEST]:
         raise OptionError(
@@ -216,7 +216,7 @@ def _refuse_other(store: Store, where: StoreOptions, attributes: Mapping[str, An
 
 
 def _refuse_other_machine(store: Store, where: StoreOptions, attributes: Mapping[str, Any]) -> None:
-    """Refuse to continue a store that was begun with another instruction set, or with other versions."""
+    """Raise an error if a store was begun with another instruction set, or with other versions."""
     different = difference(store.group.attrs.get(_MACHINE, {}), attributes[_MACHINE])
     if different:
         raise OptionError(

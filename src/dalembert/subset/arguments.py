@@ -311,7 +311,7 @@ def _refuse_array(name: str, kind: Array, given: Any) -> NoReturn:
 
 
 def _refuse_scalars(arguments: Any, name: str = "") -> None:
-    """Name the number that `struct` refuses."""
+    """Name the number that `struct` rejects."""
     kind, name = kind_of(arguments.__class__), name or type(arguments).__name__
     assert isinstance(kind, Group)
     for part, field, value in zip(kind.parts, kind.names, arguments, strict=True):

@@ -95,7 +95,7 @@ def lagrange_operator(kinetic: Any, coordinate: Any) -> sp.Expr:
 def check_kinetic_energy(
     scene: str, given: Any, derived: Any, constraints: Sequence[Any], coordinates: Sequence[Any], states: States
 ) -> None:
-    """Refuse a kinetic energy that is not T with all coordinates and rates independent (remark 13.4.8).
+    """Reject a kinetic energy that is not T with all coordinates and rates independent (remark 13.4.8).
 
     Raises
     ------

@@ -44,7 +44,7 @@ def lagrange(scene: Scene, *, kinetic_energy: Any = None) -> LagrangeView:
         The scene; it is copied.
     kinetic_energy : Expr, optional
         The kinetic energy as you would write it. It must be T with all coordinates and rates independent
-        (assumption 13.1.2); one that was simplified with a constraint is refused (remark 13.4.8).
+        (assumption 13.1.2); one that was simplified with a constraint is rejected (remark 13.4.8).
 
     Returns
     -------
@@ -53,7 +53,7 @@ def lagrange(scene: Scene, *, kinetic_energy: Any = None) -> LagrangeView:
     Raises
     ------
     SceneError
-        With every fault of the scene, or the reason why the kinetic energy is refused.
+        With every fault of the scene, or the reason why the kinetic energy is rejected.
 
     Examples
     --------

@@ -275,7 +275,7 @@ def _radius(
 
 
 def _orders_read(recurrences: Recurrences, order: int) -> list[int]:
-    """Return orders of coefficients of the state, of which one is not zero as long as the series goes on.
+    """Return orders of coefficients of the state, of which one is not zero as long as the series continues.
 
     A motion that begins like t**p, p <= 2, under a force whose first power in it is d has terms with gaps of
     p (d - 1) + 2 orders; those of the coordinates and of the speeds make two orders next to each other in each gap.

@@ -56,7 +56,7 @@ class RunLoop:
     at : mapping of str to str
         Members, as C has them, of what a run sets and reads.
     after_step, continuing : tuple of (str, str)
-        Members that are set after each step, and where a run goes on after its end, and their values.
+        Members that are set after each step, and where a run continues after its end, and their values.
     kernels : tuple of str
         What stands at the addresses 1, 2, ... among the arguments.
     """

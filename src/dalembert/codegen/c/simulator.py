@@ -61,7 +61,7 @@ _TEXTS = {
     Status.TIMES_IN_NO_ORDER: "The times are not finite, not sorted, or before the last step.",
     Status.INITIAL_STATE: "The initial values contradict a constraint: see the number of the check.",
     Status.ASSUMPTION: "A parameter or an initial value contradicts what its symbol was declared to be.",
-    Status.SINGULAR_CONFIGURATION: "Constraints depend on each other at the start, or leave the motion open.",
+    Status.SINGULAR_CONFIGURATION: "Constraints depend on each other at the start, or do not determine the motion.",
 }
 
 

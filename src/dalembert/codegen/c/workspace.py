@@ -1,7 +1,7 @@
 """The arguments of a loop as one C structure, whose arrays lie in it.
 
 A loop is exported with arguments that have been made for it: numbers among them become literals, arrays become members
-of so many elements, and addresses names of functions. What a run sets is told by the dotted names of fields.
+of so many elements, and addresses names of functions. What a run sets is given by the dotted names of fields.
 """
 
 from __future__ import annotations

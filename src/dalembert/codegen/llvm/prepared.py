@@ -109,7 +109,7 @@ class Admission:
     Other Parameters
     ----------------
     otherwise : function from a state and parameters to a final state and a status, or to None; optional
-        Another way to run what the constraints refuse, None where they refuse that, too.
+        Another way to run what the constraints reject, None where they reject that as well.
     """
 
     def __init__(
@@ -140,7 +140,7 @@ class Admission:
         return Status.SUCCESS if status == RUNNING else Status(status)
 
     def final_of_refused(self, status: Status, state: FloatArray, parameters: FloatArray) -> Final:
-        """Return the final state (n_y,) and the status of a run that this test refuses."""
+        """Return the final state (n_y,) and the status of a run that this test rejects."""
         if status is Status.INITIAL_STATE and self._otherwise is not None:
             final = self._otherwise(state, parameters)
             if final is not None:

@@ -115,7 +115,7 @@ def _compiled(text: str, functions: Sequence[str]) -> tuple[list[bytes], bool]:
 
 
 def _refuse_other_symbols(function: str, assembly: str) -> None:
-    """Refuse code with symbols that another process may lack: LLVM would end that process."""
+    """Reject code with symbols that another process may lack: LLVM would end that process."""
     called = set(re.findall(r'^declare[^@]*@"?([^"(]+)', assembly, re.MULTILINE))
     unknown = sorted(name for name in called if name not in _LIBRARY and not name.startswith(("llvm.", SYMBOL)))
     if unknown:

@@ -9,7 +9,7 @@ integers, doubles, flags, C-contiguous arrays, records and tuples of these. They
 - What a function finds outside it (numbers, arrays) is constant, and tests of it are decided when it is translated.
 - Loops are ``while``, ``for`` over a ``range`` with a constant step, and ``for`` over a tuple that is written out.
 - Indices are never negative, and divisors of integers are positive.
-- A product and a sum are rounded once where `fma` says so, and nowhere else; nothing is reassociated. A division by
+- A product and a sum are rounded once where `fma` is written, and nowhere else; nothing is reassociated. A division by
   zero gives what IEEE 754 says.
 """
 

@@ -47,7 +47,7 @@ def result_of(annotation: ast.expr | None) -> Kind:
             return Group(())
         case ast.Subscript(value=ast.Name(id="tuple"), slice=ast.Tuple(elts=elements)):
             return Group(tuple(result_of(element) for element in elements))
-    raise TypeError("a function returns nothing, a number, or a tuple of numbers, and says so")
+    raise TypeError("a function returns nothing, a number, or a tuple of numbers, and is annotated so")
 
 
 class Translation(Target):

@@ -1,6 +1,6 @@
 """Times at which states jump or change, along recorded runs that vary with what is differentiated.
 
-Where rates jump, derivatives of a motion jump, too, and what is computed along its steps does not know of it. A kink,
+Where rates jump, derivatives of a motion jump, too, and what is computed along its steps does not include it. A kink,
 at which the rates are the same on both sides, is no harm.
 """
 

@@ -83,7 +83,7 @@ class Attempts(Protocol):
 class TaylorAttempts:
     """Steps (t, y, c, s) -> (new state, size, check), as `dalembert.transforms.taylor.step_kernel` gives them.
 
-    Those that do not grow at once, `step_growth_limited`, are told the size of the step before, as a last row of y.
+    Those that do not grow at once, `step_growth_limited`, receive the size of the step before, as a last row of y.
     What is remembered is the largest size after a projection that failed, and that size.
     """
 
@@ -91,7 +91,7 @@ class TaylorAttempts:
         self._step, self._paced, self.sides, self.sized = step, step_growth_limited, sides, False
 
     def start(self, batch: Batch, direction: Any) -> Any:
-        """Return that no projection has failed, and the size of no step, where steps are told."""
+        """Return that no projection has failed, and the size of no step, where steps are given."""
         none = jnp.zeros(jnp.shape(batch.t0))
         return (none + jnp.inf, none) if self._paced else (none + jnp.inf,)
 

@@ -1,9 +1,9 @@
 """Axes of device meshes over which arrays vary or lie.
 
-Within ``jax.shard_map``, JAX knows of each array over which axes of the mesh it may differ from device to device, and
-demands that what a loop carries does so from its beginning. Zeros and counters do not, until they are cast
+Within ``jax.shard_map``, JAX records for each array over which axes of the mesh it may differ from device to device,
+and demands that what a loop carries does so from its beginning. Zeros and counters do not, until they are cast
 (`varying_like`). On meshes of explicit axes the type of an array says how it lies there, and operations whose result
-has no evident place are refused: there each device computes its own cases, as in ``shard_map`` (`on_devices`).
+has no evident place are rejected: there each device computes its own cases, as in ``shard_map`` (`on_devices`).
 Elsewhere nothing is done.
 """
 
@@ -95,7 +95,7 @@ def axes_of_cases(rows: Any) -> Axes:
 def stack(arrays: Sequence[Any], axis: int = 0) -> Any:
     """Return ``jnp.stack(arrays, axis)``, in batches over explicit axes too.
 
-    There JAX 0.10 refuses to stack what differs from case to case with what does not, and concatenates it.
+    There JAX 0.10 does not stack what differs from case to case with what does not, and concatenates it.
     """
     if not has_explicit_axes():
         return jnp.stack(arrays, axis)

@@ -1,6 +1,6 @@
 """Precision of JAX code, and how it is compiled: double inside, whatever the process has; full products.
 
-Accelerators multiply matrices of 32 bits with ten binary digits or so unless they are told otherwise.
+Accelerators multiply matrices of 32 bits with ten binary digits or so by default.
 """
 
 from __future__ import annotations

@@ -121,7 +121,7 @@ class Sloped:
 
 @jax.custom_jvp
 def without_derivative(values: Any, but: Any, sources: Any) -> Any:
-    """Return numbers that have the derivative NaN by all `sources`, zero where `but` says so."""
+    """Return numbers that have the derivative NaN by all `sources`, zero where `but` is true."""
     return values
 
 
