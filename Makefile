@@ -37,7 +37,7 @@ help:
 	@echo "                  $(NEWEST)"
 	@echo "make test-targets the numerical tests for every instruction set that the processor has"
 	@echo "make test-browser pages of animations in a headless Chromium (a part of make test where one is installed)"
-	@echo "make lint         ruff and mypy only"
+	@echo "make lint         ruff, mypy and the check of phrases only"
 	@echo "make bench        the full benchmarks"
 	@echo "make bench-quick  the benchmarks, shortened"
 	@echo "make fuzz         random scenes against independent references; SEEDS=0:2000 chooses them, CONTACT_SEEDS=0:200, LOOP_SEEDS=0:300"
@@ -60,6 +60,8 @@ lint: $(VENV)/.installed-dev
 	@$(BIN)/ruff format --check .
 	@echo "==> mypy"
 	@MYPY_NUM_WORKERS=2 $(BIN)/mypy
+	@echo "==> prose"
+	@$(BIN)/python tests/prose.py
 
 test: lint
 	@echo "==> pytest"

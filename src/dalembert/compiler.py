@@ -89,7 +89,7 @@ def compile_model(
     SceneError, ConstraintError, SingularMassMatrixError
         For a scene that is not complete or contradicts itself.
     FormulationError, OptionError, UnknownNameError, MissingExtraError
-        For options that do not exist, or cannot serve the scene.
+        For options that do not exist, or do not support the scene.
 
     Examples
     --------

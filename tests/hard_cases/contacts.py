@@ -102,7 +102,7 @@ def push_pull():
 
 
 def upright():
-    """Slip reverses as the plate passes the upright position, where it cannot stick; then the corner lets it go."""
+    """Slip reverses as the plate passes the upright position, where it cannot stick; then it leaves the corner."""
     start = {"x": -0.8 / math.tan(1.3), "theta": 1.3, "theta_dot": 2.0}
     scene = corner_plate(4, contact=True)
     names = ["x", "theta", "x_dot", "theta_dot"]

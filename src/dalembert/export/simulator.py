@@ -64,8 +64,8 @@ def refuse_scene(model: CompiledModel) -> None:
         raise CapabilityError(f"the constraints of {program.name!r} prescribe its motion: there is nothing to simulate")
     if "shared_loads" in program:
         raise CapabilityError(
-            f"outputs of {program.name!r} are reactions that the equations do not determine, of least norm, which exports"
-            " do not compute: compile the model without these outputs"
+            f"outputs of {program.name!r} are reactions that the equations do not determine, of least norm, which"
+            " exports do not compute: compile the model without these outputs"
         )
 
 

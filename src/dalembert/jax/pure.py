@@ -51,8 +51,8 @@ class Solve:
 
     Nothing is checked inside a trace: an initial state that contradicts a constraint by more than rounding is
     projected where the formulation projects, and taken as it is elsewhere. Of times in no order, which are an error
-    where they are known, all states are NaN, and the status reports it; knots in no order and records that are too short
-    are treated in the same way.
+    where they are known, all states are NaN, and the status reports it; this
+    also holds for knots in no order and for records that are too short.
 
     The function has the precision of the process: double where ``jax_enable_x64`` is on, else single, in all of it.
     In single precision tolerances are 1e-5 and 1e-7 unless others are given, at least 1e-6 and 1e-8 (with a

@@ -93,8 +93,9 @@ def solve_fn(
         if portable:
             changing = f"contacts that change ({list_names(self.contacts)})" if self.modes is not None else ""
             raise OptionError(
-                f"runs with {changing or 'events or reductions'} are calls of the host, which jax.export does not support:"
-                f" take portable=True {'in one mode, as mode() gives it' if changing else 'without events= and reduce='}"
+                f"runs with {changing or 'events or reductions'} are calls of the host, which jax.export does not"
+                " support: take portable=True"
+                f" {'in one mode, as mode() gives it' if changing else 'without events= and reduce='}"
             )
         from ..runs.hosted import hosted_runs, with_symbols  # for these runs alone
 

@@ -287,8 +287,8 @@ def knot_sides(
     """Return the kernels ``near_knots`` and ``knot_sides``, none where no motion needs them.
 
     The first is 1 where a state is on a knot or a switch, else 0. The outputs of the second are the state on the sides
-    to which a motion goes, forwards in time and backwards (n_y each), and for each table 1 where neither branch continues
-    the motion backwards, else 0. They are where the conditions of a motion change in its course, as at knots of
+    to which a motion goes, forwards in time and backwards (n_y each), and for each table 1 where neither branch
+    continues the motion backwards, else 0. They are where the conditions of a motion change, as at knots of
     inputs: one that rests may leave then. Switches count in scenes with inputs, conditions on time or controllers.
 
     Parameters

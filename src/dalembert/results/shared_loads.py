@@ -1,4 +1,4 @@
-"""Outputs along motions whose contacts share a load in a way that the equations do not determine.
+"""Outputs along motions whose contacts share a load indeterminately.
 
 The kernels of such a mode give reactions X of least norm. Where these leave a cone of friction, or pull at what only
 pushes, they are replaced by those of least norm that do not: the changes of X that no equation feels are the null space
