@@ -21,6 +21,7 @@ from dalembert.results.trajectory import Trajectory
 ROOT = Path(__file__).parents[1]
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SHOWN = re.compile(r"^```python\n(?P<code>.*?)^```$(?:\n\n```text\n(?P<output>.*?)^```$)?", re.MULTILINE | re.DOTALL)
+PEERS = re.compile(r"^```py\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 INSIDE = sorted((ROOT / "docs" / "inside").glob("*.md"))
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *INSIDE]
 LINKED = [*PAGES, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs" / "examples").glob("*.md"))]
@@ -57,6 +58,19 @@ def test_code_runs_as_written(page):
         if block["output"] is not None:
             assert printed.getvalue() == block["output"], f"{page.name}, block {number}"
     assert all(np.all(run.success) for run in names.values() if isinstance(run, Trajectory | Sweep))
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if PEERS.search(page.read_text())], ids=lambda page: page.name)
+def test_code_of_other_packages_gives_the_same_motion(page):
+    """Pages for those who come from another package show its code as ``py``: it runs where that is installed."""
+    text, ends = page.read_text(), []
+    for block in (BLOCK.search(text)[1], PEERS.search(text)[1]):
+        for package in re.findall(r"^(?:import|from) (\w+)", block, re.M):
+            pytest.importorskip(package)
+        names = {}
+        exec(compile(block, page.name, "exec"), names)
+        ends.append(names["end"])
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-7)
 
 
 @pytest.mark.parametrize(
