@@ -1,12 +1,15 @@
-"""Write docs/pictures/sleighs.gif: Chaplygin sleighs that differ in the offset b of their mass centre.
+"""Write the pictures of the pages into docs/pictures: sleighs.gif, and those of docs/textbook_examples.md.
 
-Run it from the repository's root: ``python docs/generate_pictures.py``.
+Run it from the repository's root: ``python docs/generate_pictures.py``; ``textbook`` draws those of the examples alone.
 """
 
 from __future__ import annotations
 
 import os
+import re
+import sys
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 
@@ -22,8 +25,67 @@ END, FRAMES, FPS = 12.0, 90, 18
 START = {"x": 0, "y": 0, "theta": 0.0, "x_dot": 0.2, "theta_dot": 2.5}
 
 
+def draw_examples() -> None:
+    """Draw the motions that the code of docs/textbook_examples.md computes."""
+    page = (FOLDER.parent / "textbook_examples.md").read_text(encoding="utf-8")
+    names: dict[str, Any] = {}
+    for code in re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S):
+        exec(compile(code, "textbook_examples.md", "exec"), names)
+    plate, sphere, edge, sleigh = (names[name] for name in ("plate", "sphere", "edge", "sleigh"))
+    _draw(
+        "13.4.2", _over_time(plate, {"theta": "theta [rad]"}), _over_time(plate, {"N_A": "N_A [N]", "N_Q": "N_Q [N]"})
+    )
+    angles = {name: f"{name} [rad]" for name in ("psi", "theta", "phi")}
+    _draw("13.4.3", _path(sphere), _over_time(sphere, angles))
+    _draw(
+        "13.4.4",
+        _over_time(edge, {"theta": "theta [rad]", "psi": "psi [rad]"}),
+        _over_time(edge, {"Z": "Z [N]"}),
+    )
+    _draw("13.4.6", _path(sleigh), _over_time(sleigh, {"theta_dot": "theta_dot [rad/s]", "energy": "energy [J]"}))
+
+
+def _path(run: Any) -> Any:
+    def draw(axes: Any) -> None:
+        fine = run(np.linspace(run.t[0], run.t[-1], 600))
+        axes.plot(fine["x"], fine["y"])
+        axes.plot(fine["x"][0], fine["y"][0], "o", color="C0")
+        axes.set(xlabel="x [m]", ylabel="y [m]")
+        axes.set_aspect("equal", "datalim")
+
+    return draw
+
+
+def _over_time(run: Any, labels: dict[str, str]) -> Any:
+    def draw(axes: Any) -> None:
+        fine = run(np.linspace(run.t[0], run.t[-1], 600))
+        for name, label in labels.items():
+            axes.plot(fine.t, fine[name], label=label)
+        axes.axhline(0, color="0.8", lw=0.8, zorder=0)
+        axes.set(xlabel="t [s]")
+        axes.legend(fontsize="small")
+
+    return draw
+
+
+def _draw(section: str, *panels: Any) -> None:
+    figure, grid = plt.subplots(1, len(panels), figsize=(7.2, 2.6), dpi=90, layout="constrained")
+    for axes, panel in zip(grid, panels, strict=True):
+        panel(axes)
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(FOLDER / f"textbook_{section}.png", metadata={"Software": None})
+    plt.close(figure)
+
+
 def main() -> None:
-    """Simulate the sleighs and draw them."""
+    """Draw the pictures."""
+    draw_examples()
+    if "textbook" not in sys.argv:
+        draw_sleighs()
+
+
+def draw_sleighs() -> None:
+    """Simulate Chaplygin sleighs that differ in the offset b of their mass centre, and draw them."""
     model = da.compile_model(da.scenes.chaplygin_sleigh())
     times = np.linspace(0.0, END, FRAMES)
     runs = [model.simulate((0, END), START, {"m": 1, "b": b, "I_C": 0.6}, t_eval=times) for b in OFFSETS]
