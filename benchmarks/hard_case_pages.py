@@ -82,7 +82,7 @@ def _line(name: str, case: Record) -> list[str]:
         return [f"{name}: {case['hard']}", " or ".join(statuses), "-", "", ""]
     error, ms, method, formulation = min(measured)
     used = f"`{method}`" + ("" if formulation == "all" else f", `{formulation}`")
-    worst = number(max(measured)[0]) + (f"; others end with {', '.join(statuses)}" if statuses else "")
+    worst = number(max(measured)[0]) + ("; other runs fail with a status" if statuses else "")
     return [f"{name}: {case['hard']}", worst, used, number(error), _milliseconds(ms)]
 
 

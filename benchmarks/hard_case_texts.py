@@ -16,7 +16,7 @@ with the smallest error. Times are milliseconds of one call of `simulate` after 
 [hard_cases_details.md](hard_cases_details.md) has the figures of every formulation and method and the sources of
 the references.
 
-| case | worst error | best | error | ms |
+| case | worst error | best | its error | ms |
 | --- | --- | --- | ---: | ---: |
 {cases}
 

@@ -1,10 +1,12 @@
-"""Write the pictures of the pages into docs/pictures: sleighs.gif, and those of docs/textbook_examples.md.
+"""Write docs/pictures: sleighs.gif, speed.png, and the pictures of docs/textbook_examples.md.
 
-Run it from the repository's root: ``python docs/generate_pictures.py``; ``textbook`` draws those of the examples alone.
+Run it from the repository's root: ``python docs/generate_pictures.py``; ``quick`` leaves out the animation. speed.png
+is drawn from the committed benchmark.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import sys
@@ -20,6 +22,14 @@ from matplotlib.animation import FuncAnimation, PillowWriter
 import dalembert as da
 
 FOLDER = Path(__file__).parent / "pictures"
+BENCH = FOLDER.parents[1] / "benchmarks" / "results" / "bench.json"
+SOLVERS = {
+    "dalembert llvm minimal taylor": "dalembert",
+    "heyoka by hand taylor, fast_math": "heyoka",
+    "diffrax by hand Tsit5, ForwardMode": "diffrax",
+    "SciPy by hand dop853, numba rhs": "SciPy",
+    "CasADi by hand cvodes, Adams": "CasADi",
+}
 OFFSETS = (0.08, 0.12, 0.2, 0.3, 0.45)
 END, FRAMES, FPS = 12.0, 90, 18
 START = {"x": 0, "y": 0, "theta": 0.0, "x_dot": 0.2, "theta_dot": 2.5}
@@ -80,8 +90,26 @@ def _draw(section: str, *panels: Any) -> None:
 def main() -> None:
     """Draw the pictures."""
     draw_examples()
-    if "textbook" not in sys.argv:
+    draw_speed()
+    if "quick" not in sys.argv:
         draw_sleighs()
+
+
+def draw_speed() -> None:
+    """Draw run time against error for two scenes, a line a solver, from the committed benchmark."""
+    records = json.loads(BENCH.read_text(encoding="utf-8"))["precision"]
+    figure, grid = plt.subplots(1, 2, figsize=(7.2, 3.0), dpi=110, sharey=True, layout="constrained")
+    for axes, scene in zip(grid, ("sleigh", "unequal sphere"), strict=True):
+        for label, name in SOLVERS.items():
+            own = [r for r in records if (r["scene"], r["label"]) == (scene, label)]
+            line = sorted((r["error"], r["run_us"]["median"]) for r in own)
+            axes.loglog(*zip(*line, strict=True), "o-", ms=3, lw=2.5 if name == "dalembert" else 1.2, label=name)
+        axes.set(title=f"{scene}, 10 s", xlabel="error at the end", xlim=(1e-4, 1e-14))
+        axes.grid(alpha=0.3)
+    grid[0].set_ylabel("run time [us]")
+    grid[1].legend(fontsize="small", loc="center left", bbox_to_anchor=(1.02, 0.5))
+    figure.savefig(FOLDER / "speed.png", metadata={"Software": None})
+    plt.close(figure)
 
 
 def draw_sleighs() -> None:
@@ -92,6 +120,8 @@ def draw_sleighs() -> None:
     figure, panel = plt.subplots(figsize=(5.6, 3.2), dpi=80, layout="constrained")
     colors = plt.get_cmap("viridis")(np.linspace(0.0, 0.85, len(runs)))
     paths = [panel.plot([], [], color=c, lw=1.3)[0] for c in colors]
+    for run, c in zip(runs, colors, strict=True):  # the whole path, faint: the first frame is a picture, too
+        panel.plot(run["x"], run["y"], color=c, lw=1, alpha=0.25)
     blades = [panel.plot([], [], color=c, lw=4, solid_capstyle="round")[0] for c in colors]
     centres = [
         panel.plot([], [], "o", color=c, ms=5, label=f"b = {b:g} m")[0] for c, b in zip(colors, OFFSETS, strict=True)
