@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 sys.path.insert(0, str(Path(__file__).parents[1] / "src"))
 sys.path.insert(0, str(Path(__file__).parent))
+
+import live_pages
 
 import dalembert
 
@@ -57,3 +60,15 @@ sphinx_gallery_conf = {
     "reset_modules": (),
     "write_computation_times": False,
 }
+
+
+def setup(app):
+    """Write the pages that simulate into the site, where scripts run and there is a compiler for them."""
+    app.connect("build-finished", write_live_pages)
+
+
+def write_live_pages(app, exception):
+    """Write the pages after the site is built."""
+    runs = str(app.config.plot_gallery) not in ("0", "False")
+    if exception is None and runs and app.builder.name == "html" and find_spec("ziglang") is not None:
+        live_pages.write(Path(app.outdir) / "live")

@@ -1,6 +1,5 @@
 """Pages of animations in a browser: they load without errors, show something, and their slider moves the body."""
 
-import shutil
 import time
 
 import numpy as np
@@ -9,25 +8,10 @@ from sympy import symbols
 from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
+from browser.browsers import opened, told
 
-selenium = pytest.importorskip("selenium")
 Image = pytest.importorskip("PIL.Image")
 pytest.importorskip("plotly")
-BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
-if BROWSER is None or DRIVER is None:
-    pytest.skip("chromium and chromedriver are not installed", allow_module_level=True)
-
-ARGUMENTS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--no-first-run",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--window-size=900,700",
-)
 GRAPH = "document.querySelector('.plotly-graph-div')"
 TITLE = f"return {GRAPH}.layout.title.text"
 
@@ -52,16 +36,7 @@ def page(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def browser(page):
-    from selenium import webdriver
-    from selenium.webdriver.chrome.options import Options
-    from selenium.webdriver.chrome.service import Service
-
-    options = Options()
-    for argument in ARGUMENTS:
-        options.add_argument(argument)
-    options.binary_location = BROWSER
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    with webdriver.Chrome(options=options, service=Service(DRIVER)) as driver:
+    with opened(900, 700) as driver:
         driver.get(page.as_uri())
         deadline = time.monotonic() + 60
         while not driver.execute_script("return document.querySelectorAll('.gl-canvas, canvas').length"):
@@ -90,8 +65,7 @@ def slide(driver, share):
 
 
 def test_the_page_loads_without_errors(browser):
-    severe = [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
-    assert not severe
+    assert told(browser) == []
 
 
 def test_the_slider_moves_the_body(browser, tmp_path):

@@ -69,7 +69,7 @@ def c_results(folder, function, arguments, *, known):
         for place, size, kind in printing
     ]
     members = space.members_used("", {name for name, part, _ in found if name not in numbers or not known})
-    text = source_of(["a loop"], [], "", loops).replace(
+    text = source_of(["a loop"], [], "", loops.text, loops.used).replace(
         "#include <string.h>",
         "\n".join(["#include <string.h>", "#include <stdio.h>", "typedef struct {", *members, "} loop_run;"]),
     )

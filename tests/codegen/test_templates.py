@@ -29,6 +29,7 @@ from dalembert.codegen.numba import texts
 from dalembert.codegen.numba.texts import table_definitions
 from dalembert.codegen.printers import JAX, NUMPY
 from dalembert.codegen.rendering import program_variables, render, template_directory
+from dalembert.export import page, wheel
 from dalembert.export.fmu import fmu_files
 from dalembert.export.simulator import c_source
 from dalembert.ir.kernel import Assignment, Kernel, Load
@@ -112,6 +113,11 @@ def render_c():
             with mock.patch.object(shutil, "which", lambda name: None):
                 assert set(simulator.c_files(source)) < {"cart.c", "cart.h", "main.c", "Makefile", "README.md", ""}
                 fmu_files(source)
+            nothing = {"shared_library": lambda compiler, texts: b"", "c_compiler": lambda: ["cc"]}
+            with mock.patch.multiple(wheel, **nothing):
+                wheel.wheel_files(source)
+            with mock.patch.object(page, "web_assembly", lambda texts, exported: b""):
+                page.page_text(source, scene, None)
 
 
 def render_jax(program):

@@ -11,7 +11,9 @@ import pytest
 
 import dalembert as da
 from codegen.c_programs import built, compiler
-from dalembert.errors import CapabilityError, OptionError
+from dalembert.errors import CapabilityError, MissingExtraError, OptionError
+from dalembert.export import compilers
+from export.pages import need_pages
 from export.test_c_simulators import driven
 from hard_cases import hard_case
 
@@ -145,6 +147,7 @@ def test_sources_have_no_warnings(tmp_path, model):
 
 def test_the_same_model_gives_the_same_archive_without_a_compiler(tmp_path, model, monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: None)
+    monkeypatch.setattr(compilers, "find_spec", lambda name: None)
     first, second = tmp_path / "a.fmu", tmp_path / "b.fmu"
     for path in (first, second, first):
         model.export(path, "fmu", initial=START, parameters=NUMBERS)
@@ -176,3 +179,24 @@ def test_an_importer_takes_it(tmp_path, model):
     found = fmpy.simulate_fmu(str(path), stop_time=2, output_interval=0.1)
     run = model.simulate((0, 2), START, NUMBERS, inputs={"force": 1}, t_eval=found["time"], **TOLERANCES)
     np.testing.assert_allclose(found["x"], run["x"], rtol=1e-9, atol=1e-9)
+
+
+def test_a_binary_for_another_machine(tmp_path, model):
+    need_pages()
+    _, folder = unit(model, tmp_path / "mass.fmu", initial=START, parameters=NUMBERS, platforms=["aarch64-linux"])
+    assert [path.name for path in (folder / "binaries").iterdir()] == ["aarch64-linux"]
+    library = (folder / "binaries" / "aarch64-linux" / "driven_mass.so").read_bytes()
+    assert library.startswith(b"\x7fELF") and int.from_bytes(library[18:20], "little") == 183  # EM_AARCH64
+    for function in ("Instantiate", "DoStep", "GetReal", "SetReal", "GetFMUstate", "FreeInstance"):
+        assert f"fmi2{function}\0".encode() in library
+
+
+def test_platforms_that_are_wrong(tmp_path, model, monkeypatch):
+    given = {"initial": START, "parameters": NUMBERS}
+    with pytest.raises(OptionError, match="platform 'beos'"):
+        model.export(tmp_path / "a.fmu", "fmu", platforms=["beos"], **given)
+    with pytest.raises(OptionError, match="platforms are those of the kind 'fmu'"):
+        model.export(tmp_path / "a", "c", platforms=["win64"], **given)
+    monkeypatch.setattr(compilers, "find_spec", lambda name: None)
+    with pytest.raises(MissingExtraError, match=r"for other machines.*pip install"):
+        model.export(tmp_path / "a.fmu", "fmu", platforms=["win64"], **given)

@@ -4,42 +4,47 @@ from __future__ import annotations
 
 import hashlib
 import platform
-import shutil
-import subprocess
-import tempfile
+from collections.abc import Sequence
 from html import escape
-from pathlib import Path
 from typing import Any
 
 from ..codegen.c.descriptions import CSource
 from ..codegen.c.printing import double, prefix_of, rows_of
 from ..codegen.c.simulator import c_files
 from ..codegen.rendering import render
-from ..errors import CapabilityError, OptionError, list_names
+from ..errors import CapabilityError, OptionError, list_names, unknown_name
+from ..values import listed
 from ..version import __version__
+from .compilers import c_compiler, foreign_library, shared_library
 
-_FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=default")
+_TARGETS = {
+    "linux64": ("x86_64-linux-gnu.2.17", "so"),
+    "win64": ("x86_64-windows-gnu", "dll"),
+    "darwin64": ("x86_64-macos", "dylib"),
+    "aarch64-linux": ("aarch64-linux-gnu.2.17", "so"),
+    "aarch64-darwin": ("aarch64-macos", "dylib"),
+}
+"""Targets of ziglang and suffixes of libraries, by names of platforms: of FMI 2.0, and for arm64 of FMI 3.0."""
+
 _PLATFORMS = {("Linux", "x86_64"): ("linux64", "so"), ("Darwin", "x86_64"): ("darwin64", "dylib")}
 """Names of platforms in FMI 2.0, and suffixes of their libraries."""
 
 
-def fmu_files(source: CSource) -> dict[str, str | bytes]:
-    """Return the files of a unit by their names in the archive, with a binary where there is a C compiler.
+def fmu_files(source: CSource, platforms: Sequence[str] | None = None) -> dict[str, str | bytes]:
+    """Return the files of a unit by their names in the archive.
+
+    Binaries are for some platforms, by default for this machine where it has a C compiler.
 
     Raises
     ------
+    MissingExtraError
+        For platforms that are named, without the package ziglang.
     CapabilityError
         Where initial values or parameters of the example are missing, which are the start values of the unit.
     OptionError
         Where the compiler fails.
     """
-    wanted = [*source.start.given, *source.parameters]
-    missing = [name for name in wanted if name not in source.numbers]
-    if missing:
-        raise CapabilityError(
-            "a unit needs a start value for each of its variables: give initial= and parameters=. Missing:"
-            f" {list_names(missing)}"
-        )
+    refuse_missing(source, "a unit")
     prefix, texts = prefix_of(source.program.name), c_files(source)
     simulator = {name: texts[name] for name in (f"{prefix}.c", f"{prefix}.h")}
     guid = hashlib.sha256("".join(simulator.values()).encode()).hexdigest()[:32]
@@ -47,27 +52,47 @@ def fmu_files(source: CSource) -> dict[str, str | bytes]:
     files: dict[str, str | bytes] = {"modelDescription.xml": _description(source, prefix, guid)}
     files |= {f"sources/{name}": text for name, text in simulator.items()}
     files["documentation/README.md"] = texts["README.md"]
-    where = _PLATFORMS.get((platform.system(), platform.machine()))
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    if platforms is not None:
+        for name in checked_platforms(platforms):
+            target, suffix = _TARGETS[name]
+            files[f"binaries/{name}/{prefix}.{suffix}"] = foreign_library(target, simulator)
+        return files
+    where, compiler = _PLATFORMS.get((platform.system(), platform.machine())), c_compiler()
     if where is not None and compiler is not None:
         folder, suffix = where
-        files[f"binaries/{folder}/{prefix}.{suffix}"] = _binary(compiler, prefix, simulator)
+        files[f"binaries/{folder}/{prefix}.{suffix}"] = shared_library(compiler, simulator)
     return files
 
 
-def _binary(compiler: str, prefix: str, texts: dict[str, str]) -> bytes:
-    """Return the compiled library of a unit."""
-    with tempfile.TemporaryDirectory() as folder:
-        for name, text in texts.items():
-            (Path(folder) / name).write_text(text, encoding="utf-8")
-        command = [compiler, *_FLAGS, "-o", "unit", f"{prefix}.c", "fmi2.c", "-lm"]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise OptionError(
-                f"the C compiler {compiler!r} cannot compile the unit: {done.stderr.strip()[:500]}. Repair it, or take"
-                " it off the PATH: the unit then has its sources alone"
-            )
-        return (Path(folder) / "unit").read_bytes()
+def checked_platforms(platforms: Any) -> list[str]:
+    """Return names of platforms.
+
+    Raises
+    ------
+    OptionError
+        For names that are not known.
+    """
+    names = [str(name) for name in listed("platforms", platforms, "names of platforms")]
+    unknown = [name for name in names if name not in _TARGETS]
+    if unknown:
+        raise OptionError(unknown_name("platform", unknown[0], _TARGETS))
+    return names
+
+
+def refuse_missing(source: CSource, what: str) -> None:
+    """Refuse an export that starts with its example, where numbers of that are missing.
+
+    Raises
+    ------
+    CapabilityError
+        With their names.
+    """
+    missing = [name for name in (*source.start.given, *source.parameters) if name not in source.numbers]
+    if missing:
+        raise CapabilityError(
+            f"{what} needs a start value for each of its variables: give initial= and parameters=. Missing:"
+            f" {list_names(missing)}"
+        )
 
 
 def _wanted(source: CSource) -> list[str]:

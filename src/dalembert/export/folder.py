@@ -1,8 +1,9 @@
-"""Folders and archives of exports: nothing of others is overwritten; an export takes the place of an earlier one."""
+"""Folders and files of exports: nothing of others is overwritten; an export takes the place of an earlier one."""
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 import shutil
@@ -81,7 +82,7 @@ def _built(path: Path, written: Mapping[str, str]) -> bool:
     return path.is_file() and (path.suffix in (".o", ".so", ".a", ".exe") or f"{path.name}.c" in written)
 
 
-def write_folder(path: Path, files: Mapping[str, str]) -> Path:
+def write_folder(path: Path, files: Mapping[str, str | bytes]) -> Path:
     """Write the files of an export to a folder, in the place of an earlier export; all of them or none.
 
     Raises
@@ -92,9 +93,10 @@ def write_folder(path: Path, files: Mapping[str, str]) -> Path:
     refuse_others(path)
     made = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
     try:
-        for name, text in files.items():
-            (made / name).write_text(text, encoding="utf-8", newline="\n")
-        digests = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in files.items()}
+        contents = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
+        for name, content in contents.items():
+            (made / name).write_bytes(content)
+        digests = {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
         record = {"written by": f"dalembert {__version__}", "files": digests}
         (made / RECORD).write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
         made.chmod(0o777 & ~_mask())
@@ -107,11 +109,14 @@ def write_folder(path: Path, files: Mapping[str, str]) -> Path:
     return path
 
 
-# Archives.
+# Files: archives and pages.
+
+_GENERATOR = '<meta name="generator" content="dalembert '
+"""By which a page is known among its first lines."""
 
 
 def refuse_other_files(path: Path) -> None:
-    """Reject a path at which something is that is no archive of an export.
+    """Reject a path at which something is that is no archive and no page of an export.
 
     Raises
     ------
@@ -120,13 +125,21 @@ def refuse_other_files(path: Path) -> None:
     if not path.exists() and not path.is_symlink():
         return
     try:
-        with zipfile.ZipFile(path) as archive:
-            record = json.loads(archive.read(f"resources/{RECORD}"))
-            if str(record["written by"]).startswith("dalembert") and not path.is_symlink():
-                return
+        if not path.is_symlink() and (_is_page(path) or _is_archive(path)):
+            return
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
         pass
     raise OptionError(f"{str(path)!r} exists, and was not written by an export: give another path, or remove it")
+
+
+def _is_page(path: Path) -> bool:
+    with path.open("rb") as file:
+        return _GENERATOR.encode() in file.read(500)
+
+
+def _is_archive(path: Path) -> bool:
+    with zipfile.ZipFile(path) as archive:
+        return str(json.loads(archive.read(f"resources/{RECORD}"))["written by"]).startswith("dalembert")
 
 
 def write_archive(path: Path, files: Mapping[str, str | bytes]) -> Path:
@@ -137,15 +150,38 @@ def write_archive(path: Path, files: Mapping[str, str | bytes]) -> Path:
     OptionError
         Where something else is there.
     """
-    refuse_other_files(path)
     record = json.dumps({"written by": f"dalembert {__version__}"}) + "\n"
+    return _write(path, zipped({**files, f"resources/{RECORD}": record}))
+
+
+def zipped(files: Mapping[str, str | bytes]) -> bytes:
+    """Return an archive of files; the same files give the same archive."""
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+            entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            archive.writestr(entry, content)
+    return made.getvalue()
+
+
+def write_page(path: Path, text: str) -> Path:
+    """Write a page, in the place of an earlier one; all of it or nothing.
+
+    Raises
+    ------
+    OptionError
+        Where something else is there.
+    """
+    return _write(path, text.encode())
+
+
+def _write(path: Path, content: bytes) -> Path:
+    refuse_other_files(path)
     descriptor, made = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
     try:
-        with os.fdopen(descriptor, "wb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name, content in {**files, f"resources/{RECORD}": record}.items():
-                entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))  # the same files give the same archive
-                entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
-                archive.writestr(entry, content)
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(content)
         os.chmod(made, 0o666 & ~_mask())
         os.replace(made, path)
     except BaseException:

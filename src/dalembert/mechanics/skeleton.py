@@ -10,7 +10,7 @@ from ..arrays import FloatArray
 from ..errors import OptionError, list_names
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
-from ..scene.joints import placed
+from ..scene.joints import NamedOutput, placed
 from ..scene.model import Pieces, SceneModel
 from ..scene.reading import read
 from ..transforms.lower_kernels import lower_kernel
@@ -36,7 +36,8 @@ class Skeleton:
     links : tuple of (int, int)
         Pairs of points at fixed distances in one frame.
     kernel : Kernel
-        Arguments (t, y, c), y = q and c beginning with the parameters; outputs: positions, then axes of the frames.
+        Arguments (t, y, c), y = q and c beginning with the parameters; outputs: positions, axes of the frames, then
+        further numbers.
     """
 
     points: tuple[str, ...]
@@ -49,10 +50,13 @@ class Skeleton:
         """Return positions (n_t, n_points, 3) [m], and axes (n_t, n_framed, 3, 3), one row an axis."""
         rows = interpret_rows(self.kernel, t, q, c)
         size = 3 * len(self.points)
-        return rows[:, :size].reshape(len(t), -1, 3), rows[:, size:].reshape(len(t), -1, 3, 3)
+        axes = rows[:, size : size + 9 * len(self.framed)]
+        return rows[:, :size].reshape(len(t), -1, 3), axes.reshape(len(t), -1, 3, 3)
 
 
-def skeleton(scene: Scene, parameters: Sequence[str], points: Sequence[Any] = ()) -> Skeleton:
+def skeleton(
+    scene: Scene, parameters: Sequence[str], points: Sequence[Any] = (), numbers: Sequence[Any] = ()
+) -> Skeleton:
     """Return the skeleton of a scene.
 
     Parameters
@@ -63,6 +67,8 @@ def skeleton(scene: Scene, parameters: Sequence[str], points: Sequence[Any] = ()
         Names of the parameters of a motion, in their order.
     points : sequence of Point or str
         Further points, or names of those that lie on the way to bodies, joints and loads.
+    numbers : sequence of expressions
+        Further numbers that the kernel computes, such as lengths of shapes.
 
     Raises
     ------
@@ -75,7 +81,8 @@ def skeleton(scene: Scene, parameters: Sequence[str], points: Sequence[Any] = ()
             " .plot() draws its coordinates"
         )
     places, names = placed(points)
-    model = read(scene, places)
+    asked = [NamedOutput(f"number {i}", expression) for i, expression in enumerate(numbers)]
+    model = read(scene, [*places, *asked])
     kinematics = Kinematics(model)
     known = [point.name for point in model.points]
     unknown = [name for name in names if name not in known]
@@ -105,6 +112,7 @@ def skeleton(scene: Scene, parameters: Sequence[str], points: Sequence[Any] = ()
         for axis in range(3):
             x, y, z = (graph.one if k == axis else graph.zero for k in range(3))
             nodes += kinematics.to_frame((x, y, z), model.bodies[i].frame, 0)
+    nodes += [model.outputs[item.name] for item in asked]
     inputs: dict[Any, tuple[str, int | None]] = {graph.input(model.symbols.time): ("t", None)}
     inputs |= {node: ("y", i) for i, node in enumerate(kinematics.q)}
     inputs |= {graph.input(name): ("c", i) for i, name in enumerate(parameters)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from ..ir.calls import function_of
 from ..ir.kernel import calls_in
 from ..ir.program import hidden_parameters
 from ..options import NamedTolerances, tolerances
-from ..starts.inputs import span_of
+from ..starts.inputs import resolve_names, span_of
 
 if TYPE_CHECKING:
     from .model import CompiledModel
@@ -30,14 +30,37 @@ def _fmu(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
     from ..export.fmu import fmu_files
     from ..export.simulator import c_source
 
-    return fmu_files(c_source(model, **request))
+    asked = dict(request)
+    platforms = asked.pop("platforms")
+    return fmu_files(c_source(model, **asked), platforms)
 
 
-KINDS: dict[str, Callable[[CompiledModel, Mapping[str, Any]], dict[str, Any]]] = {"c": _c, "fmu": _fmu}
+def _page(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
+    from ..export.page import page_text
+    from ..export.simulator import c_source
+
+    asked = dict(request)
+    sliders = asked.pop("sliders")
+    return {"page": page_text(c_source(model, **asked), model.stages.scene, sliders)}
+
+
+def _wheel(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
+    from ..export.simulator import c_source
+    from ..export.wheel import wheel_files
+
+    return dict(wheel_files(c_source(model, **request)))
+
+
+KINDS: dict[str, Callable[[CompiledModel, Mapping[str, Any]], dict[str, Any]]] = {
+    "c": _c,
+    "fmu": _fmu,
+    "page": _page,
+    "wheel": _wheel,
+}
 """Kinds of exports: from a model and what was asked for to the contents of files by their names."""
 
-ARCHIVES = {"fmu": ".fmu"}
-"""Kinds that are one archive, and how its name ends; others are folders."""
+ENDINGS = {"fmu": ".fmu", "page": ".html"}
+"""Kinds that are one file, and how its name ends; others are folders."""
 
 
 @nesting_named
@@ -54,24 +77,29 @@ def export(
     rtol: float = 1e-8,
     atol: float = 1e-10,
     fmi: str = "2.0",
+    platforms: Sequence[str] | None = None,
+    sliders: Mapping[Any, tuple[float, float]] | None = None,
 ) -> Path:
     """Write a simulator of the model that needs nothing of dalembert.
 
     Kind "c" is a folder with a header, a source in C99 without allocation and globals, an example ``main.c``, a
     Makefile and a README with all names. It takes the steps of `simulate`, from the same initial values. Kind "fmu" is
     a functional mock-up unit for co-simulation around that source, with a binary for this machine where it has a C
-    compiler.
+    compiler. Kind "page" is one file of HTML that simulates in a browser without a network: that source as
+    WebAssembly, sliders, curves, and the shapes of the scene in space. It needs the package ziglang (extra "export").
+    Kind "wheel" is a folder with a package for this machine that pip installs, and that needs NumPy alone.
 
     Parameters
     ----------
     path : str or path
-        The folder, or a file that ends in ".fmu". It must not exist, be empty, or be an earlier export as it was
-        written, whose place it takes.
+        The folder, or a file that ends in ".fmu" or ".html". It must not exist, be empty, or be an earlier export as
+        it was written, whose place it takes.
     kind : str
-        "c" or "fmu".
+        "c", "fmu", "page" or "wheel".
     initial : mapping of symbols or names to numbers, optional
-        Initial values of the example, and start values of a unit. Their names are what the exported start takes; what
-        the constraints fix may be left out. By default it takes all coordinates and rates, and the example none.
+        Initial values of the example, and start values of a unit or page. Their names are what the exported start
+        takes; what the constraints fix may be left out. By default it takes all coordinates and rates, and the example
+        none.
     parameters, inputs : mapping of symbols or names to numbers, optional
         Parameters and constant inputs of the example.
     t_span : (float, float)
@@ -83,6 +111,12 @@ def export(
         Tolerances, which the code is made for.
     fmi : str
         Version of a unit: "2.0".
+    platforms : sequence of str, optional
+        Platforms that a unit has binaries for, by the compiler of ziglang (extra "export"): "linux64", "win64",
+        "darwin64", and for arm64 "aarch64-linux", "aarch64-darwin". By default this machine, by its own C compiler.
+    sliders : mapping of symbols or names to (float, float), optional
+        Initial values, parameters and inputs that have a slider on a page, and its ends. By default all have one, about
+        the value that is given.
 
     Returns
     -------
@@ -105,12 +139,12 @@ def export(
 
         model.export("pendulum", initial={theta: 1, theta.diff(): 0}, parameters={m: 1, l: 1, g: 9.81})
     """
-    from ..export.folder import path_of, refuse_other_files, refuse_others, write_archive, write_folder
+    from ..export.folder import path_of, refuse_other_files, refuse_others, write_archive, write_folder, write_page
 
     asked: Any = kind
     if not isinstance(asked, str) or asked not in KINDS:
         raise OptionError(unknown_name("kind of export", str(kind), KINDS))
-    place, ending = path_of(path), ARCHIVES.get(kind)
+    place, ending = path_of(path), ENDINGS.get(kind)
     if ending is None:
         refuse_others(place)
     elif place.suffix != ending:
@@ -138,15 +172,44 @@ def export(
     numbers |= _input_values(self, inputs)
     if method == "auto" and _complete(self, numbers, given):
         method = _method_of_example(self, (initial, parameters, inputs), t_span, rtol, atol)
-    request = {
+    request: dict[str, Any] = {
         "initial": given,
         "numbers": numbers,
         "method": method,
         "tolerances": (rtol, atol),
         "span": span_of(t_span),
     }
+    for name, of, value in (("sliders", "page", sliders), ("platforms", "fmu", platforms)):
+        if kind == of:
+            request[name] = _sliders(self, given, sliders) if name == "sliders" else value
+        elif value is not None:
+            raise OptionError(f"{name} are those of the kind {of!r}, not of {kind!r}: leave them out")
     files = KINDS[kind](self, request)
+    if kind == "page":
+        return write_page(place, files["page"])
     return write_folder(place, files) if ending is None else write_archive(place, files)
+
+
+def _sliders(
+    model: CompiledModel, given: Mapping[str, float] | None, sliders: Any
+) -> dict[str, tuple[float, float]] | None:
+    """Return the ends of sliders by name, None where all values get one."""
+    if sliders is None:
+        return None
+    layout = model.layout
+    if not isinstance(sliders, Mapping):
+        raise OptionError(f"sliders must be a mapping of names or symbols to (low, high), not {sliders!r}")
+    known = [name for name in (*(given or ()), *layout.parameters, *layout.inputs) if name not in _hidden(model)]
+    names = resolve_names("slider", sliders, known, layout.aliases)
+    found = {}
+    for name, ends in zip(names, sliders.values(), strict=True):
+        numbers = isinstance(ends, list | tuple) and all(
+            isinstance(end, int | float) and math.isfinite(end) for end in ends
+        )
+        if not numbers or len(ends) != 2 or not ends[0] < ends[1]:
+            raise OptionError(f"the slider {name!r} needs two finite numbers (low, high), not {ends!r}")
+        found[name] = (float(ends[0]), float(ends[1]))
+    return found
 
 
 def _hidden(model: CompiledModel) -> set[str]:

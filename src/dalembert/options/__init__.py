@@ -4,6 +4,7 @@ from .compilation import ORIENTATIONS, CompileOptions
 from .derivatives import SensitivityOptions, TrimOptions
 from .runs import (
     MAX_STEPS,
+    TIGHTER,
     TRACED_MAX_STEPS,
     PrepareOptions,
     RunOptions,
@@ -31,6 +32,7 @@ __all__ = [
     "DEFAULT_TOLERANCES",
     "MAX_STEPS",
     "ORIENTATIONS",
+    "TIGHTER",
     "TRACED_MAX_STEPS",
     "CompileOptions",
     "NamedTolerances",

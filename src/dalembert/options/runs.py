@@ -14,7 +14,7 @@ from .tolerances import DEFAULT_TOLERANCES, scaled, tolerances
 
 _Estimating = TypeVar("_Estimating", "SimulateOptions", "SweepOptions")
 
-_TIGHTER = 1e-2
+TIGHTER = 1e-2
 """Factor between the tolerances of a run and of the one beside it from which its error is estimated."""
 
 MAX_STEPS = 1_000_000
@@ -286,7 +286,7 @@ class SolveOptions:
 
 def tighter(options: _Estimating) -> _Estimating:
     """Return the options of the run beside another from which its error is estimated."""
-    return replace(options, rtol=options.rtol * _TIGHTER, atol=scaled(options.atol, _TIGHTER), error_estimate=False)
+    return replace(options, rtol=options.rtol * TIGHTER, atol=scaled(options.atol, TIGHTER), error_estimate=False)
 
 
 @lru_cache(maxsize=256, typed=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +34,18 @@ if TYPE_CHECKING:
     from ..scene import Scene
     from .trajectory import Trajectory
 
-_COLORS = ("#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f", "#bcbd22", "#17becf")
+BODY_COLORS = (
+    "#1f77b4",
+    "#ff7f0e",
+    "#2ca02c",
+    "#d62728",
+    "#9467bd",
+    "#8c564b",
+    "#e377c2",
+    "#7f7f7f",
+    "#bcbd22",
+    "#17becf",
+)
 _AXIS_COLORS = ("#d62728", "#2ca02c", "#1f77b4")
 _GREY, _GROUND, _ARROW = "#595959", "#c8c8c8", "#d62728"
 _FLAT = 1e-9
@@ -96,6 +107,22 @@ def drawing_of(
     return Drawing(motion.t, surfaces, lines, low - reach, high + reach, plane, frames.reached)
 
 
+def checked_body(name: str, bodies: Sequence[str]) -> int:
+    """Return the number of the body that a shape is of.
+
+    Raises
+    ------
+    OptionError
+        Where no body has that name.
+    """
+    if name not in bodies:
+        raise OptionError(
+            f"shape {name!r}: no body is called so; the bodies are {list_names(bodies)}. Rods, springs,"
+            " paths and grounds may have any name"
+        )
+    return bodies.index(name)
+
+
 def _flat_axes(low: FloatArray, high: FloatArray) -> list[int]:
     """Return the axes along which nothing is apart, the last first."""
     extent = high - low
@@ -141,7 +168,7 @@ class _Builder:
 
     def color(self, body: int) -> str:
         """Return the colour of a body."""
-        return _COLORS[body % len(_COLORS)]
+        return BODY_COLORS[body % len(BODY_COLORS)]
 
     def number(self, expression: Any, name: str) -> float:
         """Return a length as a number."""
@@ -157,12 +184,7 @@ class _Builder:
 
     def body(self, name: str) -> int:
         """Return the number of a body."""
-        if name not in self.drawn.bodies:
-            raise OptionError(
-                f"shape {name!r}: no body is called so; the bodies are {list_names(self.drawn.bodies)}. Rods, springs,"
-                " paths and grounds may have any name"
-            )
-        return self.drawn.bodies.index(name)
+        return checked_body(name, self.drawn.bodies)
 
     def add(self, name: str, shape: Shape) -> None:
         """Add a shape."""

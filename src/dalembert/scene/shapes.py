@@ -295,6 +295,21 @@ def vector_value(vector: Any, frame: Any, values: Mapping[str, float], shape: st
     return np.array([float(x) for x in value])
 
 
+def shape_numbers(shape: Shape, body: Any, frame: Any) -> tuple[Expr, ...]:
+    """Return the lengths of a shape, and the components of its axis or normal, as expressions.
+
+    A sphere has its radius; a disk its radius, a cylinder its radius and length, then their axis in the frame `body`; a
+    box its edges; a spring its radius, and a ground its size, where they are given; the normal of a ground in the frame
+    `frame` of the scene comes first.
+    """
+    names = () if isinstance(shape, Rod) else ("radius", "length", "x", "y", "z", "size")
+    lengths = [getattr(shape, name, None) for name in names]
+    found = [sp.sympify(length) for length in lengths if length is not None]
+    axis = [*shape.axis.to_matrix(body)] if isinstance(shape, Disk | Cylinder) else []
+    normal = [*shape.normal.to_matrix(frame)] if isinstance(shape, Ground) else []
+    return (*normal, *found, *axis)
+
+
 def force_values(
     force: Any, frame: Any, values: Mapping[str, float], t: FloatArray, known: Callable[[Any], FloatArray]
 ) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Any, final
 
@@ -67,25 +67,37 @@ _TEXTS = {
 
 def c_files(source: CSource) -> dict[str, str]:
     """Return the texts of the files of a simulator, by their names."""
-    simulator = _Simulator(source)
-    variables, prefix = simulator.variables(), simulator.prefix
-    return {
-        f"{prefix}.h": render("c/header.h.j2", variables["header"]),
-        f"{prefix}.c": simulator.source_code + render("c/functions.c.j2", variables["functions"]),
-        "main.c": render("c/main.c.j2", variables["main"]),
-        "Makefile": render("c/Makefile.j2", {"prefix": prefix}),
-        "README.md": render("c/README.md.j2", variables["readme"]),
-    }
+    return Simulator(source).files
 
 
 @final
-class _Simulator:
+class Simulator:
+    """A simulator in C99.
+
+    Attributes
+    ----------
+    files : dict of str to str
+        The texts of its files, by their names.
+    prefix : str
+        Of all public names.
+    at : mapping of str to str
+        Members of a run, see `dalembert.codegen.c.run_loops.RunLoop`.
+    """
+
     def __init__(self, source: CSource) -> None:
         self.source, self.program, self.layout = source, source.program, source.program.layout
         self.prefix = prefix_of(source.program.name)
         self.kernels: list[dict[str, Any]] = []
         self.order_loops: list[str] = []
-        self.source_code = ""
+        self.source_code, self.at = "", dict[str, str]()
+        variables, prefix = self._variables(), self.prefix
+        self.files = {
+            f"{prefix}.h": render("c/header.h.j2", variables["header"]),
+            f"{prefix}.c": self.source_code + render("c/functions.c.j2", variables["functions"]),
+            "main.c": render("c/main.c.j2", variables["main"]),
+            "Makefile": render("c/Makefile.j2", {"prefix": prefix}),
+            "README.md": render("c/README.md.j2", variables["readme"]),
+        }
 
     # -- kernels ----------------------------------------------------------------------------
 
@@ -154,11 +166,12 @@ class _Simulator:
 
     # -- variables --------------------------------------------------------------------------
 
-    def variables(self) -> dict[str, dict[str, Any]]:
+    def _variables(self) -> dict[str, dict[str, Any]]:
         """Return the variables of each template."""
         source = self.source
         self._all_kernels()
         loop, names = self._loop()
+        self.at |= loop.at
         space = workspace_of(
             loop.arguments,
             loop.given,
@@ -173,7 +186,7 @@ class _Simulator:
         common = names_and_numbers(source, self.prefix)
         banner = [plain(line) for line in banner_lines(self.program)]
         printed = render("c/kernels.c.j2", {"kernels": self.kernels}) + "".join(self.order_loops)
-        self.source_code = source_of(banner, [f"{self.prefix}.h"], printed, code)
+        self.source_code = source_of(banner, [f"{self.prefix}.h"], printed, code.text, code.used)
         shared = {key: common[key] for key in ("prefix", "upper", "n_states", "n_inputs", "n_outputs")}
         n_locks = len(source.locking) if source.locks is not None else 0
         header = {
@@ -194,7 +207,7 @@ class _Simulator:
                 {"name": status.name, "text": quoted(_TEXTS.get(status, status.message))} for status in _STATUSES
             ],
             **calls,
-            "at": dict(loop.at),
+            "at": self.at,
             "beginning": _elements(space.beginning),
             "after_step": _elements(loop.after_step),
             "continuing": _elements(loop.continuing),
@@ -236,23 +249,28 @@ def _numbers(value: Any) -> Any:
     return [_numbers(item) for item in value] if isinstance(value, tuple) else double(value)
 
 
-def source_of(banner: Sequence[str], headers: Sequence[str], printed: str, loops: LoopSource) -> str:
-    """Return a source without its public functions: what is called, tables, printed kernels, and loops."""
+def source_of(
+    banner: Sequence[str], headers: Sequence[str], printed: str, loops: str = "", used: Collection[str] = ()
+) -> str:
+    """Return a source without its public functions: what is called, tables, printed kernels, and loops.
+
+    `used` are the functions of the prelude that the loops call.
+    """
     tables = table_variables(printed)
     prelude = {
         "banner": list(banner),
         "headers": list(headers),
-        "used": _used(printed + loops.text, loops.used),
+        "used": _used(printed + loops, used),
         "constants": {key: _numbers(value) for key, value in shared_constants().items()},
     }
     text = render("c/prelude.c.j2", prelude)
-    return text + (render("c/tables.c.j2", {"tables": tables}) if tables else "") + printed + loops.text
+    return text + (render("c/tables.c.j2", {"tables": tables}) if tables else "") + printed + loops
 
 
 _PRELUDE = re.compile(r"\b(fused|angle_of|rough_log2|rough_exp2)\b")
 
 
-def _used(text: str, loops: set[str]) -> list[str]:
+def _used(text: str, loops: Collection[str]) -> list[str]:
     """Return the functions of the prelude that a text calls."""
     used = {*loops, *_PRELUDE.findall(text)}
     if used & {"angle_of", "rough_log2", "rough_exp2"}:

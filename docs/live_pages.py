@@ -1,0 +1,154 @@
+"""Write pages that simulate: ``python docs/live_pages.py FOLDER``; the site has them in ``live/``.
+
+Their scenes are ready scenes with shapes, and those of the gallery. They need the package ziglang (extra "export").
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sympy import Symbol, symbols
+
+import dalembert as da
+
+GALLERY = Path(__file__).parent / "gallery"
+COMPILING = "model = da.compile_model(scene)"
+
+
+@dataclass(frozen=True)
+class Live:
+    """A page: a scene, what it starts with, its end [s], its sliders, and outputs that are shown."""
+
+    scene: Callable[[], da.Scene]
+    initial: dict[str, float]
+    parameters: dict[str, float]
+    end: float
+    sliders: dict[str, tuple[float, float]]
+    outputs: list[str] = field(default_factory=list)
+
+
+def of_gallery(name: str) -> Callable[[], da.Scene]:
+    """Return the scene that a script of the gallery builds."""
+
+    def build() -> da.Scene:
+        names: dict[str, Any] = {}
+        text = (GALLERY / f"{name}.py").read_text(encoding="utf-8").partition(COMPILING)[0]
+        exec(compile(text, name, "exec"), names)
+        scene: da.Scene = names["scene"]
+        return scene
+
+    return build
+
+
+def parameter(scene: da.Scene, name: str) -> Symbol:
+    """Return a parameter of a scene with its assumptions."""
+    body = scene.bodies[0]
+    found = body.mass.free_symbols | body.masscenter.pos_from(scene.origin).to_matrix(scene.frame).free_symbols
+    return next(symbol for symbol in found if symbol.name == name)
+
+
+def sleigh() -> da.Scene:
+    """Return the sleigh with a shape."""
+    scene = da.scenes.chaplygin_sleigh()
+    b = parameter(scene, "b")
+    scene.add_shapes({"sleigh": da.Box(3 * b, 1.4 * b, 0.5 * b), "ice": da.Ground(scene.frame.z)})
+    return scene
+
+
+def sphere() -> da.Scene:
+    """Return the rolling sphere with shapes."""
+    scene = da.scenes.rolling_sphere()
+    scene.add_shapes({"sphere": da.Sphere(parameter(scene, "r")), "floor": da.Ground(scene.frame.z)})
+    return scene
+
+
+def plate() -> da.Scene:
+    """Return the plate on its edge with shapes."""
+    scene, h = da.scenes.edge_plate(), symbols("h", positive=True)
+    scene.add_shapes({"plate": da.Box(3 * h, 2 * h, h / 12), "plane": da.Ground(scene.frame.z)})
+    return scene
+
+
+UPRIGHT = {"x": 0, "y": 0, "z": 0.3, "yaw": 0, "lean": 0, "pitch": 0, "steer": 0, "rear": 0, "front": 0}
+BICYCLE = {"w": 1.02, "c": 0.08, "lam": 0.3141592653589793, "g": 9.81, "rR": 0.3, "mR": 2, "IRxx": 0.0603, "IRyy": 0.12}
+BICYCLE |= {"xB": 0.3, "zB": -0.9, "mB": 85, "IBxx": 9.2, "IByy": 11, "IBzz": 2.8, "IBxz": 2.4}
+BICYCLE |= {"xH": 0.9, "zH": -0.7, "mH": 4, "IHxx": 0.05892, "IHyy": 0.06, "IHzz": 0.00708, "IHxz": -0.00756}
+BICYCLE |= {"rF": 0.35, "mF": 3, "IFxx": 0.1405, "IFyy": 0.28}
+
+PAGES = {
+    "sleigh": Live(
+        sleigh,
+        {"x": 0, "y": 0, "theta": 0, "x_dot": 0.2, "theta_dot": 2.5},
+        {"m": 1, "b": 0.2, "I_C": 0.6},
+        12.0,
+        {"b": (0.02, 0.6), "I_C": (0.4, 2), "theta_dot": (-5, 5), "x_dot": (-2, 2)},
+        ["Y"],
+    ),
+    "rolling_sphere": Live(
+        sphere,
+        {"x": 0, "y": 0, "psi": 0.3, "theta": 0.9, "phi": 0, "psi_dot": 1, "theta_dot": 0.6, "phi_dot": 2},
+        {"m": 2, "r": 0.4, "g": 9.81},
+        8.0,
+        {"r": (0.1, 0.8), "psi_dot": (-4, 4), "theta_dot": (-3, 3), "phi_dot": (-4, 4)},
+    ),
+    "plate": Live(
+        plate,
+        {"x": 0, "y": 0, "psi": 0.1, "theta": 1.2, "x_dot": 0.4, "y_dot": 0, "psi_dot": 1.5, "theta_dot": 0.2},
+        {"m": 1, "A": 0.09, "B": 0.19, "C": 0.28, "F": 0.0, "h": 0.5, "g": 9.81},
+        1.0,
+        {"theta": (0.2, 2.9), "theta_dot": (-3, 3), "psi_dot": (-6, 6), "h": (0.3, 0.7), "F": (-0.1, 0.1)},
+        ["Z"],
+    ),
+    "double_pendulum": Live(
+        of_gallery("a02_double_pendulum"),
+        {"a": 2.0, "b": 2.5, "a_dot": 0, "b_dot": 0},
+        {"m": 1, "l": 1, "g": 9.81},
+        20.0,
+        {
+            "a": (-3.1416, 3.1416),
+            "b": (-3.1416, 3.1416),
+            "a_dot": (-5, 5),
+            "b_dot": (-5, 5),
+            "l": (0.3, 2),
+            "g": (0, 20),
+        },
+    ),
+    "coin": Live(
+        of_gallery("a04_rolling_coin"),
+        {"x": 0, "y": 0, "heading": 0, "lean": 0.3, "spin": 0, "heading_dot": 0.8, "lean_dot": 0, "spin_dot": 4},
+        {"m": 0.1, "r": 0.2, "g": 9.81},
+        12.0,
+        {"lean": (-1.2, 1.2), "heading_dot": (-4, 4), "lean_dot": (-2, 2), "spin_dot": (-12, 12), "r": (0.05, 0.5)},
+    ),
+    "top": Live(
+        of_gallery("a05_gyroscope"),
+        {"psi": 0, "theta": 0.6, "phi": 0, "psi_dot": 0, "theta_dot": 0, "phi_dot": 60},
+        {"m": 1, "h": 0.1, "A": 0.015, "C": 0.01, "g": 9.81},
+        4.0,
+        {"theta": (0.05, 1.5), "psi_dot": (-6, 6), "phi_dot": (30, 150), "h": (0.03, 0.12)},
+    ),
+    "bicycle": Live(
+        of_gallery("a25_bicycle"),
+        {**UPRIGHT, "lean_dot": 0.4, "steer_dot": 0, "rear_dot": 15.3},
+        BICYCLE,
+        6.0,
+        {"lean_dot": (-0.8, 0.8), "rear_dot": (12, 30), "c": (0.02, 0.15), "mB": (40, 120), "zB": (-1.2, -0.6)},
+    ),
+}
+
+
+def write(folder: Path) -> None:
+    """Write all pages to a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, live in PAGES.items():
+        model = da.compile_model(live.scene(), outputs=live.outputs)
+        given = {"initial": live.initial, "parameters": live.parameters, "sliders": live.sliders}
+        model.export(folder / f"{name}.html", "page", t_span=(0, live.end), rtol=1e-9, **given)
+
+
+if __name__ == "__main__":
+    write(Path(sys.argv[1]))

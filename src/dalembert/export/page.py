@@ -1,0 +1,153 @@
+"""Pages that simulate: one file of HTML with the simulator as WebAssembly, sliders, curves and a picture in space."""
+
+from __future__ import annotations
+
+import base64
+import json
+import zlib
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from ..codegen.c.descriptions import CSource, plain
+from ..codegen.c.kernels import kernel_variables
+from ..codegen.c.simulator import Simulator, source_of
+from ..codegen.rendering import banner_lines, render
+from ..options import TIGHTER
+from ..transforms.periodic import angles_of
+from ..version import __version__
+from .compilers import web_assembly
+from .fmu import refuse_missing
+from .pictures import Picture, picture_of
+
+if TYPE_CHECKING:
+    from ..scene import Scene
+
+FUNCTIONS = tuple(
+    f"page_{name}"
+    for name in ("given", "row", "start", "reach", "status", "time", "steps", "status_text", "check_text")
+)
+"""Functions of ``page/page.c.j2``."""
+
+_TURN, _FAST = 3.1416, 2.0
+"""Default ends of the sliders of angles, and of rates that are zero."""
+
+
+def page_text(source: CSource, scene: Scene, sliders: Mapping[str, tuple[float, float]] | None) -> str:
+    """Return a page.
+
+    Parameters
+    ----------
+    source : CSource
+        Of the run that the page begins with.
+    scene : Scene
+        Whose shapes are drawn.
+    sliders : mapping of str to (float, float), optional
+        Initial values, parameters and inputs that have a slider, and its ends; by default all.
+
+    Raises
+    ------
+    CapabilityError
+        Where numbers of the run are missing.
+    OptionError
+        For a scene without positions, and shapes that cannot be drawn.
+    MissingExtraError
+        Without a compiler for WebAssembly.
+    """
+    refuse_missing(source, "a page")
+    layout, numbers = source.program.layout, source.numbers
+    picture = picture_of(scene, {name: float(numbers.get(name, 0.0)) for name in layout.parameters}, layout)
+    finer = replace(source, tolerances=(source.tolerances[0] * TIGHTER, source.tolerances[1] * TIGHTER))
+    with ThreadPoolExecutor() as pool:  # the compiler is a process of its own
+        compiled = pool.map(web_assembly, [_texts(each, picture) for each in (source, finer)], [FUNCTIONS] * 2)
+        modules = dict(zip(("run", "finer"), compiled, strict=True))
+    variables = len(source.program.kernel("expand").outputs)
+    described = {
+        "name": source.program.name,
+        "span": source.span,
+        "method": source.method,
+        "order": source.order,
+        "tolerances": source.tolerances,
+        "formulation": source.program.formulation,
+        "version": __version__,
+        "given": _given(source, sliders),
+        "variables": [*layout.coordinates, *layout.rates, *layout.states],
+        "outputs": layout.outputs,
+        "coordinates": len(layout.coordinates),
+        "energy": variables + len(layout.outputs),
+        "picture": picture.description,
+        "size": sum(len(code) for code in modules.values()),
+    }
+    text = json.dumps(described, allow_nan=False).replace("</", "<\\/")
+    title = source.program.name.replace("_", " ")
+    codes = {name: _packed(code) for name, code in modules.items()}
+    return render("page/page.html.j2", {"title": escape(title), "version": __version__, "model": text, "codes": codes})
+
+
+def _packed(code: bytes) -> str:
+    """Return code as text, compressed as browsers can read it."""
+    packer = zlib.compressobj(9, zlib.DEFLATED, -zlib.MAX_WBITS)
+    return base64.b64encode(packer.compress(code) + packer.flush()).decode()
+
+
+def _texts(source: CSource, picture: Picture) -> dict[str, str]:
+    """Return the simulator with what a page calls, in C."""
+    simulator, layout = Simulator(source), source.program.layout
+    prefix, variables = simulator.prefix, len(source.program.kernel("expand").outputs)
+    kernel = kernel_variables(f"{prefix}_picture", picture.kernel, "Points, axes of bodies, and lengths")
+    first = variables + len(layout.outputs)
+    functions = {
+        "prefix": prefix,
+        "upper": prefix.upper(),
+        "n_given": max(len(_wanted(source)), 1),
+        "n_row": first + 2 + len(picture.kernel.outputs),
+        "n_inputs": len(layout.inputs),
+        "n_outputs": len(layout.outputs),
+        "n_variables": variables,
+        "first_energy": first,
+        "first_picture": first + 2,
+        "at": {name: simulator.at[name] for name in ("direction", "time", "steps", "constants")},
+    }
+    banner = [plain(line) for line in banner_lines(source.program)]
+    printed = render("c/kernels.c.j2", {"kernels": [kernel]})
+    texts = {name: simulator.files[name] for name in (f"{prefix}.h", f"{prefix}.c")}
+    texts["page.c"] = source_of(banner, [f"{prefix}.h"], printed) + render("page/page.c.j2", functions)
+    return texts
+
+
+def _wanted(source: CSource) -> list[str]:
+    return [*source.start.given, *source.parameters, *source.program.layout.inputs]
+
+
+def _given(source: CSource, sliders: Mapping[str, tuple[float, float]] | None) -> list[dict[str, Any]]:
+    """Return the values that a run begins with, in the order of the simulator, with their sliders."""
+    layout, found = source.program.layout, list[dict[str, Any]]()
+    kinds = [("start", source.start.given), ("parameter", source.parameters), ("input", layout.inputs)]
+    order = {} if sliders is None else {name: place for place, name in enumerate(sliders)}
+    for kind, names in kinds:
+        for name in names:
+            value = float(source.numbers.get(name, 0.0))
+            item: dict[str, Any] = {"name": name, "kind": kind, "value": value}
+            if sliders is None:
+                item |= {"ends": _ends(source, name, value), "place": len(found)}
+            elif name in sliders:
+                item |= {"ends": sliders[name], "place": order[name]}
+            found.append(item)
+    return found
+
+
+def _ends(source: CSource, name: str, value: float) -> tuple[float, float]:
+    """Return the ends of a slider: about its value, in the range that is allowed."""
+    layout = source.program.layout
+    turning = [layout.state[i] for i in angles_of(source.program)]
+    if name in turning and abs(value) <= _TURN:
+        return -_TURN, _TURN
+    if "positive" in layout.assumptions.get(name, ()):
+        return 0.1 * value, 2.0 * value
+    if value == 0.0:
+        return (-_FAST, _FAST) if name in layout.rates else (-1.0, 1.0)
+    if name in source.parameters:
+        return (0.0, 2.0 * value) if value > 0.0 else (2.0 * value, 0.0)
+    return -2.0 * abs(value), 2.0 * abs(value)
