@@ -1,4 +1,4 @@
-"""The method of models that writes simulators: `export`."""
+"""Methods of models that take them away: `export` writes simulators, `to_casadi` makes functions of CasADi."""
 
 from __future__ import annotations
 
@@ -188,6 +188,46 @@ def export(
     if kind == "page":
         return write_page(place, files["page"])
     return write_folder(place, files) if ending is None else write_archive(place, files)
+
+
+def to_casadi(self: CompiledModel) -> dict[str, Any]:
+    """Return the equations as functions of CasADi, for optimal control and estimation.
+
+    They are the expressions that the model runs, and CasADi differentiates them exactly. Arguments are ``t``, ``y`` or
+    ``x``, ``p`` and ``u``: the time [s]; the state in the order of ``layout.state``, or coordinates, rates and
+    first-order states; the parameters in the order of ``layout.parameters``, without those that stand for inputs; the
+    inputs in the order of ``layout.inputs``, constant around the time.
+
+    Returns
+    -------
+    dict of str to casadi.Function
+        Of (t, y, p, u): "rhs" (n_y,), the rate of the state; "expand", coordinates, rates and first-order states;
+        "outputs". Of (t, x, p, u): "accelerations" (n_q,), "mass_matrix" (n_q, n_q), "forcing" (n_q,), "energy" (2,):
+        kinetic and potential; "constraint_jacobian" (n_c, n_q), "position_residual", "velocity_residual". Those that
+        the model does not have are left out.
+
+    Raises
+    ------
+    MissingExtraError
+        Without CasADi.
+    CapabilityError
+        For scenes whose contacts change, tables, compiled functions, and functions of time with kinks or jumps.
+
+    Examples
+    --------
+    ::
+
+        functions = model.to_casadi()
+        dae = {"x": y, "p": p, "ode": functions["rhs"](0, y, p, [])}
+    """
+    if self.modes is not None:
+        raise CapabilityError(
+            f"contacts that change ({list_names(self.contacts)}) have no functions of CasADi: take one mode, as"
+            " model.mode(...).to_casadi()"
+        )
+    from ..interop.casadi_functions import casadi_functions
+
+    return casadi_functions(self.stages.program)
 
 
 def _sliders(

@@ -111,6 +111,7 @@ class CompiledModel:
     sweep = sweeps.sweep
     prepare = motions.prepare
     export = exports.export
+    to_casadi = exports.to_casadi
     compare_formulations = OfOneMode(motions.compare_formulations)
     sensitivity = derivatives.sensitivity
     linearize = derivatives.linearize
