@@ -80,7 +80,7 @@ def checked_platforms(platforms: Any) -> list[str]:
 
 
 def refuse_missing(source: CSource, what: str) -> None:
-    """Refuse an export that starts with its example, where numbers of that are missing.
+    """Reject an export that starts with its example, where numbers of that are missing.
 
     Raises
     ------

@@ -75,7 +75,7 @@ def _body_frame(scene: Scene, name: str, shape: Any) -> Any:
 
 
 def _check(name: str, shape: Any, frame: Any, scene: Scene, values: Mapping[str, float]) -> None:
-    """Refuse lengths that are no positive numbers, and axes that move."""
+    """Reject lengths that are no positive numbers, and axes that move."""
     for length in ("radius", "length", "x", "y", "z", "size"):
         if not isinstance(shape, Rod) and getattr(shape, length, None) is not None:
             length_value(getattr(shape, length), values, name)
