@@ -35,6 +35,7 @@ TOPICS = {
     "analysis": "inverse dynamics",
     "codegen": "backends",
     "export": "exports",
+    "interop": "CasADi",
     "jax": "JAX",
     "model": "models",
     "phases": "contacts",
