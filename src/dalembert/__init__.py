@@ -32,6 +32,10 @@ from .scene.shapes import Box, Cylinder, Disk, Ground, Path, Rod, Sphere, Spring
 from .version import __version__
 
 if TYPE_CHECKING:
+    from .analysis.base_parameters import base_parameters
+    from .analysis.body_inertias import body_inertias, identify_bodies
+    from .analysis.excitation import design_excitation
+    from .analysis.identification import identify
     from .compiler import compile_model
     from .events.event_code import Event
     from .results.cases import grid, normal, random_cases, sobol_cases, uniform
@@ -72,14 +76,19 @@ __all__ = [
     "Stop",
     "UnilateralContact",
     "__version__",
+    "base_parameters",
+    "body_inertias",
     "compile_model",
     "compiled",
+    "design_excitation",
     "errors",
     "feedback",
     "final",
     "first_crossing",
     "free_orientation",
     "grid",
+    "identify",
+    "identify_bodies",
     "lagrange",
     "maximum",
     "mean",
@@ -95,6 +104,11 @@ __all__ = [
 ]
 
 _ELSEWHERE = {
+    "base_parameters": ("analysis.base_parameters", "base_parameters"),
+    "body_inertias": ("analysis.body_inertias", "body_inertias"),
+    "design_excitation": ("analysis.excitation", "design_excitation"),
+    "identify": ("analysis.identification", "identify"),
+    "identify_bodies": ("analysis.body_inertias", "identify_bodies"),
     "LagrangeView": ("textbook", "LagrangeView"),
     "Screw": ("textbook", "Screw"),
     "lagrange": ("textbook", "lagrange"),

@@ -8,7 +8,7 @@ M, so that coordinates of different units count alike.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
@@ -35,7 +35,7 @@ TOLERANCE = 1e-8
 ROUNDING = 1e-12
 """Size of rounding beside squares of rates, of which the bias of a constraint is a difference."""
 
-_DEPENDENT = 1e-10
+DEPENDENT = 1e-10
 """Share of the largest singular value below which constraints, or inputs, depend on each other."""
 
 
@@ -55,6 +55,8 @@ class InverseKernel:
         Names of contacts that must be open.
     variables : int
         Number of coordinates, rates and first-order states.
+    given : tuple of str
+        Names of the inputs that are not solved for.
     """
 
     kernel: Kernel
@@ -64,6 +66,12 @@ class InverseKernel:
     friction: tuple[str, ...]
     stops: tuple[str, ...]
     variables: int
+    given: tuple[str, ...]
+
+    @property
+    def driven(self) -> bool:
+        """Whether inputs are solved for, not generalised forces."""
+        return self.unknown != self.coordinates
 
     @property
     def reads_states(self) -> bool:
@@ -73,13 +81,13 @@ class InverseKernel:
             load.array == "y" and load.index is not None and first <= load.index < last for load in self.kernel.loads
         )
 
-    def terms(self, row: FloatArray) -> _Terms:
+    def terms(self, row: FloatArray) -> Terms:
         """Return the outputs of the kernel by what they are."""
         n, m, k, f = (len(names) for names in (self.coordinates, self.constraints, self.unknown, self.friction))
         sizes = (n, n, n, n * k, m * n, m, f, f, f, f * n, len(self.stops))
         parts = np.split(row, np.cumsum(sizes)[:-1])
         diagonal, inertia, forces, by_input, jacobian, bias, most, slip, slipping, columns, gaps = parts
-        return _Terms(
+        return Terms(
             np.sqrt(np.maximum(diagonal, 0.0)),
             inertia,
             forces,
@@ -93,7 +101,7 @@ class InverseKernel:
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Terms:
+class Terms:
     """M q_ddot, given forces, B, J and the bias of J q_ddot at one state; of friction sizes, slips and columns."""
 
     scales: FloatArray
@@ -104,6 +112,22 @@ class _Terms:
     bias: FloatArray
     friction: tuple[FloatArray, FloatArray, FloatArray, FloatArray]
     gaps: FloatArray
+
+    @property
+    def roots(self) -> FloatArray:
+        """Roots of the diagonal of M, 1 where it vanishes, by which rows are divided."""
+        return np.where(self.scales > 0.0, self.scales, 1.0)
+
+    @property
+    def friction_senses(self) -> FloatArray:
+        """Signs of the slips of joints with dry friction, or of the slips that begin."""
+        _, slip, slipping, _ = self.friction
+        return np.where(slip != 0.0, np.sign(slip), np.sign(slipping))
+
+    @property
+    def free_directions(self) -> FloatArray:
+        """Basis (n_q, k) of what the constraints leave free of coordinates times roots."""
+        return _free_directions(self.jacobian / self.roots)
 
 
 def inverse_kernel(model: CompiledModel, given: Sequence[str]) -> InverseKernel:
@@ -147,39 +171,56 @@ def inverse_kernel(model: CompiledModel, given: Sequence[str]) -> InverseKernel:
     unknown = tuple(controlled + free) if values else names
     labels = tuple(row.label for row in rows)
     rubbing, touching = tuple(c.name for c in friction), tuple(c.name for c in stops)
-    return InverseKernel(kernel, names, labels, unknown, rubbing, touching, len(equations.variables))
+    return InverseKernel(kernel, names, labels, unknown, rubbing, touching, len(equations.variables), tuple(given))
 
 
 def _equations(model: CompiledModel) -> tuple[EquationsOfMotion, tuple[ContactRow, ...]]:
     """Return a copy of the equations of a model, and the contacts whose forces are not among the forces in them."""
     if model.modes is None:
-        equations = copied(model.stages.equations)
+        equations = copied(equations_of(model))
         smooth = [c.constraint is None and c.normal_load is not None and c.regularization for c in equations.contacts]
         if not all(smooth):
             raise _refused_contacts(model, equations.contacts)
         return equations, ()
-    equations = copied(model.modes.several.derivation.equations)
+    equations = copied(equations_of(model))
     if any(c.tangential and (c.normal_load is None or len(c.tangential) > 1) for c in equations.contacts):
         raise _refused_contacts(model, equations.contacts)
     return equations, equations.contacts
 
 
+def equations_of(model: CompiledModel) -> EquationsOfMotion:
+    """Return the equations of a model, in which contacts that change have no forces."""
+    return model.stages.equations if model.modes is None else model.modes.several.derivation.equations
+
+
+def friction_sizes(equations: EquationsOfMotion) -> list[Node]:
+    """Return the largest forces of contacts with dry friction."""
+    graph, sizes = equations.graph, []
+    for contact in equations.contacts:
+        if contact.tangential:
+            assert contact.mu is not None and contact.normal_load is not None
+            mu = contact.mu
+            if contact.slip_speed is not None:
+                speed = graph.call("abs", _slip_speed(equations, contact))
+                mu = graph.substitute([mu], {contact.slip_speed: speed})[0]
+            sizes.append(mu * contact.normal_load)
+    return sizes
+
+
+def _slip_speed(equations: EquationsOfMotion, contact: ContactRow) -> Node:
+    (slip,) = contact.slips
+    return slip.drift + equations.graph.sum(a * b for a, b in zip(slip.jacobian, equations.qdot, strict=True))
+
+
 def _friction_nodes(equations: EquationsOfMotion, friction: Sequence[ContactRow], second: Sequence[Node]) -> list[Node]:
     """Return the sizes of friction, slip velocities, their rates, and columns of its power coefficients."""
-    graph = equations.graph
-    sizes, slips, rates, columns = [], [], [], []
+    graph, rates, columns = equations.graph, [], []
     for contact in friction:
         (slip,), (number,) = contact.slips, contact.tangential
-        speed = graph.sum(a * b for a, b in zip(slip.jacobian, equations.qdot, strict=True)) + slip.drift
-        assert contact.mu is not None and contact.normal_load is not None
-        mu = contact.mu
-        if contact.slip_speed is not None:
-            mu = graph.substitute([mu], {contact.slip_speed: graph.call("abs", speed)})[0]
-        sizes.append(mu * contact.normal_load)
-        slips.append(speed)
         rates.append(graph.sum(a * b for a, b in zip(slip.jacobian, second, strict=True)) - slip.bias)
         columns += [row[number] for row in equations.reactions]
-    return [*sizes, *slips, *rates, *columns]
+    slips = [_slip_speed(equations, contact) for contact in friction]
+    return [*(friction_sizes(equations) if friction else []), *slips, *rates, *columns]
 
 
 def _refused_contacts(model: CompiledModel, contacts: Sequence[ContactRow]) -> CapabilityError:
@@ -233,33 +274,53 @@ def inverse_dynamics_at(
     ValueInputError
         Where accelerations contradict the constraints, or no inputs give them, with the residual.
     """
-    p = np.array(np.broadcast_to(p, (len(t), p.shape[-1])), order="C")
-    if CONDITION_TIME in model.layout.parameters:
-        p[:, model.layout.parameters.index(CONDITION_TIME)] = t
-    if model.modes is None:
-        rows = model.engine.rows(inverse.kernel, t, y, p)
-    else:
-        rows = interpret_rows(inverse.kernel, t, y, p)
     size, found = len(inverse.coordinates), np.empty((len(t), len(inverse.unknown)))
-    for place, row in enumerate(rows):
-        where = f"at t = {t[place]:g}" + (f" (state {place} of {len(t)})" if len(t) > 1 else "")
-        if not np.all(np.isfinite(row)):
-            raise ValueInputError(f"{where} the equations have values that are not finite")
-        terms = inverse.terms(row)
+    for place, (where, terms) in enumerate(terms_at(model, inverse, t, y, at_times(model, t, p))):
         _refuse_contradiction(inverse, terms, y[place, size : 2 * size], y[place, -size:], where)
         found[place] = _solved(inverse, terms, where)
     return found
 
 
+def at_times(model: CompiledModel, t: FloatArray, p: FloatArray) -> FloatArray:
+    """Return parameters (k, n_p) with the times (k,) of conditions."""
+    p = np.array(np.broadcast_to(p, (len(t), p.shape[-1])), order="C")
+    if CONDITION_TIME in model.layout.parameters:
+        p[:, model.layout.parameters.index(CONDITION_TIME)] = t
+    return p
+
+
+def terms_at(
+    model: CompiledModel, inverse: InverseKernel, t: FloatArray, y: FloatArray, p: FloatArray
+) -> Iterator[tuple[str, Terms]]:
+    """Yield a text that says where, and the terms, at times (k,), rows (k, n) and parameters (k, n_p).
+
+    Raises
+    ------
+    ValueInputError
+        For terms that are not finite, and contacts that are closed.
+    """
+    if model.modes is None:
+        rows = model.engine.rows(inverse.kernel, t, y, p)
+    else:
+        rows = interpret_rows(inverse.kernel, t, y, p)
+    for place, row in enumerate(rows):
+        where = f"at t = {t[place]:g}" + (f" (state {place} of {len(t)})" if len(t) > 1 else "")
+        if not np.all(np.isfinite(row)):
+            raise ValueInputError(f"{where} the equations have values that are not finite")
+        terms = inverse.terms(row)
+        closed = [f"{name!r} ({gap:.3g})" for name, gap in zip(inverse.stops, terms.gaps, strict=True) if gap <= 0.0]
+        if closed:
+            raise ValueInputError(
+                f"{where} the gap of {list_names(closed)} is not open: the motion does not determine the force of a"
+                " contact"
+            )
+        yield where, terms
+
+
 def _refuse_contradiction(
-    inverse: InverseKernel, terms: _Terms, rates: FloatArray, second: FloatArray, where: str
+    inverse: InverseKernel, terms: Terms, rates: FloatArray, second: FloatArray, where: str
 ) -> None:
-    """Reject second rates (n_q,) that the constraints do not allow, and contacts that are closed."""
-    closed = [f"{name!r} ({gap:.3g})" for name, gap in zip(inverse.stops, terms.gaps, strict=True) if gap <= 0.0]
-    if closed:
-        raise ValueInputError(
-            f"{where} the gap of {list_names(closed)} is not open: the motion does not determine the force of a contact"
-        )
+    """Reject second rates (n_q,) that the constraints do not allow."""
     left, sizes = terms.jacobian @ second - terms.bias, np.abs(terms.jacobian)
     terms_of_bias = np.max(sizes, axis=1, initial=0.0) * np.max(np.abs(rates), initial=0.0) ** 2
     allowed = TOLERANCE * (sizes @ np.abs(second) + np.abs(terms.bias)) + ROUNDING * terms_of_bias
@@ -275,16 +336,13 @@ def _refuse_contradiction(
         )
 
 
-def _solved(inverse: InverseKernel, terms: _Terms, where: str) -> FloatArray:
+def _solved(inverse: InverseKernel, terms: Terms, where: str) -> FloatArray:
     """Return the loads at one state."""
-    most, slip, slipping, columns = terms.friction
-    sense = np.where(slip != 0.0, np.sign(slip), np.sign(slipping))
-    forces = terms.forces - (most * sense) @ columns
-    scales = np.where(terms.scales > 0.0, terms.scales, 1.0)
+    forces = terms.forces - (terms.friction_senses * terms.friction[0]) @ terms.friction[3]
+    scales, free = terms.roots, terms.free_directions
     demand, by_input = (terms.inertia - forces) / scales, terms.by_input / scales[:, np.newaxis]
-    free = _free_directions(terms.jacobian / scales)
     wanted, able = free.T @ demand, free.T @ by_input
-    loads = np.linalg.pinv(able, rcond=_DEPENDENT) @ wanted if able.size else np.zeros(able.shape[1])
+    loads = inverse_of(able) @ wanted
     left = wanted - able @ loads
     size = np.max(np.abs(np.concatenate([terms.inertia, terms.forces])) / np.tile(scales, 2), initial=0.0)
     size = max(size, float(np.max(np.abs(by_input) @ np.abs(loads), initial=0.0)))
@@ -303,6 +361,11 @@ def _solved(inverse: InverseKernel, terms: _Terms, where: str) -> FloatArray:
     return loads
 
 
+def inverse_of(able: FloatArray) -> FloatArray:
+    """Return the pseudo-inverse of what inputs do along the free directions."""
+    return np.asarray(np.linalg.pinv(able, rcond=DEPENDENT)) if able.size else np.zeros(able.shape[::-1])
+
+
 def _free_directions(jacobian: FloatArray) -> FloatArray:
     """Return an orthonormal basis (n, k) of the directions that the rows of a Jacobian (m, n) leave free."""
     sizes = np.linalg.norm(jacobian, axis=1)
@@ -310,4 +373,4 @@ def _free_directions(jacobian: FloatArray) -> FloatArray:
     if not len(rows):
         return np.eye(jacobian.shape[1])
     _, values, basis = np.linalg.svd(rows)
-    return np.asarray(basis[int(np.sum(values > _DEPENDENT * values[0])) :].T)
+    return np.asarray(basis[int(np.sum(values > DEPENDENT * values[0])) :].T)

@@ -84,6 +84,13 @@ def powers(kinematics: Kinematics) -> Powers:
     return Powers(mass_matrix, forcing, kinetic, potential, weighing)
 
 
+def given_powers(kinematics: Kinematics) -> list[Node]:
+    """Return the power coefficients (n_q) of the given actions and reactions, without inertia and gravity."""
+    wrenches: dict[Pose, Screw] = {}
+    _add_actions(kinematics, [kinematics.body_pose(body) for body in kinematics.model.bodies], wrenches)
+    return _gathered(kinematics, {}, wrenches, [])
+
+
 def _gathered(
     kinematics: Kinematics, inertias: dict[Pose, Inertia], wrenches: dict[Pose, Screw], mass_matrix: Matrix
 ) -> list[Node]:

@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..codegen import backend_named
 from ..codegen.base import Capability
-from ..errors import CapabilityError, UnknownNameError, ValueInputError, list_names, nesting_named
+from ..errors import UnknownNameError, ValueInputError, list_names, nesting_named
 from ..ir.interpret import unit_rates
 from ..ir.program import coefficient_places
 from ..starts import inputs as run_input
@@ -101,76 +101,6 @@ def accelerations(
     return _evaluate(self, "accelerations", (t, q, qdot, p), (states, inputs), (len(self.layout.coordinates),))
 
 
-@nesting_named
-def inverse_dynamics(
-    self: CompiledModel,
-    t: Any,
-    q: Any,
-    qdot: Any,
-    qddot: Any,
-    p: Any,
-    *,
-    inputs: Mapping[Any, Any] | None = None,
-    states: Any = None,
-) -> FloatArray:
-    """Return the inputs of the scene that give the coordinates some second rates, or generalised forces.
-
-    The inputs are loads, such as motor torques; those that `inputs` has are taken as they are, and the others are
-    solved for. Where several values do, they are those of least norm. In a scene without inputs, or with all of them
-    given, generalised forces along the coordinates are returned: of several that do, on closed loops and unit
-    quaternions, those of least norm. Constraints, rolling included, hold whatever multipliers they need. Dry friction
-    with a given normal load opposes the slip, or, at rest, the slip that the accelerations begin; stops must be open.
-
-    Parameters
-    ----------
-    t, p, states
-        As for `accelerations`; states of controllers that set inputs need not be given.
-    q, qdot, qddot : array_like (n_q,) or (k, n_q)
-        Coordinates, their rates and second rates.
-    inputs : mapping, optional
-        Inputs with given values, such as the height of a road.
-
-    Returns
-    -------
-    ndarray (n_u,) or (k, n_u)
-        In the order of ``layout.inputs`` without those given, inputs that controllers set first; generalised forces
-        are (n_q,) or (k, n_q).
-
-    Raises
-    ------
-    ValueInputError
-        Where second rates contradict a constraint, or the inputs cannot produce them, with its name or the coordinates.
-    CapabilityError
-        For inputs that are no loads and not given, for contacts other than those above, and for values that JAX traces.
-
-    Examples
-    --------
-    Computed torque: the torques with which an arm follows a motion q_d::
-
-        wanted = qddot_d + k_d * (qdot_d - qdot) + k_p * (q_d - q)
-        tau = model.inverse_dynamics(t, q, qdot, wanted, p)
-    """
-    from ..analysis.inverse_dynamics import inverse_dynamics_at
-
-    traces = Capability.STATE_FUNCTIONS in backend_named(self.backend).capabilities
-    if traces and _traced(t, q, qdot, qddot, p, inputs, states):
-        raise CapabilityError(
-            "inverse_dynamics takes numbers, not values that JAX traces: solve M q_ddot = forcing + B u with"
-            " model.functions.mass_matrix and model.functions.forcing"
-        )
-    given = run_input.resolve_names("input", inputs or (), self.layout.inputs, self.layout.aliases)
-    inverse = self.inverse_kernel(given)
-    if isinstance(states, Mapping):
-        states = {**dict.fromkeys(self.layout.held, 0.0), **states}
-    elif states is None and inverse.reads_states:
-        _require_states_given(self, "inverse_dynamics")
-    vectors = {"q": q, "qdot": qdot, "qddot": qddot}
-    times, y, p, single = _rows_at(self, vectors, t, p, states)
-    free = {name: 0.0 for name in self.layout.inputs if name not in given}
-    found = inverse_dynamics_at(self, inverse, times, y, _with_inputs(self, p, times, {**(inputs or {}), **free}))
-    return found[0] if single else found
-
-
 def _evaluate(
     self: CompiledModel,
     kernel: str,
@@ -182,17 +112,17 @@ def _evaluate(
     _require_states(self, kernel, further[0])
     if self.modes is None and Capability.STATE_FUNCTIONS in backend_named(self.backend).capabilities:
         functions = cast("TracedEngine", self.engine).state_functions
-        if _traced(*point, *further):
+        if traced(*point, *further):
             return cast("FloatArray", functions.at_coordinates(kernel, shape, point, further, self.inputs))
     (t, q, qdot, p), (states, inputs) = point, further
-    times, y, p, single = _rows_at(self, {"q": q, "qdot": qdot}, t, p, states)
-    p = _with_inputs(self, p, times, inputs)
+    times, y, p, single = rows_at(self, {"q": q, "qdot": qdot}, t, p, states)
+    p = with_inputs(self, p, times, inputs)
     found = _outputs(self, kernel, times, y, p)
     out = np.zeros((len(times), *shape)) if found is None else found.reshape(len(times), *shape)
     return out[0] if single else out
 
 
-def _rows_at(
+def rows_at(
     self: CompiledModel, vectors: Mapping[str, Any], t: Any, p: Any, states: Any
 ) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
     """Return times (k,), rows (k, n) of q, q_dot and states, and of further vectors, parameters (n_p,), and k is one.
@@ -217,7 +147,7 @@ def _rows_at(
     return times, np.ascontiguousarray(y), p, single
 
 
-def _traced(*given: Any) -> bool:
+def traced(*given: Any) -> bool:
     """Return whether JAX traces a value in the arguments, mappings and records included; for models in JAX."""
     from ..jax.runs.precision import is_traced
 
@@ -226,7 +156,7 @@ def _traced(*given: Any) -> bool:
     return is_traced(*values, *records)
 
 
-def _with_inputs(self: CompiledModel, p: FloatArray, t: FloatArray, inputs: Mapping[Any, Any] | None) -> FloatArray:
+def with_inputs(self: CompiledModel, p: FloatArray, t: FloatArray, inputs: Mapping[Any, Any] | None) -> FloatArray:
     """Return parameters (n_p,), or (k, n_p) at times (k,), with the values of inputs."""
     places = [place + 1 for place in coefficient_places(self.layout.parameters, self.layout.inputs)]
     if inputs is None and not np.any(np.isnan(p[places])):
@@ -247,10 +177,10 @@ def _require_states(self: CompiledModel, kernel: str, given: Any) -> None:
     ValueInputError
     """
     if given is None and self.layout.states and _depends_on_states(self, kernel):
-        _require_states_given(self, kernel)
+        require_states_given(self, kernel)
 
 
-def _require_states_given(self: CompiledModel, kernel: str) -> None:
+def require_states_given(self: CompiledModel, kernel: str) -> None:
     """Raise because first-order states are not given.
 
     Raises

@@ -20,12 +20,13 @@ from ..runs.engines import engine_of
 from ..scene import Scene
 from ..starts import inputs as run_input
 from ..starts.symbol_assumptions import ROUNDING, ValueReader
-from . import choices, derivatives, evaluation, exports, motions, states, sweeps, traced
+from . import choices, derivatives, evaluation, exports, inverse, motions, states, sweeps, traced
 from .choices import OfOneMode
 from .derived import Derived, Variants
 
 if TYPE_CHECKING:
     from ..analysis.inverse_dynamics import InverseKernel
+    from ..analysis.regressor import RegressorKernel
     from ..codegen.engine import FunctionEngine, TracedEngine
     from ..contacts.contact_laws import Mode
     from ..phases.mode_models import ModeModels
@@ -105,7 +106,9 @@ class CompiledModel:
     forcing = evaluation.forcing
     constraint_jacobian = evaluation.constraint_jacobian
     accelerations = evaluation.accelerations
-    inverse_dynamics = evaluation.inverse_dynamics
+    inverse_dynamics = inverse.inverse_dynamics
+    regressor = inverse.regressor
+    inertial_parameters = inverse.inertial_parameters
     monitors = evaluation.monitors
     simulate = motions.simulate
     sweep = sweeps.sweep
@@ -314,8 +317,19 @@ class CompiledModel:
 
         return derived_once(self._inverse_kernels, tuple(sorted(given)), lambda: inverse_kernel(self, given))
 
+    def regressor_kernel(self, given: Sequence[str], loads: tuple[str, ...]) -> RegressorKernel:
+        """Return the kernel of the regressor for some given inputs and coefficients of loads, derived once for each."""
+        from ..analysis.regressor import regressor_kernel
+
+        key = tuple(sorted(given)), loads
+        return derived_once(self._regressor_kernels, key, lambda: regressor_kernel(self, given, loads))
+
     @once_property
     def _inverse_kernels(self) -> BoundedTable[tuple[str, ...], InverseKernel]:
+        return BoundedTable(_MOST_INVERSE)
+
+    @once_property
+    def _regressor_kernels(self) -> BoundedTable[tuple[tuple[str, ...], tuple[str, ...]], RegressorKernel]:
         return BoundedTable(_MOST_INVERSE)
 
     @once_property
