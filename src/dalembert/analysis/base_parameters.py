@@ -1,7 +1,8 @@
 """Base parameters: the combinations of inertial parameters that motions determine, by the rank of a regressor.
 
 The columns of a regressor depend on each other (M. Gautier, W. Khalil, IEEE Transactions on Robotics and Automation 6
-(1990) 368-373). A QR decomposition with column pivoting chooses independent ones; the others are their combinations.
+(1990) 368-373). A QR decomposition with column pivoting shows how many are independent; of these the first are taken,
+and the others are their combinations (M. Gautier, Journal of Robotic Systems 8 (1991) 485-506).
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from ..arrays import FloatArray
@@ -101,9 +103,8 @@ def base_parameters(W: Any, names: Sequence[str], *, tolerance: float = 1e-8) ->
     if not len(used):
         raise ValueInputError("W is zero: nothing moves in these states")
     scaled = small[:, used] / sizes[used]
-    _, triangle, order = qr(scaled, mode="economic", pivoting=True)
-    rank = int(np.sum(np.abs(np.diag(triangle)) > tolerance))
-    chosen = np.sort(order[:rank])
+    chosen = _independent(scaled, tolerance)
+    rank = len(chosen)
     matrix = np.zeros((rank, len(names)))
     found = np.linalg.lstsq(scaled[:, chosen], scaled, rcond=None)[0]
     matrix[:, used] = found * sizes[used] / sizes[used[chosen], np.newaxis]
@@ -114,6 +115,19 @@ def base_parameters(W: Any, names: Sequence[str], *, tolerance: float = 1e-8) ->
     texts = tuple(_text(row, names, column) for row, column in zip(matrix, columns, strict=True))
     left = tuple(name for i, name in enumerate(names) if i not in set(used.tolist()))
     return BaseParameters(texts, tuple(names), columns, matrix, left, float(values[0] / values[-1]))
+
+
+def _independent(columns: FloatArray, tolerance: float) -> NDArray[np.intp]:
+    """Return the places of independent columns of length one: the first ones, where they show the rank."""
+    _, triangle, order = qr(columns, mode="economic", pivoting=True)
+    chosen = np.sort(order[: int(np.sum(np.abs(np.diag(triangle)) > tolerance))])
+    first = np.flatnonzero(np.abs(np.diag(_padded(triangle_of(columns)))) > tolerance)
+    return first if len(first) == len(chosen) else chosen
+
+
+def _padded(triangle: FloatArray) -> FloatArray:
+    """Return a triangle with as many rows as columns."""
+    return np.pad(triangle, ((0, triangle.shape[1] - len(triangle)), (0, 0)))
 
 
 def triangle_of(rows: FloatArray) -> FloatArray:
