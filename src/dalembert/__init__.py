@@ -28,7 +28,7 @@ from .scene import (
     table,
     unknowns,
 )
-from .scene.shapes import Box, Cylinder, Disk, Ground, Path, Rod, Sphere, Spring
+from .scene.shapes import Box, Cylinder, Disk, Ground, Mesh, Path, Rod, Sphere, Spring
 from .version import __version__
 
 if TYPE_CHECKING:
@@ -59,6 +59,7 @@ __all__ = [
     "Ground",
     "Joint",
     "LagrangeView",
+    "Mesh",
     "Path",
     "PointPlane",
     "Rod",

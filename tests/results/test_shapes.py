@@ -9,7 +9,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, 
 
 import dalembert as da
 from dalembert.errors import OptionError
-from dalembert.results import shape_meshes
+from dalembert.scene import shape_meshes
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("plotly")

@@ -117,7 +117,7 @@ def base_parameters(W: Any, names: Sequence[str], *, tolerance: float = 1e-8) ->
     return BaseParameters(texts, tuple(names), columns, matrix, left, float(values[0] / values[-1]))
 
 
-def _independent(columns: FloatArray, tolerance: float) -> NDArray[np.intp]:
+def _independent(columns: FloatArray, tolerance: float) -> NDArray[Any]:
     """Return the places of independent columns of length one: the first ones, where they show the rank."""
     _, triangle, order = qr(columns, mode="economic", pivoting=True)
     chosen = np.sort(order[: int(np.sum(np.abs(np.diag(triangle)) > tolerance))])

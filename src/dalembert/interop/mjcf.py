@@ -16,10 +16,12 @@ from ..errors import OptionError, list_names
 from ..values import listed
 from .mjcf_actions import add_actions, read_actions
 from .mjcf_values import Angles, Defaults, inertia_of_geoms
+from .mjcf_visuals import mesh_assets, visual_of
 from .robot_description import Description, Inertia, JointItem, Placement, in_tree_order
 from .robot_files import Element, FileReader
 from .robot_options import RobotOptions
 from .robot_scenes import scene_of
+from .robot_visuals import Visual
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
@@ -53,7 +55,13 @@ def scene_from_mjcf(path: str | PathLike[str], *, skip: Any, **options: Any) -> 
     robot, actions = reader.description(), read_actions(reader)
     reader.raise_faults()
     robot = replace(robot, skipped=tuple(SKIPPABLE[kind] for kind in reader.unserved))
-    return scene_of(robot, chosen, lambda builder: add_actions(builder, actions, reader.postures(robot)))
+    find, scales = mesh_assets(reader.file, reader.defaults)
+    visuals = {
+        link: tuple(replace(each, size=scales.get(each.source, each.size)) if each.source else each for each in several)
+        for link, several in reader.visuals.items()
+    }
+    robot = replace(robot, visuals=visuals)
+    return scene_of(robot, chosen, find, lambda builder: add_actions(builder, actions, reader.postures(robot)))
 
 
 @final
@@ -107,6 +115,7 @@ class MjcfReader:
         self.labels: dict[str, str] = {}
         self.starts: dict[str, Placement] = {}
         self._edges: list[JointItem] = []
+        self._geoms: list[tuple[_Around, Element]] = []
 
     # -- faults -------------------------------------------------------------------------------------
 
@@ -152,6 +161,16 @@ class MjcfReader:
         joints = in_tree_order("world", self._edges)
         return Description(name, "world", self.links, joints, gravity, (), self.labels, has_actuators=True)
 
+    @property
+    def visuals(self) -> dict[str, tuple[Visual, ...]]:
+        """The shapes of all links, once there are no faults: what they lack is none."""
+        found: dict[str, tuple[Visual, ...]] = {}
+        for around, geom in self._geoms:
+            visual = visual_of(self.file, geom, self.angles, around.place)
+            if visual is not None:
+                found[around.link] = (*found.get(around.link, ()), visual)
+        return found
+
     def _refuse_unserved(self, element: Element) -> None:
         for child in element:
             if child.tag in _UNSERVED:
@@ -174,7 +193,9 @@ class MjcfReader:
                 if "name" in site.attributes:
                     self.sites[site.attributes["name"]] = around.link, place
             elif child.tag == "geom":
-                self._collision(self.defaults.applied(child, within))
+                geom = self.defaults.applied(child, within)
+                self._collision(geom)
+                self._geoms.append((around, geom))
 
     def _collision(self, geom: Element) -> None:
         if any(self.file.number(geom, what, 1.0) for what in ("contype", "conaffinity")):

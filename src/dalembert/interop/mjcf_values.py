@@ -16,6 +16,9 @@ from .robot_files import Element, FileReader
 ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 """Attributes of which one orients an element."""
 
+PRIMITIVES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3}
+"""Types of geoms that are solids, and how many sizes they have."""
+
 DENSITY = 1000.0
 """Default density of geoms [kg/m^3]."""
 
@@ -137,28 +140,35 @@ def _inertia_of_geom(file: FileReader, geom: Element, angles: Angles) -> Inertia
     density = file.number(geom, "density", DENSITY)
     if mass == 0.0 or (mass is None and density == 0.0) or kind == "plane":
         return Inertia()
-    if kind not in ("sphere", "capsule", "cylinder", "box", "ellipsoid"):
+    if kind not in PRIMITIVES:
         file.fault(geom, f"the mass of a body would follow from a geom of type {kind!r}; give the body an <inertial>")
         return Inertia()
-    size = [float(word) for word in geom.attributes.get("size", "").split()]
-    place = angles.placement(file, geom)
-    needed = {"sphere": 1, "box": 3, "ellipsoid": 3}.get(kind, 2)
+    size, place = primitive_of(file, geom, angles)
+    if not size:
+        return Inertia()
+    volume, moments = _solid(kind, size)
+    mass = density * volume if mass is None else mass
+    return Inertia(mass, np.zeros(3), mass * np.diag(moments)).on(place)
+
+
+def primitive_of(file: FileReader, geom: Element, angles: Angles) -> tuple[list[float], Placement]:
+    """Return the size and the place of a geom that is a primitive; no size where it says too little."""
+    kind, place = geom.attributes.get("type", "sphere"), angles.placement(file, geom)
+    size, needed = [float(word) for word in geom.attributes.get("size", "").split()], PRIMITIVES[kind]
     if "fromto" in geom.attributes and kind != "sphere":
         ends = file.numbers(geom, "fromto", 6, None)
         along = ends[3:] - ends[:3]
         half = float(np.linalg.norm(along)) / 2
         if half == 0.0:
             file.fault(geom, "fromto= of <geom> has no length")
-            return Inertia()
+            return [], place
         turned = Angles().rotation(file, Element("geom", {"zaxis": " ".join(map(repr, map(float, along)))}, geom.line))
         place = Placement(turned, (ends[:3] + ends[3:]) / 2)
         size = [*size[:1], half] if needed == 2 else [*(size[:1] * 2), half]
     if len(size) < needed or min(size[:needed], default=0.0) <= 0.0:
         file.fault(geom, f"size= of a <geom> of type {kind!r} must be {needed} positive numbers")
-        return Inertia()
-    volume, moments = _solid(kind, size)
-    mass = density * volume if mass is None else mass
-    return Inertia(mass, np.zeros(3), mass * np.diag(moments)).on(place)
+        return [], place
+    return size, place
 
 
 def _solid(kind: str, size: list[float]) -> tuple[float, list[float]]:

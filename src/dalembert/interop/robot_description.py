@@ -8,11 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
 from ..arrays import FloatArray
+
+if TYPE_CHECKING:
+    from .robot_visuals import Visual
 
 ROUNDING = 1e-15
 """Size, relative to what numbers are added from, that counts as zero in places, rotations and inertias."""
@@ -201,6 +204,8 @@ class Description:
         Names of bodies by the links that carry them, where they differ.
     has_actuators : bool
         Whether motors are those that the file has, and not those of joints.
+    visuals : mapping of str to tuple of Visual
+        Shapes of links for pictures.
     """
 
     name: str
@@ -211,6 +216,7 @@ class Description:
     skipped: tuple[str, ...] = ()
     labels: Mapping[str, str] = field(default_factory=dict)
     has_actuators: bool = False
+    visuals: Mapping[str, tuple[Visual, ...]] = field(default_factory=dict)
 
 
 @final

@@ -29,12 +29,15 @@ class Element:
     line : int
         Line of the file, from 1.
     children : list of Element
+    text : str
+        Between its tags.
     """
 
     tag: str
     attributes: dict[str, str]
     line: int
     children: list[Element] = field(default_factory=list)
+    text: str = ""
 
     def all(self, tag: str) -> list[Element]:
         """Return the children with a tag."""
@@ -84,11 +87,15 @@ class FileReader:
             element = Element(tag, attributes, parser.CurrentLineNumber)
             open_elements[-1].children.append(element)
             open_elements.append(element)
+            texts.append([])
 
         def end(_: str) -> None:
-            open_elements.pop()
+            element = open_elements.pop()
+            element.text = "".join(texts.pop())
 
+        texts: list[list[str]] = [[]]
         parser.StartElementHandler, parser.EndElementHandler = start, end
+        parser.CharacterDataHandler = lambda text: texts[-1].append(text)
         try:
             parser.Parse(data, True)
         except expat.ExpatError as reason:

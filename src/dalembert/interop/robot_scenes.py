@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, final
 
 import numpy as np
@@ -35,13 +36,21 @@ from .robot_values import (
     number,
     vector,
 )
+from .robot_visuals import add_visuals
 
 BASE = "base"
 """Beginning of the names of the coordinates of a floating base."""
 
 
-def scene_of(robot: Description, options: RobotOptions, extend: Callable[[RobotBuilder], None] | None = None) -> Scene:
+def scene_of(
+    robot: Description,
+    options: RobotOptions,
+    find_mesh: Callable[[str], Path | None],
+    extend: Callable[[RobotBuilder], None] | None = None,
+) -> Scene:
     """Return the scene of a robot; `extend` adds what its file has beside links and joints.
+
+    `find_mesh` returns the file of a mesh from what is written.
 
     Raises
     ------
@@ -61,7 +70,8 @@ def scene_of(robot: Description, options: RobotOptions, extend: Callable[[RobotB
     builder.require_parameter_names()
     scene = builder.scene
     links = {name: builder.link(name) for name in robot.links}
-    scene.robot = RobotParts(robot.name, links, builder.parts, builder.parameters, robot.skipped)
+    undrawn = add_visuals(builder, find_mesh)
+    scene.robot = RobotParts(robot.name, links, builder.parts, builder.parameters, robot.skipped, undrawn)
     return scene
 
 

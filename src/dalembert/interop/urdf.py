@@ -1,12 +1,14 @@
-"""Reading of URDF files: links, joints, limits, dynamics and mimics, with every fault of a file and its line.
+"""Reading of URDF files: links, joints, limits, dynamics, mimics and shapes, with every fault of a file and its line.
 
-Pictures, colliding geometry, transmissions, sensors and the extensions of simulators are ignored: the equations of
-motion do not depend on them. Tags that look like a misspelt tag of a joint or link are faults.
+Colliding geometry, transmissions, sensors and the extensions of simulators are ignored: the equations of motion do not
+depend on them. Tags that look like a misspelt tag of a joint or link are faults.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -16,6 +18,7 @@ from .robot_description import Description, Inertia, JointItem, Mimic, Placement
 from .robot_files import Element, FileReader
 from .robot_options import RobotOptions
 from .robot_scenes import scene_of
+from .robot_visuals import Visual, color_of, mesh_finder
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
@@ -38,7 +41,7 @@ _OF_INERTIALS = ("origin", "mass", "inertia")
 def scene_from_urdf(path: str | PathLike[str], **options: Any) -> Scene:
     """Return the scene of the robot of a URDF file; see `dalembert.Scene.from_urdf` for the options."""
     chosen = RobotOptions.of(**options)
-    return scene_of(read_urdf(path), chosen)
+    return scene_of(read_urdf(path), chosen, mesh_finder(Path(path)))
 
 
 def read_urdf(path: str | PathLike[str]) -> Description:
@@ -75,7 +78,8 @@ class _UrdfReader:
         root = self._root(links, joints)
         file.raise_faults()
         name = self.root.attributes.get("name", "").strip() or file.path.stem
-        return Description(name, root, inertias, in_tree_order(root, joints))
+        visuals = {name: tuple(self._visuals(element)) for name, element in links.items()}
+        return Description(name, root, inertias, in_tree_order(root, joints), visuals=visuals)
 
     # -- links --------------------------------------------------------------------------------------
 
@@ -101,6 +105,30 @@ class _UrdfReader:
         matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         place = self._place(file.only(element, "origin"))
         return Inertia(mass, np.zeros(3), matrix).on(place)
+
+    def _visuals(self, link: Element) -> Iterator[Visual]:
+        """Yield the shapes of a link; those that say too little are no faults, because no equation depends on them."""
+        for element in link.all("visual"):
+            place, color = self._place(self.file.only(element, "origin")), self._color(element)
+            for shape in (child for geometry in element.all("geometry") for child in geometry):
+                given = shape.attributes
+                if shape.tag == "mesh":
+                    scale = self.file.numbers(shape, "scale", 3, (1.0, 1.0, 1.0))
+                    yield Visual(place, "mesh", scale, given.get("filename", ""), color)
+                elif shape.tag == "box":
+                    yield Visual(place, "box", self.file.numbers(shape, "size", 3, None), color=color)
+                elif shape.tag in ("cylinder", "sphere", "capsule"):
+                    names = ("radius",) if shape.tag == "sphere" else ("radius", "length")
+                    size = np.array([self.file.number(shape, name, None) for name in names])
+                    yield Visual(place, shape.tag, size, color=color)
+
+    def _color(self, visual: Element) -> str | None:
+        """Return the colour of a shape, which may be said once for all of the same material."""
+        for material in visual.all("material"):
+            named = [each for each in self.root.all("material") if self.file.named(each) == self.file.named(material)]
+            for color in (color for each in (material, *named) for color in each.all("color")):
+                return color_of(self.file.numbers(color, "rgba", 4, (0.5, 0.5, 0.5, 1.0)).tolist())
+        return None
 
     def _place(self, origin: Element | None) -> Placement:
         """Return the place of an <origin>, which may be left out."""

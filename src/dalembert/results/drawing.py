@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..errors import OptionError, UnknownNameError, list_names
+from ..errors import FileWarning, OptionError, UnknownNameError, list_names, warn_caller
+from ..interop.mesh_files import read_mesh
+from ..scene import shape_meshes
 from ..scene.shapes import (
     BODY_SHAPES,
     Box,
     Cylinder,
     Disk,
     Ground,
+    Mesh,
     Path,
     Rod,
     Shape,
@@ -26,7 +30,6 @@ from ..scene.shapes import (
     vector_value,
 )
 from ..stops.segments import Constants, constants_at
-from . import shape_meshes
 from .drawn_parts import Drawing, Frames, Line, Surface
 
 if TYPE_CHECKING:
@@ -49,6 +52,8 @@ BODY_COLORS = (
 _AXIS_COLORS = ("#d62728", "#2ca02c", "#1f77b4")
 _GREY, _GROUND, _ARROW = "#595959", "#c8c8c8", "#d62728"
 _FLAT = 1e-9
+_MOST_VERTICES = 400
+"""Vertices of a mesh of a file: those of every picture are on a page."""
 
 
 def shape_points(scene: Scene) -> list[Any]:
@@ -98,6 +103,9 @@ def drawing_of(
     for name, shape in spheres:
         builder.add(name, shape)
     builder.add_skeleton(shaped)
+    if scene.robot is not None and scene.robot.undrawn:
+        text = "; ".join(scene.robot.undrawn)
+        warn_caller(f"scene {scene.name!r}: pictures are without {text}", FileWarning)
     if reactions:
         builder.add_reactions(motion)
     low, high = builder.bounds()
@@ -214,7 +222,12 @@ class _Builder:
             at = middle - unit * float(np.dot(middle - at, unit))
         self.surfaces.append(Surface(name, shape.color or _GROUND, (mesh.vertices + at)[np.newaxis], mesh.faces, 0.35))
 
-    def _on_body(self, name: str, shape: Sphere | Disk | Box | Cylinder) -> None:
+    def _on_body(self, name: str, shape: Sphere | Disk | Box | Cylinder | Mesh) -> None:
+        if isinstance(shape, Mesh) and shape.fixed:
+            mesh, at = self._triangles(name, shape), np.zeros(3) if shape.at is None else self.point(shape.at)[0]
+            still = (mesh.vertices + at)[np.newaxis]
+            self.surfaces.append(Surface(name, shape.color or _GREY, still, mesh.faces, 0.6))
+            return
         body = self.body(name)
         frame = getattr(self.scene.bodies[body], "frame", self.scene.frame)
         turned = self.turning(body)
@@ -226,6 +239,8 @@ class _Builder:
             mesh = shape_meshes.disk(self.number(shape.radius, name), self.vector(shape.axis, frame, name))
         elif isinstance(shape, Box):
             mesh = shape_meshes.box(np.array([self.number(edge, name) for edge in (shape.x, shape.y, shape.z)]))
+        elif isinstance(shape, Mesh):
+            mesh = self._triangles(name, shape)
         else:
             axis = self.vector(shape.axis, frame, name)
             mesh = shape_meshes.cylinder(self.number(shape.radius, name), self.number(shape.length, name), axis)
@@ -237,6 +252,16 @@ class _Builder:
 
         self.surfaces.append(Surface(name, color, placed(mesh.vertices), mesh.faces, 0.6))
         self.lines += [Line("", color, placed(mark), 1.2) for mark in mesh.marks]
+
+    @staticmethod
+    def _triangles(name: str, shape: Mesh) -> shape_meshes.Triangles:
+        """Return the surface of a mesh on the axes of its body."""
+        if isinstance(shape.source, str | PathLike):
+            found = read_mesh(shape.source, name).thinned(_MOST_VERTICES)
+        else:
+            vertices, faces = shape.source
+            found = shape_meshes.Triangles(np.asarray(vertices, dtype=float), np.asarray(faces, dtype=np.intp))
+        return found.placed(*shape.rigid)
 
     def add_skeleton(self, shaped: set[str]) -> None:
         """Add paths and mass centres of bodies, links, points, and axes of bodies without a shape."""

@@ -87,6 +87,8 @@ class RobotParts:
         Values in the file of the parameters of the scene; none where the scene has numbers.
     skipped : tuple of str
         What of the file the scene does not have, because it was to be skipped.
+    undrawn : tuple of str
+        Shapes of the file that pictures do not have, with the reason.
 
     Examples
     --------
@@ -103,6 +105,7 @@ class RobotParts:
     joints: Mapping[str, RobotJoint]
     parameters: Mapping[Any, float]
     skipped: tuple[str, ...] = ()
+    undrawn: tuple[str, ...] = ()
 
 
 # Class methods of scenes.

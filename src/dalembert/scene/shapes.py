@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
+from os import PathLike
 from typing import Any, final
 
 import numpy as np
@@ -101,6 +102,46 @@ class Cylinder:
     axis: Vector
     at: Point | None = None
     color: str | None = None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A surface of triangles of a body.
+
+    Parameters
+    ----------
+    source : path, or pair of array_like (n, 3) and (m, 3)
+        A file in the format STL, OBJ or DAE; or vertices [m], and the numbers of the vertices of each triangle. A file
+        is read when it is drawn, with at most 400 vertices.
+    at : Point, optional
+        Its origin; the mass centre of the body by default.
+    color : str, optional
+        See `Sphere`.
+    scale : float or array_like (3,)
+        Metres a unit of the source.
+    rotation : array_like (3, 3), optional
+        Matrix that takes components on the axes of the source to those on the axes of the body's frame.
+    offset : array_like (3,), optional
+        Origin of the source from `at`, on the axes of the body's frame [m].
+    fixed : bool
+        Whether it is fixed in the frame of the scene, and no body has its name.
+    """
+
+    source: Any
+    at: Point | None = None
+    color: str | None = None
+    scale: Any = 1.0
+    rotation: Any = None
+    offset: Any = None
+    fixed: bool = False
+
+    @property
+    def rigid(self) -> tuple[FloatArray, FloatArray]:
+        """The matrix (3, 3) and the offset (3,) that place components of the source."""
+        turned = np.eye(3) if self.rotation is None else np.array(self.rotation, dtype=float)
+        scale = np.broadcast_to(np.asarray(self.scale, dtype=float), (3,))
+        return turned * scale, np.zeros(3) if self.offset is None else np.array(self.offset, dtype=float)
 
 
 @final
@@ -202,14 +243,14 @@ class Path:
     color: str | None = None
 
 
-Shape = Sphere | Disk | Box | Cylinder | Rod | Spring | Ground | Path
-BODY_SHAPES = (Sphere, Disk, Box, Cylinder)
+Shape = Sphere | Disk | Box | Cylinder | Mesh | Rod | Spring | Ground | Path
+BODY_SHAPES = (Sphere, Disk, Box, Cylinder, Mesh)
 """Shapes that move with a body, whose name is their key."""
 
 _POINTS, _VECTORS, _OTHER = (
     ("at", "start", "end", "point"),
     ("axis", "normal"),
-    ("color", "coils", "name", "parent", "child"),
+    ("color", "coils", "name", "parent", "child", "source", "scale", "rotation", "offset", "fixed"),
 )
 
 
@@ -237,7 +278,26 @@ def checked_shapes(shapes: Any) -> tuple[tuple[str, Shape], ...]:
     return tuple(found)
 
 
+def _check_mesh(name: str, mesh: Mesh) -> None:
+    """Raise for a mesh whose numbers have no meaning."""
+    try:
+        numbers = [x for x in (*mesh.rigid, *(() if isinstance(mesh.source, str | PathLike) else mesh.source))]
+        arrays = [np.asarray(x, dtype=float) for x in numbers]
+        shapes = [x.shape[-1:] for x in arrays]
+        fits = all(map(np.all, map(np.isfinite, arrays))) and shapes == [(3,)] * len(arrays) and len(arrays) in (2, 4)
+        fits = fits and arrays[0].shape == (3, 3) and arrays[1].shape == (3,)
+    except (TypeError, ValueError):
+        fits = False
+    if not fits:
+        raise OptionError(
+            f"shape {name!r}: a mesh is the path of a file, or vertices (n, 3) and faces (m, 3); scale= is a number or"
+            " three, rotation= (3, 3), offset= (3,)"
+        )
+
+
 def _check(name: str, shape: Shape) -> None:
+    if isinstance(shape, Mesh):
+        _check_mesh(name, shape)
     for each in fields(shape):
         value, kind = getattr(shape, each.name), None
         if value is None and each.default is None:

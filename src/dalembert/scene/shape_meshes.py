@@ -1,4 +1,4 @@
-"""Triangles and lines of shapes, in the frame of their body."""
+"""Triangles and lines of shapes, on the axes of their body."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..arrays import FloatArray
 
 @final
 @dataclass(frozen=True, eq=False)
-class Mesh:
+class Triangles:
     """A surface.
 
     Attributes
@@ -29,6 +29,25 @@ class Mesh:
     faces: NDArray[np.intp]
     marks: tuple[FloatArray, ...] = ()
 
+    def placed(self, rotation: FloatArray, offset: FloatArray) -> Triangles:
+        """Return the surface on other axes, to which a matrix (3, 3) turns it, moved by an offset (3,)."""
+        marks = tuple(mark @ rotation.T + offset for mark in self.marks)
+        return Triangles(self.vertices @ rotation.T + offset, self.faces, marks)
+
+    def thinned(self, most: int) -> Triangles:
+        """Return the surface with at most so many vertices: those in one cube of a grid become their mean."""
+        vertices, faces, cells = self.vertices, self.faces, 2 * int(np.sqrt(most)) + 2
+        low, size = vertices.min(axis=0), float(np.max(np.ptp(vertices, axis=0))) or 1.0
+        while len(vertices) > most and cells > 1:
+            cells = max(3 * cells // 4, 1)
+            cube = np.minimum((cells * (self.vertices - low) / size).astype(int), cells - 1)
+            _, place, count = np.unique(cube, axis=0, return_inverse=True, return_counts=True)
+            place = place.reshape(-1)
+            sums = [np.bincount(place, column) / count for column in self.vertices.T]
+            vertices, faces = np.stack(sums, axis=1), place[self.faces]
+        apart = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+        return Triangles(vertices, np.unique(faces[apart], axis=0), self.marks)
+
 
 def frame_of(axis: FloatArray) -> FloatArray:
     """Return a rotation (3, 3) whose third column is along an axis (3,)."""
@@ -43,7 +62,7 @@ def _circle(radius: float, count: int) -> FloatArray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle], axis=1)
 
 
-def sphere(radius: float, rings: int = 10, count: int = 20) -> Mesh:
+def sphere(radius: float, rings: int = 10, count: int = 20) -> Triangles:
     """Return a sphere, marked by two great circles."""
     polar, around = np.linspace(0.0, np.pi, rings + 1), 2.0 * np.pi * np.arange(count) / count
     p, a = (x.ravel() for x in np.meshgrid(polar, around, indexing="ij"))
@@ -54,10 +73,10 @@ def sphere(radius: float, rings: int = 10, count: int = 20) -> Mesh:
         [np.stack([here, right, here + count], 1), np.stack([right, right + count, here + count], 1)]
     )
     equator = _circle(1.003 * radius, 40)
-    return Mesh(vertices, faces, (equator, equator[:, [2, 0, 1]]))
+    return Triangles(vertices, faces, (equator, equator[:, [2, 0, 1]]))
 
 
-def disk(radius: float, axis: FloatArray, count: int = 36) -> Mesh:
+def disk(radius: float, axis: FloatArray, count: int = 36) -> Triangles:
     """Return a disk, marked by its rim and two spokes."""
     turned = frame_of(axis)
     rim = _circle(radius, count)
@@ -65,19 +84,19 @@ def disk(radius: float, axis: FloatArray, count: int = 36) -> Mesh:
     k = np.arange(count)
     faces = np.stack([0 * k, 1 + k, 1 + (k + 1) % count], axis=1)
     spokes = [np.array([rim[0], rim[count // 2]]), np.array([rim[count // 4], rim[3 * count // 4]])]
-    return Mesh(vertices @ turned.T, faces, tuple(line @ turned.T for line in (rim, *spokes)))
+    return Triangles(vertices @ turned.T, faces, tuple(line @ turned.T for line in (rim, *spokes)))
 
 
-def box(edges: FloatArray) -> Mesh:
+def box(edges: FloatArray) -> Triangles:
     """Return a box with edges (3,) along the axes, marked by these."""
     corners = np.array([[i, j, k] for i in (-0.5, 0.5) for j in (-0.5, 0.5) for k in (-0.5, 0.5)]) * edges
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = [triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))]
     path = corners[[0, 1, 3, 2, 0, 4, 5, 7, 6, 4, 5, 1, 3, 7, 6, 2]]
-    return Mesh(corners, np.array(faces), (path,))
+    return Triangles(corners, np.array(faces), (path,))
 
 
-def cylinder(radius: float, length: float, axis: FloatArray, count: int = 24) -> Mesh:
+def cylinder(radius: float, length: float, axis: FloatArray, count: int = 24) -> Triangles:
     """Return a closed cylinder, marked by its rims and a line along it."""
     turned, ring = frame_of(axis), _circle(radius, count)
     up = np.array([0.0, 0.0, 0.5 * length])
@@ -87,16 +106,16 @@ def cylinder(radius: float, length: float, axis: FloatArray, count: int = 24) ->
     lower, upper = np.full(count, 2 * count), np.full(count, 2 * count + 1)
     parts = [(k, n, k + count), (n, n + count, k + count), (lower, n, k), (upper, k + count, n + count)]
     marks = (ring - up, ring + up, np.array([ring[0] - up, ring[0] + up]))
-    return Mesh(
+    return Triangles(
         vertices @ turned.T, np.concatenate([np.stack(p, 1) for p in parts]), tuple(m @ turned.T for m in marks)
     )
 
 
-def square(size: float, normal: FloatArray) -> Mesh:
+def square(size: float, normal: FloatArray) -> Triangles:
     """Return a square around the origin."""
     half = 0.5 * size
     corners = np.array([[-half, -half, 0.0], [half, -half, 0.0], [half, half, 0.0], [-half, half, 0.0]])
-    return Mesh(corners @ frame_of(normal).T, np.array([[0, 1, 2], [0, 2, 3]]))
+    return Triangles(corners @ frame_of(normal).T, np.array([[0, 1, 2], [0, 2, 3]]))
 
 
 def coil(start: FloatArray, end: FloatArray, radius: float, coils: int) -> FloatArray:
