@@ -35,10 +35,8 @@ BEGIN, END = "<!-- table of robots: benchmarks/robots.py --write -->", "<!-- end
 
 def files() -> list[Path]:
     """Return the URDF files of example-robot-data."""
-    import pinocchio
-
-    for parent in Path(pinocchio.__file__).parents:
-        folder = parent / "share" / "example-robot-data" / "robots"
+    for place in sys.path:
+        folder = Path(place) / "cmeel.prefix" / "share" / "example-robot-data" / "robots"
         if folder.is_dir():
             return sorted(folder.rglob("*.urdf"))
     raise SystemExit("example-robot-data is not installed: pip install pin example-robot-data")

@@ -57,6 +57,8 @@ class InverseKernel:
         Number of coordinates, rates and first-order states.
     given : tuple of str
         Names of the inputs that are not solved for.
+    quaternions : tuple of tuple of int
+        Places of the coordinates of unit quaternions.
     """
 
     kernel: Kernel
@@ -67,6 +69,7 @@ class InverseKernel:
     stops: tuple[str, ...]
     variables: int
     given: tuple[str, ...]
+    quaternions: tuple[tuple[int, ...], ...]
 
     @property
     def driven(self) -> bool:
@@ -87,6 +90,8 @@ class InverseKernel:
         sizes = (n, n, n, n * k, m * n, m, f, f, f, f * n, len(self.stops))
         parts = np.split(row, np.cumsum(sizes)[:-1])
         diagonal, inertia, forces, by_input, jacobian, bias, most, slip, slipping, columns, gaps = parts
+        for four in map(list, self.quaternions):
+            diagonal[four] = np.max(diagonal[four])  # at a unit vector, one component moves rounding alone
         return Terms(
             np.sqrt(np.maximum(diagonal, 0.0)),
             inertia,
@@ -169,9 +174,10 @@ def inverse_kernel(model: CompiledModel, given: Sequence[str]) -> InverseKernel:
     places |= {node: ("y", i) for i, node in enumerate((*equations.variables, *second))}
     kernel = lower_kernel(graph, "inverse_dynamics", nodes, places, arguments=("t", "y", "c"))
     unknown = tuple(controlled + free) if values else names
-    labels = tuple(row.label for row in rows)
+    labels, quaternions = tuple(row.label for row in rows), tuple(g.coordinates for g in equations.groups if g.norm)
     rubbing, touching = tuple(c.name for c in friction), tuple(c.name for c in stops)
-    return InverseKernel(kernel, names, labels, unknown, rubbing, touching, len(equations.variables), tuple(given))
+    sizes = len(equations.variables), tuple(given), quaternions
+    return InverseKernel(kernel, names, labels, unknown, rubbing, touching, *sizes)
 
 
 def _equations(model: CompiledModel) -> tuple[EquationsOfMotion, tuple[ContactRow, ...]]:

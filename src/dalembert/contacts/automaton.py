@@ -49,8 +49,9 @@ def require_normals_along_gaps(equations: EquationsOfMotion) -> None:
         if parallel(equations.graph, gap.jacobian, [row[contact.normal] for row in equations.reactions]):
             continue
         covectors = [*others, *(row.jacobian for row in lasting)]
-        positions = [row.position for row in (gap, *lasting) if row.position is not None]
-        missing = outside_span_on_manifold(equations.q, covectors, positions, [gap.jacobian])
+        held = [(row.position, row.jacobian) for row in (gap, *lasting) if row.position is not None]
+        positions, jacobian = [position for position, _ in held], [row for _, row in held]
+        missing = outside_span_on_manifold(equations.q, covectors, positions, jacobian)
         if missing:
             along = ", ".join(equations.symbols.coordinates[i] for i in missing)
             raise ConstraintError(

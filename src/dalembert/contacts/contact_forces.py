@@ -17,6 +17,7 @@ from .contact_system import (
     ContactSystem,
     dot,
     drift,
+    inertia_of,
     inertial_size,
     inertial_terms,
 )
@@ -88,7 +89,7 @@ def _begin(system: ContactSystem) -> None:
         system.kept[place] = -1
     n, m = system.coordinates, system.constraints
     for j in range(n):
-        system.scales[j] = _scale_of(sqrt(max(system.mass[j, j], 0.0)))
+        system.scales[j] = _scale_of(sqrt(max(inertia_of(system, j), 0.0)))
     for row in range(m):
         system.scales[n + row] = _scale_of(_largest(system, system.jacobian[row]))
     for unknown in range(system.owner.size):

@@ -106,7 +106,7 @@ class ContactSystem(NamedTuple):
     row_owner, owner : (n_rows,), (n_reactions,)
         Contact of each row, and the one that leads at each normal reaction; -1 for others, -2 for friction forces.
     angle : (n_q,)
-        1 for coordinates without a unit.
+        0 for coordinates with a unit, 1 for those without, and a number of its own for each unit quaternion.
     values : (n_values,)
         Outputs of the kernel of the contact data at the instant; those up to `normal_load` are views of them.
     mass, forcing : (n_q, n_q), (n_q,)
@@ -294,9 +294,18 @@ def _topology(automaton: HybridAutomaton) -> dict[str, IntVector]:
         "tangential": [unknown for c in contacts for unknown in c.tangential],
         "row_owner": row_owner,
         "owner": owner,
-        "angle": [name in equations.angles for name in equations.symbols.coordinates],
+        "angle": _angles(equations),
     }
     return {name: np.array(column, np.int64) for name, column in columns.items()}
+
+
+def _angles(equations: EquationsOfMotion) -> list[int]:
+    """Return 0 for coordinates with a unit, 1 for those without, and a number for those of each unit quaternion."""
+    found = [int(name in equations.angles) for name in equations.symbols.coordinates]
+    for number, group in enumerate(group for group in equations.groups if group.norm):
+        for place in group.coordinates:
+            found[place] = 2 + number
+    return found
 
 
 def _may_jump(equations: EquationsOfMotion, contact: ContactRow) -> bool:
@@ -336,9 +345,24 @@ def inertial_terms(system: ContactSystem, a: FloatArray, b: FloatArray) -> float
     """Return the sum of the sizes of a_j b_j / M_jj, over the coordinates that move inertia."""
     value = 0.0
     for j in range(system.coordinates):
-        if system.mass[j, j] > 0.0:
-            value += abs(a[j] * b[j]) / system.mass[j, j]
+        inertia = inertia_of(system, j)
+        if inertia > 0.0:
+            value += abs(a[j] * b[j]) / inertia
     return value
+
+
+@compiled_subset
+def inertia_of(system: ContactSystem, j: int) -> float:
+    """Return the inertia M_jj of a coordinate, of a component of a unit quaternion the largest of the four.
+
+    Where a body has the axes of the scene, the scalar component moves nothing but rounding.
+    """
+    inertia = system.mass[j, j]
+    if system.angle[j] > 1:
+        for m in range(system.coordinates):
+            if system.angle[m] == system.angle[j]:
+                inertia = max(inertia, system.mass[m, m])
+    return inertia
 
 
 @compiled_subset
@@ -350,7 +374,7 @@ def inertial_size(system: ContactSystem, a: FloatArray) -> float:
     """
     value = 0.0
     for j in range(system.coordinates):
-        inertia = system.mass[j, j]
+        inertia = inertia_of(system, j)
         value += a[j] * a[j] / (inertia if inertia > 0.0 else 1.0)
     return sqrt(value)
 

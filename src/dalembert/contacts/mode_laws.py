@@ -9,7 +9,7 @@ from __future__ import annotations
 from ..methods.step_constants import EPSILON
 from ..subset.compiled_subset import compiled_subset, sqrt
 from .contact_forces import compliance
-from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertial_size
+from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertia_of, inertial_size
 from .mode_candidates import (
     FREE,
     LIFTING,
@@ -70,7 +70,7 @@ def _speed(system: ContactSystem, row: int) -> float:
     """Return the largest acceleration along a row, or rate after an impact, that the size of the motion allows."""
     total = 0.0
     for j in range(system.coordinates):
-        inertia = system.mass[j, j]
+        inertia = inertia_of(system, j)
         total += (inertia if inertia > 0.0 else 1.0) * system.motion[j] * system.motion[j]
     return sqrt(total) * inertial_size(system, system.jacobian[row])
 

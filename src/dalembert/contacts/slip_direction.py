@@ -12,7 +12,7 @@ import numpy as np
 
 from ..subset.compiled_subset import compiled_subset, sqrt
 from .contact_forces import compliance, hold_constraints, motionless, open_contacts, solve_mode
-from .contact_system import SLIP, STICK, Combination, ContactSystem, inertial_size
+from .contact_system import SLIP, STICK, Combination, ContactSystem, inertia_of, inertial_size
 from .dense_solve import solve_dense
 from .mode_candidates import Candidates
 
@@ -158,7 +158,7 @@ def _add_held(system: ContactSystem, row: int) -> None:
 
 @compiled_subset
 def _root_of_inertia(system: ContactSystem, j: int) -> float:
-    inertia = system.mass[j, j]
+    inertia = inertia_of(system, j)
     return sqrt(inertia) if inertia > 0.0 else 1.0
 
 

@@ -233,10 +233,11 @@ def random_inputs(nodes: Sequence[Node], draw: random.Random) -> dict[Node, floa
 
 def values_of(nodes: Sequence[Node], inputs: Mapping[Node, float]) -> list[float]:
     """Return the values of some expressions; NaN or infinity where they have none."""
-    return _values(nodes, [node for node in Graph.topological(nodes) if node not in inputs], inputs)
+    return values_in_order(nodes, [node for node in Graph.topological(nodes) if node not in inputs], inputs)
 
 
-def _values(nodes: Sequence[Node], order: Sequence[Node], inputs: Mapping[Node, float]) -> list[float]:
+def values_in_order(nodes: Sequence[Node], order: Sequence[Node], inputs: Mapping[Node, float]) -> list[float]:
+    """Return the values of some expressions; `order` has all nodes below them that are no inputs, operands first."""
     known = {node.index: value for node, value in inputs.items()}
     for node in order:
         known[node.index] = _constant_at(node) if node.op == "const" else _operation_at(node, known)
@@ -270,7 +271,7 @@ def probe(nodes: Sequence[Node], moving: Sequence[Node], seed: int) -> list[Prob
     for direction in directions(moving, seed):
         for sign in (_DIFFERENCE, -_DIFFERENCE):
             points.append(inputs | {x: inputs[x] + sign * d for x, d in zip(moving, direction, strict=True)})
-    center, *rest = (_values(nodes, order, point) for point in points)
+    center, *rest = (values_in_order(nodes, order, point) for point in points)
     a, b = ([(x - y) / (2.0 * _DIFFERENCE) for x, y in zip(*pair, strict=True)] for pair in (rest[:2], rest[2:]))
     return [Probe(*numbers) for numbers in zip(center, a, b, strict=True)]
 

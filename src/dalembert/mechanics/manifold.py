@@ -8,12 +8,16 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..arrays import FloatArray
+from ..ir.graph import Graph
 from ..ir.node import Node
-from ..ir.zero_tests import random_inputs, values_of
+from ..ir.zero_tests import random_inputs, values_in_order, values_of
 
 _POINTS, _DRAWS, _ITERATIONS = 3, 60, 60
 _TOLERANCE = 1e-9
 """Relative size of a difference that counts as zero at positions that satisfy the constraints."""
+
+_CONVERGED = 1e-11
+"""Relative size of a step of Newton's method after which its square, which is left, is below rounding."""
 
 
 def agree_on_manifold(
@@ -155,11 +159,12 @@ def _consistent(
     nodes: Sequence[Node], q: Sequence[Node], count: int, values: dict[Node, float]
 ) -> dict[Node, float] | None:
     """Return values with coordinates moved onto the first `count` nodes' zeros by Newton's method, or None."""
-    size = len(q)
+    size, needed = len(q), nodes[: count + count * len(q)]
+    order = [node for node in Graph.topological(needed) if node not in values]
     for _ in range(_ITERATIONS):
         if not count:
             return values
-        flat = _numbers(nodes[: count + count * size], values)
+        flat = np.array(values_in_order(needed, order, values))
         if not np.all(np.isfinite(flat)):
             return None
         residual, rows = flat[:count], flat[count:].reshape(count, size)
@@ -167,7 +172,7 @@ def _consistent(
         largest = float(np.abs(step).max())
         x = np.array([values[node] for node in q]) - step / max(1.0, largest)
         values = values | dict(zip(q, map(float, x), strict=True))
-        if largest < 1e-14 * max(1.0, float(np.abs(x).max())):
+        if largest < _CONVERGED * max(1.0, float(np.abs(x).max())):
             return values if np.abs(residual).max() < 1e-11 else None
     return None
 
