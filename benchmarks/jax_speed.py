@@ -178,7 +178,7 @@ def compile_times(sizes: Sequence[int], say: Callable[[str], None]) -> list[dict
 
 
 def compile_table(rows: Sequence[Mapping[str, float]]) -> str:
-    """Return CPU seconds to compile as the table of ``docs/jax.md``."""
+    """Return CPU seconds to compile as the table of ``docs/jax_measurements.md``."""
     heads = "| operations of the right-hand side | first evaluation | first `simulate` | `jax.jit` of `solve_fn` |"
     lines = [heads, "|---|---|---|---|"]
     lines += [
