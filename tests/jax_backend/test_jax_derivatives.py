@@ -23,8 +23,19 @@ JACOBIANS = {"forward": jax.jacfwd, "reverse": jax.jacrev}
 POINTS = ("somewhere", "at rest", "zero angles and spins")
 MODES = pytest.mark.parametrize("mode", JACOBIANS)
 
+#: Each scene in both formulations and modes; the other half of the combinations, which compile as long, in `matrix`.
+CHOSEN = {
+    ("chaplygin_sleigh", "minimal"): "forward",
+    ("chaplygin_sleigh", "projected"): "reverse",
+    ("corner_plate", "minimal"): "reverse",
+    ("corner_plate", "projected"): "forward",
+    ("edge_plate", "minimal"): "reverse",
+    ("edge_plate", "projected"): "forward",
+    ("rolling_sphere", "minimal"): "forward",
+    ("rolling_sphere", "projected"): "reverse",
+}
 RUNS = [
-    (scene, formulation, mode)
+    pytest.param(scene, formulation, mode, marks=[] if CHOSEN[scene, formulation] == mode else [pytest.mark.matrix])
     for scene in da.scenes.ALL
     for formulation in ("minimal", "projected")
     for mode in JACOBIANS
@@ -122,13 +133,12 @@ def test_derivatives_are_those_of_complex_steps(scene, formulation, mode, point)
     assert_close(found, slopes)
 
 
-@pytest.mark.parametrize("mode", JACOBIANS)
-def test_numba_has_the_same_derivatives(mode):
+def test_numba_has_the_same_derivatives():
     parameters, initial, _ = MOTIONS["chaplygin_sleigh"]
     model = compiled("chaplygin_sleigh", "minimal", "llvm")
     of, wrt = (*model.layout.coordinates, *model.layout.rates, "X", "Y"), (*parameters, *initial)
     run = model.sensitivity((T[0], T[-1]), initial, parameters, wrt=wrt, of=of, t_eval=T, rtol=1e-12, atol=1e-14)
-    assert_close(jacobian("chaplygin_sleigh", "minimal", mode, "somewhere")[1], run.jacobians)
+    assert_close(jacobian("chaplygin_sleigh", "minimal", "forward", "somewhere")[1], run.jacobians)
 
 
 # -- where there is no derivative ---------------------------------------------------------------

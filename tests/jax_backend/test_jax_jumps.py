@@ -45,7 +45,10 @@ def after_a_pulse(t, y, p):
 PULSE = {"F": 2.0, "T": 1.3, "D": 0.03}
 
 
-@pytest.mark.parametrize(("method", "mode"), [("tsit5", "forward"), ("tsit5", "reverse"), ("taylor", "reverse")])
+@pytest.mark.parametrize(
+    ("method", "mode"),
+    [("tsit5", "forward"), pytest.param("tsit5", "reverse", marks=pytest.mark.matrix), ("taylor", "reverse")],
+)
 def test_a_short_pulse_alone_and_in_batches(method, mode):
     """Its times vary with parameters, by which derivatives are NaN behind it, and by nothing else."""
     solve = pushed(F * (sp.Heaviside(t - T) - sp.Heaviside(t - T - D))).solve_fn(method=method)
@@ -116,7 +119,10 @@ def test_other_formulations_methods_and_functions():
 # -- jumps with the state -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("method", "mode"), [("tsit5", "reverse"), ("taylor", "forward"), ("kvaerno5", "reverse")])
+@pytest.mark.parametrize(
+    ("method", "mode"),
+    [("tsit5", "reverse"), ("taylor", "forward"), pytest.param("kvaerno5", "reverse", marks=pytest.mark.matrix)],
+)
 def test_derivatives_behind_a_jump_in_the_state_are_nan_alone_and_in_batches(method, mode):
     """Dry friction: right while the particle slides one way, and nothing known once it has turned."""
     solve = pushed(-F * sp.sign(v) - w * x).solve_fn(method=method, rtol=1e-9)

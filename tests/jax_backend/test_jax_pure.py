@@ -177,12 +177,12 @@ SEVERAL = [0.0, 0.1, 0.1001, 0.1002, 4.0, 4.0, 9.0, 9.0]
     ("times", "limit"),
     [
         ([0.0, 9.0], 0),
-        ([0.0, 4.0, 9.0], 0),
+        pytest.param([0.0, 4.0, 9.0], 0, marks=pytest.mark.matrix),
         (SEVERAL, 0),
         (SEVERAL, 50),
-        ([0.0, -1.0, -2.0], 50),
+        pytest.param([0.0, -1.0, -2.0], 50, marks=pytest.mark.matrix),
         ([0.0, -1.0], 0),
-        ([0.0, 0.0], 0),
+        pytest.param([0.0, 0.0], 0, marks=pytest.mark.matrix),
     ],
 )
 def test_gradients_one_stage_after_the_other(times, limit, monkeypatch):
@@ -232,7 +232,8 @@ def test_pickled_models_of_other_backends():
 
 
 @pytest.mark.parametrize(
-    ("method", "formulation"), [("tsit5", "minimal"), ("tsit5", "projected"), ("taylor", "minimal")]
+    ("method", "formulation"),
+    [pytest.param("tsit5", "minimal", marks=pytest.mark.matrix), ("tsit5", "projected"), ("taylor", "minimal")],
 )
 def test_both_modes_alone_and_in_batches_there_and_back(method, formulation):
     parameters, initial, _ = SLEIGH

@@ -159,7 +159,7 @@ def steps_of(method):
     return 60 if method == "kvaerno5" else 20
 
 
-@pytest.mark.parametrize("method", ["dopri8", "kvaerno5"])
+@pytest.mark.parametrize("method", ["dopri8", pytest.param("kvaerno5", marks=pytest.mark.matrix)])
 def test_gradients_of_a_run_that_failed_are_nan_and_its_neighbours_are_right(method):
     solve = pushed().solve_fn(method=method, max_steps=steps_of(method), rtol=1e-7)
 
@@ -190,7 +190,10 @@ def test_a_failed_case_spoils_what_it_is_part_of_unless_it_is_left_out():
     np.testing.assert_allclose(gradient(AT, True), right, rtol=1e-6)
 
 
-@pytest.mark.parametrize(("method", "mode"), [("tsit5", "forward"), ("tsit5", "reverse"), ("kvaerno5", "forward")])
+@pytest.mark.parametrize(
+    ("method", "mode"),
+    [("tsit5", "forward"), ("tsit5", "reverse"), pytest.param("kvaerno5", "forward", marks=pytest.mark.matrix)],
+)
 def test_what_was_reached_keeps_its_derivatives(method, mode):
     solve, t = pushed().solve_fn(method=method, rtol=1e-7, max_steps=steps_of(method)), [0.0, 0.2, 300.0]
     found = jax.jit(JACOBIANS[mode](lambda p: solve(t, AT, p).y[:, 0]), compiler_options=QUICK)(FORCE)
