@@ -131,7 +131,7 @@ PAIRS += [(what, "projected") for what in ("nothing", "samples", "all")]
     [
         ("taylor", "minimal", "event_lane_loop"),
         ("dop853", "projected", "event_lane_loop"),
-        ("radau", "minimal", "block_search"),
+        ("radau", "minimal", "implicit_lane_loop"),
     ],
 )
 def test_single_runs_with_events(plainly, monkeypatch, method, formulation, loop, watched):

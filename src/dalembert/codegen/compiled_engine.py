@@ -21,6 +21,7 @@ from ..stops.segments import constants_at
 from ..subset.addresses import NO_CODE, OwnedAddress
 from ..transforms.taylor import clipped_tolerance, order_at, order_for
 from .engine import Engine
+from .host_code import raise_failure
 from .kernel_code import KernelCode
 from .library import LARGEST_UNROLLED, KernelLibrary
 from .llvm.loops import loop_named
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from ..loops.taylor_runs import StepCode
     from ..reduction.starting import Start
     from ..steps.method_choice import Rates
-    from ..steps.recorded_runs import RunCodes
     from .lane_runs import LaneRuns
     from .llvm.foreign_batch import ForeignCode, Interface
     from .llvm.prepared import Admission
@@ -64,7 +64,7 @@ class CompiledEngine(Engine):
         self._program, self.steps = program, steps
         self._code = KernelCode(program, steps)
         self._sizes = self._code.sizes
-        self._steppers = Steppers(steps, self._sizes.get("rhs", 0), program.layout.state)
+        self._steppers = Steppers(steps, program)
         self._taylor_codes: dict[tuple[int, bool], StepCode] = {}
 
     @once_property
@@ -129,9 +129,10 @@ class CompiledEngine(Engine):
     def prepare(self, problem: IntegrationProblem, method: str, watch: EventCode | None = None) -> None:
         """See `Engine.prepare`."""
         if watch is not None and self.records(method):
-            _ = self._lanes.watched_steps(problem, method, watch), loop_named("event_lane_loop").call
+            stepper, _ = self._lanes.watched_steps(problem, method, watch)
+            _ = loop_named("event_lane_loop" if stepper.rows is None else "implicit_lane_loop").call
             return
-        _ = self._taylor(problem) if method == "taylor" else self._implicit if method == "radau" else self._explicit
+        _ = self._taylor(problem) if method == "taylor" else self._steppers.implicit if method == "radau" else self._steppers.explicit
 
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """See `Engine.integrate`."""
@@ -143,15 +144,14 @@ class CompiledEngine(Engine):
         if method == "radau":
             from ..steps import implicit_loop as implicit
 
-            codes, multipliers = self._implicit, self._multipliers(problem)
-            if multipliers is not None and problem.inputs is not None:
-                codes = codes._replace(multipliers=self.steps.kernel("multipliers"))
-            states = 0 if multipliers is None else len(self._program.layout.states)
-            return implicit.integrate(loop_named("implicit_loop"), codes, compiled, multipliers, states)
+            own = self._steppers.implicit
+            run = implicit.integrate(loop_named("implicit_loop"), own.codes, compiled, own.multipliers, own.states)
+            raise_failure()
+            return run
         from ..steps import explicit_loop as explicit
 
         pair = pair_named(method, bounded=problem.bounded)
-        run = explicit.integrate(loop_named("explicit_loop"), self._explicit, pair, compiled)
+        run = explicit.integrate(loop_named("explicit_loop"), self._steppers.explicit, pair, compiled)
         assert isinstance(run, Solution)
         return run
 
@@ -181,7 +181,7 @@ class CompiledEngine(Engine):
 
         compiled = self._code.of_problem(problem)
         loop, pair = loop_named("explicit_loop"), pair_named(method)
-        tried = explicit.integrate(loop, self._explicit, pair, compiled, stop_if_stiff=True)
+        tried = explicit.integrate(loop, self._steppers.explicit, pair, compiled, stop_if_stiff=True)
         if isinstance(tried, Solution):
             order = order_at(problem.rtol, problem.atol)
             if tried.status not in _STUCK or not self.steps.passes_lost_ranks(order):
@@ -221,13 +221,13 @@ class CompiledEngine(Engine):
         yield from growing_step_blocks(lambda part: self.integrate(part, method), problem, 1)
 
     def records(self, method: str) -> bool:
-        """See `Engine.records`: explicit steps, unless attempts of them would take seconds to compile."""
-        return bool(self._sizes["rhs"]) and (method == "taylor" or (method != "radau" and self.steps.compiles_starts))
+        """See `Engine.records`: unless attempts of Runge-Kutta steps would take seconds to compile."""
+        return bool(self._sizes["rhs"]) and (method in ("taylor", "radau") or self.steps.compiles_starts)
 
     def recorded(
         self, problem: IntegrationProblem, method: str, watch: EventCode, carried: FloatArray | None
     ) -> RecordedCase:
-        """See `Engine.recorded`: explicit steps run in one lane of the loop over lanes."""
+        """See `Engine.recorded`: the case has one lane of the loop over lanes."""
         if not self.records(method):
             return super().recorded(problem, method, watch, carried)
         return self._lanes.recorded(problem, method, watch, carried)
@@ -237,8 +237,8 @@ class CompiledEngine(Engine):
     def sweeper(
         self, cases: CaseColumns, method: str, result: BlockResult, kept: KeptStarts, share: int
     ) -> CaseRun | None:
-        """See `Engine.sweeper`: explicit steps run in lanes, refilled as cases end."""
-        if method == "radau" or not self._sizes["rhs"]:
+        """See `Engine.sweeper`: lanes are refilled as cases end."""
+        if not self._sizes["rhs"]:
             return None
         return self._lanes.cases(cases, method, result, kept, share)
 
@@ -282,30 +282,6 @@ class CompiledEngine(Engine):
         given = len(self._program.layout.parameters), self._sizes["prepare"], len(start.given)
         sizes = *given, len(start.kernel.outputs)
         return start_code(steps.prepare(), steps.start(start, 1), sizes)
-
-    @once_property
-    def _explicit(self) -> RunCodes:
-        from ..steps.recorded_runs import RunCodes
-
-        return RunCodes(self.steps.kernel("rhs"), *self._steppers.projections(1), self.steps.kernel("knots"))
-
-    @once_property
-    def _implicit(self) -> RunCodes:
-        if "stages" not in self._sizes:
-            jacobian, tangent = self.steps.derivative("rhs")
-            return self._explicit._replace(jacobian=jacobian, tangent=tangent)
-        from ..steps.recorded_runs import RunCodes
-
-        jacobian, tangent = self.steps.derivative("stages")
-        rhs, knots = self.steps.kernel("stages"), self.steps.kernel("knots")
-        return RunCodes(rhs, knots=knots, jacobian=jacobian, tangent=tangent)
-
-    def _multipliers(self, problem: IntegrationProblem) -> FloatArray | None:
-        """Return the multipliers (k,) at the start, where the implicit method has any."""
-        if "stages" not in self._sizes:
-            return None
-        kernel = self._program.kernel("multipliers")
-        return interpret_rows(kernel, np.array([problem.t0]), problem.y0[np.newaxis], problem.constants)[0]
 
     def _taylor(self, problem: IntegrationProblem) -> StepCode:
         order, weighted = order_at(problem.rtol, problem.atol), isinstance(problem.atol, NamedTolerances)

@@ -99,7 +99,7 @@ _MOST_LANES = 16
 
 @final
 class LaneRuns:
-    """Runs of one program in lanes, by explicit steps.
+    """Runs of one program in lanes.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ class LaneRuns:
 
     def __init__(self, library: KernelLibrary, code: KernelCode, steppers: Steppers) -> None:
         self._library, self._code, self._steppers = library, code, steppers
-        self._recorded_lanes: BoundedTable[tuple[EventCode, str, float, float], list[RecordedLane]]
+        self._recorded_lanes: BoundedTable[tuple[EventCode, str, float, float, float], list[RecordedLane]]
         self._recorded_lanes = BoundedTable(_MOST_LANES)
 
     def _kernels(
@@ -132,7 +132,8 @@ class LaneRuns:
     def cases(self, cases: CaseColumns, method: str, result: BlockResult, kept: KeptStarts, share: int) -> CaseRun:
         """Return a run of cases in lanes, refilled as cases end; see `Engine.sweeper`."""
         watched = None if cases.watch is None or not cases.watch.along else cases.watch
-        n_times, lanes, sizes = len(cases.t_eval), self._library.lanes, self._code.sizes
+        n_times, sizes, alone = len(cases.t_eval), self._code.sizes, method == "radau"
+        lanes = 1 if alone else self._library.lanes
         each_step = cases.recorded > 0 or cases.part is not None
         dense = n_times > 0 or watched is not None or each_step
         with_series = 0
@@ -143,6 +144,7 @@ class LaneRuns:
         stepper = self._steppers.stepper(method, tolerances, lanes, dense=dense, bounded=located, watched=series_of)
         nothing_each_step = watched is None or (with_series > 0 and not n_times and not watched.kinds)
         nothing_each_step = nothing_each_step and not cases.recorded and (watched is not None or not each_step)
+        nothing_each_step = nothing_each_step and not alone
         assert cases.start is not None
         prepare, start = self._library.prepare(lanes), self._library.start(cases.start, lanes)
         if cases.inputs is not None:
@@ -153,12 +155,12 @@ class LaneRuns:
         return case_run(
             self._kernels(stepper, lanes, prepare=prepare, start=start, advance=nothing_each_step),
             SweepShape(lanes, *of_step, share, dense, with_series),
-            stepper.settings,
+            stepper,
             cases,
             result,
             kept,
             self._steppers.events(watched, method, stepper, lanes, with_series),
-            watched is not None or each_step,
+            watched is not None or each_step or alone,
         )
 
     def watched_steps(self, problem: IntegrationProblem, method: str, watch: EventCode) -> tuple[Stepper, EventKernels]:
@@ -173,7 +175,8 @@ class LaneRuns:
         again = carried is None and problem.inputs is None and problem.first_step is None
         kept: list[RecordedLane] = []
         if again:
-            kept = computed_once(self._recorded_lanes, (watch, method, problem.rtol, problem.atol), list)
+            like = watch, method, problem.rtol, problem.atol, problem.max_step
+            kept = computed_once(self._recorded_lanes, like, list)
         try:
             lane = kept.pop()
         except IndexError:

@@ -8,14 +8,18 @@ from typing import TYPE_CHECKING, NamedTuple, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import FloatArray
 from ..ir.kernel import Kernel
+from ..ir.program import Program
+from ..lanes.row_steps import ImplicitSteps
 from ..lanes.workspace import POINT_LANES, EventKernels, no_events
 from ..methods.pairs import PAIRS
 from ..methods.step_constants import SMALLEST_SCALE
-from ..once import BoundedTable, computed_once
+from ..once import BoundedTable, computed_once, once_property
 from ..options import component_tolerances
 from ..subset.addresses import NO_CODE, AddressTable, OwnedAddress
-from ..transforms.runge_kutta_parts import memory_size
+from ..steps.recorded_runs import RunCodes
+from ..transforms.runge_kutta_parts import CONTROLS, memory_size
 from ..transforms.taylor import order_at, scale_floor
 from .host_code import interpreted_code
 from .library import KernelLibrary
@@ -64,7 +68,7 @@ def event_kernels(
     values = code.watch.values
     jumps = [NO_CODE if jump is None else compiled(jump, 1) for jump in code.jumps]
     n, degree, memory = sizes
-    step = StepShape(degree, n + with_series, n + with_series + 2 + memory, in_time=refill == 0)
+    step = StepShape(degree, n + with_series, n + with_series + 2 + memory, in_time=memory == 0)
     signs, running, bounds = NO_CODE, code.running, NO_CODE
     if tested and with_series:
         signs = compiled(series_signs_kernel(with_series, n + with_series, degree), lanes)
@@ -125,6 +129,10 @@ class Stepper(NamedTuple):
         Evaluations of the rates, or of the series, before the first attempt and in each.
     weighted : bool
         Whether each component of the state has an absolute tolerance of its own.
+    rows : ImplicitSteps or None
+        Steps on rows, which need a lane of their own, in place of `codes`.
+    allowed : ndarray (n_y,)
+        Absolute tolerances of the components of the state, for these.
     """
 
     codes: tuple[OwnedAddress, OwnedAddress]
@@ -133,6 +141,8 @@ class Stepper(NamedTuple):
     settings: list[float]
     evaluations: tuple[int, int] = (0, 1)
     weighted: bool = False
+    rows: ImplicitSteps | None = None
+    allowed: FloatArray = np.empty(0)  # noqa: RUF012
 
 
 @final
@@ -142,20 +152,39 @@ class Steppers:
     Parameters
     ----------
     steps : KernelLibrary
-    n : int
-        Size of the state.
-    names : tuple of str
-        Names of its components.
+    program : Program
     """
 
-    def __init__(self, steps: KernelLibrary, n: int, names: tuple[str, ...]) -> None:
-        self._steps, self._n, self._names = steps, n, names
+    def __init__(self, steps: KernelLibrary, program: Program) -> None:
+        self._steps, self._program, self._names = steps, program, program.layout.state
+        self._n = len(self._names)
         self._events: BoundedTable[tuple[EventCode, str, tuple[int, int], int, int, bool, bool], EventKernels]
         self._events = BoundedTable(_MOST_EVENTS)
 
     def projections(self, lanes: int) -> tuple[OwnedAddress, OwnedAddress]:
         """Return the addresses of the corrections of positions and of velocities, 0 where there are none."""
         return self._steps.kernel("project_position", lanes), self._steps.kernel("project_velocity", lanes)
+
+    @once_property
+    def explicit(self) -> RunCodes:
+        """Kernels of steps of Runge-Kutta pairs that are not compiled."""
+        return RunCodes(self._steps.kernel("rhs"), *self.projections(1), self._steps.kernel("knots"))
+
+    @once_property
+    def implicit(self) -> ImplicitSteps:
+        """Steps of the implicit method."""
+        from ..steps.implicit_loop import DEGREE
+
+        steps, program = self._steps, self._program
+        if "stages" not in program:
+            jacobian, tangent = steps.derivative("rhs")
+            codes = self.explicit._replace(jacobian=jacobian, tangent=tangent)
+            return ImplicitSteps(codes, self._n, 0, 0, DEGREE)
+        jacobian, tangent = steps.derivative("stages")
+        kernel = program.kernel("multipliers")
+        multipliers = steps.kernel(kernel.name) if steps.compiles_starts else interpreted_code(kernel, 1)
+        codes = RunCodes(steps.kernel("stages"), NO_CODE, NO_CODE, steps.kernel("knots"), jacobian, tangent, multipliers)
+        return ImplicitSteps(codes, self._n, len(kernel.outputs), len(program.layout.states), DEGREE)
 
     def stepper(
         self,
@@ -176,6 +205,10 @@ class Steppers:
         rtol, atol = tolerances
         own = component_tolerances(atol, self._names)
         weighted, atol = own is not None, float(atol)
+        if method == "radau":
+            allowed = np.full(self._n, atol) if own is None else own
+            about = CONTROLS, self.implicit.degree, [rtol, atol]
+            return Stepper((NO_CODE, NO_CODE), *about, rows=self.implicit, allowed=allowed)
         if method == "taylor":
             order, floor = order or order_at(rtol, atol), scale_floor(rtol, atol)
             if watched is None:
@@ -219,7 +252,7 @@ class Steppers:
             # in single runs kernels are interpreted where compiling them takes longer than running
             compiled = self._steps.extra_kernel if tested or self._steps.compiles_starts else interpreted_code
             about = compiled, self.projections(1), code, refill, (self._n, *shape)
-            return event_kernels(*about, lanes, with_series, tested=tested, exact=not refill)
+            return event_kernels(*about, lanes, with_series, tested=tested, exact=not stepper.memory)
 
         return computed_once(self._events, (code, method, shape, lanes, with_series, tested, stepper.weighted), make)
 

@@ -275,7 +275,7 @@ def _restart(arguments: SweepArguments, lane: int) -> None:
     state.numbers.fresh[lane] = 1
     drop_compensation(arguments, lane)
     begin_signs(events, space, lane, t, direction, one)
-    if arguments.shape.memory > 0:
+    if events.refill != 0:
         space.setting[0, 0], space.setting[0, 1] = largest_step(t, state.clock[END, lane], limits[0, 0]), direction
         for m in range(2, limits.shape[1]):
             space.setting[0, m] = limits[0, m]

@@ -80,6 +80,8 @@ class CaseColumns:
         Start and end; parameters in the order of the layout; initial values in the order of ``start.given``.
     start : Start
         From given values to states.
+    first_step : float or None
+        Size of the first step, None where it is chosen; of steps of a Runge-Kutta pair, `SweepKernels.begin` has it.
     recorded : int
         Rows for records of steps, and of occurrences of events, of a case that is alone; 0 records none.
     carried : ndarray (k, n_events) or None
@@ -106,6 +108,7 @@ class CaseColumns:
     max_steps: int
     watch: EventCode | None = None
     inputs: InputRecords | None = None
+    first_step: float | None = None
     recorded: int = 0
     carried: FloatArray | None = None
     stops: CaseStops | None = None

@@ -68,8 +68,10 @@ def _accept(arguments: SweepArguments, lane: int) -> None:
     size, rest, proposed = states[size_at, lane], abs(state.clock[END, lane] - now), 0.0
     if shape.memory > 0:
         proposed = states[size_at + PROPOSAL_AT, lane]
-    broken = states[size_at + 1, lane] != 0.0
-    outcome = attempt_test(size, broken, proposed, shape.memory > 0, now, rest)
+    failed = states[size_at + 1, lane]
+    outcome = attempt_test(size, failed != 0.0, proposed, shape.memory > 0, now, rest)
+    if outcome == Status.NON_FINITE and failed == Status.PROJECTION_FAILED:
+        outcome = Status.PROJECTION_FAILED
     state.tally[ATTEMPTS, lane] += 1.0
     if outcome == ACCEPTED:
         t = end_of_step(now, state.clock[END, lane], state.settings[1, lane], size, rest)

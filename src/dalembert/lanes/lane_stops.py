@@ -25,6 +25,8 @@ def end_of_case(arguments: SweepArguments, lane: int) -> float:
 @compiled_subset
 def begin_lane_stops(arguments: SweepArguments, lane: int) -> None:
     """Begin with the stops of the case that has entered a lane, where its actions at the start happen."""
+    if arguments.stops.inputs.ends.shape[0] == 0:
+        return
     state, forward = arguments.state, arguments.state.settings[1, lane] > 0.0
     t, t1, case = state.clock[NOW, lane], state.clock[END, lane], state.numbers.case[lane]
     end = begin_stops(arguments.stops, state.constants, lane, case, t, t1, forward)
@@ -41,6 +43,8 @@ def pass_lane_stops(arguments: SweepArguments) -> int:
     """Let the cases that have reached a stop continue from it; return a bit for each lane."""
     state, stops = arguments.state, arguments.stops
     left, passed = state.progress.look, 0
+    if stops.inputs.ends.shape[0] == 0:
+        return 0
     while left != 0:
         lane = lowest(left)
         left &= left - 1
@@ -128,7 +132,7 @@ def _refill(arguments: SweepArguments, lanes: int, kept: int) -> None:
     Slopes that were carried are those before the stop.
     """
     state, shape, left = arguments.state, arguments.shape, lanes
-    if shape.memory <= kept:
+    if shape.memory <= kept or arguments.kernels.begin == 0:
         return
     old, remembered = state.progress.old, arguments.stops.inputs.remembered
     clock, states, settings = row(state.clock, 0), row(state.states, old), row(state.settings, 0)

@@ -10,6 +10,7 @@ from ..once import once
 from ..stops.stops import StopTable
 from ..subset.addresses import NO_CODE
 from ..subset.arguments import Address, AddressVector, FlagMatrix, IntVector, Matrix, Vector, constant_group
+from .row_steps import RowSteps
 from .workspace import EventKernels, EventWorkspace, LaneState
 
 
@@ -167,6 +168,8 @@ class SweepArguments(NamedTuple):
         Cases that are given so, in place of columns.
     part : PartSamples
         Samples of cases that are parts of motions, in place of ``t_eval``.
+    alone : RowSteps
+        Memory of steps that are not compiled, of which a case has the one lane.
     """
 
     kernels: SweepKernels
@@ -189,3 +192,4 @@ class SweepArguments(NamedTuple):
     steps: Matrix
     rows: CaseRows
     part: PartSamples
+    alone: RowSteps

@@ -15,6 +15,7 @@ from collections.abc import Callable
 
 from ..events.lane_events import handle_events, hold_for_events, test_steps, watch_case
 from ..lanes.case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes, runs_on
+from ..lanes.implicit_steps import implicit_step
 from ..lanes.lane_steps import (
     accept_steps,
     advance_together,
@@ -23,7 +24,7 @@ from ..lanes.lane_steps import (
     swap_states,
     take_step,
 )
-from ..lanes.lane_stops import begin_lane_stops, pass_lane_stops, run_on_at_stops, watch_constants
+from ..lanes.lane_stops import begin_lane_stops, end_of_case, pass_lane_stops, run_on_at_stops, watch_constants
 from ..lanes.step_records import compensate_steps, record_cases, record_steps, records_are_full
 from ..lanes.sweep_arguments import SweepArguments
 from ..subset.compiled_subset import compiled_subset, lowest
@@ -93,8 +94,19 @@ def _following(watched: bool, projected: bool, stops: bool, recorded: bool) -> C
     return follow
 
 
+@compiled_subset
+def take_implicit_step(arguments: SweepArguments) -> None:
+    """Attempt a step of the implicit method in the one lane there is."""
+    fresh, behind = arguments.state.numbers.fresh[0] != 0, arguments.workspace.jumped[0, 2] != 0.0
+    implicit_step(arguments.alone, arguments.state, arguments.shape.n, end_of_case(arguments, 0), fresh, behind)
+
+
 def sweeping(
-    watched: bool, projected: bool, stops: bool = False, recorded: bool = False
+    watched: bool,
+    projected: bool,
+    stops: bool = False,
+    recorded: bool = False,
+    step: Callable[[SweepArguments], None] = take_step,
 ) -> Callable[[SweepArguments], int]:
     """Return the loop, with or without events and reductions, projections, stops, and records of all cases.
 
@@ -113,7 +125,7 @@ def sweeping(
                 break
             if not load(arguments):
                 break
-            take_step(arguments)
+            step(arguments)
             progress.look = every
             if arguments.kernels.advance != 0:
                 if watched:
@@ -135,3 +147,4 @@ RECORDED_LOOP = sweeping(watched=False, projected=True, recorded=True)
 STOP_LOOP = sweeping(watched=False, projected=True, stops=True)
 EVENT_LOOP = sweeping(watched=True, projected=True)
 STOP_EVENT_LOOP = sweeping(watched=True, projected=True, stops=True)
+IMPLICIT_LOOP = sweeping(watched=True, projected=False, stops=True, step=take_implicit_step)

@@ -28,16 +28,14 @@ from .taylor_runs import LARGEST_WINDING, TURN, turns_to_take, unwound
 class StepPlace(Record):
     """Time at which the last step began; steps until turns are taken off angles, and how many there were before that.
 
-    ``wanted`` is a time within the next step at which the state will be asked for, NaN where there is none;
-    ``direction`` is that of time, 1 or -1, and ``dense`` whether steps write polynomials, where the arguments of the
-    loop do not have these.
+    ``wanted`` is a time within the next step at which the state will be asked for, NaN where there is none; ``dense``
+    says whether steps write polynomials, where the arguments of the loop do not.
     """
 
     begin: float
     left: int
     block: int
     wanted: float
-    direction: float
     dense: int
 
 

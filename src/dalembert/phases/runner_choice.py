@@ -136,7 +136,7 @@ class RunnerChoice:
         compiled = compiled and runs_unchecked(model) and {*model.layout.parameters} <= known
         cases = self._first_cases(mode, table, some)
         method = self._method(number, cases, compiled=compiled and cases is not None)
-        compiled = compiled and method not in ("auto", "radau")
+        compiled = compiled and method != "auto"
         key = number, method, compiled
         if key not in self._places:
             self._places[key] = len(self.runners)

@@ -120,7 +120,7 @@ def LOOP(arguments: ExplicitArguments) -> int:
     codes, tableau, settings, run = arguments.codes, arguments.tableau, arguments.settings, arguments.run
     progress, status = run.progress, RUNNING
     if progress.evaluations == 0:
-        status = begin_status(settings, _begin(codes, tableau, settings, run))
+        status = begin_status(settings, progress, _begin(codes, tableau, settings, run))
     while status == RUNNING and not block_is_full(progress):
         status = _attempt(codes, tableau, settings, run)
     return status
@@ -129,7 +129,7 @@ def LOOP(arguments: ExplicitArguments) -> int:
 @compiled_subset
 def _begin(codes: RunCodes, tableau: PackedTableau, settings: RunSettings, run: Run) -> bool:
     """Evaluate the first stage and choose the first step; return whether the former is finite."""
-    t0, t1, progress = settings.t0, settings.t1, run.progress
+    t0, t1, progress = settings.t0, run.progress.t1, run.progress
     run.progress.previous = SMALLEST_PREVIOUS
     pass_first_stops(settings, run)
     evaluate(codes.rhs, t0, run, 0, tableau.first)
@@ -137,7 +137,7 @@ def _begin(codes: RunCodes, tableau: PackedTableau, settings: RunSettings, run: 
     if not all_finite(run.work, 0, tableau.first):
         return False
     if run.progress.size == 0.0 and t0 != t1:
-        limit, direction = min(abs(t1 - t0), settings.max_step), 1.0 if t1 >= t0 else -1.0
+        limit, direction = min(abs(t1 - t0), settings.max_step), progress.direction
         run.progress.size = first_step_size(
             codes.rhs, tableau, t0, direction, limit, run, 0, settings.rtol, settings.kept
         )

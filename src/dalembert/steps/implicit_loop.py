@@ -81,7 +81,7 @@ def integrate(
     loop: Callable[[ImplicitArguments], int],
     codes: RunCodes,
     problem: IntegrationProblem,
-    multipliers: FloatArray | None = None,
+    multipliers: int = 0,
     states: int = 0,
 ) -> Solution:
     """Integrate a problem with Radau IIA of order 5.
@@ -95,7 +95,7 @@ def integrate(
     problem
         The problem; its arrays are copied.
     multipliers
-        Initial values (k,) of components without rates, which the kernels take after those of the state.
+        Number of components without rates, which the kernels take after those of the state.
     states
         Number of first-order states, the last with rates.
 
@@ -104,12 +104,9 @@ def integrate(
     Solution
         Of the state alone. Numerical failure is its status, never an exception.
     """
-    y0 = np.concatenate([problem.y0, [] if multipliers is None else multipliers])
-    work = np.zeros((ROWS, len(y0)))
-    settings, space = settings_of(problem, DEGREE), newton_workspace(len(y0), len(problem.y0) - states)
-    work[0], work[ALLOWED] = y0, settings.atol
-    if problem.allowed is not None:
-        work[ALLOWED] = problem.absolute_tolerances(len(y0))
+    n, settings = len(problem.y0), settings_of(problem, DEGREE)
+    work, space = implicit_work(problem, n + multipliers), newton_workspace(n + multipliers, n - states)
+    work[0, :n] = problem.y0
 
     def of_block(run: Run) -> int:
         return loop(ImplicitArguments(codes, settings, space, run))
@@ -118,32 +115,36 @@ def integrate(
     return solution(problem, status, run, pieces)
 
 
+def implicit_work(problem: IntegrationProblem, width: int) -> FloatArray:
+    """Return the working array (ROWS, width) of a run with the tolerances of a problem."""
+    work = np.zeros((ROWS, width))
+    work[ALLOWED] = problem.absolute_tolerances(width)
+    return work
+
+
 @compiled_subset
 def LOOP(arguments: ImplicitArguments) -> int:
     """Take steps until the end, or until a block of rows is full; return the status, `RUNNING` for the latter."""
     codes, settings, space, run = arguments.codes, arguments.settings, arguments.workspace, arguments.run
     progress, status = run.progress, RUNNING
     if progress.evaluations == 0:
-        status = begin_status(settings, _begin(codes, settings, run))
+        pass_first_stops(settings, run)
+        status = begin_status(settings, progress, begin_motion(codes, settings, run))
     while status == RUNNING and not block_is_full(progress):
         status = _attempt(codes, settings, space, run)
     return status
 
 
 @compiled_subset
-def _begin(codes: RunCodes, settings: RunSettings, run: Run) -> bool:
+def begin_motion(codes: RunCodes, settings: RunSettings, run: Run) -> bool:
     """Evaluate the first slope and choose the first step; return whether the former is finite."""
-    progress, span = run.progress, abs(settings.t1 - settings.t0)
-    progress.previous, progress.rate, progress.known_rate = _SMALLEST_PREVIOUS, 1.0, 1.0
-    if pass_first_stops(settings, run):
-        _solve_multipliers(codes, settings, run, 0)
-    evaluate(codes.rhs, settings.t0, run, 0, SLOPE)
-    run.progress.evaluations += 1
-    if not all_finite(run.work, 0, SLOPE):
+    progress, y, span = run.progress, run.progress.row, abs(run.progress.t1 - run.progress.t)
+    _evaluate_anew(codes, settings, run, y, progress.t)
+    if not all_finite(run.work, y, SLOPE):
         return False
     if progress.size == 0.0 and span > 0.0:
         limit = min(span, settings.max_step)
-        progress.size = first_step(run.work, 0, settings.kept, span, limit, settings.rtol)
+        progress.size = first_step(run.work, y, settings.kept, span, limit, settings.rtol)
     return True
 
 
@@ -235,15 +236,19 @@ def _test_step(codes: RunCodes, settings: RunSettings, run: Run, error: float, t
 
 
 @compiled_subset
-def _attempt(codes: RunCodes, settings: RunSettings, space: NewtonWorkspace, run: Run) -> int:
-    """Attempt a step, and accept or reject it; return the status."""
+def attempt(
+    codes: RunCodes, settings: RunSettings, space: NewtonWorkspace, run: Run
+) -> tuple[int, float, float, float, float]:
+    """Attempt a step from one of the ends to the other; return `ACCEPTED`, or the status of the run after a rejection.
+
+    Return the step, its end, its error and the divisor of the next size by this error, too.
+    """
     progress, work = run.progress, run.work
     y, y_new = progress.row, 1 - progress.row
     h, t_new = planned_step(settings, run, codes.knots)
-    proposed = progress.size
     outcome, iterations = _increments(codes, settings, space, run, h)
     if outcome != CONVERGED:
-        return _diverged(settings, run, h, outcome)
+        return _diverged(settings, run, h, outcome), h, t_new, 0.0, 1.0
     for m in range(work.shape[1]):
         work[y_new, m] = work[y, m] + work[Z + 2, m]
     error = _error(codes, settings, space, run, h, y_new)
@@ -253,13 +258,16 @@ def _attempt(codes: RunCodes, settings: RunSettings, space: NewtonWorkspace, run
         if error <= 1.0:
             quotient = 1.0 / LARGEST_REDUCTION
         progress.ratio = 0.0
-        return retry(settings, run, abs(h) / max(quotient, 1.0 / SAFETY), outcome)
-    keep_polynomial(work)
-    piece = progress.steps - progress.begun if settings.dense else 0
-    if settings.dense or pending(run, t_new):
-        write_polynomial(work, y, y_new, run.pieces, piece, settings.kept)
-        run.pieces[piece, 0] = t_new
-    status = record(codes.position, codes.velocity, settings, run, piece, y_new, t_new)
+        outcome = retry(settings, run, abs(h) / max(quotient, 1.0 / SAFETY), outcome)
+    else:
+        keep_polynomial(work)
+    return outcome, h, t_new, error, quotient
+
+
+@compiled_subset
+def propose(run: Run, h: float, t_new: float, error: float, quotient: float) -> None:
+    """Propose the size of the step after an accepted one, which ends at a time; for the others see `attempt`."""
+    progress = run.progress
     if progress.last_size != 0.0:
         quotient = _predicted(quotient, h, progress.last_size, error, progress.previous)
     growth = min(1.0 / quotient, growth_limit(progress.retried != 0))
@@ -272,6 +280,22 @@ def _attempt(codes: RunCodes, settings: RunSettings, space: NewtonWorkspace, run
     if progress.unlimited != 0.0:  # the polynomial of so short a step does not predict a longer one
         progress.ratio = progress.last_size = 0.0
     progress.retried = progress.fresh = 0
+
+
+@compiled_subset
+def _attempt(codes: RunCodes, settings: RunSettings, space: NewtonWorkspace, run: Run) -> int:
+    """Attempt a step, and record it where it is accepted; return the status."""
+    progress, y = run.progress, run.progress.row
+    outcome, h, t_new, error, quotient = attempt(codes, settings, space, run)
+    if outcome != ACCEPTED:
+        return outcome
+    y_new, proposed = 1 - y, progress.size
+    piece = progress.steps - progress.begun if settings.dense else 0
+    if settings.dense or pending(run, t_new):
+        write_polynomial(run.work, y, y_new, run.pieces, piece, settings.kept)
+        run.pieces[piece, 0] = t_new
+    status = record(codes.position, codes.velocity, settings, run, piece, y_new, t_new)
+    propose(run, h, t_new, error, quotient)
     if passes_stop(settings, run, status):
         begin_piece(codes, settings, run, y_new, t_new, proposed)
     record_behind(settings, run)
@@ -280,25 +304,24 @@ def _attempt(codes: RunCodes, settings: RunSettings, space: NewtonWorkspace, run
 
 @compiled_subset
 def begin_piece(codes: RunCodes, settings: RunSettings, run: Run, y: int, t: float, proposed: float) -> None:
-    """Discard the Jacobian and the predictions from the last steps, which are those of the motion before the stop."""
-    progress = run.progress
-    _solve_multipliers(codes, settings, run, y)
-    evaluate(codes.rhs, t, run, y, SLOPE)
-    progress.evaluations += 1
-    progress.size = max(progress.size, proposed)  # the stop cut the step, not its error
-    progress.rate = progress.known_rate = 1.0
-    progress.ratio = progress.last_size = 0.0
-    progress.previous = _SMALLEST_PREVIOUS
+    """Begin the motion behind a stop, which cut the step that was proposed, not its error."""
+    _evaluate_anew(codes, settings, run, y, t)
+    run.progress.size = max(run.progress.size, proposed)
 
 
 @compiled_subset
-def _solve_multipliers(codes: RunCodes, settings: RunSettings, run: Run, y: int) -> None:
-    """Compute the components without rates of a state behind a stop, where there are any."""
-    if codes.multipliers == 0:
-        return
-    evaluate(codes.multipliers, run.progress.t, run, y, POINT)
-    for m in range(settings.kept, run.work.shape[1]):
-        run.work[y, m] = run.work[POINT, m - settings.kept]
+def _evaluate_anew(codes: RunCodes, settings: RunSettings, run: Run, y: int, t: float) -> None:
+    """Evaluate multipliers and slope; discard the Jacobian and the predictions, which are of the motion before."""
+    progress = run.progress
+    if codes.multipliers != 0:  # of the components without rates
+        evaluate(codes.multipliers, t, run, y, POINT)
+        for m in range(settings.kept, run.work.shape[1]):
+            run.work[y, m] = run.work[POINT, m - settings.kept]
+    evaluate(codes.rhs, t, run, y, SLOPE)
+    progress.evaluations += 1
+    progress.rate = progress.known_rate = 1.0
+    progress.ratio = progress.last_size = 0.0
+    progress.previous = _SMALLEST_PREVIOUS
 
 
 assert NODES[2] == 1.0

@@ -26,7 +26,6 @@ class RunSettings(NamedTuple):
     """
 
     t0: float
-    t1: float
     rtol: float
     atol: float
     first_step: float
@@ -60,8 +59,8 @@ class RunCodes(NamedTuple):
 class Progress(Record):
     """Progress of a run.
 
-    Time, where steps must end next, the size of the next step and the error of the last; the row of the state in
-    the work; how many steps were taken and rejected, evaluations made and times recorded; whether the last step was
+    Time, the end of the run, its direction (1 or -1), where steps must end next, the size of the next step and the
+    error of the last; the row of the state in the work; how many steps were taken and rejected, evaluations made and times recorded; whether the last step was
     rejected; the steps before the present block, and those after which it is full. What follows is kept by one loop
     alone: steps in a row at the boundary of stability (`explicit_loop`); for `implicit_loop` whether the Jacobian
     is that of the present state, the size of the last step, its inverse where its polynomial can be continued, the
@@ -71,6 +70,8 @@ class Progress(Record):
     """
 
     t: float
+    t1: float
+    direction: float
     end: float
     size: float
     previous: float
@@ -142,15 +143,15 @@ def all_finite(work: FloatArray, first: int, second: int) -> bool:
 
 
 @compiled_subset
-def begin_status(settings: RunSettings, finite: bool) -> int:
+def begin_status(settings: RunSettings, progress: Progress, finite: bool) -> int:
     """Return the status of a run before its first step."""
-    return status_after(settings.t0 == settings.t1, 0.0, settings.max_steps) if finite else Status.NON_FINITE
+    return status_after(settings.t0 == progress.t1, 0.0, settings.max_steps) if finite else Status.NON_FINITE
 
 
 @compiled_subset
 def status_of(settings: RunSettings, progress: Progress) -> int:
     """Return the status of a run after an attempt."""
-    return status_after(progress.t == settings.t1, progress.steps + progress.rejected, settings.max_steps)
+    return status_after(progress.t == progress.t1, progress.steps + progress.rejected, settings.max_steps)
 
 
 @compiled_subset
@@ -168,35 +169,30 @@ def planned_step(settings: RunSettings, run: Run, knots: int) -> tuple[float, fl
     progress, t, end = run.progress, run.progress.t, run.progress.end
     size, progress.size = next_step(progress.size, t, end, settings.max_step)
     if knots != 0:
-        limit = _limit_at_knots(settings, run, knots)
+        limit = _limit_at_knots(run, knots)
         progress.unlimited = progress.size if limit < size else 0.0
         size = min(size, limit)
     if size == abs(end - t):
         return end - t, end
-    h = size if settings.t1 >= settings.t0 else -size
+    h = progress.direction * size
     return h, t + h
 
 
 @compiled_subset
-def pass_first_stops(settings: RunSettings, run: Run) -> bool:
-    """Take the stops at the start, record the state behind them, and set where the first steps must end.
-
-    Return whether there are any.
-    """
-    t0, t1, stops, taken = settings.t0, settings.t1, run.stops, False
+def pass_first_stops(settings: RunSettings, run: Run) -> None:
+    """Take the stops at the start, record the state behind them, and set where the first steps must end."""
+    t0, t1, stops = settings.t0, run.progress.t1, run.stops
     run.progress.end = t1
     if stops.inputs.ends.shape[0] > 0:
-        forward = t1 >= t0
+        forward = run.progress.direction > 0.0
         run.progress.end = begin_stops(stops, run.constants, 0, 0, t0, t1, forward)
-        taken = is_due(stops, 0, t0, forward)
-        if taken:
+        if is_due(stops, 0, t0, forward):
             run.clock[0, 0] = t0
             take_stops(stops, run.prepare, run.clock, flat(run.work), 0, run.constants, settings.kept, forward)
         run.progress.end = end_of_steps(stops, 0, run.progress.end, forward)
     _record_at(run, t0, run.progress.row)
     if not settings.sampled:
         _store(run, 0, t0, run.progress.row)
-    return taken
 
 
 @compiled_subset
@@ -206,9 +202,9 @@ def passes_stop(settings: RunSettings, run: Run, status: int) -> bool:
     Of a run that has used up its steps only knots are passed: another run may continue it.
     """
     progress, stops = run.progress, run.stops
-    if progress.t != progress.end or progress.t == settings.t1 or (status != RUNNING and stops.first.size > 0):
+    if progress.t != progress.end or progress.t == progress.t1 or (status != RUNNING and stops.first.size > 0):
         return False
-    run.clock[0, 0], place, forward = progress.t, progress.row * run.work.shape[1], settings.t1 >= settings.t0
+    run.clock[0, 0], place, forward = progress.t, progress.row * run.work.shape[1], progress.direction > 0.0
     progress.end = pass_stops(
         stops, run.prepare, run.clock, flat(run.work), place, run.constants, settings.kept, forward
     )
@@ -216,13 +212,13 @@ def passes_stop(settings: RunSettings, run: Run, status: int) -> bool:
 
 
 @compiled_subset
-def _limit_at_knots(settings: RunSettings, run: Run, knots: int) -> float:
+def _limit_at_knots(run: Run, knots: int) -> float:
     """Return the largest size of a step from the present state that knots of tables allow."""
     t, out = run.progress.t, row(run.knot, 0)
     run.clock[0, 0] = t
     call_code(knots, row(run.clock, 0), row(run.work, run.progress.row), row(run.constants, 0), 0, out)
-    limit = run.knot[0, 0] if settings.t1 >= settings.t0 else run.knot[0, 1]
-    return max(limit, 4.0 * smallest_step(t, abs(settings.t1 - t)))
+    limit = run.knot[0, 0] if run.progress.direction > 0.0 else run.knot[0, 1]
+    return max(limit, 4.0 * smallest_step(t, abs(run.progress.t1 - t)))
 
 
 @compiled_subset
@@ -241,7 +237,7 @@ def retry(settings: RunSettings, run: Run, size: float, failure: int) -> int:
     progress.rejected += 1
     progress.retried = 1
     progress.size = size
-    if size < smallest_step(progress.t, abs(settings.t1 - progress.t)):
+    if size < smallest_step(progress.t, abs(progress.t1 - progress.t)):
         return failure
     return status_of(settings, progress)
 

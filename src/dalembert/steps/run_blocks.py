@@ -24,7 +24,6 @@ def settings_of(problem: IntegrationProblem, degree: int, *, stop_if_stiff: bool
     """Return the settings of a problem."""
     return RunSettings(
         float(problem.t0),
-        float(problem.t1),
         float(problem.rtol),
         max(float(problem.atol), SMALLEST_SCALE),
         float(problem.first_step or 0.0),
@@ -87,7 +86,8 @@ def _begun(problem: IntegrationProblem, settings: RunSettings, work: FloatArray)
     n, constants = settings.kept, np.array(problem.constants, dtype=np.float64).reshape(-1, 1)
     t_eval = np.array(() if problem.t_eval is None else problem.t_eval, dtype=np.float64)
     samples, progress = np.empty((max(len(t_eval), 1), 1 + n)), Progress()
-    progress.t, progress.size = settings.t0, settings.first_step
+    progress.t, progress.t1, progress.size = settings.t0, float(problem.t1), settings.first_step
+    progress.direction = 1.0 if progress.t1 >= progress.t else -1.0
     return Run(
         clock=np.zeros((1, 1)),
         constants=constants,

@@ -194,7 +194,7 @@ def _recorded(
     """Return what loops of recorded runs have in common, with room for one step."""
     (n, constants), (rtol, atol) = sizes, tolerances
     settings = RunSettings(
-        0.0, 0.0, rtol, max(atol, SMALLEST_SCALE), 0.0, 0.0, 0, n, degree, False, False, False, False
+        0.0, rtol, max(atol, SMALLEST_SCALE), 0.0, 0.0, 0, n, degree, False, False, False, False
     )
     run = Run(
         clock=np.zeros((1, 1)),
@@ -225,7 +225,7 @@ def _recorded_loop(
     progress = "run.run.progress"
     at = {
         "t0": "run.settings.t0",
-        "t1": "run.settings.t1",
+        "t1": f"{progress}.t1",
         "largest": "run.settings.max_step",
         "attempts": "run.settings.max_steps",
         "constants": "run.run.constants",
@@ -234,14 +234,14 @@ def _recorded_loop(
         "time": f"{progress}.t",
         "end": f"{progress}.end",
         "steps": f"{progress}.steps",
-        "direction": "place.direction",
+        "direction": f"{progress}.direction",
         "dense": "run.settings.dense",
         "evaluated": f"{progress}.evaluations",
     }
     step, sample, renew = functions
     return RunLoop(
         arguments=arguments,
-        given=frozenset(f"run.settings.{name}" for name in ("t0", "t1", "max_step", "max_steps", "dense")),
+        given=frozenset(f"run.settings.{name}" for name in ("t0", "max_step", "max_steps", "dense")),
         constant=constant,
         step=step,
         sample=sample,

@@ -14,6 +14,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ...lanes.row_steps import no_row_steps
 from ...lanes.sweep_arguments import (
     CaseRows,
     CaseShape,
@@ -166,6 +167,7 @@ def sweep_arguments(kernels: SweepKernels, sizes: BatchSizes) -> SweepArguments:
         steps=none,
         rows=CaseRows(none, none, none, none),
         part=no_part_samples(),
+        alone=no_row_steps(),
     )
 
 

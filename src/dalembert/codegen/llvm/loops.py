@@ -42,6 +42,7 @@ SOURCES: dict[str, tuple[str, str, Shape]] = {
     "explicit_loop": ("steps.explicit_loop", "LOOP", "loops"),
     "foreign_batch_loop": ("loops.foreign_batch_loop", "LOOP", "loops"),
     "foreign_task": ("loops.foreign_batch_loop", "TASK_LOOP", "loops"),
+    "implicit_lane_loop": ("loops.lane_loop", "IMPLICIT_LOOP", "branches"),
     "implicit_loop": ("steps.implicit_loop", "LOOP", "loops"),
     "kernel_rows": ("steps.row_loops", "ROWS_LOOP", "loops"),
     "lane_loop": ("loops.lane_loop", "LOOP", "loops"),

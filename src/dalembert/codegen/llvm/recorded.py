@@ -68,7 +68,7 @@ class RecordedLane:
     def _allocate(self, problem: IntegrationProblem, rows: int) -> None:
         """Make the arguments of the loop, with so many rows for records."""
         n, first = self._shape.n, problem.first_step
-        if first is not None and self._stepper.memory:
+        if first is not None and self._kernels.begin != 0:
             begin = _beginning_with(self._kernels.begin, n, first)
             self._kernels = self._kernels._replace(begin=begin)
         happened, totals = BlockResult.at_start(1, len(self._watch.events), ())
@@ -83,6 +83,7 @@ class RecordedLane:
             atol=problem.atol,
             max_step=problem.max_step,
             max_steps=problem.max_steps,
+            first_step=first,
             watch=self._watch,
             inputs=problem.inputs,
             recorded=rows,
@@ -92,7 +93,7 @@ class RecordedLane:
         )
         result = BlockResult(np.zeros((1, n)), np.zeros((1, LONG_ENDS)), np.empty((1, 0, n)), happened, totals)
         arrays = CaseArrays(
-            self._kernels, self._shape, self._stepper.settings, cases, result, KeptStarts.nothing(), self._events, True
+            self._kernels, self._shape, self._stepper, cases, result, KeptStarts.nothing(), self._events, True
         )
         self._made = arrays.arguments(np.zeros(1, np.int64))
         self._packed_args = pack(self._made)
@@ -108,12 +109,15 @@ class RecordedLane:
             self._carried[:] = self._made.workspace.carried[0]
         _, status, accepted, attempts, _ = self._made.ends[0].tolist()
         before, each = self._stepper.evaluations
+        evaluations = int(before + each * attempts)
+        if self._stepper.rows is not None:
+            evaluations = self._made.alone.run.progress.evaluations
         return RecordedCase(
             steps,
             occurrences,
             self._made.out[0].copy(),
             Status(int(status)),
-            (int(accepted), int(attempts - accepted), int(before + each * attempts)),
+            (int(accepted), int(attempts - accepted), evaluations),
             in_time=self._shape.memory == 0,
             jumping=[jump is not None for jump in self._watch.jumps],
         )
@@ -127,6 +131,7 @@ class RecordedLane:
         made.limits[0, :2] = problem.max_step, problem.max_steps
         made.happened[0, ::3], made.turn[0], occurred[0] = 0.0, 0, 0.0
         progress.paused, progress.recorded, progress.returns = 0, 0, 1
+        made.alone.run.progress.evaluations = 0
         progress.patience = _OBSERVED if is_observed() else _ROWS
         steps: list[FloatArray] = []
         found: list[FloatArray] = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
 from typing import final
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...lanes.cases import BlockResult, CaseColumns
 from ...lanes.step_records import FIRST_AT
+from ...lanes.row_steps import RowSteps, no_row_steps
 from ...lanes.sweep_arguments import (
     CaseShape,
     Columns,
@@ -39,6 +40,7 @@ from ...subset.arguments import address_of, owned_address, pack
 from ...threads import STOPPED, check
 from ..host_code import raise_failure
 from ..runs import CaseRun, LoopCall
+from ..steppers import Stepper
 from .loops import loop_named
 
 _ROUNDS, _MOST_ROUNDS, _QUICK = 256, 1 << 24, 0.02
@@ -79,7 +81,7 @@ class SweepShape:
 def case_run(
     kernels: SweepKernels,
     shape: SweepShape,
-    settings: Sequence[float],
+    stepper: Stepper,
     cases: CaseColumns,
     result: BlockResult,
     kept: KeptStarts,
@@ -91,14 +93,14 @@ def case_run(
     Parameters
     ----------
     kernels : SweepKernels
-    settings : sequence of float
-        Settings of the step after the largest step and the direction of time.
+    stepper : Stepper
+        The step of `kernels`.
     kept : KeptStarts
         Gets constants and first states.
     watched : bool
         Whether there are events or reductions, or steps are recorded.
     """
-    run = CaseArrays(kernels, shape, settings, cases, result, kept, events, watched)
+    run = CaseArrays(kernels, shape, stepper, cases, result, kept, events, watched)
     loop, turn = loop_named(run.loop_name), np.zeros(1, np.int64)
 
     def call(turn: NDArray[np.int64]) -> LoopCall:
@@ -134,14 +136,14 @@ class CaseArrays:
         self,
         kernels: SweepKernels,
         shape: SweepShape,
-        settings: Sequence[float],
+        stepper: Stepper,
         cases: CaseColumns,
         result: BlockResult,
         kept: KeptStarts,
         events: EventKernels,
         watched: bool,
     ) -> None:
-        self.kernels, self.shape, self.settings, self.cases = kernels, shape, settings, cases
+        self.kernels, self.shape, self.stepper, self.cases = kernels, shape, stepper, cases
         self.result, self.kept, self.events, self.watched = result, kept, events, watched
         k, n_times = cases.count, len(cases.t_eval)
         self.projected = bool(kernels.position or kernels.velocity)
@@ -153,6 +155,8 @@ class CaseArrays:
     @property
     def loop_name(self) -> str:
         """Name of the loop that serves these cases."""
+        if self.stepper.rows is not None:
+            return "implicit_lane_loop"
         if self.cases.inputs is not None:
             return "stop_event_lane_loop" if self.watched else "stop_lane_loop"
         if self.watched:
@@ -164,16 +168,17 @@ class CaseArrays:
         shape, cases, n = self.shape, self.cases, self.shape.n
         checks = 0 if cases.start is None else 2 * len(cases.start.labels)
         given, parameters = len(cases.given), len(cases.parameters)
-        more, n_s = n + shape.events_with_series, 2 + len(self.settings)
+        more, n_s = n + shape.events_with_series, 2 + len(self.stepper.settings)
         size = more + 2 + shape.memory
         rows = size + (more * (shape.degree + 1) if shape.dense else 0)
         steps = np.zeros((cases.recorded, FIRST_AT + (shape.degree + 3) * n)) if cases.recorded else np.empty((0, 0))
+        state = _state(lane_state(shape.lanes, n, shape.n_c, n_s, rows, max(parameters, given), n + checks + size))
         return SweepArguments(
             kernels=self.kernels,
             shape=CaseShape(
                 n, more - n, shape.degree, shape.memory, parameters, given, checks, cases.count, shape.share
             ),
-            limits=np.array([[cases.max_step, float(cases.max_steps), *self.settings]]),
+            limits=np.array([[cases.max_step, float(cases.max_steps), *self.stepper.settings]]),
             columns=self.columns,
             turn=turn,
             t_eval=self.t_eval,
@@ -182,7 +187,7 @@ class CaseArrays:
             samples=self.samples,
             inside=self.inside,
             kept=self.kept,
-            state=_state(lane_state(shape.lanes, n, shape.n_c, n_s, rows, max(parameters, given), n + checks + size)),
+            state=state,
             events=self.events,
             workspace=self._workspace(n_s),
             happened=self.result.happened,
@@ -191,7 +196,16 @@ class CaseArrays:
             steps=steps,
             rows=cases.rows or no_rows(),
             part=cases.part or no_part_samples(),
+            alone=self._alone(state),
         )
+
+    def _alone(self, state: LaneState) -> RowSteps:
+        """Return the memory of steps that are not compiled."""
+        cases, stepper = self.cases, self.stepper
+        if stepper.rows is None:
+            return no_row_steps()
+        first = cases.first_step or 0.0
+        return stepper.rows.memory(state.constants, stepper.settings, stepper.allowed, cases.max_step, first)
 
     def _stops(self) -> StopTable:
         """Return the stops of the cases, knots of inputs among them."""

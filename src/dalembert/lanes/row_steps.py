@@ -1,0 +1,121 @@
+"""Memory of steps on rows: those of single runs, which a case takes that has the one lane of a loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, final
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..methods.step_constants import SMALLEST_SCALE
+from ..once import once
+from ..options import MAX_STEPS
+from ..steps.newton import ROWS, NewtonWorkspace, newton_workspace
+from ..steps.packed_tableaus import ALLOWED
+from ..steps.recorded_runs import Progress, Run, RunCodes, RunSettings
+from ..stops.stops import no_stops
+from ..subset.addresses import NO_CODE
+from ..subset.arguments import Record, constant_group
+
+
+class RowPlace(Record):
+    """Whether a step from the present state was attempted before (``known``), so that its slope is known."""
+
+    known: int
+
+
+class RowSteps(NamedTuple):
+    """What steps on rows work on; their constants are those of the lane."""
+
+    codes: RunCodes
+    settings: RunSettings
+    space: NewtonWorkspace
+    run: Run
+    place: RowPlace
+
+
+@final
+@dataclass(frozen=True)
+class ImplicitSteps:
+    """Steps of the implicit method of a program, of states of `n` components.
+
+    Attributes
+    ----------
+    codes : RunCodes
+    n, multipliers, states : int
+        Components of the state, components without rates behind them, and first-order states at the end of the state.
+    degree : int
+        Of the polynomials of steps.
+    """
+
+    codes: RunCodes
+    n: int
+    multipliers: int
+    states: int
+    degree: int
+
+    def memory(
+        self, constants: FloatArray, tolerances: Sequence[float], allowed: FloatArray, max_step: float, first_step: float
+    ) -> RowSteps:
+        """Return the memory of a thread.
+
+        Parameters
+        ----------
+        constants : (n_c, 1)
+            Those of the lane.
+        tolerances, allowed
+            Relative and smallest absolute one; absolute ones (n,) of the components.
+        max_step, first_step
+            Largest size of a step, and that of the first, 0 where it is chosen.
+        """
+        n, width = self.n, self.n + self.multipliers
+        work = np.zeros((ROWS, width))
+        rtol, atol = tolerances[0], max(tolerances[1], SMALLEST_SCALE)
+        work[ALLOWED] = atol
+        work[ALLOWED, :n] = np.maximum(allowed, SMALLEST_SCALE)
+        return RowSteps(
+            codes=self.codes,
+            settings=RunSettings(
+                t0=0.0,
+                rtol=rtol,
+                atol=atol,
+                first_step=first_step,
+                max_step=max_step,
+                max_steps=MAX_STEPS,
+                kept=n,
+                degree=self.degree,
+                sampled=False,
+                dense=False,
+                stop_if_stiff=False,
+                behind=False,
+            ),
+            space=newton_workspace(width, n - self.states),
+            run=_run(work, constants, n, self.degree),
+            place=RowPlace(),
+        )
+
+
+def _run(work: FloatArray, constants: FloatArray, n: int, degree: int) -> Run:
+    return Run(
+        clock=np.zeros((1, 1)),
+        constants=constants,
+        t_eval=np.zeros(0),
+        work=work,
+        delta=np.zeros((n, 1)),
+        mark=np.zeros(1, np.int64),
+        progress=Progress(),
+        knot=np.zeros((1, 2)),
+        rows=np.zeros((0, 1 + n)),
+        pieces=np.zeros((1, 1 + (degree + 1) * n)),
+        stops=no_stops(),
+        prepare=NO_CODE,
+    )
+
+
+@once
+def no_row_steps() -> RowSteps:
+    """Return empty memory, for steps that are compiled."""
+    made = ImplicitSteps(RunCodes(NO_CODE), 0, 0, 0, 0).memory(np.zeros((0, 1)), (0.0, 0.0), np.zeros(0), 0.0, 0.0)
+    return constant_group(made)
