@@ -1,12 +1,16 @@
 """Modes of many contacts that one program serves: motions are those of modes that have programs of their own."""
 
+from functools import cache
+
 import numpy as np
 import pytest
-from sympy.physics.mechanics import dynamicsymbols
+import sympy as sp
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.contacts.coupled_slips import coupled_slips
 from dalembert.contacts.switched_modes import why_unswitched
+from dalembert.methods.status import Status
 from dalembert.phases import mode_models
 from hard_cases.many_contacts import boxes, boxes_at_rest, feet, feet_at_rest, standing, standing_at_rest
 
@@ -167,3 +171,70 @@ def test_which_scenes_have_a_common_program():
     assert "'baumgarte'" in da.compile_model(feet(4), formulation="baumgarte").modes.why_separate
     text = da.compile_model(feet(4)).explain()
     assert "one program serves" in text
+
+
+@cache
+def wedge(balanced=False, rough=False):
+    """Return a particle in the wedge 0 <= z <= x y, pushed along x, and two more particles on the floor.
+
+    Both surfaces hold it on the line x = z = 0, on which their normals are opposite at y = 0 alone. The push F is
+    constant, or `balanced`: -F y.
+    """
+    (m, g, F, mu), time = sp.symbols("m g F mu", positive=True), dynamicsymbols._t
+    x, y, z, *heights = dynamicsymbols("x y z h0 h1")
+    N, O = ReferenceFrame("N"), Point("O")
+    n, roof, f, f2, *presses = da.unknowns("n roof f f2 k0 k1")
+    scene = da.Scene("wedge", frame=N, origin=O, coordinates=[x, y, z, *heights])
+    P = O.locatenew("P", x * N.x + y * N.y + z * N.z)
+    scene.add_bodies(Particle("p", P, m))
+    scene.add_loads((P, F * (-y if balanced else 1) * N.x - m * g * N.z))
+    friction = f * N.x + f2 * N.y if rough else 0 * N.x
+    scene.add_joints(da.Joint("floor", body="p", at=P, force=n * N.z + friction))
+    scene.add_joints(da.Joint("roof", body="p", at=P, force=roof * (y * N.x + x * N.y - N.z)))
+    scene.add_contacts(da.UnilateralContact(n, gap=z, name="floor"))
+    scene.add_contacts(da.UnilateralContact(roof, gap=x * y - z, name="roof"))
+    if rough:
+        scene.add_friction(da.CoulombFriction(n, (f, f2), slip=(x.diff(time), y.diff(time)), mu=mu, name="floor"))
+    for i, (h, press) in enumerate(zip(heights, presses, strict=True)):
+        Q = O.locatenew(f"Q{i}", (3 + i) * N.x + h * N.z)
+        scene.add_bodies(Particle(f"q{i}", Q, m))
+        scene.add_loads((Q, -m * g * N.z))
+        scene.add_joints(da.Joint(f"j{i}", body=f"q{i}", at=Q, force=press * N.z))
+        scene.add_contacts(da.UnilateralContact(press, gap=h, name=f"c{i}"))
+    model = da.compile_model(scene, outputs=["roof"])
+    assert not model.modes.why_separate
+    return model
+
+
+IN_WEDGE = {"x": 0.0, "y": -1.0, "z": 0.0, "h0": 0.0, "h1": 0.0, "y_dot": 1.0}
+OF_WEDGE = {"m": 1.0, "g": 9.81, "F": 1.0}
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_rows_that_become_dependent_where_a_motion_passes(method):
+    """The reaction F/|y| grows without bound, does no work, and lets go behind y = 0: then x = F (t - 1)^2 / 2 m."""
+    run = wedge().simulate((0.0, 2.0), IN_WEDGE, OF_WEDGE, method=method)
+    assert run.success and [phase.modes["roof"] for phase in run.phases] == ["closed", "open"]
+    assert run.phases[1].t0 == pytest.approx(1.0, abs=1e-6)
+    assert run["x"][-1] == pytest.approx(0.5, abs=1e-6) and run["y"][-1] == pytest.approx(1.0, abs=1e-9)
+    before = run(np.array([0.5, 0.9, 0.99]))
+    np.testing.assert_allclose(before["roof"], [2.0, 10.0, 100.0], rtol=1e-7)
+    sweep = wedge().sweep((0.0, 2.0), IN_WEDGE, {**OF_WEDGE, "F": [0.5, 1.0, 2.0]}, method=method)
+    np.testing.assert_allclose(sweep.final["x"], [0.25, 0.5, 1.0], atol=2e-6)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+@pytest.mark.parametrize("span", [(0.0, 2.0), (0.0, 1.0)])
+def test_rows_that_become_dependent_where_reactions_stay_finite(method, span):
+    """The reaction is F all along, also where a run ends on the place itself."""
+    run = wedge(balanced=True).simulate(span, IN_WEDGE, OF_WEDGE, method=method)
+    assert run.success and len(run.phases) == 1
+    assert abs(run["x"][-1]) < 1e-12 and run["y"][-1] == pytest.approx(span[1] - 1.0, abs=1e-9)
+    np.testing.assert_allclose(run(np.array([0.3, 0.9]))["roof"], 1.0, rtol=1e-9)
+
+
+def test_a_reaction_that_grows_without_bound_jams_a_rough_wedge():
+    """m v^2/2 is the work of mu (m g + F/|y|): it is used up where ln(1/|y|) = (1/2 - mu g)/(mu F) nearly."""
+    run = wedge(rough=True).simulate((0.0, 2.0), IN_WEDGE, {**OF_WEDGE, "mu": 0.02})
+    assert run.status is Status.CONTACT_IMPOSSIBLE and len(run.phases) == 1
+    assert np.log(-1.0 / run["y"][-1]) == pytest.approx((0.5 - 0.02 * 9.81) / 0.02, abs=1e-3)

@@ -6,6 +6,10 @@ columns of the normal reactions, and a the accelerations without contacts. S is 
 and 0 where it does not; there x is 0. Entering a mode sets these switches. The program has no constraints: reactions
 are given forces, and Newton corrections by the same matrix without friction project each step onto the rows that hold.
 
+Rows that hold in a mode may come to depend on each other where a motion passes. Without friction the pivots of the
+matrix are guarded, as those of constraints are (`dalembert.reduction.saddle`). With friction they are not: reactions
+that grow without bound there stop what slips, and the motion ends in a jam.
+
 Where a contact sticks whose slip velocity follows from the rows that hold, its own row does not, and it shares the
 friction force of another (`dalembert.contacts.coupled_slips`).
 """
@@ -22,7 +26,7 @@ from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, 
 from ..reduction.base import Projection, ReducedSystem, ReductionSettings
 from ..reduction.first_order_states import with_states
 from ..reduction.saddle import Projected, SaddlePoint
-from ..transforms.linear import Elimination, Matrix
+from ..transforms.linear import Elimination, Matrix, guarded_pivot
 from .contact_laws import OPEN, SLIP, STICK, ContactLaws, Mode, mode_parameters
 from .coupled_slips import coupled_slips
 
@@ -115,14 +119,22 @@ class _Switched:
         """Return the acceleration along a row."""
         return self.graph.sum(x * y for x, y in zip(self.rows[i].row.jacobian, a, strict=True))
 
-    def eliminated(self, columns: Matrix) -> Elimination:
-        """Return the factors of S J M^-1 P S + I - S for columns P."""
+    def eliminated(self, columns: Matrix, *, guarded: bool) -> Elimination:
+        """Return the factors of S J M^-1 P S + I - S for columns P.
+
+        Where `guarded`, a row that a motion takes to where it depends on those before it is set aside: these hold it.
+        """
         rows, size = self.rows, range(len(self.rows))
         moved = [self.inertia.solve(column) for column in columns]
         found = [[rows[i].switch * rows[j].switch * self.along(i, moved[j]) for j in size] for i in size]
         for i in size:
             found[i][i] = found[i][i] + (self.graph.one - rows[i].switch)
-        return Elimination(self.graph, found)
+
+        def guard(pivot: Node, terms: Node, _: int) -> Node:
+            constant = self.graph.freed_of(pivot, list(self.whole.moving)) is not None
+            return pivot if constant else guarded_pivot(pivot, terms)
+
+        return Elimination(self.graph, found, guard if guarded else None)
 
     def columns(self) -> Matrix:
         """Return the power coefficients of the reactions along the rows."""
@@ -138,14 +150,16 @@ def switched_equations(equations: EquationsOfMotion) -> EquationsOfMotion:
     switched, graph = _Switched(equations), equations.graph
     laws, contacts, columns = switched.laws, equations.contacts, switched.columns()
     places = {each.unknown: i for i, each in enumerate(switched.rows)}
-    plain, pushing, factors = switched.eliminated(columns), [list(column) for column in columns], dict[int, Node]()
+    rough = any(contact.tangential for contact in contacts)
+    plain, pushing = switched.eliminated(columns, guarded=not rough), [list(column) for column in columns]
+    factors: dict[int, Node] = {}
     for contact, slips in zip(contacts, switched.slips, strict=True):
         kappa = laws.factors(contact, SLIP, graph.zero, slips) if contact.tangential else []
         factors |= dict(zip(contact.tangential, kappa, strict=True))
         own = pushing[places[contact.normal]]
         for k, factor in zip(contact.tangential, kappa, strict=True):
             own[:] = [a - factor * b for a, b in zip(own, columns[places[k]], strict=True)]
-    factored = switched.eliminated(pushing)
+    factored = switched.eliminated(pushing, guarded=not rough)
     free = switched.inertia.solve(equations.forcing)
     x = factored.solve([r.switch * (r.row.bias - switched.along(i, free)) for i, r in enumerate(switched.rows)])
     forcing = list(equations.forcing)
@@ -156,7 +170,9 @@ def switched_equations(equations: EquationsOfMotion) -> EquationsOfMotion:
         unique = unique if a is b else unique * (a / b)
     along = {each.unknown: value for each, value in zip(switched.rows, x, strict=True)}
     coupled = coupled_slips(equations)
-    guards = [*_guards(switched, along, coupled), (Guard("uniqueness of reactions", -1, "paradox"), unique)]
+    kept = [pivot.args[0] if pivot.op == "select" else graph.one for pivot in factored.pivots]
+    held = {unknown: value + (graph.one - each) for (unknown, value), each in zip(along.items(), kept, strict=True)}
+    guards = [*_guards(switched, held, coupled), (Guard("uniqueness of reactions", -1, "paradox"), unique)]
     gaps: dict[str, Node] = {}
     for contact in contacts:
         assert contact.constraint is not None and contact.gap is not None
@@ -197,7 +213,10 @@ def _reactions(
 def _guards(
     switched: _Switched, along: Mapping[int, Node], coupled: Mapping[tuple[int, int], int]
 ) -> list[tuple[Guard, Node]]:
-    """Return up to three guards of each contact, whose kinds are those of `switched_guards`."""
+    """Return up to three guards of each contact, whose kinds are those of `switched_guards`.
+
+    Reactions are `along` the rows; those that are set aside are not to be zero, so that their contacts stay closed.
+    """
     graph, laws, contacts, found = switched.graph, switched.laws, switched.contacts, list[tuple[Guard, Node]]()
 
     def most(i: int) -> Node:
@@ -258,7 +277,7 @@ def switched_system(equations: EquationsOfMotion, whole: EquationsOfMotion, requ
     names = [*requested, *(guard.output for guard in equations.guards), *contacts]
     reduced = with_states(Projected().reduce(equations, names, ReductionSettings(regular=True)), equations)
     columns = [list(each.row.jacobian) for each in switched.rows]
-    factored, moved = switched.eliminated(columns), [switched.inertia.solve(column) for column in columns]
+    factored, moved = switched.eliminated(columns, guarded=True), [switched.inertia.solve(column) for column in columns]
 
     def correction(residuals: Sequence[Node]) -> list[Node]:
         weights = factored.solve([-each.switch * r for each, r in zip(switched.rows, residuals, strict=True)])

@@ -217,6 +217,8 @@ def dependence(graph: Graph, base: Sequence[Sequence[Node]], row: Sequence[Node]
 class Elimination:
     """Factors of a matrix by elimination along the diagonal, without operations on structural zeros.
 
+    With `guard`, pivots are replaced by what it makes of them.
+
     Raises
     ------
     SingularMatrix
@@ -228,7 +230,7 @@ class Elimination:
         Their product is the determinant.
     """
 
-    def __init__(self, graph: Graph, a: Sequence[Sequence[Node]]) -> None:
+    def __init__(self, graph: Graph, a: Sequence[Sequence[Node]], guard: Guard | None = None) -> None:
         self.graph, self.pivots = graph, list[Node]()
         self._upper = [list(row) for row in a]
         self._lower: list[list[tuple[int, Node]]] = [[] for _ in a]
@@ -236,6 +238,8 @@ class Elimination:
             pivot = row[k]
             if vanishes(pivot):
                 raise SingularMatrix(k)
+            if guard is not None:
+                pivot = guard(pivot, a[k][k], k)
             self.pivots.append(pivot)
             for i in range(k + 1, len(a)):
                 below = self._upper[i]
