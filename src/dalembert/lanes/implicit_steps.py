@@ -13,7 +13,7 @@ from ..steps.step_control import ACCEPTED
 from ..subset.compiled_subset import compiled_subset
 from ..transforms.runge_kutta_parts import CONTROLS, PROPOSAL_AT
 from .row_steps import RowSteps
-from .workspace import END, NOW, LaneState
+from .workspace import ATTEMPTS, END, NOW, LaneState
 
 
 @compiled_subset
@@ -34,7 +34,7 @@ def implicit_step(rows: RowSteps, state: LaneState, n: int, t1: float, fresh: bo
     progress, new, finite = run.progress, states.shape[0] // 2 - old, True
     progress.t, progress.end, progress.t1 = state.clock[NOW, 0], state.clock[END, 0], t1
     progress.direction, progress.size = state.settings[1, 0], states[old + n + PROPOSAL_AT, 0]
-    if (fresh or behind) and rows.place.known == 0:
+    if (fresh or behind) and (rows.place.known == 0 or state.tally[ATTEMPTS, 0] == 0.0):
         for m in range(n):
             run.work[progress.row, m] = states[old + m, 0]
         finite = _begin(rows, fresh)
