@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
-import numpy as np
-
 from ..arrays import FloatArray
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
@@ -132,7 +130,13 @@ class CompiledEngine(Engine):
             stepper, _ = self._lanes.watched_steps(problem, method, watch)
             _ = loop_named("event_lane_loop" if stepper.rows is None else "implicit_lane_loop").call
             return
-        _ = self._taylor(problem) if method == "taylor" else self._steppers.implicit if method == "radau" else self._steppers.explicit
+        _ = (
+            self._taylor(problem)
+            if method == "taylor"
+            else self._steppers.implicit
+            if method == "radau"
+            else self._steppers.explicit
+        )
 
     def integrate(self, problem: IntegrationProblem, method: str) -> Solution:
         """See `Engine.integrate`."""
@@ -145,9 +149,9 @@ class CompiledEngine(Engine):
             from ..steps import implicit_loop as implicit
 
             own = self._steppers.implicit
-            run = implicit.integrate(loop_named("implicit_loop"), own.codes, compiled, own.multipliers, own.states)
+            found = implicit.integrate(loop_named("implicit_loop"), own.codes, compiled, own.multipliers, own.states)
             raise_failure()
-            return run
+            return found
         from ..steps import explicit_loop as explicit
 
         pair = pair_named(method, bounded=problem.bounded)

@@ -17,8 +17,8 @@ from ..methods.pairs import PAIRS
 from ..methods.step_constants import SMALLEST_SCALE
 from ..once import BoundedTable, computed_once, once_property
 from ..options import component_tolerances
-from ..subset.addresses import NO_CODE, AddressTable, OwnedAddress
 from ..steps.recorded_runs import RunCodes
+from ..subset.addresses import NO_CODE, AddressTable, OwnedAddress
 from ..transforms.runge_kutta_parts import CONTROLS, memory_size
 from ..transforms.taylor import order_at, scale_floor
 from .host_code import interpreted_code
@@ -142,7 +142,7 @@ class Stepper(NamedTuple):
     evaluations: tuple[int, int] = (0, 1)
     weighted: bool = False
     rows: ImplicitSteps | None = None
-    allowed: FloatArray = np.empty(0)  # noqa: RUF012
+    allowed: FloatArray = np.empty(0)
 
 
 @final
@@ -183,7 +183,9 @@ class Steppers:
         jacobian, tangent = steps.derivative("stages")
         kernel = program.kernel("multipliers")
         multipliers = steps.kernel(kernel.name) if steps.compiles_starts else interpreted_code(kernel, 1)
-        codes = RunCodes(steps.kernel("stages"), NO_CODE, NO_CODE, steps.kernel("knots"), jacobian, tangent, multipliers)
+        codes = RunCodes(
+            steps.kernel("stages"), NO_CODE, NO_CODE, steps.kernel("knots"), jacobian, tangent, multipliers
+        )
         return ImplicitSteps(codes, self._n, len(kernel.outputs), len(program.layout.states), DEGREE)
 
     def stepper(
@@ -206,9 +208,8 @@ class Steppers:
         own = component_tolerances(atol, self._names)
         weighted, atol = own is not None, float(atol)
         if method == "radau":
-            allowed = np.full(self._n, atol) if own is None else own
-            about = CONTROLS, self.implicit.degree, [rtol, atol]
-            return Stepper((NO_CODE, NO_CODE), *about, rows=self.implicit, allowed=allowed)
+            steps, each = self.implicit, np.full(self._n, atol) if own is None else own
+            return Stepper((NO_CODE, NO_CODE), CONTROLS, steps.degree, [rtol, atol], rows=steps, allowed=each)
         if method == "taylor":
             order, floor = order or order_at(rtol, atol), scale_floor(rtol, atol)
             if watched is None:

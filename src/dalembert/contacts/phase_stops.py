@@ -13,9 +13,9 @@ import numpy as np
 
 from ..ir.program import WIDTH
 from ..methods.step_constants import SMALLEST_OF_TIME
-from ..stops.input_records import InputTable, begin_inputs, no_inputs, pass_knots
-from ..subset.addresses import AddressTable
-from ..subset.arguments import AddressVector, IntVector, Matrix, Vector
+from ..stops.input_records import begin_inputs, pass_knots
+from ..stops.stops import StopTable, end_of_steps, is_due, no_stops
+from ..subset.arguments import Matrix, Vector
 from ..subset.compiled_subset import call_code, compiled_subset, row
 from .contact_kinds import forget_breaks
 
@@ -31,47 +31,22 @@ class PhaseStops(NamedTuple):
 
     Attributes
     ----------
-    first, last : (k,) or (0,)
-        Where the stops of each case begin, and where they end; nothing where no case has any.
-    times, acts, middles : (n,)
-        Times in the direction of each case; which controllers act, as bits; and at which time conditions are decided
-        from there on, NaN where that does not change.
-    next : (k,)
-        The next stop, or `BEFORE_START`.
+    table : StopTable
+        With a lane for each case, whose next stop may be `BEFORE_START`; actions are controllers, which set variables.
     edges : (k,)
         Where the first of the present pieces of inputs ends.
-    place : int
-        Parameter at whose value conditions are decided.
-    kernels : (n_controllers,)
-        Code of what each controller sets.
-    columns, places : (n_controllers + 1,), (m,)
-        Where the variables that each controller sets begin, and their places.
-    inputs : InputTable
-        Records of inputs, a lane for each case.
     coefficients : (n_p, k) or (0, 0)
-        Parameters as `inputs` writes them.
+        Parameters as inputs write them.
     """
 
-    first: IntVector
-    last: IntVector
-    times: Vector
-    acts: IntVector
-    middles: Vector
-    next: IntVector
+    table: StopTable
     edges: Vector
-    place: int
-    kernels: AddressVector
-    columns: IntVector
-    places: IntVector
-    inputs: InputTable
     coefficients: Matrix
 
 
-def no_stops() -> PhaseStops:
+def no_phase_stops() -> PhaseStops:
     """Return a table without stops."""
-    none, nothing = np.zeros(0, np.int64), np.zeros(0)
-    about = none, none, nothing, none, nothing, none, nothing, 0, AddressTable(), none, none
-    return PhaseStops(*about, no_inputs(), np.zeros((0, 0)))
+    return PhaseStops(no_stops(), np.zeros(0), np.zeros((0, 0)))
 
 
 @compiled_subset
@@ -87,38 +62,37 @@ def load_case(table: CaseTable, space: ThreadWorkspace, i: int, lane: int) -> No
 @compiled_subset
 def _write_inputs(table: CaseTable, i: int) -> None:
     """Copy the coefficients of the inputs of a case to its parameters."""
-    stops = table.stops
-    for r in range(stops.inputs.places.size):
+    inputs = table.stops.table.inputs
+    for r in range(inputs.places.size):
         for m in range(WIDTH):
-            place = stops.inputs.places[r] + m
-            table.cases.p[i, place] = stops.coefficients[place, i]
+            place = inputs.places[r] + m
+            table.cases.p[i, place] = table.stops.coefficients[place, i]
 
 
 @compiled_subset
 def begin_stops(table: CaseTable, i: int) -> None:
     """Find the next stop of a case, unless that is known, and take its inputs from its time on."""
-    stops, t, forward = table.stops, table.cases.t[i], table.t1[i] >= table.cases.t[i]
+    stops, edges, t, forward = table.stops.table, table.stops.edges, table.cases.t[i], table.t1[i] >= table.cases.t[i]
     if stops.first.size == 0 or stops.next[i] >= 0:
         return
     direction, place = 1.0 if forward else -1.0, stops.first[i]
     while place < stops.last[i] and (stops.times[place] - t) * direction < 0.0:
         place += 1
-    stops.next[i] = place
+    stops.next[i], stops.until[i] = place, stops.last[i]
     if stops.inputs.knots.size > 0:
-        stops.edges[i] = begin_inputs(stops.inputs, stops.coefficients, i, i, t, table.t1[i], forward)
+        edges[i] = begin_inputs(stops.inputs, table.stops.coefficients, i, i, t, table.t1[i], forward)
         _write_inputs(table, i)
 
 
 @compiled_subset
 def goes_to(table: CaseTable, i: int, goal: float) -> float:
     """Return where the next run of a case ends: at a goal, or at the first stop before that."""
-    stops, direction = table.stops, 1.0 if table.t1[i] >= table.cases.t[i] else -1.0
+    stops, forward = table.stops.table, table.t1[i] >= table.cases.t[i]
     if stops.first.size == 0:
         return goal
-    if stops.next[i] < stops.last[i] and (stops.times[stops.next[i]] - goal) * direction < 0.0:
-        goal = stops.times[stops.next[i]]
-    if stops.inputs.knots.size > 0 and (stops.edges[i] - goal) * direction < 0.0:
-        goal = stops.edges[i]
+    goal = end_of_steps(stops, i, goal, forward)
+    if stops.inputs.knots.size > 0:
+        goal = min(goal, table.stops.edges[i]) if forward else max(goal, table.stops.edges[i])
     return goal
 
 
@@ -128,19 +102,20 @@ def _reach(table: CaseTable, i: int) -> tuple[int, float]:
 
     Return which controllers act there, and when conditions are decided for them: NaN where that is as behind the stops.
     """
-    stops, t, forward = table.stops, table.cases.t[i], table.t1[i] >= table.cases.t[i]
-    direction, close = 1.0 if forward else -1.0, SMALLEST_OF_TIME * abs(t)
-    place, acts, when = stops.next[i], 0, math.nan
-    while place < stops.last[i] and (stops.times[place] - t) * direction <= close:
+    stops, t, forward = table.stops.table, table.cases.t[i], table.t1[i] >= table.cases.t[i]
+    begun, acts, when, edges = stops.next[i], 0, math.nan, table.stops.edges
+    while is_due(stops, i, t, forward):
+        place = stops.next[i]
         acts += stops.acts[place]
         if stops.acts[place] != 0:
             when = stops.middles[place]
         if not math.isnan(stops.middles[place]):
             table.cases.p[i, stops.place] = stops.middles[place]
-        place += 1
-    passes, stops.next[i] = place > stops.next[i], place
-    if stops.inputs.knots.size > 0 and (stops.edges[i] - t) * direction <= close:
-        stops.edges[i] = pass_knots(stops.inputs, stops.coefficients, i, i, t, forward)
+        stops.next[i] = place + 1
+    passes = stops.next[i] > begun
+    left = edges[i] - t if forward else t - edges[i]
+    if stops.inputs.knots.size > 0 and left <= SMALLEST_OF_TIME * abs(t):
+        edges[i] = pass_knots(stops.inputs, table.stops.coefficients, i, i, t, forward)
         _write_inputs(table, i)
         passes = True
     if passes:
@@ -151,7 +126,7 @@ def _reach(table: CaseTable, i: int) -> tuple[int, float]:
 @compiled_subset
 def pass_stops(table: CaseTable, space: ThreadWorkspace) -> None:
     """Continue the cases in ``reaching`` from the stops that they have reached, which get the controllers that act."""
-    stops, reaching = table.stops, space.reaching
+    stops, reaching = table.stops.table, space.reaching
     if stops.first.size == 0:
         return
     for lane in range(reaching.shape[1]):
@@ -161,14 +136,14 @@ def pass_stops(table: CaseTable, space: ThreadWorkspace) -> None:
             load_case(table, space, reaching[0, lane], lane)
             if not math.isnan(when):
                 space.scene[stops.place, lane] = when
-    for a in range(stops.kernels.size):
+    for a in range(stops.actions.size):
         acting = False
         for lane in range(reaching.shape[1]):
             acting = acting or reaching[1, lane] >> a & 1 != 0
         if not acting:
             continue
         clock, posed, scene = row(space.clock, 0), row(space.posed, 0), row(space.scene, 0)
-        call_code(stops.kernels[a], clock, posed, scene, 0, row(space.acted, 0))
+        call_code(stops.actions[a], clock, posed, scene, 0, row(space.acted, 0))
         for lane in range(reaching.shape[1]):
             if reaching[1, lane] >> a & 1 != 0:
                 for m in range(stops.columns[a], stops.columns[a + 1]):

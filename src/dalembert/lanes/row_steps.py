@@ -57,7 +57,12 @@ class ImplicitSteps:
     degree: int
 
     def memory(
-        self, constants: FloatArray, tolerances: Sequence[float], allowed: FloatArray, max_step: float, first_step: float
+        self,
+        constants: FloatArray,
+        tolerances: Sequence[float],
+        allowed: FloatArray,
+        max_step: float,
+        first_step: float,
     ) -> RowSteps:
         """Return the memory of a thread.
 

@@ -23,7 +23,7 @@ def records_are_full(arguments: SweepArguments) -> bool:
 
 
 @compiled_subset
-def _sum(a: float, b: float) -> tuple[float, float]:
+def exact_sum(a: float, b: float) -> tuple[float, float]:
     """Return a + b as rounded, and the rounding error (Knuth's two-sum)."""
     total = a + b
     part = total - a
@@ -48,11 +48,11 @@ def compensate_steps(arguments: SweepArguments) -> None:
                 move = 0.0
                 for k in range(shape.degree, 0, -1):
                     move = (move + states[first + 2 + m * (shape.degree + 1) + k, lane]) * h
-                states[old + m, lane], low[m, lane] = _sum(states[before + m, lane], move + low[m, lane])
+                states[old + m, lane], low[m, lane] = exact_sum(states[before + m, lane], move + low[m, lane])
             if state.clock[NOW, lane] == state.clock[END, lane]:
                 low[n, lane] = 0.0
             else:
-                state.clock[NOW, lane], low[n, lane] = _sum(state.tally[BEFORE, lane], h + low[n, lane])
+                state.clock[NOW, lane], low[n, lane] = exact_sum(state.tally[BEFORE, lane], h + low[n, lane])
 
 
 @compiled_subset

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import FloatArray
+from ..lanes.step_records import exact_sum
 from ..methods.status import RUNNING, Status
 from ..steps.projection import project_row
 from ..steps.step_control import (
@@ -215,14 +216,6 @@ def admission_status(tests: FloatArray, slack: float) -> int:
 
 
 @compiled_subset
-def _sum(a: float, b: float) -> tuple[float, float]:
-    """Return a + b as rounded, and the rounding error (Knuth's two-sum)."""
-    total = a + b
-    part = total - a
-    return total, (a - (total - part)) + (b - part)
-
-
-@compiled_subset
 def _advance(states: FloatArray, old: int, new: int, h: float, low: FloatArray) -> None:
     """Write to ``states[new, :n]`` the state ``states[old, :n]`` moved by the series in that row, with compensation."""
     n = low.size - 1
@@ -232,7 +225,7 @@ def _advance(states: FloatArray, old: int, new: int, h: float, low: FloatArray) 
         move = 0.0
         for k in range(width - 1, 0, -1):
             move = (move + states[new, first + k]) * h
-        states[new, i], low[i] = _sum(states[old, i], move + low[i])
+        states[new, i], low[i] = exact_sum(states[old, i], move + low[i])
 
 
 def _attempting(recorded: bool) -> Callable[[PreparedArguments], int]:
@@ -264,7 +257,7 @@ def _attempting(recorded: bool) -> Callable[[PreparedArguments], int]:
             if recorded:
                 h = settings[0, 1] * size
                 _advance(states, old, new, h, low)
-                moved, left = _sum(t, h + low[n])
+                moved, left = exact_sum(t, h + low[n])
                 low[n] = left
                 if size == rest:
                     low[n] = 0.0

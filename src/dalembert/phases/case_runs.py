@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..contacts.contact_cases import ADDED, UNDECIDED, contact_cases
-from ..contacts.phase_stops import no_stops
+from ..contacts.phase_stops import no_phase_stops
 from ..contacts.phase_tables import JUMPS, NOT_STARTED, CaseSamples, CaseTable, case_numbers
 from ..events.event_rules import last_instants
 from ..lanes.cases import BlockResult
@@ -95,7 +95,7 @@ class CaseRuns:
             t_last=last_instants(times, origin),
             samples=CaseSamples(samples.t, samples.x, samples.added, samples.mode, samples.history),
             log=self.log,
-            stops=no_stops(),
+            stops=no_phase_stops(),
             carried=np.zeros((0, 0)),
         )
         self.executor = PhaseExecutor(choice, self._table, threads)

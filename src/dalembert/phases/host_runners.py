@@ -1,6 +1,6 @@
 """Modes that Python runs, by the integrators of their models, where the loop over lanes does not support them.
 
-These are modes of engines without such loops, radau, modes whose prescribed velocities jump at a break, and those of
+These are modes of engines without such loops, modes whose prescribed velocities jump at a break, and those of
 which results are checked. The loop over phases calls such a runner as it calls compiled ones.
 """
 
@@ -114,7 +114,7 @@ class HostMode:
 
         def run(packed: int, *others: int) -> int:
             count = ctypes.c_int64.from_address(packed + 8 * _COUNT).value
-            group = self._group(rows, space, count, len(table.stops.first) > 0)
+            group = self._group(rows, space, count, len(table.stops.table.first) > 0)
             if self._jumps is not None:
                 self._jumps.apply(group)
             if recorded:

@@ -100,7 +100,7 @@ class ModeRunner:
         for steps and for what occurs, if that is not 0. Where the table has
         stops, cases continue where their last run has stopped.
         """
-        stops = len(table.stops.first) > 0
+        stops = len(table.stops.table.first) > 0
         model, gathered, k = self.model, space.gathered, space.gathered.shape[1]
         given, places = {**rows.states, DIRECTION: rows.count - 1}, rows.with_switches(self.switched)
         start = model.derived.start(given)

@@ -17,7 +17,7 @@ from ..codegen.llvm.loops import Loop, loop_named
 from ..codegen.runs import CaseRun, LoopCall
 from ..contacts.automaton import BITS
 from ..contacts.phase_loop import PhaseArguments
-from ..contacts.phase_stops import PhaseStops, no_stops
+from ..contacts.phase_stops import PhaseStops, no_phase_stops
 from ..contacts.phase_tables import NO_RUNNER, CaseTable, PhasePlan, PhaseProgress, RunnerTable, ThreadWorkspace
 from ..lanes.sweep_arguments import SweepArguments
 from ..lanes.workspace import aligned
@@ -68,7 +68,7 @@ def thread_workspace(
         totals=np.zeros((together, table.totals.shape[1])),
         carried=np.full(together * events, np.nan),
         reaching=np.full((2, lanes), -1, np.int64),
-        acted=aligned(int(max(np.diff(table.stops.columns), default=1)), lanes),
+        acted=aligned(int(max(np.diff(table.stops.table.columns), default=1)), lanes),
         chosen=np.zeros(together, np.int64),
         sampled=np.zeros(together, np.int64),
         clock=aligned(1, lanes),
@@ -142,10 +142,10 @@ class PhaseExecutor:
 
     def begin(self, stops: PhaseStops | None) -> None:
         """Prepare for cases that begin, with stops or without."""
-        if stops is None and not len(self.table.stops.first):
+        if stops is None and not len(self.table.stops.table.first):
             return
-        stops = no_stops() if stops is None else stops
-        if len(stops.first) != len(self.table.stops.first):
+        stops = no_phase_stops() if stops is None else stops
+        if len(stops.table.first) != len(self.table.stops.table.first):
             self._made = None
         self.table, self._packed = self.table._replace(stops=stops), []
         self._carry_signs()
@@ -240,7 +240,7 @@ class PhaseExecutor:
         """Make room for the signs of all events of a runner, where there are stops."""
         width = max((len(runner.events) for runner in self.choice.runners), default=0)
         before = self.table.carried
-        if len(self.table.stops.first) and width > before.shape[1]:
+        if len(self.table.stops.table.first) and width > before.shape[1]:
             carried = np.full((len(self.table.t1), width), np.nan)
             carried[: len(before), : before.shape[1]] = before
             self.table, self._packed = self.table._replace(carried=carried), []

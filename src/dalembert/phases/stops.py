@@ -18,7 +18,8 @@ from ..runs.stop_lists import stop_lists
 from ..starts.input_values import GivenInputs
 from ..stops.breakpoints import CaseBreaks
 from ..stops.input_records import no_inputs
-from ..subset.addresses import AddressTable, OwnedAddress
+from ..stops.stops import CaseStops, StopAction
+from ..subset.addresses import OwnedAddress
 from .mode_models import ModeModels
 
 
@@ -39,7 +40,7 @@ class Stops:
     @property
     def acts(self) -> bool:
         """Whether controllers act."""
-        return self.table.kernels.size > 0
+        return self.table.table.actions.size > 0
 
 
 def stops_of(
@@ -82,23 +83,12 @@ def stops_of(
     changes = CaseBreaks.of(NO_CONDITIONS, p, *spans) if breaks is None else breaks
     lists, bad = stop_lists(changes, sampling, p, t_eval, at_start=True, many=many)
     actions = () if sampling is None else sampling.kernels.actions
-    codes = [] if sampling is None else [_action_code(modes, sampling, action) for action in actions]
-    places = [] if sampling is None else [_places(sampling, action) for action in actions]
-    table = PhaseStops(
-        first=lists.first,
-        last=lists.last,
-        times=lists.times,
-        acts=lists.acts,
-        middles=lists.middles,
-        next=np.full(k, BEFORE_START, np.int64),
-        edges=np.zeros(k),
-        place=0 if breaks is None or breaks.place is None else breaks.place,
-        kernels=AddressTable(codes),
-        columns=np.cumsum([0, *(len(own) for own in places)]).astype(np.int64),
-        places=np.array([place for own in places for place in own], np.int64),
-        inputs=no_inputs() if records is None else records.table(k),
-        coefficients=np.zeros((0, 0)) if records is None else np.zeros((p.shape[1], k)),
-    )
+    own = [] if sampling is None else [(_places(sampling, a), _action_code(modes, sampling, a)) for a in actions]
+    place = None if breaks is None else breaks.place
+    found = CaseStops(lists, place, tuple(StopAction(places) for places, _ in own), tuple(code for _, code in own))
+    listed = found.table(no_inputs() if records is None else records.table(k), k, 0)
+    coefficients = np.zeros((0, 0)) if records is None else np.zeros((p.shape[1], k))
+    table = PhaseStops(listed._replace(next=np.full(k, BEFORE_START, np.int64)), np.zeros(k), coefficients)
     return Stops(table, breaks, None if records is None else given, bad)
 
 

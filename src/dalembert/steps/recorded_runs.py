@@ -60,12 +60,12 @@ class Progress(Record):
     """Progress of a run.
 
     Time, the end of the run, its direction (1 or -1), where steps must end next, the size of the next step and the
-    error of the last; the row of the state in the work; how many steps were taken and rejected, evaluations made and times recorded; whether the last step was
-    rejected; the steps before the present block, and those after which it is full. What follows is kept by one loop
-    alone: steps in a row at the boundary of stability (`explicit_loop`); for `implicit_loop` whether the Jacobian
-    is that of the present state, the size of the last step, its inverse where its polynomial can be continued, the
-    rate of convergence of its iteration, what the first correction of the next is judged by, and the step that the
-    matrices are factored for, 0 for none.
+    error of the last; the row of the state in the work; how many steps were taken and rejected, evaluations made and
+    times recorded; whether the last step was rejected; the steps before the present block, and those after which it is
+    full. What follows is kept by one loop alone: steps in a row at the boundary of stability (`explicit_loop`); for
+    `implicit_loop` whether the Jacobian is that of the present state, the size of the last step, its inverse where its
+    polynomial can be continued, the rate of convergence of its iteration, what the first correction of the next is
+    judged by, and the step that the matrices are factored for, 0 for none.
     The last is the size that was proposed where a knot of a table cuts the step.
     """
 

@@ -193,9 +193,7 @@ def _recorded(
 ) -> tuple[RunCodes, RunSettings, Run]:
     """Return what loops of recorded runs have in common, with room for one step."""
     (n, constants), (rtol, atol) = sizes, tolerances
-    settings = RunSettings(
-        0.0, rtol, max(atol, SMALLEST_SCALE), 0.0, 0.0, 0, n, degree, False, False, False, False
-    )
+    settings = RunSettings(0.0, rtol, max(atol, SMALLEST_SCALE), 0.0, 0.0, 0, n, degree, False, False, False, False)
     run = Run(
         clock=np.zeros((1, 1)),
         constants=np.zeros((constants, 1)),

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...lanes.cases import BlockResult, CaseColumns
-from ...lanes.step_records import FIRST_AT
 from ...lanes.row_steps import RowSteps, no_row_steps
+from ...lanes.step_records import FIRST_AT
 from ...lanes.sweep_arguments import (
     CaseShape,
     Columns,
