@@ -7,6 +7,7 @@ import pytest
 
 from dalembert.lanes.case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes, runs_on
 from dalembert.lanes.lane_steps import accept_steps, next_record, project_lanes, record_part, swap_states
+from dalembert.lanes.row_steps import no_row_steps
 from dalembert.lanes.sweep_arguments import (
     CaseShape,
     Columns,
@@ -66,6 +67,7 @@ def sweep(memory=0, t_eval=(), cases=2, position=0):
         steps=np.empty((0, 0)),
         rows=no_rows(),
         part=no_part_samples(),
+        alone=no_row_steps(),
     )
     begin_lanes(arguments)
     for lane in range(LANES):

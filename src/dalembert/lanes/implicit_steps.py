@@ -63,7 +63,7 @@ def _begin(rows: RowSteps, fresh: bool) -> bool:
 
 @compiled_subset
 def _attempt(rows: RowSteps, state: LaneState, n: int) -> tuple[float, float]:
-    """Attempt a step, and write its polynomials where there is room; return its size, and what failed, 0 for nothing."""
+    """Attempt a step, and write its polynomials where there is room; return its size, and what failed, or 0."""
     run, states, y = rows.run, state.states, rows.run.progress.row
     outcome, h, t_new, error, quotient = attempt(rows.codes, rows.settings, rows.space, run)
     if outcome != ACCEPTED:
