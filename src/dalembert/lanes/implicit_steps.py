@@ -51,7 +51,7 @@ def implicit_step(rows: RowSteps, state: LaneState, n: int, t1: float, fresh: bo
 
 @compiled_subset
 def _begin(rows: RowSteps, fresh: bool) -> bool:
-    """Begin a motion, or go on behind a stop; return whether it can begin."""
+    """Begin a motion, or continue it behind a stop; return whether it can begin."""
     progress = rows.run.progress
     if not fresh:
         begin_piece(rows.codes, rows.settings, rows.run, progress.row, progress.t, progress.size)
