@@ -68,10 +68,13 @@ class Graph(Algebra):
                     stack.extend((arg, False) for arg in reversed(args(node)) if arg.index not in seen)
 
     @staticmethod
-    def visit(outputs: Sequence[Node], done: dict[int, Node], action: Callable[[Node], Node]) -> None:
+    def visit(
+        outputs: Sequence[Node], done: dict[int, Node], action: Callable[[Node], Node], within: int = -1
+    ) -> None:
         """Set ``done[node.index] = action(node)`` for `outputs` and all they depend on, operands first.
 
-        Nodes in `done` are taken as they are. The action may make nodes, and so give known nodes cheaper forms.
+        Nodes in `done` are taken as they are, and operands that depend on no input of the mask `within` are left out.
+        The action may make nodes, and so give known nodes cheaper forms.
         """
         stack = list(outputs)
         while stack:
@@ -79,7 +82,7 @@ class Graph(Algebra):
             if node.index in done:
                 stack.pop()
                 continue
-            pending = [arg for arg in node.args if arg.index not in done]
+            pending = [arg for arg in node.args if arg.index not in done and (within < 0 or arg.deps & within)]
             if pending:
                 stack.extend(reversed(pending))
             else:
@@ -103,14 +106,14 @@ class Graph(Algebra):
         def rebuild(node: Node) -> Node:
             if not node.deps & changed:
                 return node
-            made = self.call(node.op, *(new[arg.index] for arg in node.args))
+            made = self.call(node.op, *(new.get(arg.index, arg) for arg in node.args))
             if generic is not None and made is not node and node.op not in _RATIONAL:
                 return self.const(next(generic))
             if made.deps & forbidden:  # the value does not depend on the input, but its cheapest form contained it
                 self.freed_of(made, list(values))
             return made
 
-        self.visit(outputs, new, rebuild)
+        self.visit(outputs, new, rebuild, changed)
         return [new[output.index] for output in outputs]
 
     def adopt(self, nodes: Sequence[Node]) -> list[Node]:

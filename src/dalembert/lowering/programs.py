@@ -14,6 +14,7 @@ from ..ir.program import Layout, Program
 from ..reduction.base import condition_kernels
 from ..reduction.knot_starts import knot_sides
 from ..reduction.reactions import shared_reactions
+from ..reduction.saddle import velocity_residuals
 from ..transforms.conditions import decide
 from ..transforms.lower_kernels import lower_kernel
 from ..transforms.passes import EliminateDeadCode
@@ -44,10 +45,7 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
     common: dict[Node, tuple[str, int | None]] = {equations.time: ("t", None), **parameters}
     state = common | {node: ("y", i) for node, i in system.places.items()}
     scene = common | {node: ("y", i) for i, node in enumerate(equations.variables)}
-    residuals = [
-        graph.sum(a * b for a, b in zip(row.jacobian, equations.qdot, strict=True)) + row.drift
-        for row in equations.constraints
-    ]
+    residuals = velocity_residuals(equations)
     # Speeds that were tried may cancel in a form only while unit quaternions stand for the coordinates.
     graph.heal(system.accelerations, (*system.inputs, equations.time, *parameters))
     on_state, on_scene = _values_on_state(system), _values_on_scene(system, residuals)

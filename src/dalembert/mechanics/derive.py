@@ -235,7 +235,9 @@ def _nonholonomic(kinematics: Kinematics, constraint: ConstraintModel) -> Constr
 def _row(kinematics: Kinematics, label: str, position: Node | None, velocity: Node) -> ConstraintRow:
     graph, rates = kinematics.graph, kinematics.qdot
     still = dict.fromkeys(rates, graph.zero)
-    slopes = [tangents(graph, [velocity], {rate: graph.one})[0] for rate in rates]
+    slopes = [
+        tangents(graph, [velocity], {rate: graph.one})[0] if velocity.deps & rate.deps else graph.zero for rate in rates
+    ]
     *jacobian, drift = graph.substitute([*slopes, velocity], still)
     bias = -tangents(graph, [velocity], kinematics.flow)[0]
     return ConstraintRow(label, position, tuple(jacobian), drift, bias)

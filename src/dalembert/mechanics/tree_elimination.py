@@ -282,6 +282,8 @@ class TreeFactorization(Factors):
             for each in eliminations:
                 half = rest[each.coordinate]
                 halves.append(half)
+                if half.is_zero:
+                    continue
                 if each.weights is not None:
                     minus = (vec.scale(-half, each.weights[0]), vec.scale(-half, each.weights[1]))
                     screw = add_screw(screw, minus)

@@ -123,7 +123,8 @@ def _add_solution(
     rest = graph.substitute([expression], {unknown: graph.zero})[0]
     value = -rest / slope
     for i, old in solved.items():
-        solved[i] = graph.substitute([old], {unknown: value})[0]
+        if old.deps & unknown.deps:
+            solved[i] = graph.substitute([old], {unknown: value})[0]
     solved[number] = value
 
 
@@ -186,6 +187,8 @@ def _pivot(equations: EquationsOfMotion, residual: Node, candidates: Sequence[in
     graph = equations.graph
     best: tuple[int, Node] | None = None
     for number in candidates:
+        if not residual.deps & equations.q[number].deps:
+            continue
         slope = tangents(graph, [residual], {equations.q[number]: graph.one})[0]
         free = graph.freed_of(slope, equations.moving)
         if free is not None and not vanishes(free) and (best is None or _preferred(free, best[1])):

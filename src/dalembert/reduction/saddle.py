@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from typing import final
 
@@ -18,7 +19,7 @@ from ..errors import ConstraintError
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion
-from ..transforms.linear import SET_ASIDE, Factorization, Factors, Matrix, SingularMatrix, factorize, guarded_pivot
+from ..transforms.linear import SET_ASIDE, Factorization, Factors, Matrix, SingularMatrix, factorize, guarded_pivot, product
 from .base import (
     Formulation,
     Projection,
@@ -173,9 +174,13 @@ class SaddlePoint:
             ) from None
 
     def _inner_products(self, count: int) -> Matrix:
-        halves = self.halves[:count]
-        matrix = [[self.mass.inner(halves[i], halves[j]) for j in range(i + 1)] for i in range(count)]
+        matrix = self._products
         return [[matrix[max(i, j)][min(i, j)] for j in range(count)] for i in range(count)]
+
+    @cached_property
+    def _products(self) -> Matrix:
+        """The lower triangle of J M^-1 J^T."""
+        return self.mass.inner_products(self.halves)
 
     def set_aside(self) -> Node:
         """Return the number of constraints that guarded pivots set aside."""
@@ -199,7 +204,9 @@ class SaddlePoint:
         """Return M^-1 (start + J^T weights), `start` already half solved."""
         half = list(start)
         for weight, column in zip(weights, self.halves, strict=False):
-            half = [value + weight * entry for value, entry in zip(half, column, strict=True)]
+            for place, entry in enumerate(column):
+                if not entry.is_zero:
+                    half[place] = half[place] + weight * entry
         return self.mass.finish(half)
 
     def multipliers(self, demand: Sequence[Node], scene: str) -> list[Node]:
@@ -241,9 +248,7 @@ class SaddlePoint:
 def velocity_residuals(equations: EquationsOfMotion) -> list[Node]:
     """Return the velocity residual of each constraint."""
     graph, qdot = equations.graph, equations.qdot
-    return [
-        graph.sum(a * b for a, b in zip(row.jacobian, qdot, strict=True)) + row.drift for row in equations.constraints
-    ]
+    return [product(graph, row.jacobian, qdot) + row.drift for row in equations.constraints]
 
 
 def reduce_saddle(

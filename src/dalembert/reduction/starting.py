@@ -301,8 +301,8 @@ class _Starting:
             return state
         inputs, places = graph.adopt(list(system.places)), list(system.places.values())
         for correction in (projection.position, projection.velocity):
-            moved = graph.substitute(
-                graph.adopt(correction), {node: state[i] for node, i in zip(inputs, places, strict=True)}
-            )
+            places_of = {node: state[i] for node, i in zip(inputs, places, strict=True)}
+            values = {node: value for node, value in places_of.items() if node is not value}
+            moved = graph.substitute(graph.adopt(correction), values) if values else graph.adopt(correction)
             state = [a + b for a, b in zip(state, moved, strict=True)]
         return state

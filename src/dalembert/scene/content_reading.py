@@ -170,28 +170,28 @@ class ContentReader(GeometryReader):
         return f"{kind} constraint of {owners[0]!r}" if owners else f"{kind} constraint {number + 1}"
 
     def _holonomic(self, constraint: Any, number: int) -> ConstraintModel:
-        label = self._label("holonomic", constraint, number)
+        label, text = self._label("holonomic", constraint, number), short(constraint)
         before = len(self.expressions.faults)
-        node = self._scalar(constraint, f"{label} ({short(constraint)})")
-        self._without_states([node], f"{label} ({short(constraint)})")
+        node = self._scalar(constraint, f"{label} ({text})")
+        self._without_states([node], f"{label} ({text})")
         if node.deps & self._mask("rates"):
-            self.faults.append(f"{label} ({short(constraint)}) contains rates; add it as a nonholonomic constraint")
+            self.faults.append(f"{label} ({text}) contains rates; add it as a nonholonomic constraint")
         elif node.is_zero and len(self.expressions.faults) == before:
-            self.faults.append(f"{label} ({short(constraint)}) {_IMPLIED}")
+            self.faults.append(f"{label} ({text}) {_IMPLIED}")
         elif not node.deps & self._mask("coordinates") and len(self.expressions.faults) == before:
-            self.faults.append(f"{label} ({short(constraint)}) contains no coordinate, so it constrains nothing")
-        return ConstraintModel(f"{label}, {short(constraint)} = 0", node)
+            self.faults.append(f"{label} ({text}) contains no coordinate, so it constrains nothing")
+        return ConstraintModel(f"{label}, {text} = 0", node)
 
     def _nonholonomic(self, constraint: Any, number: int) -> ConstraintModel:
-        label = self._label("nonholonomic", constraint, number)
+        label, text = self._label("nonholonomic", constraint, number), short(constraint)
         before = len(self.expressions.faults)
-        node = self._scalar(constraint, f"{label} ({short(constraint)})")
+        node = self._scalar(constraint, f"{label} ({text})")
         rates = self._mask("rates")
         if node.is_zero and len(self.expressions.faults) == before:
-            self.faults.append(f"{label} ({short(constraint)}) {_IMPLIED}")
+            self.faults.append(f"{label} ({text}) {_IMPLIED}")
         elif not node.deps & rates and len(self.expressions.faults) == before:
             self.faults.append(
-                f"{label} ({short(constraint)}) contains no rate; add a constraint on positions with"
+                f"{label} ({text}) contains no rate; add a constraint on positions with"
                 " add_holonomic_constraints"
             )
         for q in self.coordinates:
@@ -199,11 +199,11 @@ class ContentReader(GeometryReader):
             slope = tangents(self.graph, [node], {rate: self.graph.one})[0]
             if self.graph.freed_of(slope, self._rates()) is None:
                 self.faults.append(
-                    f"{label} ({short(constraint)}) is not affine in the rate of {q.func.__name__};"
+                    f"{label} ({text}) is not affine in the rate of {q.func.__name__};"
                     " only constraints of the form sum a_i(q, t) q_dot_i + b(q, t) = 0 can be compiled"
                 )
                 break
-        return ConstraintModel(f"{label}, {short(constraint)} = 0", node)
+        return ConstraintModel(f"{label}, {text} = 0", node)
 
     def _controllers(
         self, nonholonomic: Sequence[ConstraintModel], contacts: Sequence[ContactModel]

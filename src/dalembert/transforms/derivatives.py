@@ -184,12 +184,12 @@ def tangents(
 
     def differentiate(node: Node) -> Node:
         form = Form(node, node.op, node.args)
-        rates = tuple(tangent[arg.index] for arg in form.args)
+        rates = tuple(tangent.get(arg.index, graph.zero) for arg in form.args)
         if not node.deps & varying or all(rate.is_zero for rate in rates):
             return graph.zero
         return rules[form.op](graph, form, rates)
 
-    graph.visit(outputs, tangent, differentiate)
+    graph.visit(outputs, tangent, differentiate, varying)
     return [tangent[output.index] for output in outputs]
 
 

@@ -37,7 +37,13 @@ def transpose(a: Sequence[Sequence[Node]]) -> Matrix:
 
 def matvec(graph: Graph, a: Sequence[Sequence[Node]], x: Sequence[Node]) -> list[Node]:
     """Return the product of a matrix and a vector."""
-    return [graph.sum(u * v for u, v in zip(row, x, strict=True)) for row in a]
+    return [product(graph, row, x) for row in a]
+
+
+def product(graph: Graph, a: Sequence[Node], b: Sequence[Node]) -> Node:
+    """Return the scalar product of two vectors."""
+    nothing = graph.zero
+    return graph.sum(u * v for u, v in zip(a, b, strict=True) if u is not nothing and v is not nothing)
 
 
 def matmul(graph: Graph, a: Sequence[Sequence[Node]], b: Sequence[Sequence[Node]]) -> Matrix:
@@ -80,7 +86,25 @@ class Factors(ABC):
 
     def inner(self, a: Sequence[Node], b: Sequence[Node]) -> Node:
         """Return x . A^-1 y from the half solutions a = L^-1 P x and b = L^-1 P y."""
-        return self.graph.sum(x * y / pivot for x, y, pivot in zip(a, b, self.pivots, strict=True))
+        terms = zip(a, b, self.pivots, strict=True)
+        return self.graph.sum(x * y / pivot for x, y, pivot in terms if not (x.is_zero or y.is_zero))
+
+    def inner_products(self, halves: Sequence[Sequence[Node]]) -> Matrix:
+        """Return the lower triangle of B A^-1 B^T from half solutions, one a row of B."""
+        places = [[k for k, value in enumerate(half) if not value.is_zero] for half in halves]
+        meeting: list[list[int]] = [[] for _ in self.pivots]
+        found: Matrix = []
+        for i, (half, own) in enumerate(zip(halves, places, strict=True)):
+            terms: dict[int, list[int]] = {}
+            for k in own:
+                meeting[k].append(i)
+                for j in meeting[k]:
+                    terms.setdefault(j, []).append(k)
+            row = [self.graph.zero] * (i + 1)
+            for j in sorted(terms):
+                row[j] = self.graph.sum(half[k] * halves[j][k] / self.pivots[k] for k in terms[j])
+            found.append(row)
+        return found
 
 
 @final
