@@ -11,7 +11,7 @@ from ..ir.node import Node
 from ..naming import acceleration_input, acceleration_name
 from ..scene.model import ConstraintModel, ContactModel, SceneModel
 from ..scene.symbols import RESERVED_OUTPUTS
-from ..transforms.derivatives import jacobian, tangents
+from ..transforms.derivatives import cotangents, jacobian, tangents
 from ..transforms.linear import Matrix
 from ..transforms.nonsmooth import nonanalytic
 from .equations import ConstraintRow, ContactRow, EquationsOfMotion, VelocityChoice, VelocityGroup
@@ -232,12 +232,19 @@ def _nonholonomic(kinematics: Kinematics, constraint: ConstraintModel) -> Constr
     return _row(kinematics, constraint.label, None, constraint.expression)
 
 
+_MANY = 24
+"""Rates in a constraint from which on its row is derived backwards: a chain would take operations in their square."""
+
+
 def _row(kinematics: Kinematics, label: str, position: Node | None, velocity: Node) -> ConstraintRow:
     graph, rates = kinematics.graph, kinematics.qdot
     still = dict.fromkeys(rates, graph.zero)
-    slopes = [
-        tangents(graph, [velocity], {rate: graph.one})[0] if velocity.deps & rate.deps else graph.zero for rate in rates
-    ]
+    if sum(1 for rate in rates if velocity.deps & rate.deps) > _MANY:
+        slopes = cotangents(graph, [velocity], [graph.one], rates)
+    else:
+        slopes = [
+            tangents(graph, [velocity], {x: graph.one})[0] if velocity.deps & x.deps else graph.zero for x in rates
+        ]
     *jacobian, drift = graph.substitute([*slopes, velocity], still)
     bias = -tangents(graph, [velocity], kinematics.flow)[0]
     return ConstraintRow(label, position, tuple(jacobian), drift, bias)

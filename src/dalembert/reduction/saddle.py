@@ -45,6 +45,10 @@ _PERIODIC = "sin", "cos"
 _MOST_ENTRIES = 8
 """Entries of a row among which unit vectors are looked for."""
 
+_TURNED = 12
+"""Entries of a row from which on x cos(a) + y sin(a) is bounded by the larger of x and y, the length of what turns: a
+bound by their sum doubles with each rotation of a chain, and all rows would count as zero beside it."""
+
 
 def row_scale(graph: Graph, row: Sequence[Node], inertias: Sequence[Node]) -> Node:
     """Return a lower bound of row M^-1 row^T at angles that make each entry large; zero where the row never vanishes.
@@ -61,7 +65,7 @@ def row_scale(graph: Graph, row: Sequence[Node], inertias: Sequence[Node]) -> No
     if _never_vanishes(graph, row):
         return graph.zero
     entries = [(entry, inertia) for entry, inertia in zip(row, inertias, strict=True) if not entry.is_zero]
-    sizes = _sizes_at_any_angle(graph, [entry for entry, _ in entries])
+    sizes = _sizes_at_any_angle(graph, [entry for entry, _ in entries], turned=len(entries) > _TURNED)
     known = [size * size / inertia for size, (_, inertia) in zip(sizes, entries, strict=True) if size is not None]
     return graph.sum(known) if len(known) == len(entries) else graph.zero
 
@@ -73,7 +77,7 @@ def _never_vanishes(graph: Graph, row: Sequence[Node]) -> bool:
     return any(all(node.op not in _PERIODIC for node in graph.topological([total])) for total in sums)
 
 
-def _sizes_at_any_angle(graph: Graph, nodes: Sequence[Node]) -> list[Node | None]:
+def _sizes_at_any_angle(graph: Graph, nodes: Sequence[Node], *, turned: bool) -> list[Node | None]:
     """Return bounds of values with sines and cosines taken to be one; None for values that have none in all terms."""
     done: dict[int, Node] = {}
     periodic: dict[int, bool] = {}
@@ -85,7 +89,8 @@ def _sizes_at_any_angle(graph: Graph, nodes: Sequence[Node]) -> list[Node | None
         if node.op in _PERIODIC:
             return graph.one
         if node.op in ("add", "sub"):
-            return a[0] + a[1]
+            turns = turned and all(arg.op == "mul" and any(x.op in _PERIODIC for x in arg.args) for arg in node.args)
+            return graph.call("max", a[0], a[1]) if turns else a[0] + a[1]
         if node.op in ("mul", "div"):
             return a[0] * a[1] if node.op == "mul" else a[0] / a[1]
         return a[0] if node.op == "neg" else graph.call("abs", node)

@@ -26,6 +26,8 @@ from .reactions import (
     unknown,
 )
 
+from .vector_products import components_on, product_of
+
 if TYPE_CHECKING:
     from .scene import Scene
 
@@ -108,6 +110,10 @@ class _Ends:
         parent, child = ("the fixed frame" if b is None else repr(str(b.name)) for b in (self.parent, self.child))
         return f"{parent} and {child}"
 
+    def product(self, a: Vector, b: Vector) -> Any:
+        """Return the scalar product of two vectors."""
+        return product_of(self.scene.frame, a, b)
+
     def _common_frame(self) -> ReferenceFrame:
         """Return the last frame that carries both bodies."""
         tree = Tree(self.scene.frame, "_dcm_dict")
@@ -117,7 +123,7 @@ class _Ends:
 
     def on_frame(self) -> Any:
         """Return the axis on the parent's frame (3, 1)."""
-        return self.axis.to_matrix(self.frame)
+        return components_on(self.frame, self.axis)
 
     def across_axis(self) -> list[Vector]:
         """Return two unit vectors across the axis, fixed in the parent."""
@@ -127,29 +133,29 @@ class _Ends:
         """Return the conditions that the points are together: along and across an axis that does not turn."""
         root = self.scene.frame
         if self.axis is not None and constant_in(root, self.axis):
-            matrix = self.axis.to_matrix(root)
+            matrix = components_on(root, self.axis)
             axes = [Vector([(column, root)]) for column in (*orthogonal(matrix), matrix)]
         else:
             axes = list(self._common_frame())
-        return [self.way.dot(axis) for axis in axes]
+        return [self.product(self.way, axis) for axis in axes]
 
     def aligned(self) -> list[Any]:
         """Return the conditions that the frames are aligned."""
         p, c = self.frame, self.child_frame
-        return [p.x.dot(c.y), p.y.dot(c.z), p.z.dot(c.x)]
+        return [self.product(p.x, c.y), self.product(p.y, c.z), self.product(p.z, c.x)]
 
     def parallel(self) -> list[Any]:
         """Return the conditions that the axes are parallel."""
-        return [self.child_axis.dot(axis) for axis in self.across_axis()]
+        return [self.product(self.child_axis, axis) for axis in self.across_axis()]
 
     def on_line(self) -> list[Any]:
         """Return the conditions that the child's point is on the axis through the parent's."""
-        return [self.way.dot(axis) for axis in self.across_axis()]
+        return [self.product(self.way, axis) for axis in self.across_axis()]
 
     def at_distance(self) -> list[Any]:
         """Return the condition of the distance; its gradient is of the size of one."""
         length = sp.sympify(self.closure.distance)
-        return [(self.way.dot(self.way) - length**2) / (2 * length)]
+        return [(self.product(self.way, self.way) - length**2) / (2 * length)]
 
 
 def _free(name: str, _: _Ends) -> Triple:
@@ -173,7 +179,7 @@ def _about_cross(name: str, ends: _Ends) -> Triple:
 
 def _tension(name: str, ends: _Ends) -> Triple:
     """Return the force of a rod on the child's end: the tension is positive."""
-    x, y, z = (-unknown(name) * ends.way.dot(axis) / sp.sympify(ends.closure.distance) for axis in ends.frame)
+    x, y, z = (-unknown(name) * ends.product(ends.way, axis) / sp.sympify(ends.closure.distance) for axis in ends.frame)
     return x, y, z
 
 
@@ -198,7 +204,7 @@ KINDS = {
     "weld": _Kind((_Ends.together, _Ends.aligned), _free, _free, ("parent_frame", "child_frame")),
     "slider": _Kind((_Ends.on_line, _Ends.aligned), _across, _free, ("axis", "parent_frame", "child_frame")),
     "universal": _Kind(
-        (_Ends.together, lambda ends: [ends.axis.dot(ends.child_axis)]),
+        (_Ends.together, lambda ends: [ends.product(ends.axis, ends.child_axis)]),
         _free,
         _about_cross,
         ("axis", "child_axis"),

@@ -25,6 +25,7 @@ from .elapsed import ElapsedTime
 from .joints import Unknown
 from .table_functions import TableFunction, outside
 from .time_conditions import FUNCTIONS, JUMPING, RECIPROCALS, TimeConditions, is_exhaustive, supported
+from .vector_products import VectorProduct
 
 _EXPONENT = 1_000_000
 _LONG = 10_000
@@ -187,6 +188,8 @@ class ExpressionReader:
             return self._derivative(e)
         if isinstance(e, TableFunction):
             return self._table(e)
+        if isinstance(e, VectorProduct):
+            return e.value(self._read)
         if isinstance(e, CompiledCall):
             return g.call(e.function.op, *map(self._read, e.values), g.const(e.function.key))
         if isinstance(e, sp.Subs) and isinstance(e.expr, sp.Derivative) and isinstance(e.expr.expr, AppliedUndef):

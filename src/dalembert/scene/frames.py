@@ -53,6 +53,10 @@ class Tree:
             node = self.parent[node]
         return path[::-1]
 
+    def known(self, node: Any) -> int:
+        """Return the number of a node, -1 before its first use."""
+        return self._numbers.get(id(node), -1)
+
     def number(self, node: Any) -> int:
         """Return the number of a node, assigned in order of first use."""
         return self._numbers.setdefault(id(node), len(self._numbers))

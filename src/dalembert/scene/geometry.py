@@ -20,6 +20,7 @@ from .model import Components, FrameModel, Piece, Pieces, PointModel
 from .scene import Scene
 from .speeds import read_rates, refuse_states
 from .symbols import SymbolReader
+from .vector_products import multiplied_out
 
 
 class GeometryReader(SymbolReader):
@@ -37,6 +38,8 @@ class GeometryReader(SymbolReader):
 
     def _frame(self, frame: ReferenceFrame, place: str) -> int:
         """Return the number of a frame, reading it and its ancestors when first met."""
+        if not self._free and (known := self.frames.known(frame)) in self.frame_models:
+            return known
         path = self.frames.path(frame)
         if path is None:
             self.faults.append(
@@ -84,6 +87,8 @@ class GeometryReader(SymbolReader):
 
     def _point(self, point: Point, place: str) -> int:
         """Return the number of a point, reading it and its ancestors when first met."""
+        if (known := self.points.known(point)) in self.point_models:
+            return known
         path = self.points.path(point)
         if path is None:
             self.faults.append(
@@ -124,7 +129,7 @@ class GeometryReader(SymbolReader):
         """Return a scalar that the motion depends on, with angles replaced by quaternions."""
         for angles in self.angles:
             if angles.concerns(expression):
-                found = angles.scalar(expression, place)
+                found = angles.scalar(multiplied_out(expression), place)
                 if found is None:
                     self.expressions.faults.append(f"{place}: {angles.complaint(short(expression))}")
                 return self.graph.zero if found is None else found

@@ -13,6 +13,7 @@ from sympy.physics.vector import Vector, dynamicsymbols
 from ..errors import SceneError, list_names
 from .frames import Tree
 from .identity import vanishes
+from .vector_products import far, is_constant
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -88,6 +89,8 @@ def constant_in(frame: ReferenceFrame, target: ReferenceFrame | Vector) -> bool:
         return True
     if isinstance(target, ReferenceFrame):
         return all(constant_in(frame, axis) for axis in target)
+    if far(frame, target):
+        return is_constant(frame, target)
     return all(vanishes(sp.diff(x, dynamicsymbols._t)) for x in target.to_matrix(frame))
 
 

@@ -17,6 +17,7 @@ from ..scene.made_contacts import with_made_contacts
 from ..scene.reactions import with_closures
 from ..scene.reading import read
 from ..scene.speeds import without_speeds
+from ..scene.vector_products import multiplied_out
 from .actions import Actions, Screw
 from .constraints import Constraint, classify, pfaffian
 from .energy import check_kinetic_energy, kinetic_energy, lagrange_operator, readable
@@ -175,7 +176,8 @@ class LagrangeView:
     def _vanishing_expressions(self) -> tuple[list[Any], list[Any]]:
         """The expressions of holonomic and nonholonomic constraints."""
         put, scene = self.geometry.put, self.scene
-        return [put(c) for c in scene.holonomic_constraints], [put(c) for c in scene.nonholonomic_constraints]
+        holonomic = [put(multiplied_out(c)) for c in scene.holonomic_constraints]
+        return holonomic, [put(c) for c in scene.nonholonomic_constraints]
 
     @cached_property
     def constraints(self) -> tuple[Constraint, ...]:
