@@ -1,6 +1,7 @@
 """How scenes of many bodies grow: seconds from a scene to its first run, and the time of an evaluation.
 
-``python benchmarks/bodies.py [--sizes 10 30 100] [--chains planar spatial] [--limit SECONDS]`` prints a table. Seconds
+``python benchmarks/bodies.py [--sizes 10 30 100] [--chains planar spatial] [--loops windows net] [--limit SECONDS]``
+prints a table of chains, then, with the sizes of `LOOP_SIZES`, of mechanisms of many closed loops. Seconds
 are those of the processor, so that other work of the machine does not count. An evaluation is a call of the compiled
 right-hand side from compiled code, the least mean of many samples. A size is left out where the one before took
 `limit` seconds in all.
@@ -12,7 +13,7 @@ measured beside it, called from Python, after their accelerations have been comp
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from ctypes import CFUNCTYPE, c_void_p
 from itertools import pairwise
 from time import perf_counter, process_time
@@ -25,14 +26,23 @@ from numpy.typing import NDArray
 import dalembert as da
 from dalembert.codegen.compiled_engine import CompiledEngine
 from dalembert.model.model import CompiledModel
+from loops import LOOPS
 
 SIZES = (5, 10, 20, 30, 50, 100, 300)
 VALUES = {"m": 1.0, "l": 0.5, "Ix": 0.01, "Iy": 0.02, "Iz": 0.03, "g": 9.81}
 SPAN = 1.0
+LOOP_SIZES = {
+    "windows": (10, 20, 40, 100),
+    "net": (3, 5, 7, 10, 14, 20),
+    "track": (10, 20, 40, 80),
+    "arch": (10, 20, 40, 80),
+}
+LOOP_SPAN = 0.1
+"""Seconds of motion; windows reach a singular position soon after."""
 
 
 class Growth(NamedTuple):
-    """One chain: seconds of the scene in SymPy, of its compilation, of the first run and of a later one.
+    """One chain or mechanism: seconds of the scene in SymPy, of its compilation, of the first run and of a later one.
 
     `operations` are those of an evaluation, `microseconds` its time; `steps` and `method` are those of the run, `peers`
     what others take.
@@ -56,27 +66,30 @@ class Growth(NamedTuple):
         return self.scene + self.compiled + self.first
 
 
-def growth(chain: str, n: int) -> Growth:
-    """Return what a chain of n links takes, whose links are bent a little and start at rest."""
+def growth(name: str, n: int) -> Growth:
+    """Return what a chain takes, whose n links are bent a little, or a mechanism of n loops; both start at rest."""
     times = [process_time()]
-    scene = CHAINS[chain](n)
+    made = LOOPS[name](n) if name in LOOPS else None
+    scene = CHAINS[name](n) if made is None else made[0]
     times.append(process_time())
     model = da.compile_model(scene, cache=False)
     times.append(process_time())
     start: dict[object, object] = {x: 0.3 / (i + 1) for i, x in enumerate(model.layout.coordinates)}
     start |= dict.fromkeys(model.layout.rates, 0.0)
-    given: dict[object, object] = {x: VALUES[x.rstrip("0123456789")] for x in model.layout.parameters}
+    given: dict[object, object] = {x: VALUES[x.rstrip("0123456789")] for x in model.layout.parameters if made is None}
+    if made is not None:
+        given, start = {**made[1]}, {**made[2]}
     for _ in range(2):
-        run = model.simulate((0.0, SPAN), start, given)
+        run = model.simulate((0.0, SPAN if made is None else LOOP_SPAN), start, given)
         times.append(process_time())
     if not run.success:
-        raise RuntimeError(f"the chain of {n} links ends with {run.status}: {run.message}")
+        raise RuntimeError(f"{name} of {n} ends with {run.status}: {run.message}")
     seconds = [later - earlier for earlier, later in pairwise(times)]
     state = np.concatenate([run.q[0], run.qdot[0]])
     evaluation = microseconds(model, state, model.parameter_vector(given))
     operations = len(model.stages.program.kernel("rhs").body)
-    others = tuple(peers(chain, n, model, run.q[0], given))
-    return Growth(chain, n, *seconds, operations, evaluation, run.stats.steps, run.stats.method, others)
+    others = tuple(peers(name, n, model, run.q[0], given)) if made is None else ()
+    return Growth(name, n, *seconds, operations, evaluation, run.stats.steps, run.stats.method, others)
 
 
 def microseconds(model: CompiledModel, y: NDArray[np.float64], p: NDArray[np.float64]) -> float:
@@ -173,12 +186,12 @@ def _mujoco(chain: str, n: int, q: NDArray[np.float64]) -> Callable[[], NDArray[
     return evaluate
 
 
-def measured(chains: Sequence[str], sizes: Sequence[int], limit: float) -> list[Growth]:
-    """Return what chains take, size by size, up to those that take `limit` seconds."""
+def measured(sizes: Mapping[str, Sequence[int]], limit: float) -> list[Growth]:
+    """Return what chains and mechanisms take, size by size, up to those that take `limit` seconds."""
     found = []
-    for chain in chains:
-        for n in sizes:
-            found.append(growth(chain, n))
+    for name, own in sizes.items():
+        for n in own:
+            found.append(growth(name, n))
             print(row(found[-1]), flush=True)
             if found[-1].total > limit:
                 break
@@ -203,8 +216,10 @@ def row(g: Growth) -> str:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
-    parser.add_argument("--chains", nargs="+", choices=CHAINS, default=list(CHAINS))
+    parser.add_argument("--chains", nargs="*", choices=CHAINS, default=list(CHAINS))
+    parser.add_argument("--loops", nargs="*", choices=LOOPS, default=list(LOOPS))
     parser.add_argument("--limit", type=float, default=60.0)
     given = parser.parse_args()
     print(HEADER)
-    measured(given.chains, given.sizes, given.limit)
+    sizes = {name: given.sizes for name in given.chains} | {name: LOOP_SIZES[name] for name in given.loops}
+    measured(sizes, given.limit)

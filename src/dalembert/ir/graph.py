@@ -68,9 +68,7 @@ class Graph(Algebra):
                     stack.extend((arg, False) for arg in reversed(args(node)) if arg.index not in seen)
 
     @staticmethod
-    def visit(
-        outputs: Sequence[Node], done: dict[int, Node], action: Callable[[Node], Node], within: int = -1
-    ) -> None:
+    def visit(outputs: Sequence[Node], done: dict[int, Node], action: Callable[[Node], Node], within: int = -1) -> None:
         """Set ``done[node.index] = action(node)`` for `outputs` and all they depend on, operands first.
 
         Nodes in `done` are taken as they are, and operands that depend on no input of the mask `within` are left out.

@@ -19,7 +19,16 @@ from ..errors import ConstraintError
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion
-from ..transforms.linear import SET_ASIDE, Factorization, Factors, Matrix, SingularMatrix, factorize, guarded_pivot, product
+from ..transforms.linear import (
+    SET_ASIDE,
+    Factorization,
+    Factors,
+    Matrix,
+    SingularMatrix,
+    factorize,
+    guarded_pivot,
+    product,
+)
 from .base import (
     Formulation,
     Projection,

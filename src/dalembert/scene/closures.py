@@ -25,7 +25,6 @@ from .reactions import (
     require_new_name,
     unknown,
 )
-
 from .vector_products import components_on, product_of
 
 if TYPE_CHECKING:

@@ -191,8 +191,7 @@ class ContentReader(GeometryReader):
             self.faults.append(f"{label} ({text}) {_IMPLIED}")
         elif not node.deps & rates and len(self.expressions.faults) == before:
             self.faults.append(
-                f"{label} ({text}) contains no rate; add a constraint on positions with"
-                " add_holonomic_constraints"
+                f"{label} ({text}) contains no rate; add a constraint on positions with add_holonomic_constraints"
             )
         for q in self.coordinates:
             rate = self.graph.input(rate_name(q.func.__name__))

@@ -1,7 +1,7 @@
 """Scalar products of vectors whose frames are many rotations apart, as SymPy expressions that are not multiplied out.
 
-SymPy writes the product of n rotations about one axis as a polynomial of 2^n terms. `VectorProduct` keeps the rotations:
-the reader takes it to the graph with operations that grow linearly with them.
+SymPy writes the product of n rotations about one axis as a polynomial of 2^n terms. `VectorProduct` keeps the
+rotations: the reader takes it to the graph with operations that grow linearly with them.
 """
 
 from __future__ import annotations
