@@ -22,7 +22,7 @@ _MOST = 8
 
 
 @final
-class VectorProduct(sp.Expr):
+class VectorProduct(sp.Expr):  # type: ignore[misc]
     """The scalar product of two vectors.
 
     Its arguments are the frames, parents first, each as the number of its parent, -1 for a common frame, and the matrix
