@@ -19,6 +19,7 @@ from ..errors import SceneError, list_names
 from .frames import Tree
 from .identity import equal, vanishes
 from .speeds import without_speeds
+from .vector_products import VectorProduct
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -189,6 +190,8 @@ def _solved(scene: Scene, coordinate: Any) -> Any:
         if not rest.has(coordinate):
             continue
         holding.append(constraint)
+        if rest.has(VectorProduct):  # in which angles are not affine
+            continue
         slope = sp.diff(rest, coordinate)
         if not slope.has(coordinate) and not vanishes(slope):
             return sp.trigsimp(sp.expand(-rest.subs(coordinate, 0) / slope))

@@ -62,7 +62,7 @@ class VectorProduct(sp.Expr):  # type: ignore[misc]
         return self.doit().diff(s)
 
     def _sympystr(self, printer: Any) -> str:
-        moving = sorted(map(str, self.atoms(AppliedUndef)))
+        moving = sorted(map(str, self.atoms(AppliedUndef)), key=lambda name: (len(name), name))
         return f"a product of vectors, which depends on {', '.join(moving)}"
 
 
