@@ -49,7 +49,7 @@ def windows(n: int) -> Mechanism:
 
 
 def net(n: int) -> Mechanism:
-    """Return n x n particles at the distance l of their neighbours, level, of which two corners are held."""
+    """Return n x n particles at the distance l of their neighbours, level; one corner is held, and another at its height."""
     N, O = ReferenceFrame("N"), Point("O")
     places = [(i, j) for i in range(n) for j in range(n)]
     at = {(i, j): dynamicsymbols(f"x{i}_{j} y{i}_{j} z{i}_{j}") for i, j in places}
@@ -63,8 +63,7 @@ def net(n: int) -> Mechanism:
     for (i, j), there in ((place, at.get(further)) for place in places for further in _neighbours(*place)):
         if there is not None:
             scene.add_holonomic_constraints(_square(at[i, j], there) - l**2)
-    x, y, z = at[0, n - 1]
-    scene.add_holonomic_constraints(*at[0, 0], x, y - (n - 1) * l, z)
+    scene.add_holonomic_constraints(*at[0, 0], at[0, n - 1][2])
     return scene, {name: ROD[name] for name in ("m", "l", "g")}, _at_rest(start)
 
 

@@ -81,7 +81,7 @@ def test_particles_of_a_net_need_no_other_forces():
                     rows.append(row)
                     turned.append(row @ found + speed)
                     sizes.append(np.abs(row) @ np.abs(found) + speed)
-    for k in (0, 1, 2, 3 * n - 3, 3 * n - 2, 3 * n - 1):
+    for k in (0, 1, 2, 3 * n - 1):
         rows.append(np.eye(len(q))[k])
         turned.append(found[k])
         sizes.append(GRAVITY)
