@@ -49,7 +49,7 @@ def windows(n: int) -> Mechanism:
 
 
 def net(n: int) -> Mechanism:
-    """Return n x n particles at the distance l of their neighbours, level; one corner is held, and another at its height."""
+    """Return n x n particles at the distance l of their neighbours, level and held at two corners."""
     N, O = ReferenceFrame("N"), Point("O")
     places = [(i, j) for i in range(n) for j in range(n)]
     at = {(i, j): dynamicsymbols(f"x{i}_{j} y{i}_{j} z{i}_{j}") for i, j in places}
