@@ -1,4 +1,4 @@
-"""Pages from results: bench.md, and the tables in README.md, docs/benchmarks.md and docs/speed.md.
+"""Pages from results: bench.md, and the tables in docs/benchmarks.md and docs/speed.md.
 
 ``python benchmarks/report.py`` writes the tables of the committed result into these pages, between
 their markers; with ``--check`` it only says, by its exit status, whether they are up to date.
@@ -234,8 +234,8 @@ def _chains_in_short(derivation: Record) -> str:
     )
 
 
-def readme_section(result: Record) -> str:
-    """Return what the README shows of a result: one row for each solver, its fastest contender."""
+def sleigh_table(result: Record) -> str:
+    """Return the times of the sleigh: one row for each solver, its fastest contender."""
     works = (("one run", "precision", "trajectory", _OWN_RUN), ("a case of a sweep", "sweeps", "sweep", _OWN_SWEEP))
     head, columns = ["sleigh"], []
     for title, key, kind, reference in works:
@@ -245,7 +245,7 @@ def readme_section(result: Record) -> str:
         [name, *(cell for found in columns for cell in _fastest(found, solver))]
         for name, solver in (("dalembert", "dalembert llvm"), *((peer, peer) for peer in SETTINGS))
     ]
-    return f"{markdown_table(head, rows)}\n\nMeasured on {describe_machine(result['machine'])}."
+    return markdown_table(head, rows)
 
 
 def _fastest(found: Sequence[Record], solver: str) -> list[str]:
@@ -265,6 +265,9 @@ def benchmarks_section(result: Record) -> str:
     return "\n\n".join(
         [
             f"Measured on {describe_machine(result['machine'])}.",
+            "The sleigh in short: microseconds of one run of 10 s, and of a case of a sweep, at the same final error;"
+            " in brackets, the ratio to dalembert; each program by its fastest method:",
+            sleigh_table(result),
             "Run time in microseconds for 10 s of motion, by `model.prepare()`, at the same final error; in brackets,"
             " the ratio to dalembert:",
             markdown_table(EQUAL, ratio_rows(_for_equal_error(result["precision"]), "trajectory", _OWN_RUN)),
@@ -327,7 +330,6 @@ def fill(*, check: bool = False) -> bool:
     """
     result = json.loads(RESULT.read_text(encoding="utf-8"))
     pages = {
-        "README.md": readme_section(result),
         "docs/benchmarks.md": benchmarks_section(result),
         "docs/speed.md": docs_section(result),
     }

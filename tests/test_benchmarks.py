@@ -85,7 +85,7 @@ def test_tables_mark_fewer_cases_and_read_times_at_equal_error():
 
 
 def test_pages_hold_the_markers_that_reports_fill():
-    for page in ("README.md", "docs/benchmarks.md", "docs/speed.md"):
+    for page in ("docs/benchmarks.md", "docs/speed.md"):
         assert all((ROOT / page).read_text().count(marker) == 1 for marker in (report.BEGIN, report.END))
     assert all((ROOT / "docs/peer_settings.md").read_text().count(marker) == 1 for marker in MARKERS)
 
