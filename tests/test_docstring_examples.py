@@ -16,7 +16,7 @@ OBJECTS = {name: getattr(da, name) for name in da.__all__ if name not in ("__ver
 METHODS = {name: getattr(CompiledModel, name) for name in ("simulate", "sweep", "prepare", "sensitivity", "linearize")}
 WITHOUT = {"LagrangeView", "Screw", "feedback"}
 """Made by other functions; and what is for programs in JAX, which the page on them shows."""
-SHAPES = {"Box", "Cylinder", "Disk", "Ground", "Path", "Rod", "Sphere", "Spring"}
+SHAPES = {"Box", "Cylinder", "Disk", "Ground", "Mesh", "Path", "Rod", "Sphere", "Spring"}
 """`Scene.add_shapes` has their example."""
 ELSEWHERE = {"final", "first_crossing", "mean", "minimum", "normal", "sobol_cases", "uniform"}
 """Named in the examples of `maximum` and `random_cases`, or their siblings."""

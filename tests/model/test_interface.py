@@ -23,7 +23,7 @@ FUNCTIONS = {
     name: value
     for module in MODULES
     for name, value in inspect.getmembers(module, inspect.isfunction)
-    if value.__module__ == module.__name__ and name[0] != "_" and name != "rows_of"
+    if value.__module__ == module.__name__ and name[0] != "_"
 }
 LONG = [name for name, function in FUNCTIONS.items() if "Parameters\n" in inspect.getdoc(function)]
 OPTIONS = {

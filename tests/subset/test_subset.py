@@ -216,7 +216,7 @@ def several(x: Vector, y: Vector) -> int:
         (unmarked_call, "assert_same.* has no translation"),
         (too_early, "later has no value yet"),
         (power, "no powers, and `square`"),
-        (unsaid, "says so"),
+        (unsaid, "is annotated so"),
         (no_field, "no unheard_of that could be read or changed"),
         (not_a_record, "no factor that could be read or changed"),
         (untyped, "is not a type of arguments of compiled loops"),

@@ -91,7 +91,9 @@ def base_parameters(W: Any, names: Sequence[str], *, tolerance: float = 1e-8) ->
     --------
     ::
 
-        W, names = model.regressor(0, q, qdot, qddot, p)  # rows of random states
+        values = {"m": 1.0, "l": 0.5, "g": 9.81}
+        q, qdot, qddot = np.random.default_rng(0).uniform(-1, 1, (3, 50, 1))  # random states
+        W, names = model.regressor(0, q, qdot, qddot, values)
         base = da.base_parameters(W, names)
         for name in base.names:
             print(name)

@@ -83,6 +83,7 @@ def body_inertias(values: Mapping[str, float]) -> dict[str, BodyInertia]:
     --------
     ::
 
+        values = model.inertial_parameters({"m": 1.0, "l": 0.5, "g": 9.81})
         bad = [name for name, body in da.body_inertias(values).items() if not body.consistent]
     """
     return {name: BodyInertia.of(np.array([values[f"{name}.{what}"] for what in TEN])) for name in _bodies(values)}
@@ -210,6 +211,17 @@ def identify_bodies(
         For a guess that is not consistent, and as `identify`.
     UnknownNameError
         For names without a guess.
+
+    Examples
+    --------
+    ::
+
+        p = {"m": 1.0, "l": 0.5, "g": 9.81}
+        q, qdot, qddot = np.random.default_rng(0).uniform(-1, 1, (3, 50, 1))
+        W, names = model.regressor(0, q, qdot, qddot, p)
+        measured = model.inverse_dynamics(0, q, qdot, qddot, p)  # or a record
+        guess = model.inertial_parameters({**p, "m": 1.3})
+        found = da.identify_bodies(W, names, measured, guess)
     """
     record, weight = Record.of(W, names, measured, known, sigma), 1.0 / option("spread", spread)
     if not weight > 0.0:

@@ -99,6 +99,12 @@ def design_excitation(
     OptionError
     CapabilityError
         For models with constraints.
+
+    Examples
+    --------
+    ::
+
+        motion = da.design_excitation(model, {"m": 1.0, "l": 0.5, "g": 9.81}, limits=(-1.0, 1.0), rates=2.0, cases=20)
     """
     if model.layout.constraints:
         raise CapabilityError(

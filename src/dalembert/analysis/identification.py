@@ -147,6 +147,16 @@ def identify(
         For shapes that do not fit, a base of other parameters, and a record that does not determine all of the base.
     UnknownNameError
         For names in `known` that W does not have.
+
+    Examples
+    --------
+    ::
+
+        p = {"m": 1.0, "l": 0.5, "g": 9.81}
+        q, qdot, qddot = np.random.default_rng(0).uniform(-1, 1, (3, 50, 1))
+        W, names = model.regressor(0, q, qdot, qddot, p)
+        measured = model.inverse_dynamics(0, q, qdot, qddot, p)  # or a record
+        print(da.identify(W, names, measured))
     """
     record = Record.of(W, names, measured, known, sigma)
     if base is None:

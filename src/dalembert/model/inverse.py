@@ -10,7 +10,7 @@ from ..codegen import backend_named
 from ..codegen.base import Capability
 from ..errors import CapabilityError, nesting_named
 from ..starts import inputs as run_input
-from .evaluation import require_states_given, rows_at, rows_of, traced, with_inputs
+from .rows import require_states_given, rows_at, rows_of, traced, with_inputs
 
 if TYPE_CHECKING:
     from ..analysis.inverse_dynamics import InverseKernel

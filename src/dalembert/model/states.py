@@ -16,7 +16,7 @@ from ..starts.initial_states import initial_state
 from ..starts.input_values import read_inputs, with_inputs
 from ..starts.segment_constants import at_time
 from ..values import option
-from .evaluation import rows_of
+from .rows import rows_of
 
 if TYPE_CHECKING:
     from .model import CompiledModel
