@@ -20,6 +20,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import metadata
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -30,6 +31,7 @@ from exact import ROOT  # puts tests/ on the path
 from measure import machine
 from mechanism_peers import TOLERANCES, Contender, Robot, installed, robot_contenders, robot_file, robot_reference
 from numpy.typing import NDArray
+from report import describe_machine
 from robots import files
 from sympy import symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
@@ -187,6 +189,13 @@ def curve(mechanism: Mechanism, contender: Contender) -> Iterator[tuple[float, f
             return
 
 
+def _has(distribution: str) -> bool:
+    try:
+        return bool(metadata.version(distribution))
+    except metadata.PackageNotFoundError:
+        return False
+
+
 def _least(run: Callable[[], Any]) -> float:
     """Return the least seconds of five calls, of fewer where they take long."""
     best, spent = float("inf"), 0.0
@@ -202,7 +211,8 @@ def _least(run: Callable[[], Any]) -> float:
 
 def measured(names: Sequence[str]) -> dict[str, Any]:
     """Return curves of the mechanisms by the names of programs, as JSON takes them."""
-    found: dict[str, Any] = {"machine": machine(), "mechanisms": {}}
+    peers = {name: metadata.version(name) for name in ("pydy", "pin", "mujoco", "drake", "exudyn") if _has(name)}
+    found: dict[str, Any] = {"machine": machine(), "peers": peers, "mechanisms": {}}
     for name in names:
         mechanism = MECHANISMS[name]()
         curves = {}
@@ -246,8 +256,8 @@ def _cell(points: Sequence[Sequence[float]] | None, own: float | None) -> str:
     seconds = _time(points)
     if seconds is None:
         _, seconds, error = min(points, key=lambda point: point[2])
-        return f"{error:.0e} in {_milliseconds(seconds)}"
-    ratio = "" if own is None or seconds is own or seconds == own else f" ({seconds / own:.2g}x)"
+        return f"{error:.1e} in {_milliseconds(seconds)}"
+    ratio = "" if own is None or seconds is own or seconds == own else f" ({float(f'{seconds / own:.2g}'):g}x)"
     return f"{_milliseconds(seconds)}{ratio}"
 
 
@@ -288,7 +298,11 @@ def write(found: Mapping[str, Any]) -> None:
     """Put table and picture into the pages that have the marks."""
     draw(found)
     firsts = ", ".join(f"{entry['first']:.1f} s ({name})" for name, entry in found["mechanisms"].items())
-    note = f"From an empty scene to its first motion, dalembert takes {firsts}. {found['machine']}"
+    peers = ", ".join(f"{name} {version}" for name, version in found["peers"].items())
+    note = (
+        f"From an empty scene to its first motion, dalembert takes {firsts}. Measured on"
+        f" {describe_machine(found['machine'])}; {peers}."
+    )
     for page in (ROOT / "README.md", ROOT / "docs" / "many_bodies.md"):
         text = page.read_text(encoding="utf-8")
         if MARKS[0] in text:
