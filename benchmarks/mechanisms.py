@@ -4,7 +4,7 @@ Needs, beside the library, any of these packages; those that are missing are lef
 
     pip install pin example-robot-data mujoco drake exudyn pydy cython setuptools
     python benchmarks/mechanisms.py                     # prints the table
-    python benchmarks/mechanisms.py --write             # also writes README.md, docs/many_bodies.md and the picture
+    python benchmarks/mechanisms.py --write             # also writes README.md and the picture
     python benchmarks/mechanisms.py arm squeezer        # some mechanisms
 
 Every program runs one motion from Python, at settings from loose to tight, and the error of what is observed at the end
@@ -31,7 +31,7 @@ from exact import ROOT  # puts tests/ on the path
 from measure import machine
 from mechanism_peers import TOLERANCES, Contender, Robot, installed, robot_contenders, robot_file, robot_reference
 from numpy.typing import NDArray
-from report import describe_machine
+from report import describe_machine, fill_page
 from robots import files
 from sympy import symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
@@ -295,7 +295,7 @@ def draw(found: Mapping[str, Any]) -> None:
 
 
 def write(found: Mapping[str, Any]) -> None:
-    """Put table and picture into the pages that have the marks."""
+    """Put the table into the README, and draw the picture."""
     draw(found)
     firsts = ", ".join(f"{entry['first']:.1f} s ({name})" for name, entry in found["mechanisms"].items())
     peers = ", ".join(f"{name} {version}" for name, version in found["peers"].items())
@@ -303,19 +303,14 @@ def write(found: Mapping[str, Any]) -> None:
         f"From an empty scene to its first motion, dalembert takes {firsts}. Measured on"
         f" {describe_machine(found['machine'])}; {peers}."
     )
-    for page in (ROOT / "README.md", ROOT / "docs" / "many_bodies.md"):
-        text = page.read_text(encoding="utf-8")
-        if MARKS[0] in text:
-            head, rest = text.split(MARKS[0])
-            tail = rest.split(MARKS[1])[1]
-            page.write_text(f"{head}{MARKS[0]}\n\n{table(found)}\n\n{note}\n\n{MARKS[1]}{tail}", encoding="utf-8")
+    fill_page(ROOT / "README.md", MARKS, f"{table(found)}\n\n{note}")
 
 
 def main() -> None:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", choices=[*MECHANISMS, []], help="mechanisms; all by default")
-    parser.add_argument("--write", action="store_true", help="write the table and the picture into the pages")
+    parser.add_argument("--write", action="store_true", help="write the table into the README, and the picture")
     parser.add_argument("--from-results", action="store_true", help="take the figures of the last run")
     options = parser.parse_args()
     if options.from_results:
