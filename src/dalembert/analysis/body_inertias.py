@@ -116,7 +116,7 @@ def _ten_of(pseudo: FloatArray) -> FloatArray:
 @final
 @dataclass(frozen=True, eq=False)
 class _Parts:
-    """What the unknowns stand for: ten parameters of bodies with factors L (4, 4), and other positive parameters.
+    """The meaning of the unknowns: ten parameters of bodies with factors L (4, 4), and other positive parameters.
 
     `bodies` and `others` are places among the parameters.
     """

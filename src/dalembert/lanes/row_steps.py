@@ -27,7 +27,7 @@ class RowPlace(Record):
 
 
 class RowSteps(NamedTuple):
-    """What steps on rows work on; their constants are those of the lane."""
+    """The workspace of steps on rows; their constants are those of the lane."""
 
     codes: RunCodes
     settings: RunSettings
