@@ -1,4 +1,4 @@
-"""The drawing of a page: points and axes of bodies and the lengths of shapes as a kernel, and shapes that refer to them."""
+"""The drawing of a page: points, axes and lengths of shapes as a kernel, and the shapes that refer to them."""
 
 from __future__ import annotations
 
