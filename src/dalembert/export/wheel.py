@@ -19,7 +19,7 @@ from .compilers import c_compiler, shared_library
 from .folder import zipped
 
 _SUFFIXES = {"Darwin": "dylib", "Windows": "dll"}
-_TAG, _WHEEL = "py3-none-{}", "Wheel-Version: 1.0\nGenerator: dalembert\nRoot-Is-Purelib: false\n"
+_TAG = "py3-none-{}"
 
 
 def wheel_files(source: CSource) -> dict[str, bytes]:
@@ -49,7 +49,7 @@ def wheel_files(source: CSource) -> dict[str, bytes]:
         f"{prefix}/__init__.py": render("wheel/package.py.j2", _module(source, prefix, library)).encode(),
         f"{prefix}/{library}": shared_library(compiler, sources),
         f"{described}/METADATA": metadata.encode(),
-        f"{described}/WHEEL": (_WHEEL + f"Tag: {tag}\n").encode(),
+        f"{described}/WHEEL": render("wheel/wheel.j2", {"tag": tag}).encode(),
     }
     record = [f"{name},sha256={_digest(content)},{len(content)}" for name, content in files.items()]
     files[f"{described}/RECORD"] = "\n".join([*record, f"{described}/RECORD,,", ""]).encode()
@@ -86,9 +86,8 @@ def _module(source: CSource, prefix: str, library: str) -> dict[str, Any]:
         "prefix": prefix,
         "scene": ascii(source.program.name)[1:-1],
         "first": ascii(names[0])[1:-1],
-        "method": f"Taylor steps of order {source.order}"
-        if source.method == "taylor"
-        else f"the method {source.method}",
+        "method": source.method,
+        "order": source.order,
         "rtol": repr(source.tolerances[0]),
         "atol": repr(source.tolerances[1]),
         "version": __version__,

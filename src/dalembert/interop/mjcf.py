@@ -15,8 +15,7 @@ import numpy as np
 from ..errors import OptionError, list_names
 from ..values import listed
 from .mjcf_actions import add_actions, read_actions
-from .mjcf_values import Angles, Defaults, inertia_of_geoms
-from .mjcf_visuals import mesh_assets, visual_of
+from .mjcf_values import Angles, Defaults, inertia_of_geoms, mesh_assets, visual_of
 from .robot_description import Description, Inertia, JointItem, Placement, in_tree_order
 from .robot_files import Element, FileReader
 from .robot_options import RobotOptions

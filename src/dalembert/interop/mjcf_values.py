@@ -1,10 +1,11 @@
-"""Values of MJCF files: default classes, orientations, and the inertias of primitive geoms."""
+"""Values of MJCF files: default classes, orientations, inertias and shapes of geoms, and files of meshes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from math import pi
+from pathlib import Path
 from typing import final
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from ..arrays import FloatArray
 from .robot_description import Inertia, Placement, clean_rotation
 from .robot_files import Element, FileReader
+from .robot_visuals import Visual, color_of
 
 ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 """Attributes of which one orients an element."""
@@ -21,6 +23,12 @@ PRIMITIVES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3
 
 DENSITY = 1000.0
 """Default density of geoms [kg/m^3]."""
+
+_SHOWN = 2
+"""Last group of geoms that is shown; the others are for collisions."""
+
+_WIDE = 4.0
+"""Edge of a plane without end [m]."""
 
 
 @final
@@ -189,3 +197,44 @@ def _solid(kind: str, size: list[float]) -> tuple[float, list[float]]:
     ends = 0.4 * a * a + half * half + 0.75 * half * a
     side = (tube * across + ball * ends) / volume
     return volume, [side, side, (tube * a * a / 2 + ball * 0.4 * a * a) / volume]
+
+
+def visual_of(file: FileReader, geom: Element, angles: Angles, around: Placement) -> Visual | None:
+    """Return the shape of a geom with its defaults applied, on the axes of a link; None for one that is not shown."""
+    kind = geom.attributes.get("type", "mesh" if "mesh" in geom.attributes else "sphere")
+    if file.number(geom, "group", 0.0) > _SHOWN:
+        return None
+    color = color_of(file.numbers(geom, "rgba", 4, None).tolist()) if "rgba" in geom.attributes else None
+    if kind in PRIMITIVES and "mesh" not in geom.attributes:
+        size, place = primitive_of(file, geom, angles)
+        if not size:
+            return None
+        numbers = np.array(size[: PRIMITIVES[kind]])
+        numbers[{"box": 0, "cylinder": 1, "capsule": 1}.get(kind, 3) :] *= 2.0  # files have half edges
+        return Visual(around.then(place), kind, numbers, color=color)
+    place = around.then(angles.placement(file, geom))
+    if kind == "plane":
+        half = [float(word) for word in geom.attributes.get("size", "0 0").split()[:2]]
+        edges = [2.0 * each if each > 0.0 else _WIDE for each in half]
+        return Visual(place, "box", np.array([*edges, 1e-6 * max(edges)]), color=color)
+    return Visual(place, "mesh", np.ones(3), geom.attributes.get("mesh", f"a geom of type {kind}"), color)
+
+
+def mesh_assets(file: FileReader, defaults: Defaults) -> tuple[Callable[[str], Path | None], dict[str, FloatArray]]:
+    """Return what finds the file of a mesh by its name, and the scales (3,) of meshes by their names."""
+    compilers = [element.attributes for element in file.root.all("compiler")]
+    folder = next((x[what] for what in ("meshdir", "assetdir") for x in compilers if what in x), "")
+    files: dict[str, Path] = {}
+    scales: dict[str, FloatArray] = {}
+    for asset in (each for assets in file.root.all("asset") for each in assets.all("mesh")):
+        mesh = defaults.applied(asset, "main")
+        written = mesh.attributes.get("file", "")
+        name = mesh.attributes.get("name", Path(written).stem)
+        files[name] = file.path.parent / folder / written
+        scales[name] = file.numbers(mesh, "scale", 3, (1.0, 1.0, 1.0))
+
+    def find(name: str) -> Path | None:
+        path = files.get(name)
+        return path if path is not None and path.is_file() else None
+
+    return find, scales

@@ -23,12 +23,13 @@ def implicit_step(rows: RowSteps, state: LaneState, n: int, t1: float, fresh: bo
     Parameters
     ----------
     rows, state
+        Memory of the implicit method, and of the lane.
     n
         Components of the state.
     t1
         End of the case.
     fresh, behind
-        Whether a motion begins here, and whether it goes on behind a stop.
+        Whether a motion begins here, and whether it continues behind a stop.
     """
     run, states, old = rows.run, state.states, state.progress.old
     progress, new, finite = run.progress, states.shape[0] // 2 - old, True

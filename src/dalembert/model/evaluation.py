@@ -13,7 +13,7 @@ from ..codegen.base import Capability
 from ..errors import nesting_named
 from ..ir.interpret import unit_rates
 from ..starts import inputs as run_input
-from .rows import require_states, rows_at, traced, with_inputs
+from .rows import parameters_with_inputs, require_states, rows_at, traced
 
 if TYPE_CHECKING:
     from ..codegen.engine import TracedEngine
@@ -112,7 +112,7 @@ def _evaluate(
             return cast("FloatArray", functions.at_coordinates(kernel, shape, point, further, self.inputs))
     (t, q, qdot, p), (states, inputs) = point, further
     times, y, p, single = rows_at(self, {"q": q, "qdot": qdot}, t, p, states)
-    p = with_inputs(self, p, times, inputs)
+    p = parameters_with_inputs(self, p, times, inputs)
     found = _outputs(self, kernel, times, y, p)
     out = np.zeros((len(times), *shape)) if found is None else found.reshape(len(times), *shape)
     return out[0] if single else out

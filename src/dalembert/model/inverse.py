@@ -10,7 +10,7 @@ from ..codegen import backend_named
 from ..codegen.base import Capability
 from ..errors import CapabilityError, nesting_named
 from ..starts import inputs as run_input
-from .rows import require_states_given, rows_at, rows_of, traced, with_inputs
+from .rows import parameters_with_inputs, require_states_given, rows_at, rows_of, traced
 
 if TYPE_CHECKING:
     from ..analysis.inverse_dynamics import InverseKernel
@@ -95,8 +95,8 @@ def regressor(
     matrix: I_xy is minus the integral of x y). A particle has its mass alone. Where the scene has loads beside gravity,
     the last name is "loads", with the factor 1.
 
-    Nothing refuses second rates that contradict constraints or inputs: measured ones do. W is what the constraints
-    leave free of the equations, in the rows of `inverse_dynamics`.
+    Second rates may contradict constraints and inputs, as measured ones do. W holds the equations along the directions
+    that the constraints leave free, in the rows of `inverse_dynamics`.
 
     Parameters
     ----------
@@ -178,4 +178,4 @@ def _at(
         require_states_given(self, what)
     times, y, p, single = rows_at(self, {"q": q, "qdot": qdot, "qddot": qddot}, t, p, states)
     free = {name: 0.0 for name in self.layout.inputs if name not in given}
-    return inverse, (times, y, with_inputs(self, p, times, {**(inputs or {}), **free}), single)
+    return inverse, (times, y, parameters_with_inputs(self, p, times, {**(inputs or {}), **free}), single)

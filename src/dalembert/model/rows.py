@@ -54,7 +54,9 @@ def traced(*given: Any) -> bool:
     return is_traced(*values, *records)
 
 
-def with_inputs(self: CompiledModel, p: FloatArray, t: FloatArray, inputs: Mapping[Any, Any] | None) -> FloatArray:
+def parameters_with_inputs(
+    self: CompiledModel, p: FloatArray, t: FloatArray, inputs: Mapping[Any, Any] | None
+) -> FloatArray:
     """Return parameters (n_p,), or (k, n_p) at times (k,), with the values of inputs."""
     places = [place + 1 for place in coefficient_places(self.layout.parameters, self.layout.inputs)]
     if inputs is None and not np.any(np.isnan(p[places])):

@@ -91,7 +91,7 @@ def product_of(root: ReferenceFrame, a: Vector, b: Vector) -> Any:
 
 
 def components_on(frame: ReferenceFrame, vector: Vector) -> Any:
-    """Return the components of a vector on a frame (3, 1), which no rotation between may change where they are far."""
+    """Return the components of a vector on a frame (3, 1), as products of matrices where many rotations lie between."""
     if not far(frame, vector):
         return vector.to_matrix(frame)
     total, tree = sp.zeros(3, 1), Tree(frame, "_dcm_dict")
@@ -104,7 +104,7 @@ def components_on(frame: ReferenceFrame, vector: Vector) -> Any:
 
 
 def far(root: ReferenceFrame, vector: Vector) -> bool:
-    """Return whether the components of a vector on a frame would be long."""
+    """Return whether a vector is so many rotations from a frame that its components are not multiplied out."""
     return any(isinstance(product_of(root, vector, axis), VectorProduct) for axis in root)
 
 
