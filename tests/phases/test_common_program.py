@@ -174,16 +174,16 @@ def test_which_scenes_have_a_common_program():
 
 
 @cache
-def wedge(balanced=False, rough=False):
-    """Return a particle in the wedge 0 <= z <= x y, pushed along x, and two more particles on the floor.
+def wedge(balanced=False, rough=False, others=2):
+    """Return a particle in the wedge 0 <= z <= x y, pushed along x, and more particles on the floor.
 
     Both surfaces hold it on the line x = z = 0, on which their normals are opposite at y = 0 alone. The push F is
     constant, or `balanced`: -F y.
     """
     (m, g, F, mu), time = sp.symbols("m g F mu", positive=True), dynamicsymbols._t
-    x, y, z, *heights = dynamicsymbols("x y z h0 h1")
+    x, y, z, *heights = dynamicsymbols(["x", "y", "z", *(f"h{i}" for i in range(others))])
     N, O = ReferenceFrame("N"), Point("O")
-    n, roof, f, f2, *presses = da.unknowns("n roof f f2 k0 k1")
+    n, roof, f, f2, *presses = da.unknowns(" ".join(["n roof f f2", *(f"k{i}" for i in range(others))]))
     scene = da.Scene("wedge", frame=N, origin=O, coordinates=[x, y, z, *heights])
     P = O.locatenew("P", x * N.x + y * N.y + z * N.z)
     scene.add_bodies(Particle("p", P, m))
@@ -202,7 +202,7 @@ def wedge(balanced=False, rough=False):
         scene.add_joints(da.Joint(f"j{i}", body=f"q{i}", at=Q, force=press * N.z))
         scene.add_contacts(da.UnilateralContact(press, gap=h, name=f"c{i}"))
     model = da.compile_model(scene, outputs=["roof"])
-    assert not model.modes.why_separate
+    assert bool(model.modes.why_separate) == (others == 0)
     return model
 
 
@@ -238,3 +238,14 @@ def test_a_reaction_that_grows_without_bound_jams_a_rough_wedge():
     run = wedge(rough=True).simulate((0.0, 2.0), IN_WEDGE, {**OF_WEDGE, "mu": 0.02})
     assert run.status is Status.CONTACT_IMPOSSIBLE and len(run.phases) == 1
     assert np.log(-1.0 / run["y"][-1]) == pytest.approx((0.5 - 0.02 * 9.81) / 0.02, abs=1e-3)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
+@pytest.mark.parametrize("push", [1.0, 0.6])
+def test_modes_with_programs_of_their_own_end_where_a_rough_wedge_leaves_its_friction_unknown(method, push):
+    """The roof let go at |y| = 1e-6, and the particle passed on with SUCCESS, where it jams at 2.5e-7, or at 1e-11."""
+    start = {name: value for name, value in IN_WEDGE.items() if name[0] != "h"}
+    run = wedge(rough=True, others=0).simulate((0.0, 2.0), start, {**OF_WEDGE, "F": push, "mu": 0.02}, method=method)
+    assert run.status is Status.SINGULAR_CONFIGURATION and len(run.phases) == 1
+    known = run["y"] < -1e-5
+    np.testing.assert_allclose(-run["y"][known] * run["roof"][known], push, rtol=1e-5)

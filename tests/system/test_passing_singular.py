@@ -4,7 +4,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+import sympy as sp
 from scipy.integrate import solve_ivp
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.methods.status import Status
@@ -122,3 +124,24 @@ def test_a_bar_that_is_a_little_longer_turns_over(longer, rtol):
     assert run.success
     assert run["a1"][-1] - run["a0"][-1] > 3.0
     assert np.ptp(run["energy"]) < 1e3 * max(rtol, 1e-13) * energy_of(1, 1.0)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
+def test_reactions_that_grow_towards_a_singular_position(method):
+    """A particle on the line x = z = 0 is held by z = 0 and z = x y against a push F along x: the reaction is F/|y|."""
+    x, y, z = dynamicsymbols("x y z")
+    N, O = ReferenceFrame("N"), Point("O")
+    floor, roof = da.unknowns("floor roof")
+    P = O.locatenew("P", x * N.x + y * N.y + z * N.z)
+    scene = da.Scene("wedge", frame=N, origin=O, coordinates=[x, y, z])
+    scene.add_bodies(Particle("p", P, 1))
+    scene.add_loads((P, sp.Symbol("F") * N.x))
+    scene.add_joints(da.Joint("floor", body="p", at=P, force=floor * N.z))
+    scene.add_joints(da.Joint("roof", body="p", at=P, force=roof * (y * N.x + x * N.y - N.z)))
+    scene.add_holonomic_constraints(z, x * y - z)
+    model = da.compile_model(scene, formulation="projected", outputs=["roof", "floor"])
+    for left, rtol in ((1e-2, 1e-9), (1e-3, 1e-8), (1e-4, 1e-7), (1e-5, 1e-6)):
+        run = model.simulate((0.0, 1.0 - left), {"x": 0, "y": -1.0, "y_dot": 1.0}, {"F": 3.0}, method=method)
+        assert run.success
+        assert run["roof"][-1] == pytest.approx(3.0 / left, rel=rtol)
+        assert run["floor"][-1] == pytest.approx(run["roof"][-1], rel=rtol)

@@ -46,7 +46,7 @@ def all_modes(model: CompiledModel) -> ModeModels:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ModeModels:
     """The automaton of a scene, its decisions, and the model of every mode.
 
