@@ -17,7 +17,8 @@ from ..errors import ConstraintError
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..mechanics.equations import EquationsOfMotion
-from ..reduction.reaction_columns import independent_columns, reaction_solver
+from ..reduction.reaction_columns import independent_columns
+from ..reduction.reaction_solutions import reaction_solver
 from ..transforms.linear import Matrix
 
 Direction = Mapping[int, Node]

@@ -15,7 +15,8 @@ from ..errors import RELEASE, ConstraintError
 from ..ir.node import Node
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import ContactRow, EquationsOfMotion
-from ..reduction.reaction_columns import independent_columns, reaction_solver
+from ..reduction.reaction_columns import independent_columns
+from ..reduction.reaction_solutions import reaction_solver
 from ..reduction.saddle import SaddlePoint
 from ..transforms.linear import (
     Matrix,

@@ -1,8 +1,8 @@
-"""Columns of power coefficients of reactions, their normal equations, and reactions from balances of bodies."""
+"""Columns of power coefficients of reactions, and reactions from balances of bodies."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,9 +17,7 @@ from ..mechanics.manifold import places_on_manifold
 from ..naming import acceleration_input
 from ..transforms.derivatives import tangents
 from ..transforms.linear import SET_ASIDE, Matrix, dependence, factorize, matmul, matvec, transpose
-
-_ORDINARY = 1e-2, 1e2
-"""Squares of radii of gyration for which forces and torques are compared as they are."""
+from .reaction_solutions import least_energy
 
 _BRANCHING = frozenset(
     {"sqrt", "pow", "asin", "acos", "atan", "atan2", "abs", "sign", "floor", "min", "max"}
@@ -118,47 +116,6 @@ def where_determined(graph: Graph, value: Node, column: Sequence[Node], *, hidde
     return value * graph.call("sqrt", graph.node(2) - one_or_huge)  # the root is 1 or NaN
 
 
-def reaction_solver(equations: EquationsOfMotion, reactions: Matrix) -> Callable[[Sequence[Node]], list[Node]]:
-    """Return the function from what reactions have to supply (n_q,) to these (k,), by normal equations.
-
-    `reactions` are independent columns (n_q, k) of power coefficients.
-    """
-    graph, columns = equations.graph, weighted_columns(equations, reactions)
-    normal = factorize(graph, matmul(graph, columns, reactions))
-    return lambda supplied: normal.solve(matvec(graph, columns, supplied))
-
-
-def weighted_columns(equations: EquationsOfMotion, matrix: Matrix) -> Matrix:
-    """Return the columns of power coefficients (n_q, k) for normal equations, rows of angles by an inverse square.
-
-    It is that of the radius of gyration, by the entries of the mass matrix that are functions of the parameters: beside
-    forces, the torques of supports a micrometre apart would be lost in rounding. It is one where the radius is of the
-    size of one, or where nothing is mixed.
-    """
-    graph, columns = equations.graph, transpose(matrix)
-    angles = [name in equations.angles for name in equations.symbols.coordinates]
-    kinds = {angle for angle, row in zip(angles, matrix, strict=True) if any(not entry.is_zero for entry in row)}
-    if len(columns) < 2 or len(kinds) < 2:
-        return columns
-    moving = ~graph.mask(equations.symbols.parameters)
-    diagonal = equations.diagonal
-    known = [(entry, angle) for entry, angle in zip(diagonal, angles, strict=True) if not entry.deps & moving]
-    inertia = graph.sum(entry for entry, angle in known if angle)
-    mass = graph.sum(entry for entry, angle in known if not angle)
-    if inertia.is_zero or mass.is_zero:
-        return columns
-    turns = graph.call("less", graph.zero, inertia)
-    square = mass / graph.call("select", turns, inertia, mass)
-    low, high = (graph.node(bound) for bound in _ORDINARY)
-    above = graph.call("select", graph.call("less", square, high), graph.one, square)
-    weight = graph.call("select", graph.call("less", low, square), above, square)
-    return [[entry * weight if angle else entry for entry, angle in zip(c, angles, strict=True)] for c in columns]
-
-
-_SHIFT, _IMPROVEMENTS = 1e-7, 2
-"""Share of the diagonal that is added to it, and how often what it leaves is improved."""
-
-
 def solve_released(
     equations: EquationsOfMotion, released: Released, values: Mapping[Node, Node], accelerations: Sequence[Node]
 ) -> dict[Node, Node]:
@@ -209,35 +166,6 @@ def solve_released(
         solution = factors.solve(matvec(graph, across, [demands[i] for i in some]))
         solved |= {unknowns[columns[i]]: value for i, value in zip(independent, solution, strict=True)}
     return {graph.input(name): solved[graph.input(name)] for name in released.unknowns}
-
-
-def least_energy(
-    equations: EquationsOfMotion, rows: Matrix, unknowns: Sequence[Node], demands: Sequence[Node]
-) -> list[Node]:
-    """Return the reactions x with A x = b of the least elastic energy, 1/2 sum c_i x_i^2.
-
-    They are those of supports on rigid bodies that move: x = W A^T y, with W = diag(1 / c) and A W A^T y = b. Unknowns
-    without a compliance are determined, so that any weight serves for them. Rows that come to depend on each other have
-    a small part of the diagonal beside it; what that leaves is improved, and is 1e-14 or less of the reactions.
-    """
-    graph = equations.graph
-    names = [str(node.payload) for node in unknowns]
-    given = [equations.compliances[name] for name in names if name in equations.compliances]
-    mean = graph.sum(given) / graph.node(float(len(given))) if given else graph.one
-    weighted = [
-        [entry / equations.compliances.get(name, mean) for entry, name in zip(row, names, strict=True)] for row in rows
-    ]
-    normal, across = matmul(graph, weighted, transpose(rows)), transpose(weighted)
-    small = graph.node(_SHIFT**2) * graph.sum(normal[i][i] for i in range(len(normal)))
-    for i in range(len(normal)):
-        normal[i][i] = normal[i][i] * graph.node(1.0 + _SHIFT) + small
-    factors = factorize(graph, normal)
-    solution = matvec(graph, across, factors.solve(demands))
-    for _ in range(_IMPROVEMENTS):
-        rest = [b - a for a, b in zip(matvec(graph, rows, solution), demands, strict=True)]
-        more = matvec(graph, across, factors.solve(rest))
-        solution = [a + b for a, b in zip(solution, more, strict=True)]
-    return solution
 
 
 def with_shared(released: Released, tied: Sequence[str]) -> Released:

@@ -21,23 +21,19 @@ from ..mechanics.equations import EquationsOfMotion
 from ..mechanics.manifold import outside_span_on_manifold
 from ..mechanics.released_balances import released_balances, require_balance
 from ..naming import acceleration_input, acceleration_name, rate_name
-from ..transforms.linear import SET_ASIDE, Matrix, factorize, guarded_pivot, matmul, matvec, transpose
+from ..transforms.linear import matvec, transpose
 from .base import ReducedSystem
 from .reaction_columns import (
     branches,
     compliances_serve,
     independent_columns,
-    least_energy,
     loose_on_constraints,
-    reaction_solver,
     solve_released,
-    weighted_columns,
     where_determined,
     with_shared,
 )
+from .reaction_solutions import least_energy, minimum_norm, reaction_solver
 from .unit_sphere import unit_values
-
-_SHIFT = 1e-7
 
 
 @final
@@ -256,7 +252,7 @@ def _solve(
     residual = [a - f for a, f in zip(momenta(proved), forcing, strict=True)]
     if equations.minimum_norm:
         unknowns = equations.unknowns
-        return {unknowns[i]: x for i, x in enumerate(_minimum_norm(equations, reactions, residual, 2, throughout=True))}
+        return {unknowns[i]: x for i, x in enumerate(minimum_norm(equations, reactions, residual, 2, throughout=True))}
     solution = reaction_solver(equations, reactions)(residual)
     left = [a - r for a, r in zip(matvec(graph, reactions, solution), residual, strict=True)]
     _require_exerted(equations, left)
@@ -266,7 +262,7 @@ def _solve(
         if equations.compliances:
             solution = least_energy(equations, reactions, [unknowns[i] for i in independent], residual)
         else:
-            solution = _minimum_norm(equations, reactions, residual, throughout=loose)
+            solution = minimum_norm(equations, reactions, residual, throughout=loose)
     return {unknowns[i]: node for i, node in zip(independent, solution, strict=True)}
 
 
@@ -287,50 +283,6 @@ def _require_exerted(equations: EquationsOfMotion, left: Sequence[Node]) -> None
             f"scene {equations.name!r}: its joints cannot exert the reactions of its constraints (missing power on"
             f" {list_names(missing)}). Give a joint the unknown force or torque component that holds the constraint"
         )
-
-
-def _minimum_norm(
-    equations: EquationsOfMotion,
-    matrix: Matrix,
-    residual: Sequence[Node],
-    improvements: int = 1,
-    *,
-    throughout: bool,
-) -> list[Node]:
-    """Return the solution of minimum norm of equations whose columns come to depend on each other.
-
-    Of the normal equations with a small part of their trace on the diagonal, improved so often by what they leave. The
-    equations are then off by the power of that part with one more than the improvements: 1e-14 or more after one.
-
-    Columns depend on each other `throughout`, or at some places alone. Then that part is left out everywhere else: a
-    reaction that grows towards such a place would be off by the more the nearer it comes. Where something slides, none
-    is known at the place: the work of friction that grows with it is not either.
-    """
-    graph, columns = equations.graph, weighted_columns(equations, matrix)
-    normal = matmul(graph, columns, matrix)
-    lost = graph.one if throughout else _lost(graph, normal)
-    small = graph.node(_SHIFT) * graph.sum(normal[i][i] for i in range(len(normal))) * lost
-    for i in range(len(normal)):
-        normal[i][i] = normal[i][i] + small
-    factors = factorize(graph, normal)
-    solution = factors.solve(matvec(graph, columns, residual))
-    for _ in range(improvements):
-        rest = [r - v for r, v in zip(residual, matvec(graph, matrix, solution), strict=True)]
-        more = factors.solve(matvec(graph, columns, rest))
-        solution = [a + b for a, b in zip(solution, more, strict=True)]
-    if not throughout and any(guard.kind == "paradox" for guard in equations.guards):
-        known = graph.call("sqrt", graph.one - graph.node(2) * lost)  # 1 or NaN
-        solution = [known * x for x in solution]
-    return solution
-
-
-def _lost(graph: Graph, normal: Matrix) -> Node:
-    """Return 1 where columns with these products depend on each other, and 0 elsewhere."""
-    one_or_huge = graph.one
-    for pivot in factorize(graph, normal, guarded_pivot).pivots:
-        kept = graph.call("less", pivot, graph.node(SET_ASIDE))
-        one_or_huge = one_or_huge * graph.call("select", kept, graph.one, graph.node(SET_ASIDE))
-    return graph.one - graph.one / one_or_huge
 
 
 # Reactions of contacts that share a load indeterminately, and outputs in terms of them.
