@@ -5,6 +5,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from repeated_rows import repeats
+
 os.environ.setdefault("MPLBACKEND", "Agg")
 # SymPy remembers a thousand results of each function, and derives a fifth faster where it remembers more.
 os.environ.setdefault("SYMPY_CACHE_SIZE", "20000")
@@ -63,8 +65,8 @@ LONG = (
 def quick_xla():
     """Compile the JAX programs of a file in a fraction of the time, to code that is slower (`jax_backend.jax_options`).
 
-    For ``pytest.mark.usefixtures``. The documents, the gallery, the tests of the whole system and those of calls that
-    are eager, hosted or foreign leave XLA the options that users have.
+    For ``pytest.mark.usefixtures``. The documents, the gallery, tests that compare bits, and those of calls that are
+    eager or foreign leave XLA the options that users have.
     """
     try:
         from jax_backend.jax_options import compiled_quickly
@@ -99,5 +101,12 @@ def pytest_collection_modifyitems(config, items):
         few = [item for tests in kept.values() for item in [*tests.values()][: config.getoption("--first")]]
         config.hook.pytest_deselected(items=[item for item in items if item not in few])
         items[:] = few
-    places = {Path(__file__).parent / name: place for place, name in enumerate(LONG)}
+    root = Path(__file__).parent
+    for item in items:
+        values = item.callspec.params.values() if hasattr(item, "callspec") else ()
+        if repeats(
+            item.path.relative_to(root).as_posix(), item.name, [value for value in values if isinstance(value, str)]
+        ):
+            item.add_marker("matrix")
+    places = {root / name: place for place, name in enumerate(LONG)}
     items.sort(key=lambda item: places.get(item.path, len(LONG)))

@@ -177,7 +177,7 @@ def tuples(items, most=4):
 KERNELS = st.builds(Kernel, NAMES, tuples(NAMES), tuples(LOADS), tuples(assignments(), 8), tuples(OPERANDS))
 
 
-@settings(max_examples=100)
+@settings(max_examples=60)
 @given(KERNELS)
 def test_any_kernel(kernel):
     back = Kernel.parse(str(kernel))
@@ -329,7 +329,7 @@ PIECES = st.sampled_from(
 )
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(st.data())
 def test_damaged_text_is_read_or_refused(data):
     text = data.draw(st.one_of(st.sampled_from((GOOD, pulsed_text())), KERNELS.map(str)))

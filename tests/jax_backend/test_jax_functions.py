@@ -13,6 +13,8 @@ from starts.test_input_values import forced
 
 jax = pytest.importorskip("jax")
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 NAMES = ("expand", "outputs", "energy", "mass_matrix", "forcing", "constraint_jacobian", "accelerations", "project")
 PARAMETERS, INITIAL, OUTPUTS = MOTIONS["rolling_sphere"]
 

@@ -20,6 +20,8 @@ from dalembert.methods.status import Status
 
 jax = pytest.importorskip("jax")
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 QUICK = {"xla_backend_optimization_level": 0}
 OPTIONS = {"method": "tsit5", "rtol": 1e-10, "atol": 1e-12}
 T = np.array([0.5, 0.7, 0.9, 1.5])

@@ -13,6 +13,8 @@ from starts.test_input_values import BLOCK, BLOCK_AT_REST, driven, forced, pushe
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 OPTIONS = {"method": "tsit5", "rtol": 1e-11, "atol": 1e-13}
 KNOTS = np.array([0.0, 0.31, 0.5, 0.93, 1.4, 2.6])
 VALUES = np.array([0.4, -1.1, 0.7, 1.6, -0.2, 0.3])

@@ -15,6 +15,8 @@ from dalembert.methods.status import Status
 from starts.test_input_values import forced
 
 jax = pytest.importorskip("jax")
+
+pytestmark = pytest.mark.usefixtures("quick_xla")
 jnp = jax.numpy
 
 T = np.array([0.0, 0.5, 1.0])

@@ -13,6 +13,8 @@ import dalembert as da
 from dalembert.errors import OptionError, PrecisionWarning, UnknownNameError
 from dalembert.options import NamedTolerances, SweepOptions, component_tolerances, tighter
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 T, SMALL, LARGE, RTOL = 10.0, 1e-9, 1e3, 1e-9
 X, Y = dynamicsymbols("x y")
 START, P = {"x": SMALL, "x_dot": 0, "y": LARGE, "y_dot": 0}, {"k": 25.0}

@@ -15,6 +15,8 @@ from dalembert.codegen import BACKENDS
 from dalembert.errors import OptionError, SceneError, UnknownNameError, ValueInputError
 from dalembert.ir.program import Program, coefficient_places, hidden_parameters
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 x, u, v, theta = dynamicsymbols("x u v theta")
 m, k, ell, g = symbols("m k ell g", positive=True)
 SPRING = {m: 1.0, k: 2.0}

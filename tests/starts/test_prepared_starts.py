@@ -19,6 +19,8 @@ from dalembert.starts.symbol_assumptions import contradicts
 from dalembert.transforms.lower_kernels import lower_kernel
 from scene.builders import quaternion_body
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 x, y, z, u = dynamicsymbols("x y z u")
 t = dynamicsymbols._t
 m, g, k, ell, e = symbols("m g k ell e", positive=True)

@@ -18,6 +18,8 @@ from dalembert.codegen import backend_named
 from dalembert.errors import OptionError, UnknownNameError, ValueInputError
 from starts.test_input_values import BLOCK, BLOCK_AT_REST, pushed_block
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 x, u, v, theta = dynamicsymbols("x u v theta")
 m, k, ell, g = symbols("m k ell g", positive=True)
 P = {m: 1.3, k: 2.0}

@@ -19,6 +19,8 @@ from hard_cases.contact_case import contact_reference
 from hard_cases.contacts import corner_plate, incline_scene, loose_plate, table_oscillator
 from oracles.friction_rod import Rod
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 TIME = dynamicsymbols._t
 PLATE = {"m": 1.0, "l": 1.0, "h": 0.5, "g": 9.81}
 FORCE = 4 + 7 * sp.sin(3 * TIME)

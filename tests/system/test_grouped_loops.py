@@ -10,6 +10,8 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, 
 import dalembert as da
 from dalembert.methods.status import Status
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 m, L, g, b, J = sp.symbols("m L g b J", positive=True)
 x, y, theta, p, q = dynamicsymbols("x y theta p q")
 N, O = ReferenceFrame("N"), Point("O")

@@ -13,6 +13,8 @@ from dalembert.analysis import variation
 from dalembert.errors import BreakTimesError, OptionError
 from dalembert.methods.status import Status
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 t = dynamicsymbols._t
 x = dynamicsymbols("x")
 A, tp, w = sp.symbols("A tp w")

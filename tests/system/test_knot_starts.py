@@ -11,6 +11,8 @@ from dalembert.errors import InitialStateError
 from dalembert.methods.status import Status
 from table_cases import DAMPING, c, m, oscillator, stopped_at_knots, x
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 TIGHT = {"rtol": 1e-11, "atol": 1e-13}
 METHODS = [
     *(("llvm", method) for method in ("taylor", "dop853", "tsit5", "radau")),

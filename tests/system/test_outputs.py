@@ -20,6 +20,8 @@ from sympy.physics.mechanics import (
 import dalembert as da
 from dalembert.errors import OptionError, SceneError, UnknownNameError
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 T = dynamicsymbols._t
 a, b = dynamicsymbols("a b")
 m, l, g, k = sp.symbols("m l g k", positive=True)

@@ -13,6 +13,8 @@ from dalembert.contacts import mode_candidates as rules
 from dalembert.errors import OptionError
 from dalembert.methods.status import Status
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 N, O = ReferenceFrame("N"), Point("O")
 x, y, theta, a, b = dynamicsymbols("x y theta a b")
 e, mu, g, h = symbols("e mu g h", positive=True)

@@ -11,6 +11,8 @@ import dalembert as da
 from dalembert.methods.status import Status
 from system.singular_scenes import carried, parallelogram, platform
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 SWINGING = {"m": 1.0, "L": 1.0, "g": 9.81}
 ANGLES, SPEEDS = np.linspace(-np.pi, np.pi, 301), np.linspace(-3, 8, 301)
 """Starts with rows that vanish, swings and turns."""

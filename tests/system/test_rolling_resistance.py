@@ -9,6 +9,8 @@ from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsym
 import dalembert as da
 from dalembert.errors import OptionError
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 N, O = ReferenceFrame("N"), Point("O")
 x, y, z, theta, psi = dynamicsymbols("x y z theta psi")
 m, g, r, mu, d, c, e, alpha = symbols("m g r mu d c e alpha", positive=True)

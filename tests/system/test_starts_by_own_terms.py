@@ -11,6 +11,8 @@ import dalembert as da
 from dalembert.errors import InitialStateError
 from dalembert.methods.status import Status
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 BACKENDS = ("numpy", "llvm", "numba", "jax")
 FAR = {"z": 1e3, "z_dot": 0.0}
 P = {"m": 1.0, "L": 1e-6, "g": 9.81}

@@ -20,6 +20,8 @@ from dalembert.transforms.recurrences import recurrences
 from dalembert.transforms.taylor import order_for, step_kernel
 from hard_cases.contacts import table_oscillator
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 x, t = dynamicsymbols("x"), dynamicsymbols._t
 v = x.diff()
 LATE = (1 + sp.tanh(50 * (t - 1))) / 2

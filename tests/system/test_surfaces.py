@@ -20,6 +20,8 @@ from dalembert.methods.status import Status
 from dalembert.transforms.derivatives import tangents
 from surface_cases import END, GIVEN, KNOTS, START, VALUES, N, O, m, motion, s, scene, surface, x, y
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 TIGHT = {"rtol": 1e-11, "atol": 1e-13}
 NAMES = ("x", "y", "x_dot", "y_dot")
 RUNS = [

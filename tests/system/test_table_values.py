@@ -13,6 +13,8 @@ from dalembert.errors import OptionError, ValueInputError
 from dalembert.methods.status import Status
 from table_cases import DAMPING, KINDS, KNOTS, VALUES, N, O, c, m, stopped_at_knots, x
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 TIGHT = {"rtol": 1e-11, "atol": 1e-13}
 v = sp.symbols("v0:9")
 NUMBERS = dict(zip(v, VALUES, strict=True))

@@ -321,7 +321,7 @@ def values(kernel, arguments=ARGUMENTS):
 
 
 @pytest.mark.parametrize("step", PASSES, ids=lambda step: step.name)
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(data=st.data())
 def test_pass_keeps_the_values(step, data):
     kernel = data.draw(kernels())
@@ -333,7 +333,7 @@ def test_pass_keeps_the_values(step, data):
     assert found == pytest.approx(expected, rel=1e-7, abs=1e-7)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(kernels("rhs"), kernels("energy"))
 def test_hoisting_keeps_the_values(first, second):
     expected = [values(first), values(second)]
@@ -347,7 +347,7 @@ def test_hoisting_keeps_the_values(first, second):
         assert found == pytest.approx(outputs, rel=1e-7, abs=1e-7)
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(kernels())
 def test_nothing_of_parameters_alone_stays_after_hoisting(kernel):
     after = hoisted(kernel).kernel("rhs")
@@ -356,7 +356,7 @@ def test_nothing_of_parameters_alone_stays_after_hoisting(kernel):
         assert not all(not isinstance(arg, str) or arg in constant for arg in line.args), line
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(kernels())
 def test_dead_code_is_gone_and_live_code_stays(kernel):
     after = EliminateDeadCode()(kernel)
@@ -367,7 +367,7 @@ def test_dead_code_is_gone_and_live_code_stays(kernel):
     assert EliminateDeadCode()(after) == after
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(kernels())
 def test_a_divisor_divides_twice_at_most(kernel):
     after = ShareReciprocals()(kernel)
@@ -376,7 +376,7 @@ def test_a_divisor_divides_twice_at_most(kernel):
     assert divisors == {d: count if count < 3 else 1 for d, count in before.items()}
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(kernels())
 def test_nothing_is_computed_twice(kernel):
     after = ShareEqual()(kernel)
@@ -387,7 +387,7 @@ def test_nothing_is_computed_twice(kernel):
     assert ShareEqual()(after) == after
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(kernels())
 def test_grouping_products_leaves_no_more_work_an_evaluation(kernel):
     def work(k):

@@ -34,7 +34,7 @@ def dots(kernel):
     return count
 
 
-@settings(max_examples=120)
+@settings(max_examples=60)
 @given(st.lists(TREES, min_size=1, max_size=4), st.sets(st.sampled_from(NAMES)))
 def test_values_are_kept(trees, fixed):
     graph = Graph()
@@ -64,7 +64,7 @@ def shared_sums(draw):
     return graph, nodes[-draw(st.integers(1, 6)) :]
 
 
-@settings(max_examples=80)
+@settings(max_examples=50)
 @given(shared_sums(), st.sets(st.sampled_from((*NAMES, "a", "b"))))
 def test_every_form_has_the_value_of_its_node(case, fixed):
     graph, nodes = case

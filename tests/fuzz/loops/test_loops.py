@@ -5,8 +5,13 @@ import pytest
 from fuzz.loops.compare import compared, examined
 from fuzz.loops.mechanisms import FAMILIES, LONG, Draw
 
+SEEDS = [
+    *range(len(FAMILIES)),
+    *(pytest.param(len(FAMILIES) + i, marks=pytest.mark.matrix) for i in range(len(FAMILIES))),
+]
 
-@pytest.mark.parametrize("seed", range(2 * len(FAMILIES)))
+
+@pytest.mark.parametrize("seed", SEEDS)
 def test_loops_move_as_derived_by_hand(seed):
     outcome, text = examined(seed)
     assert outcome == "agree", text
