@@ -124,10 +124,11 @@ def test_progress_shows_a_bar(model, capsys):
 
 @pytest.fixture
 def interrupted(monkeypatch):
-    """Progress at which someone presses Ctrl-C."""
+    """Progress at which someone presses Ctrl-C, once cases have ended."""
 
     def press(finished):
-        raise KeyboardInterrupt
+        if finished:
+            raise KeyboardInterrupt
 
     monkeypatch.setattr(case_blocks, "_BETWEEN_LOOKS", 0.01)
     monkeypatch.setattr(case_blocks, "meter", lambda total, wanted: contextlib.nullcontext(press))
