@@ -259,7 +259,7 @@ def _solve(
     unknowns = equations.unknowns
     if plain is not None or loose:
         residual = [a - f for a, f in zip(momenta(accelerations), forcing, strict=True)]
-        if equations.compliances:
+        if equations.compliances and loose:
             solution = least_energy(equations, reactions, [unknowns[i] for i in independent], residual)
         else:
             solution = minimum_norm(equations, reactions, residual, throughout=loose)
