@@ -154,6 +154,19 @@ def test_a_sphere_in_a_plane_is_a_circle():
             assert np.ptp(ball.vertices[..., 3 - sum(plane)]) < 1e-12
 
 
+def test_a_page_of_a_motion_fills_its_picture(sleigh):
+    """Without perspective, plotly's aspect ratio alone decides how large a motion is."""
+    pytest.importorskip("plotly")
+    from dalembert.results.html_animation import figure
+
+    drawing = sleigh.animate(fps=4).drawing
+    scene = figure(drawing, 4).layout.scene
+    sides, span = np.array([scene.aspectratio[name] for name in "xyz"]), drawing.high - drawing.low
+    np.testing.assert_allclose(sides / sides[0], span / span[0])
+    assert scene.aspectmode == "manual" and max(sides[0] / 1.75, sides[1] / 1.5) == pytest.approx(1.0)
+    assert scene.zaxis.title.text == "" and scene.zaxis.showticklabels is False
+
+
 def test_a_motion_in_space():
     scene = da.scenes.rolling_sphere()
     start = {"x": 0, "y": 0, "psi": 0, "theta": 1.0, "phi": 0, "psi_dot": 0.3, "theta_dot": 0.2, "phi_dot": 1.0}
@@ -162,6 +175,11 @@ def test_a_motion_in_space():
     moving = motion.animate(fps=2)
     moving._draw_frame(2)
     assert hasattr(moving._fig.axes[0], "get_zlim")
+    pytest.importorskip("plotly")
+    from dalembert.results.html_animation import figure
+
+    ratio, span = figure(moving.drawing, 2).layout.scene.aspectratio, moving.drawing.high - moving.drawing.low
+    np.testing.assert_allclose([ratio.x, ratio.y, ratio.z], 1.7 * span / np.linalg.norm(span))
 
 
 def test_contacts():

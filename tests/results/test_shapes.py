@@ -9,6 +9,9 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, 
 
 import dalembert as da
 from dalembert.errors import OptionError
+from dalembert.mechanics.skeleton import skeleton
+from dalembert.results.drawing import shape_points
+from dalembert.results.drawn_parts import undrawn
 from dalembert.scene import shape_meshes
 
 pytest.importorskip("matplotlib")
@@ -73,6 +76,7 @@ def test_a_spring_a_rod_a_path_and_the_ground():
     np.testing.assert_allclose(rod.points[:, 1], centre, atol=1e-12)
     paths = [line.points[drawing.reached - 1] for line in drawing.lines if line.is_path]
     assert any(np.allclose(points, centre) for points in paths)
+    assert len(paths) == 1  # that of `way`, and none of the mass centre
     (ground,) = drawing.surfaces
     assert ground.at_rest and np.ptp(ground.vertices[..., 1]) < 1e-12
     assert abs(ground.vertices[0, 0, 1]) < 1e-12
@@ -173,3 +177,26 @@ def test_positions_that_jump_in_time_are_drawn_where_they_are():
     drawing = motion.animate(fps=10).drawing
     path = next(line for line in drawing.lines if line.is_path)
     np.testing.assert_allclose(path.points[drawing.reached - 1, 1], np.maximum(drawing.t - 0.5, 0.0) ** 3, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("shapes", "paths", "axes", "links"),
+    [
+        ({}, (0,), (0,), True),
+        ({"rim": da.Path(C)}, (), (0,), True),
+        ({"wheel": da.Disk(radius=r, axis=W.z)}, (0,), (), True),
+        ({"wheel": da.Rod(O, C)}, (0,), (), False),
+        ({"coil": da.Spring(WALL, C)}, (0,), (0,), False),
+    ],
+)
+def test_shapes_replace_what_is_drawn_without_them(shapes, paths, axes, links):
+    scene = wheel_scene()
+    scene.add_shapes(shapes)
+    drawn = skeleton(scene, ["m", "r", "k"], shape_points(scene))
+    found = undrawn(scene, drawn)
+    assert (found.paths, found.axes, bool(found.links)) == (paths, axes, links) and drawn.links
+    lines = motion_of(scene).animate(fps=10).drawing.lines
+    assert sum(line.width == 2.0 for line in lines) == len(found.links)
+    triads = sum(line.color in ("#d62728", "#2ca02c") and line.width == 1.2 for line in lines)
+    assert triads == 2 * len(axes)
+    assert sum(line.is_path for line in lines) == len(paths) + ("rim" in shapes)

@@ -11,6 +11,7 @@ from ..ir.kernel import Kernel
 from ..ir.program import Layout
 from ..mechanics.skeleton import Skeleton, skeleton
 from ..results.drawing import BODY_COLORS, checked_body, shape_points
+from ..results.drawn_parts import undrawn
 from ..scene.shapes import BODY_SHAPES, Ground, Path, Rod, Spring, length_value, shape_numbers, vector_value
 
 if TYPE_CHECKING:
@@ -52,12 +53,15 @@ def picture_of(scene: Scene, values: Mapping[str, float], layout: Layout) -> Pic
         places.append((len(numbers), len(own)))
         numbers += own
     drawn = skeleton(scene, layout.parameters, shape_points(scene), numbers)
+    left = undrawn(scene, drawn)
     described = [_shape(drawn, item, place) for item, place in zip(shapes, places, strict=True)]
     description = {
         "points": drawn.points,
         "bodies": drawn.bodies,
         "framed": drawn.framed,
-        "links": drawn.links,
+        "links": left.links,
+        "paths": left.paths,
+        "axes": left.axes,
         "colors": [BODY_COLORS[i % len(BODY_COLORS)] for i in range(len(drawn.bodies))],
         "shapes": described,
         "numbers": len(numbers),

@@ -14,7 +14,6 @@ from ..errors import FileWarning, OptionError, UnknownNameError, list_names, war
 from ..interop.mesh_files import read_mesh
 from ..scene import shape_meshes
 from ..scene.shapes import (
-    BODY_SHAPES,
     Box,
     Cylinder,
     Disk,
@@ -30,7 +29,7 @@ from ..scene.shapes import (
     vector_value,
 )
 from ..stops.segments import Constants, constants_at
-from .drawn_parts import Drawing, Frames, Line, Surface
+from .drawn_parts import Drawing, Frames, Line, Surface, Undrawn, undrawn
 
 if TYPE_CHECKING:
     from ..mechanics.skeleton import Skeleton
@@ -93,7 +92,6 @@ def drawing_of(
     low, high = traced.min(axis=(0, 1)), traced.max(axis=(0, 1))
     extent = float(np.max(high - low))
     builder = _Builder(scene, drawn, positions, traced, axes, values, extent or 1.0)
-    shaped = {name for name, shape in scene.shapes if isinstance(shape, BODY_SHAPES)}
     spheres = [(name, shape) for name, shape in scene.shapes if isinstance(shape, Sphere)]
     for name, shape in scene.shapes:
         if not isinstance(shape, Sphere):
@@ -102,7 +100,7 @@ def drawing_of(
     builder.normal = flat[0] if flat else None
     for name, shape in spheres:
         builder.add(name, shape)
-    builder.add_skeleton(shaped)
+    builder.add_skeleton(undrawn(scene, drawn))
     if scene.robot is not None and scene.robot.undrawn:
         text = "; ".join(scene.robot.undrawn)
         warn_caller(f"scene {scene.name!r}: pictures are without {text}", FileWarning)
@@ -263,12 +261,12 @@ class _Builder:
             found = shape_meshes.Triangles(np.asarray(vertices, dtype=float), np.asarray(faces, dtype=np.intp))
         return found.placed(*shape.rigid)
 
-    def add_skeleton(self, shaped: set[str]) -> None:
-        """Add paths and mass centres of bodies, links, points, and axes of bodies without a shape."""
+    def add_skeleton(self, left: Undrawn) -> None:
+        """Add the mass centres of bodies, points, and paths, links and axes that no shape replaces."""
         drawn, count = self.drawn, len(self.drawn.bodies)
-        for i in range(count):
+        for i in left.paths:
             self.lines.append(Line("", self.color(i), self.traced[:, i], 1.0))
-        for link in drawn.links:
+        for link in left.links:
             self.lines.append(Line("", _GREY, self.positions[:, list(link)], 2.0))
         for i, name in enumerate(drawn.bodies):
             self.lines.append(Line(name, self.color(i), self.positions[:, i : i + 1], 0.0))
@@ -276,7 +274,7 @@ class _Builder:
             self.lines.append(Line("", _GREY, self.positions[:, count:], 0.0))
         size = 0.07 * self.extent
         for body, frame in zip(drawn.framed, np.moveaxis(self.axes, 1, 0), strict=True):
-            if drawn.bodies[body] in shaped:
+            if body not in left.axes:
                 continue
             for axis, color in enumerate(_AXIS_COLORS):
                 start = self.positions[:, body]

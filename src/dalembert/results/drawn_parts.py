@@ -9,8 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
+from ..scene.shapes import Path, Rod, Spring
 
 if TYPE_CHECKING:
+    from ..mechanics.skeleton import Skeleton
+    from ..scene import Scene
     from .trajectory import Trajectory
 
 
@@ -98,3 +101,32 @@ class Frames:
     motion: Trajectory
     paths: Trajectory
     reached: NDArray[np.intp]
+
+
+@final
+@dataclass(frozen=True)
+class Undrawn:
+    """Parts of a skeleton that no shape of the scene draws in another way.
+
+    Attributes
+    ----------
+    paths : tuple of int
+        Bodies whose mass centres have a path: all, or none where a shape is a `Path`.
+    axes : tuple of int
+        Bodies with axes: those without a shape of their name.
+    links : tuple of (int, int)
+        Pairs of points with a line between them: none where a shape is a `Rod` or a `Spring`.
+    """
+
+    paths: tuple[int, ...]
+    axes: tuple[int, ...]
+    links: tuple[tuple[int, int], ...]
+
+
+def undrawn(scene: Scene, drawn: Skeleton) -> Undrawn:
+    """Return the parts of the skeleton that are drawn beside the shapes of a scene."""
+    names, shapes = {name for name, _ in scene.shapes}, [shape for _, shape in scene.shapes]
+    bodies = range(len(drawn.bodies))
+    paths = () if any(isinstance(shape, Path) for shape in shapes) else tuple(bodies)
+    links = () if any(isinstance(shape, Rod | Spring) for shape in shapes) else drawn.links
+    return Undrawn(paths, tuple(i for i in bodies if drawn.bodies[i] not in names), links)

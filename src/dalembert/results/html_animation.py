@@ -19,6 +19,8 @@ _FOLLOW_WIDTH = (
     "const div = document.getElementById('{plot_id}'); new ResizeObserver(() => Plotly.Plots.resize(div)).observe(div);"
 )
 """Pages around a picture may find its width after it was drawn."""
+_WIDEST, _TALLEST, _DIAGONAL = 1.75, 1.5, 1.7
+"""Sides of a motion in a plane, and the diagonal of one in space, with which they fill a picture, in plotly's units."""
 
 
 def page(drawing: Drawing, fps: float, *, whole: bool = True) -> str:
@@ -121,7 +123,9 @@ def _layout(drawing: Drawing, fps: float) -> dict[str, Any]:
 def _space(drawing: Drawing) -> dict[str, Any]:
     """Return axes and camera; a motion in a plane is seen along its normal, without perspective."""
     low, high = drawing.low.copy(), drawing.high.copy()
-    scene: dict[str, Any] = {"aspectmode": "data", "domain": {"y": [0.14, 1.0]}}
+    sides = high - low
+    scale = _DIAGONAL / float(np.linalg.norm(sides))
+    scene: dict[str, Any] = {"aspectmode": "manual", "domain": {"y": [0.14, 1.0]}}
     for name, a, b in zip("xyz", low.tolist(), high.tolist(), strict=True):
         scene[f"{name}axis"] = {"range": [a, b], "title": {"text": f"{name} [m]"}}
     if len(drawing.plane) == 2:
@@ -129,4 +133,9 @@ def _space(drawing: Drawing) -> dict[str, Any]:
         eye = {name: 0.0 for name in "xyz"} | {"xyz"[normal]: -2.0 if normal == 1 else 2.0}
         up = {name: 0.0 for name in "xyz"} | {"xyz"[drawing.plane[1]]: 1.0}
         scene["camera"] = {"eye": eye, "up": up, "projection": {"type": "orthographic"}}
+        scene[f"{'xyz'[normal]}axis"] |= {"title": {"text": ""}, "showticklabels": False}
+        # without perspective, the picture is as large as the aspect ratio says, wherever the eye is
+        wide, tall = (float(sides[axis]) for axis in drawing.plane)
+        scale = min(_WIDEST / wide, _TALLEST / tall)
+    scene["aspectratio"] = dict(zip("xyz", (scale * sides).tolist(), strict=True))
     return scene
