@@ -31,8 +31,15 @@ extensions = [
 exclude_patterns = ["gallery"]
 html_theme = "pydata_sphinx_theme"
 html_title = "dalembert"
-html_theme_options = {"show_toc_level": 2, "navigation_with_keys": False, "header_links_before_dropdown": 6}
-html_sidebars = {"index": []}
+WIDE = ("index", "generated/gallery/index")
+html_theme_options = {
+    "show_toc_level": 2,
+    "navigation_with_keys": False,
+    "header_links_before_dropdown": 7,
+    "navbar_align": "left",
+    "secondary_sidebar_items": {"**": ["page-toc", "sourcelink"], **{page: [] for page in WIDE}},
+}
+html_sidebars = {page: [] for page in WIDE}
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 
@@ -57,7 +64,8 @@ sphinx_gallery_conf = {
     "show_signature": False,
     "within_subsection_order": "FileNameSortKey",
     "abort_on_example_error": True,
-    "reset_modules": (),
+    "reset_modules": ("gallery_frames.use_style",),
+    "capture_repr": ("_repr_html_",),  # animations, and not the values of calls such as `panel.set`
     "write_computation_times": False,
 }
 

@@ -7,6 +7,7 @@ log. Its exit status is printed.
 import os
 import runpy
 import sys
+from pathlib import Path
 
 import matplotlib
 
@@ -14,6 +15,8 @@ matplotlib.use("agg")
 import matplotlib.pyplot as plt
 
 import dalembert as da
+
+STYLE = Path(__file__).parents[1] / "docs" / "figures.mplstyle"
 
 
 def run(script: str, log: str) -> None:
@@ -28,6 +31,7 @@ def run(script: str, log: str) -> None:
 def main() -> None:
     """Fork for each line."""
     da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy")
+    plt.style.use(STYLE)
     for line in sys.stdin:
         child = os.fork()
         if not child:

@@ -2,9 +2,10 @@
 When does a block on a belt stick and slip?
 ===========================================
 
-A block on a moving belt, held by a spring. The coefficient of friction is larger in stick than in slip. The
-block sticks until the spring overcomes static friction, slips back, and sticks again. The law is set-valued:
-a contact that sticks does not creep.
+A block on a moving belt, held by a spring. The coefficient of friction is
+larger in stick than in slip. The block sticks until the spring overcomes
+static friction, slips back, and sticks again. The law is set-valued: a contact
+that sticks does not creep.
 """
 
 import matplotlib.pyplot as plt
@@ -20,15 +21,21 @@ run = model.simulate((0, 20), start, values, rtol=1e-10)
 # %%
 # The phases of the contact, and the closed form of the time of slip.
 
-slips = [phase.t1 - phase.t0 for phase in run.phases if phase.modes["belt"] == "slip"]
+slips = [
+    phase.t1 - phase.t0
+    for phase in run.phases
+    if phase.modes["belt"] == "slip"
+]
 w = np.sqrt(4.0)
 exact = 2 / w * (np.pi - np.arctan((0.5 - 0.3) * 9.81 * w / (4.0 * 0.2)))
 print(f"time of slip: {slips[0]:.12f} s, closed form: {exact:.12f} s")
 
 # %%
-figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.2), layout="constrained")
+# sphinx_gallery_thumbnail_number = 2
+_, left = plt.subplots()
 left.plot(run["x"], run["x_dot"])
 left.set(xlabel="x [m]", ylabel="x_dot [m/s]")
+_, right = plt.subplots()
 right.plot(run.t, run["F"])
 right.axhline(0.5 * 9.81, color="0.5", ls="--")
 right.axhline(0.3 * 9.81, color="0.5", ls=":")

@@ -2,14 +2,20 @@
 From which initial angles does a double pendulum flip?
 ======================================================
 
-A sweep of 102,400 motions over a grid of initial angles. Only one number of each motion is kept: the first
-time at which the lower rod passes the upright position.
+A sweep of 102,400 motions over a grid of initial angles. Only one number of
+each motion is kept: the first time at which the lower rod passes the upright
+position.
 """
 
 import matplotlib.pyplot as plt
 import numpy as np
 from sympy import cos, sin, symbols
-from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+from sympy.physics.mechanics import (
+    Particle,
+    Point,
+    ReferenceFrame,
+    dynamicsymbols,
+)
 
 import dalembert as da
 
@@ -36,10 +42,17 @@ sweep = model.sweep(
     reduce={"flip": da.first_crossing(cos(b / 2))},
 )
 flip = sweep.reduced["flip"].reshape(len(side), len(side))
-print(f"{sweep.stats.run_seconds:.1f} s for {flip.size:,} motions; {100 * np.isnan(flip).mean():.0f} % never flip")
+print(
+    f"{sweep.stats.run_seconds:.1f} s for {flip.size:,} motions;"
+    f" {100 * np.isnan(flip).mean():.0f} % never flip"
+)
 
 # %%
-figure, panel = plt.subplots(figsize=(5.4, 4.4), layout="constrained")
+_, panel = plt.subplots()
 image = panel.pcolormesh(side, side, flip.T, cmap="magma_r", shading="nearest")
-figure.colorbar(image, label="first flip [s]")
-panel.set(xlabel="initial angle of the upper rod [rad]", ylabel="initial angle of the lower rod [rad]", aspect="equal")
+plt.colorbar(image, label="first flip [s]")
+panel.set(
+    xlabel="upper rod [rad]",
+    ylabel="lower rod [rad]",
+    aspect="equal",
+)

@@ -2,8 +2,10 @@
 Which pushes bring a cart with a pole to rest a metre away?
 ===========================================================
 
-A pole hangs from a cart. Sixty pushes of fixed length are to move the cart by one metre and leave everything at rest.
-The motion is a loop of ``model.functions.step``, its gradient by all pushes comes from JAX, and Adam of optax descends.
+A pole hangs from a cart. Sixty pushes of fixed length are to move the cart by
+one metre and leave everything at rest. The motion is a loop of
+``model.functions.step``, its gradient by all pushes comes from JAX, and Adam
+of optax descends.
 """
 
 import jax
@@ -12,7 +14,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 import optax
 from sympy import symbols
-from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+from sympy.physics.mechanics import (
+    Particle,
+    Point,
+    ReferenceFrame,
+    dynamicsymbols,
+)
 
 import dalembert as da
 
@@ -32,7 +39,8 @@ parameters = {"M": 1.0, "m": 0.3, "l": 0.6, "g": 9.81}
 dt, goal = 0.05, jnp.array([1.0, 0.0, 0.0, 0.0])
 
 # %%
-# The cost is the distance from rest at the goal, and a little of what the pushes cost.
+# The cost is the distance from rest at the goal, and a little of what the
+# pushes cost.
 
 
 def motion(pushes):
@@ -47,7 +55,9 @@ def motion(pushes):
 
 def cost(pushes):
     """Return what is to be small."""
-    return 100.0 * jnp.sum((motion(pushes)[-1] - goal) ** 2) + 0.01 * jnp.sum(pushes**2)
+    return 100.0 * jnp.sum((motion(pushes)[-1] - goal) ** 2) + 0.01 * jnp.sum(
+        pushes**2
+    )
 
 
 # %%
@@ -66,13 +76,18 @@ def descend(pushes):
         change, memory = adam.update(slope, memory)
         return (optax.apply_updates(pushes, change), memory), value
 
-    (pushes, _), costs = jax.lax.scan(one, (pushes, adam.init(pushes)), None, length=1500)
+    (pushes, _), costs = jax.lax.scan(
+        one, (pushes, adam.init(pushes)), None, length=1500
+    )
     return pushes, costs
 
 
 pushes, costs = descend(jnp.zeros(60))
 states = np.asarray(motion(pushes))
-print(f"cost {float(costs[0]):.1f} to {float(costs[-1]):.4f}; last state {np.round(states[-1], 3)}")
+print(
+    f"cost {float(costs[0]):.1f} to {float(costs[-1]):.4f}; last state"
+    f" {np.round(states[-1], 3)}"
+)
 assert np.abs(states[-1] - goal).max() < 0.02
 
 # %%
@@ -81,10 +96,12 @@ assert np.abs(states[-1] - goal).max() < 0.02
 times = dt * np.arange(61)
 record = da.samples(times, np.append(pushes, 0.0), kind="hold")
 start = {"x": 0, "theta": 0, "x_dot": 0, "theta_dot": 0}
-run = model.simulate((0, times[-1]), start, parameters, inputs={u: record}, t_eval=times)
+run = model.simulate(
+    (0, times[-1]), start, parameters, inputs={u: record}, t_eval=times
+)
 assert np.abs(run.y[-1] - goal).max() < 0.02
 
-figure, (above, below) = plt.subplots(2, 1, sharex=True)
+_, (above, below) = plt.subplots(2, 1, sharex=True)
 above.plot(run.t, run["x"], label="cart [m]")
 above.plot(run.t, run["theta"], label="pole [rad]")
 above.legend()

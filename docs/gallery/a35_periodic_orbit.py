@@ -2,8 +2,9 @@
 How does the swing of a driven pendulum depend on its damping?
 ==============================================================
 
-A damped pendulum driven by a torque that repeats settles into a motion that repeats, too. Its start is the root of
-"state after one period minus state", which optimistix finds by Newton's method. The root is differentiated by the
+A damped pendulum driven by a torque that repeats settles into a motion that
+repeats, too. Its start is the root of "state after one period minus state",
+which optimistix finds by Newton's method. The root is differentiated by the
 implicit function theorem: nothing goes through the iterations.
 """
 
@@ -13,7 +14,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 import optimistix as optx
 from sympy import cos, symbols
-from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+from sympy.physics.mechanics import (
+    Particle,
+    Point,
+    ReferenceFrame,
+    dynamicsymbols,
+)
 
 import dalembert as da
 
@@ -50,7 +56,10 @@ def start(damping):
 
 slope = jax.jit(jax.jacfwd(start))(0.8)
 difference = (start(0.8 + 1e-4) - start(0.8 - 1e-4)) / 2e-4
-print(f"derivative by the damping {np.round(slope, 6)}, by differences {np.round(difference, 6)}")
+print(
+    f"derivative by the damping {np.round(slope, 6)}, by differences"
+    f" {np.round(difference, 6)}"
+)
 np.testing.assert_allclose(slope, difference, rtol=1e-5, atol=1e-7)
 
 # %%
@@ -58,7 +67,12 @@ np.testing.assert_allclose(slope, difference, rtol=1e-5, atol=1e-7)
 
 for damping in (0.5, 0.8, 1.6):
     y = np.asarray(start(damping))
-    run = model.simulate((0, 10 * np.pi), {"theta": y[0], "theta_dot": y[1]}, {**p, "d": damping}, rtol=1e-9)
+    run = model.simulate(
+        (0, 10 * np.pi),
+        {"theta": y[0], "theta_dot": y[1]},
+        {**p, "d": damping},
+        rtol=1e-9,
+    )
     assert abs(run["theta"][-1] - y[0]) < 1e-6
     plt.plot(run["theta"], run["theta_dot"], label=f"d = {damping}")
 plt.xlabel("angle [rad]")

@@ -2,9 +2,10 @@
 How soon can a crane bring its load to rest a metre away?
 =========================================================
 
-Multiple shooting with a free final time: the motion is cut into six pieces, whose first states are unknown, and so are
-the force in each piece and the time that all take together. SciPy's SLSQP joins the pieces; the Jacobians by states,
-forces and final time come from JAX.
+Multiple shooting with a free final time: the motion is cut into six pieces,
+whose first states are unknown, and so are the force in each piece and the time
+that all take together. SciPy's SLSQP joins the pieces; the Jacobians by
+states, forces and final time come from JAX.
 """
 
 import jax
@@ -13,7 +14,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 from scipy.optimize import minimize
 from sympy import symbols
-from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+from sympy.physics.mechanics import (
+    Particle,
+    Point,
+    ReferenceFrame,
+    dynamicsymbols,
+)
 
 import dalembert as da
 
@@ -35,47 +41,71 @@ parameters = {"M": 1.0, "m": 0.5, "l": 0.4, "g": 9.81}
 pieces, largest = 6, 4.0  # newtons
 first, goal = jnp.zeros(4), jnp.array([1.0, 0.0, 0.0, 0.0])
 names = ["x", "theta", "x_dot", "theta_dot"]
-solve = model.solve_fn(names, method="tsit5", rtol=1e-8, atol=1e-10, max_steps=128)
+solve = model.solve_fn(
+    names, method="tsit5", rtol=1e-8, atol=1e-10, max_steps=128
+)
 
 # %%
-# All pieces run side by side, from 0 to a sixth of the final time. Where one ends the next must begin.
+# All pieces run side by side, from 0 to a sixth of the final time. Where one
+# ends the next must begin.
 
 
 def parts(z):
-    """Return the final time, the forces (6,), and the states (7, 4) where pieces begin and end."""
+    """Return the end [s], the forces (6,), and the states (7, 4)."""
     inner = z[1 + pieces :].reshape(pieces - 1, 4)
-    return z[0], z[1 : 1 + pieces], jnp.concatenate([first[None], inner, goal[None]])
+    return (
+        z[0],
+        z[1 : 1 + pieces],
+        jnp.concatenate([first[None], inner, goal[None]]),
+    )
 
 
 def gaps(z):
-    """Return by how much the ends of pieces (6, 4) miss the beginnings of the next."""
+    """Return how far ends of pieces (6, 4) miss the beginnings of the next."""
     duration, forces, states = parts(z)
 
     def end(y, force):
-        return solve(jnp.array([0.0, duration / pieces]), y, parameters, inputs={u: force}).y[-1]
+        return solve(
+            jnp.array([0.0, duration / pieces]),
+            y,
+            parameters,
+            inputs={u: force},
+        ).y[-1]
 
     return (jax.vmap(end)(states[:-1], forces) - states[1:]).ravel()
 
 
 joined, slopes = jax.jit(gaps), jax.jit(jax.jacfwd(gaps))
 line = np.asarray(first + np.linspace(0, 1, pieces + 1)[1:-1, None] * goal)
-guess = np.concatenate([[2.0], np.repeat([1.0, -1.0], pieces // 2), line.ravel()])
+guess = np.concatenate(
+    [[2.0], np.repeat([1.0, -1.0], pieces // 2), line.ravel()]
+)
 
-# The derivative by the final time is the rate at the end, a sixth of it from each piece.
+# The derivative by the final time is the rate at the end, a sixth of it from
+# each piece.
 step = 1e-6 * np.eye(len(guess))[0]
 difference = (joined(guess + step) - joined(guess - step)) / 2e-6
-np.testing.assert_allclose(slopes(guess)[:, 0], difference, rtol=1e-6, atol=1e-7)
+np.testing.assert_allclose(
+    slopes(guess)[:, 0], difference, rtol=1e-6, atol=1e-7
+)
 
 # %%
-# The shortest time under which the pieces join, with forces of at most four newtons.
+# The shortest time under which the pieces join, with forces of at most four
+# newtons.
 
 found = minimize(
     lambda z: (z[0], np.eye(len(z))[0]),
     guess,
     jac=True,
     method="SLSQP",
-    bounds=[(0.5, 5.0)] + pieces * [(-largest, largest)] + 4 * (pieces - 1) * [(None, None)],
-    constraints={"type": "eq", "fun": lambda z: np.asarray(joined(z)), "jac": lambda z: np.asarray(slopes(z))},
+    bounds=[(0.5, 5.0)]
+    + pieces * [(-largest, largest)]
+    + 4 * (pieces - 1) * [(None, None)],
+    constraints={
+        "type": "eq",
+        "fun": lambda z: np.asarray(joined(z)),
+        "jac": lambda z: np.asarray(slopes(z)),
+    },
     options={"maxiter": 200, "ftol": 1e-10},
 )
 duration, forces, _ = (np.asarray(part) for part in parts(found.x))
@@ -83,17 +113,24 @@ print(f"{found.message}: {duration:.4f} s, forces {np.round(forces, 3)} N")
 assert found.success and np.abs(joined(found.x)).max() < 1e-7
 
 # %%
-# One run with these forces as samples that are held comes to rest at the goal. A rigid load, which could not swing,
-# would take at least 2 sqrt(distance mass / force).
+# One run with these forces as samples that are held comes to rest at the goal.
+# A rigid load, which could not swing, would take at least 2 sqrt(distance mass
+# / force).
 
 times = np.linspace(0, duration, pieces + 1)
 record = da.samples(times, np.append(forces, 0.0), kind="hold")
 fine = np.linspace(0, duration, 200)
-run = model.simulate((0, duration), dict.fromkeys(names, 0.0), parameters, inputs={u: record}, t_eval=fine)
+run = model.simulate(
+    (0, duration),
+    dict.fromkeys(names, 0.0),
+    parameters,
+    inputs={u: record},
+    t_eval=fine,
+)
 assert np.abs(run.y[-1] - goal).max() < 1e-5
 assert duration > 2 * np.sqrt(1.0 * 1.5 / largest)
 
-figure, (above, below) = plt.subplots(2, 1, sharex=True)
+_, (above, below) = plt.subplots(2, 1, sharex=True)
 above.plot(run.t, run["x"], label="trolley [m]")
 above.plot(run.t, run["theta"], label="load [rad]")
 above.legend()
