@@ -46,6 +46,8 @@ REPEATED = (
     ("fuzz/loops/test_loops.py", "test_long_loops_move_as_derived_by_hand[[]*-1-*"),
     ("system/test_singular.py", "test_sweeps_end_where_single_runs_do[[]1e-05-*"),
     ("system/test_crossed_branches.py", "test_runs_into_the_crossing_end_by_name[[]*-1e-0[68]]"),
+    # XLA compiles its sampler for half a minute; a13_parameter_fit.py and a36_record_fit.py go along gradients, too
+    ("test_gallery.py", "test_script_runs_and_draws[[]a27_bayesian_fit]"),
     # the limit of friction: a jump, a rational law and one from a preload stay, by both numbers of feet
     ("system/test_forces_at_limits.py", "test_two_feet_stick_where_one_does[[]minimum-*"),
     ("system/test_forces_at_limits.py", "test_two_feet_stick_where_one_does[[]piecewise-*"),

@@ -80,8 +80,8 @@ def pendulum(record):
 begin = {"length": 0.75, "damping": 0.1, "sigma": 0.1}
 at_begin = numpyro.infer.init_to_value(values=begin)
 guide = AutoDelta(pendulum, init_loc_fn=at_begin)
-svi = SVI(pendulum, guide, numpyro.optim.Adam(0.03), Trace_ELBO())
-found = svi.run(jax.random.key(0), 200, record, progress_bar=False)
+svi = SVI(pendulum, guide, numpyro.optim.Adam(0.05), Trace_ELBO())
+found = svi.run(jax.random.key(0), 100, record, progress_bar=False)
 peak = {
     name: float(value) for name, value in guide.median(found.params).items()
 }
@@ -92,7 +92,7 @@ peak = {
 sampler = NUTS(
     pendulum, init_strategy=numpyro.infer.init_to_value(values=peak)
 )
-mcmc = MCMC(sampler, num_warmup=100, num_samples=300, progress_bar=False)
+mcmc = MCMC(sampler, num_warmup=60, num_samples=120, progress_bar=False)
 mcmc.run(jax.random.key(1), record)
 samples = {
     name: np.asarray(values) for name, values in mcmc.get_samples().items()
@@ -111,7 +111,7 @@ for name in ("length", "damping"):
 # sphinx_gallery_thumbnail_number = 1
 _, left = plt.subplots()
 left.plot(times[1:], record, ".", ms=4, color="black", label="record")
-for k in range(0, 300, 15):
+for k in range(0, 120, 6):
     left.plot(
         times[1:],
         angle(samples["length"][k], samples["damping"][k]),
