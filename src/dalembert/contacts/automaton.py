@@ -232,3 +232,7 @@ class HybridAutomaton:
     def mode(self, number: int) -> Mode:
         """Return the mode of a number: the states of its contacts as digits, the first contact being the lowest."""
         return tuple(STATES[number // len(STATES) ** i % len(STATES)] for i in range(len(self.contacts)))
+
+    def number(self, mode: Mode) -> int:
+        """Return the number of a mode, of which `mode` is the inverse."""
+        return sum(STATES.index(state) * len(STATES) ** i for i, state in enumerate(mode))

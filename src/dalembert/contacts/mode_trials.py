@@ -69,8 +69,8 @@ def _margin(system: ContactSystem, pick: Candidates) -> float:
             return math.nan
     if splits_coupled_contacts(system, pick) or unchanged(system, pick):
         return -1.0
-    least = all_laws(system, pick)
-    return _best_share(system, pick, least) if system.solved.undetermined > 0 else least
+    least, shares = all_laws(system, pick), system.slips > 0 and system.solved.undetermined > 0
+    return _best_share(system, pick, least) if shares else least
 
 
 @compiled_subset

@@ -143,7 +143,7 @@ def record_part(arguments: SweepArguments) -> None:
         correct(position, velocity, part.clock, own, 0, own, 0, state.constants, state.delta, lone, rtol, atol)
         for lane in range(state.clock.shape[1]):
             if lone[lane] == FAILED:  # it stays as it is
-                _interpolate(arguments, lane)
+                interpolate(arguments, lane, part.clock[0, lane])
         call_code(part.expand, clock, states, row(state.constants, 0), 0, row(part.posed, 0))
         for lane in range(state.clock.shape[1]):
             if lone[lane] != NONE:
@@ -164,17 +164,17 @@ def _interpolate_part(arguments: SweepArguments) -> bool:
             continue
         if (part.times[part.next[case]] - state.clock[NOW, lane]) * state.settings[1, lane] < 0.0:
             numbers.lone[lane], some = PENDING, True
-            _interpolate(arguments, lane)
+            part.clock[0, lane] = part.times[part.next[case]]
+            interpolate(arguments, lane, part.clock[0, lane])
     return some
 
 
 @compiled_subset
-def _interpolate(arguments: SweepArguments, lane: int) -> None:
-    """Compute the state of a lane at its next sample."""
+def interpolate(arguments: SweepArguments, lane: int, time: float) -> None:
+    """Compute the state of a lane at a time within its step."""
     part, state, shape = arguments.part, arguments.state, arguments.shape
     size_at = state.progress.old + shape.n + shape.events_with_series
-    time = part.times[part.next[state.numbers.case[lane]]]
-    x, part.clock[0, lane] = time - state.tally[BEFORE, lane], time
+    x = time - state.tally[BEFORE, lane]
     if shape.memory > 0:
         x /= state.settings[1, lane] * state.states[size_at, lane]
     for m in range(shape.n):

@@ -172,7 +172,7 @@ def start_state(
     modes: ModeModels, t: float, values: Mapping[str, float], parameters: Mapping[str, float]
 ) -> FloatArray:
     """Return consistent coordinates, rates and first-order states (2 n_q + n_z,)."""
-    apart = _apart(modes, {**parameters, **values, modes.equations.symbols.time: t})
+    apart = open_contacts(modes, {**parameters, **values, modes.equations.symbols.time: t})
     model = modes.model(modes.starting_mode(frozenset(values), apart))
     y = model.state(values, parameters, t=t)
     return model.expand(t, y, parameters)
@@ -262,7 +262,7 @@ def run_cases(
     return run.with_twin(sweep(replace(request, options=tighter(request.options)), varied, stop))
 
 
-def _apart(modes: ModeModels, given: Mapping[str, float]) -> frozenset[int]:
+def open_contacts(modes: ModeModels, given: Mapping[str, float]) -> frozenset[int]:
     """Return the numbers of the contacts whose gaps are positive at given values; not those these do not tell."""
     found = set()
     for number, contact in enumerate(modes.equations.contacts):

@@ -7,7 +7,7 @@ import itertools
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from ..codegen.host_code import raise_failure
 from ..codegen.llvm.loops import Loop, loop_named
 from ..codegen.runs import CaseRun, LoopCall
 from ..contacts.automaton import BITS
+from ..contacts.contact_decisions import DecisionArguments
 from ..contacts.phase_loop import PhaseArguments
 from ..contacts.phase_stops import PhaseStops, no_phase_stops
 from ..contacts.phase_tables import NO_RUNNER, CaseTable, PhasePlan, PhaseProgress, RunnerTable, ThreadWorkspace
@@ -35,7 +36,7 @@ _WORDS = len(kind_of(SweepArguments).words)
 
 def thread_workspace(
     choice: RunnerChoice, table: CaseTable, together: int, lanes: int, patience: int
-) -> tuple[ThreadWorkspace, Sequence[LoopCall], object]:
+) -> tuple[ThreadWorkspace, Sequence[LoopCall], DecisionArguments]:
     """Return memory for one thread, the calls of the runners, and what else must stay alive.
 
     Parameters
@@ -112,7 +113,7 @@ class _Threads:
     spaces: list[ThreadWorkspace]
     turn: NDArray[np.int64]
     calls: Sequence[LoopCall]
-    held: object
+    held: Sequence[tuple[ThreadWorkspace, Sequence[LoopCall], DecisionArguments]]
 
     def packed(self, table: CaseTable, order: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         """Return the packed arguments of the loop of each thread, for cases in an order."""
@@ -158,6 +159,14 @@ class PhaseExecutor:
     def calls(self) -> Sequence[LoopCall]:
         """The calls of the runners of the only case, as its last run made them."""
         return () if self._made is None else self._made[1].calls
+
+    def arguments_alone(self) -> tuple[PhaseArguments, DecisionArguments, list[SweepArguments]]:
+        """Return the arguments of all loops for a case that is alone: of phases, decisions, and each runner."""
+        threads = self._thread_memory(1)
+        (space, calls, decision), alone = threads.held[0], np.zeros(1, np.int64)
+        table = self.table._replace(order=alone, turn=threads.turn)
+        held: list[Any] = [call.held for call in calls]
+        return PhaseArguments(threads.plan, table, space), decision, [arguments for _, arguments in held]
 
     def run(self, some: NDArray[np.intp], paused: Callable[[], None] | None = None) -> None:
         """Run cases as far as possible: to their ends, to a jump, or to a mode that has no runner yet.

@@ -1,0 +1,110 @@
+"""Motions with contacts taken one step at a time, for exports: the loop over phases, which pauses after each step.
+
+A step of the loop over lanes may end a phase. What follows from that, an impact among it, happens with the next step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from ..lanes.lane_steps import interpolate
+from ..lanes.sweep_arguments import SweepArguments
+from ..lanes.workspace import BEFORE, NOW
+from ..loops.lane_loop import EVENT_LOOP, IMPLICIT_LOOP
+from ..methods.status import RUNNING, Status
+from ..steps.projection import FAILED, PENDING, correct
+from ..subset.arguments import Record, Vector
+from ..subset.compiled_subset import call_code, compiled_subset, row
+from .contact_decisions import LOOP as DECISIONS
+from .contact_decisions import DecisionArguments
+from .phase_loop import LOOP, PhaseArguments
+
+
+class ContactPlace(Record):
+    """The runner that took the last step, where that began and ended, and the direction of time, 1 or -1.
+
+    ``pending`` is 1 where what follows from the end of a phase has not happened yet, and before the first step.
+    """
+
+    runner: int
+    begin: float
+    time: float
+    direction: float
+    pending: int
+
+
+class ContactSteps(NamedTuple):
+    """A motion with contacts; ``sampled`` (2 n_q + n_z,) gets coordinates, rates and first-order states."""
+
+    phases: PhaseArguments
+    sampled: Vector
+    place: ContactPlace
+
+
+@compiled_subset
+def select_modes(arguments: DecisionArguments) -> int:
+    """Select the next mode; return 0."""
+    DECISIONS(arguments)
+    return 0
+
+
+def phase_step(loop: Callable[[SweepArguments], int]) -> Callable[[ContactSteps, SweepArguments, int], int]:
+    """Return a function that takes a step of a phase by a loop over lanes."""
+
+    def run_phase(steps: ContactSteps, runner: SweepArguments, number: int) -> int:
+        place, state, paused = steps.place, runner.state, loop(runner)
+        if paused != 0:
+            place.runner, place.begin, place.time = number, state.tally[BEFORE, 0], state.clock[NOW, 0]
+            place.pending = 0 if state.numbers.status[0] == RUNNING else 1
+        return paused
+
+    return compiled_subset(run_phase)
+
+
+run_phase, run_implicit_phase = phase_step(EVENT_LOOP), phase_step(IMPLICIT_LOOP)
+"""Take a step of a phase in the mode of a runner of some number; return 0 where the phase had ended before."""
+
+
+@compiled_subset
+def contact_step(steps: ContactSteps) -> int:
+    """Take a step; return the status of the run."""
+    table, place = steps.phases.table, steps.place
+    if LOOP(steps.phases) != 0:
+        return RUNNING
+    place.time, place.pending = table.cases.t[0], 0
+    if table.numbers.state[0] == RUNNING:  # no equations determine the motion in the mode
+        return Status.SINGULAR_CONFIGURATION
+    return table.numbers.state[0]
+
+
+@compiled_subset
+def sample_phase(steps: ContactSteps, runner: SweepArguments, t: float) -> None:
+    """Compute coordinates and rates at a time within the last step, which a runner took."""
+    part, state, lone = runner.part, runner.state, runner.state.numbers.lone
+    tolerances, old = state.settings.shape[0] - 2, state.progress.old
+    rtol, atol = state.settings[tolerances, 0], state.settings[tolerances + 1, 0]
+    part.clock[0, 0] = t
+    if t == state.clock[NOW, 0]:
+        for m in range(runner.shape.n):
+            part.states[m, 0] = state.states[old + m, 0]
+    else:
+        interpolate(runner, 0, t)
+        lone[0] = PENDING
+        correct(
+            runner.kernels.position, runner.kernels.velocity, part.clock, part.states, 0, part.states, 0,
+            state.constants, state.delta, lone, rtol, atol,
+        )  # fmt: skip
+        if lone[0] == FAILED:  # it stays as it is
+            interpolate(runner, 0, t)
+    clock, states = row(part.clock, 0), row(part.states, 0)
+    call_code(part.expand, clock, states, row(state.constants, 0), 0, row(part.posed, 0))
+    for m in range(steps.sampled.size):
+        steps.sampled[m] = part.posed[m, 0]
+
+
+@compiled_subset
+def sample_end(steps: ContactSteps) -> None:
+    """Take coordinates and rates at the end of a run that is over."""
+    for m in range(steps.sampled.size):
+        steps.sampled[m] = steps.phases.table.cases.x[0, m]
