@@ -1,6 +1,7 @@
 """Loops as C: results are those of Python to the last bit, and what has no translation is named."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from codegen.c_programs import built, output
 from dalembert.codegen.c.simulator import source_of
 from dalembert.codegen.c.source import LoopSource
 from dalembert.codegen.c.workspace import workspace_of
-from dalembert.subset.arguments import Record, kind_of
+from dalembert.subset.arguments import Matrix, Record, Vector, kind_of
 from dalembert.subset.compiled_subset import Array, Fields, Group, compiled_subset
 from subset.small_loops import (
     Arithmetic,
@@ -175,12 +176,34 @@ def test_memory_is_read_in_the_order_of_python(tmp_path):
     assert_same(tmp_path, order_of_evaluation, make)
 
 
-def test_what_threads_share_has_no_translation():
-    space = workspace_of(
-        Arrays(np.zeros((2, 3)), np.zeros((2, 3), np.bool_), np.zeros(2), np.arange(4)), frozenset(), frozenset(), {}
-    )
-    with pytest.raises(TypeError, match=r"small_loops.py, line \d+: <function take.* has no translation"):
-        LoopSource(space, "loop", "fused", frozenset()).entry(arrays, Arrays)
+def test_what_threads_share_is_counted_by_one(tmp_path):
+    def make():
+        m = np.array([[1.5, -2.0, 3.0], [4.0, 5.0, -6.0]])
+        return Arrays(m, np.zeros((2, 3), np.bool_), np.zeros(2), np.arange(4))
+
+    assert_same(tmp_path, arrays, make)
+
+
+class Shared(NamedTuple):
+    """A matrix, and a row and an element of it as arrays of their own."""
+
+    m: Matrix
+    row: Vector
+    last: Vector
+
+
+def test_arrays_that_share_memory_share_it_in_c():
+    m = np.zeros((2, 3))
+    space = workspace_of(Shared(m, m[1], m[1, 2:]), frozenset(), frozenset(), {})
+    places = [("run->m", "2", "3"), ("&run->m[3]", "3"), ("&run->m[5]", "1")]
+    assert [space.leaf(place) for place in (0, 3, 5)] == places
+    assert [name for name, _ in space.members] == ["m"]
+
+
+def test_arrays_that_overlap_in_part_are_refused():
+    memory = np.zeros(4)
+    with pytest.raises(TypeError, match="row and m overlap"):
+        workspace_of(Shared(memory[:3].reshape(1, 3), memory[1:], np.zeros(1)), frozenset(), frozenset(), {})
 
 
 def test_known_numbers_leave_no_trace():

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ...subset import compiled_subset as code
 from ...subset.compiled_subset import FLAG, INTEGER, MATRIX, NUMBER, Array, Group
 from ..subset.values import Value
-from .printing import bare, element_of
+from .printing import Loop, bare, element_of
 
 if TYPE_CHECKING:
     from .expressions import Expressions
@@ -53,8 +53,8 @@ def _flat(lines: Expressions, matrix: Value) -> Value:
 
 
 def _row(lines: Expressions, matrix: Value, number: Value) -> Value:
-    if not isinstance(matrix.kind, Array) or matrix.kind.dimensions != 2 or matrix.kind.item != NUMBER:
-        raise TypeError("rows are those of matrices of doubles")
+    if not isinstance(matrix.kind, Array) or matrix.kind.dimensions != 2 or matrix.kind.item == FLAG:
+        raise TypeError("rows are those of matrices of doubles or integers")
     return Value(INTEGER, (lines.place(matrix, [number]).words[0],))
 
 
@@ -63,6 +63,22 @@ def _call_code(lines: Expressions, function: Value, *given: Value) -> Value:
     if function.words[0] != "0":  # what is not there is never called
         lines.lines.append(f"{function.words[0]}({addresses});")
     return Value(Group(()), ())
+
+
+def _call_test(lines: Expressions, function: Value, *given: Value) -> Value:
+    (word,) = function.words
+    if word == "0":
+        return lines.literal(0)
+    # loops take the arguments that they were made for, tests an address and two numbers
+    numbers = "run" if isinstance(word, Loop) else ", ".join(bare(value.words[0]) for value in given[:3])
+    return Value(INTEGER, (lines.computed(f"{word}({numbers})", "int64_t"),))
+
+
+def _take(lines: Expressions, array: Value, amount: Value) -> Value:
+    (word,) = lines.place(array, [lines.literal(0)]).words
+    before = lines.computed(word, "int64_t")
+    lines.lines.append(f"{word} = {before} + {bare(amount.words[0])};")
+    return Value(INTEGER, (before,))
 
 
 def _element(lines: Expressions, address: Value, index: Value) -> Value:
@@ -91,6 +107,8 @@ BUILT_IN: dict[Any, Callable[..., Value]] = {
     code.square: _square,
     code.row: _row,
     code.call_code: _call_code,
+    code.call_test: _call_test,
+    code.take: _take,
     code.prefetch: _nothing,
     code.element: _element,
     code.flat: _flat,
@@ -99,5 +117,5 @@ BUILT_IN: dict[Any, Callable[..., Value]] = {
 }
 """Translation of each function, by the function that Python code calls."""
 
-PURE = frozenset({*BUILT_IN, min, max, range}) - {code.call_code}
+PURE = frozenset({*BUILT_IN, min, max, range}) - {code.call_code, code.call_test, code.take}
 """Functions that change no memory."""

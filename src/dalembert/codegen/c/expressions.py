@@ -17,7 +17,7 @@ from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Grou
 from ..subset.translation import UNKNOWN, Translation
 from ..subset.values import Value, parts, unified
 from .built_in import BUILT_IN, PURE
-from .printing import bare, double, element_of
+from .printing import Code, Constant, Fixed, Kernel, Pointer, bare, double, element_of
 
 _OPERATORS = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.LShift: "<<", ast.RShift: ">>", ast.BitAnd: "&"
@@ -38,12 +38,8 @@ TYPES = {INTEGER: "int64_t", NUMBER: "double", FLAG: "bool"}
 """C types of numbers."""
 
 
-class Pointer(str):
-    """A word that is the address of numbers."""
-
-
-class Known(Pointer):
-    """A word that means the same in every function: the name of a kernel or of a constant array, or a member."""
+class Nothing(str):
+    """The place of an element of an array that has none: code that reads or writes it never runs."""
 
 
 class Arguments(Protocol):
@@ -51,6 +47,10 @@ class Arguments(Protocol):
 
     def leaf(self, place: int) -> tuple[str, ...]:
         """Return the words of the argument whose first word has this place among all."""
+        ...
+
+    def address(self, table: str, word: str) -> str:
+        """Return an address in a table of addresses, from the element there."""
         ...
 
 
@@ -237,7 +237,9 @@ class Expressions(Translation):
     def compared(self, op: ast.cmpop, kind: Kind, a: Value, b: Value) -> Value:
         """See `Translation.compared`; what is known is decided."""
         (x,), (y,) = a.words, b.words
-        left, right = (1 if isinstance(word, Pointer) else literal_of(word) for word in (x, y))
+        left, right = (
+            1 if isinstance(word, Pointer) and not isinstance(word, Code) else literal_of(word) for word in (x, y)
+        )
         if left is not UNKNOWN and right is not UNKNOWN:
             return self.literal(_DECIDED[type(op)](left, right))
         return Value(FLAG, (f"({x} {_TESTS[type(op)]} {y})",))
@@ -279,7 +281,9 @@ class Expressions(Translation):
         if [value.words for value in values] == [("true",), ("false",)]:
             return flag
         if not sides[0][1] and not sides[1][1] and len(kind.words) == 1:
-            return Value(kind, (f"({flag.words[0]} ? {values[0].words[0]} : {values[1].words[0]})",))
+            words = [value.words[0] for value in values]
+            word = f"({flag.words[0]} ? {words[0]} : {words[1]})"
+            return Value(kind, (Code(word) if any(isinstance(each, Code | Kernel) for each in words) else word,))
         kinds = kind.parts if isinstance(kind, Group) else (kind,)
         names = tuple(self.fresh(TYPES[one]) for one in kinds)  # type: ignore[index]
         self.lines.append(f"if ({bare(flag.words[0])}) {{")
@@ -305,8 +309,12 @@ class Expressions(Translation):
             before = self.arithmetic(ast.Mult(), INTEGER, offset, Value(INTEGER, (length,)))
             offset = self.arithmetic(ast.Add(), INTEGER, before, number)
         left = len(shape) - len(index)
+        if not left and "0" in shape:
+            return Value(Array(kind.item, 0), (Nothing(),))
         word = element_of(data, offset.words[0])
-        return Value(Array(kind.item, left), (Pointer(f"&{word}") if left else word, *shape[len(index) :]))
+        if left:
+            word = (Fixed if isinstance(data, Constant | Fixed) else Pointer)(f"&{word}")
+        return Value(Array(kind.item, left), (word, *shape[len(index) :]))
 
     def part(self, group: Value, number: int) -> Value:
         """See `Translation.part`."""
@@ -329,15 +337,18 @@ class Expressions(Translation):
         """See `Translation.load`."""
         assert isinstance(place.kind, Array)
         item, (word,) = place.kind.item, place.words
+        if isinstance(word, Nothing):
+            return self.literal(False) if item == FLAG else self._zero(item)
         if item.owned:
-            return Value(item, (Pointer(word),))
+            return Value(item, (self.module.arguments.address(word.partition("[")[0], word),))
         return Value(item, (self.computed(word, TYPES[item]) if self.fragile else word,))
 
     def store(self, value: Value, place: Value) -> None:
         """See `Translation.store`."""
         assert isinstance(place.kind, Array)
         (word,) = self.converted(value, place.kind.item).words
-        self.lines.append(f"{place.words[0]} = {bare(word)};")
+        if not isinstance(place.words[0], Nothing):
+            self.lines.append(f"{place.words[0]} = {bare(word)};")
 
     def called(self, function: Any, given: list[Value]) -> Value:
         """See `Translation.called`."""

@@ -27,9 +27,42 @@ FUNCTIONS = frozenset(
 """Functions that the code calls, or that compilers know."""
 
 
+class Pointer(str):
+    """A word that is the address of numbers."""
+
+
+class Fixed(Pointer):
+    """A word that is the address of numbers that never change."""
+
+
+class Code(Pointer):
+    """A word that is the address of a kernel, or 0 where there is none."""
+
+
+class Known(Pointer):
+    """A word that means the same in every function: the name of a kernel or of a constant array, or a member."""
+
+
+class Constant(Known):
+    """A word that is the name of an array that never changes."""
+
+
+class Kernel(Known):
+    """A word that is the name of a kernel."""
+
+
+class Loop(Known):
+    """A word that is the name of a loop, or a table of such names: loops take the whole run."""
+
+
 def c_name(name: str) -> str:
     """Return the name in C of a variable of a loop."""
     return f"{name}_" if name in RESERVED or name in FUNCTIONS else name
+
+
+def member_name(name: str) -> str:
+    """Return the name in C of a field of the arguments of a loop."""
+    return f"{name}_" if name in RESERVED else name
 
 
 def prefix_of(name: str) -> str:

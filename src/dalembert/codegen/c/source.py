@@ -9,10 +9,10 @@ import numpy as np
 from ...subset.arguments import kind_of
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Group, Kind
 from ..subset.values import Value
-from .expressions import TYPES, Arguments, Known
-from .printing import double, rows_of
+from .expressions import TYPES, Arguments
+from .printing import Constant, double, rows_of
 from .statements import Function, is_static, translated
-from .workspace import Workspace
+from .workspace import KERNELS, LOOPS, Workspace
 
 _DTYPES = {"f": NUMBER, "i": INTEGER, "b": FLAG}
 
@@ -43,7 +43,8 @@ class LoopSource:
         self.used: set[str] = set()
         self._texts: list[list[str]] = []
         self._results: list[tuple[str, list[str]]] = []
-        self._constants: list[tuple[str, str, list[str]]] = list(arguments.constants)
+        self._constants = [constant for constant in arguments.constants if constant[0] != LOOPS]
+        self._of_loops = [constant for constant in arguments.constants if constant[0] == LOOPS]
         self._made: dict[Any, tuple[str, Function]] = {}
         self._arrays: dict[int, tuple[Value, Any]] = {}
         self._taken = set(reserved)
@@ -53,8 +54,7 @@ class LoopSource:
         """The constants, the types of results, and the functions, each after those that it calls."""
         parts = []
         for kind, name, numbers in self._constants:
-            rows = [f"    {row}" for row in rows_of(numbers)]
-            parts.append([f"static const {kind} {name}[{len(numbers)}] = {{", *rows, "};"])
+            parts.append(_constant(_DECLARED.get(kind, f"const {kind}"), name, numbers))
         for name, members in self._results:
             parts.append([f"struct {name} {{", *(f"    {member}" for member in members), "};"])
         parts += map(_indented, self._texts)
@@ -64,6 +64,10 @@ class LoopSource:
     def functions(self) -> frozenset[str]:
         """Names of the functions so far."""
         return frozenset(name for name, _ in self._made.values())
+
+    def add_tables_of_loops(self) -> None:
+        """Write the tables of loops, behind the functions so far, which they name."""
+        self._texts += [_constant(_DECLARED[kind], name, elements) for kind, name, elements in self._of_loops]
 
     def entry(self, function: Any, arguments: type[tuple[Any, ...]], *numbers: str) -> str:
         """Translate a function of the arguments of the loop and of further doubles; return how it is called."""
@@ -113,9 +117,18 @@ class LoopSource:
             numbers = [double(float(x)) if item == NUMBER else str(int(x)) for x in np.ravel(array)]
             name = self._named(f"constant_{len(self._arrays)}")
             self._constants.append((TYPES[item], name, numbers))
-            value = Value(Array(item, array.ndim), (Known(name), *map(str, array.shape)))
+            value = Value(Array(item, array.ndim), (Constant(name), *map(str, array.shape)))
             self._arrays[id(array)] = value, array
         return self._arrays[id(array)][0]
+
+
+_DECLARED = {KERNELS: "kernel_function *const", LOOPS: "loop_function *const"}
+"""C types of the elements of constant tables of addresses."""
+
+
+def _constant(kind: str, name: str, elements: list[str]) -> list[str]:
+    rows = [f"    {row}" for row in rows_of(elements)]
+    return [f"static {kind} {name}[{len(elements)}] = {{", *rows, "};"]
 
 
 def _indented(lines: list[str]) -> list[str]:

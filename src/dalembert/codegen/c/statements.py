@@ -9,8 +9,8 @@ from typing import Any, final
 from ...subset.compiled_subset import INTEGER, NUMBER, Array, Fields, Group, Kind, Scalar
 from ..subset.translation import UNKNOWN, definition_of, result_of
 from ..subset.values import Value, by_reference
-from .expressions import TYPES, Expressions, Functions, Known, Pointer, is_atom, literal_of
-from .printing import NAME, bare, c_name, tidied
+from .expressions import TYPES, Expressions, Functions, is_atom, literal_of
+from .printing import NAME, Code, Fixed, Known, Pointer, bare, c_name, tidied
 
 
 @final
@@ -46,6 +46,14 @@ def translated(module: Functions, function: Any, name: str, given: list[Value]) 
         For statements that have no translation; the message names the line.
     """
     return _Statements(module, function).function(definition_of(function), name, given)
+
+
+def _pointer(kind: Kind, word: Pointer) -> str:
+    """Return the C type of an address of numbers."""
+    if isinstance(word, Code):
+        return "kernel_function *"
+    item = kind.item if isinstance(kind, Array) and not kind.item.owned else NUMBER
+    return f"{'const ' if isinstance(word, Fixed) else ''}{TYPES[item]} *"
 
 
 def is_static(word: str) -> bool:
@@ -88,7 +96,7 @@ class _Statements(Expressions):
                     arguments.append("")
                     continue
                 own = base if number == 0 else f"{base}_{number}"
-                words.append(Pointer(own) if isinstance(word, Pointer) else own)
+                words.append(type(word)(own) if isinstance(word, Pointer) else own)
                 arguments.append(f"{self._type(value.kind, number, word)} {own}".replace("* ", "*"))
             self.fixed[argument.arg] = Value(value.kind, tuple(words))
             if argument.arg in self._stored:
@@ -128,8 +136,7 @@ class _Statements(Expressions):
     @staticmethod
     def _type(kind: Kind, number: int, word: str) -> str:
         if isinstance(word, Pointer):
-            item = kind.item if isinstance(kind, Array) else NUMBER
-            return f"{TYPES[item]} *"
+            return _pointer(kind, word)
         if isinstance(kind, Fields):
             raise TypeError("records are part of the arguments of the loop")
         return TYPES[INTEGER] if isinstance(kind, Array) else TYPES[kind]  # type: ignore[index]
@@ -230,12 +237,11 @@ class _Statements(Expressions):
                 continue
             own = c_name(name) if number == 0 else f"{c_name(name)}_{number}"
             if isinstance(word, Pointer):
-                item = value.kind.item if isinstance(value.kind, Array) else NUMBER
-                self.types[own] = f"{TYPES[item]} *"
+                self.types[own] = _pointer(value.kind, word)
             else:
                 self.types[own] = TYPES[INTEGER] if isinstance(value.kind, Array) else TYPES[value.kind]  # type: ignore[index]
             self.lines.append(f"{own} = {bare(word)};")
-            words.append(Pointer(own) if isinstance(word, Pointer) else own)
+            words.append(type(word)(own) if isinstance(word, Pointer) else own)
         return Value(value.kind, tuple(words), value.base, value.first)
 
     def branch_if(self, test: ast.expr, body: list[ast.stmt], other: list[ast.stmt]) -> None:
