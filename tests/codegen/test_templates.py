@@ -19,7 +19,7 @@ import dalembert as da
 from codegen.llvm_texts import FURTHER_TEXTS, TEXTS
 from codegen.programs import PROGRAMS
 from dalembert.codegen import rendering
-from dalembert.codegen.c import simulator
+from dalembert.codegen.c import contact_simulator, simulator
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
 from dalembert.codegen.llvm import target as lane_types
 from dalembert.codegen.llvm.assembly import assembly
@@ -111,13 +111,33 @@ def render_c():
             given = {"z": 0.0, "z_dot": 1.0}, {"z": 0.0, "z_dot": 1.0, "m": 2.0}
             source = c_source(model, *given, method, (1e-8, 1e-10), (0.0, 1.0))
             with mock.patch.object(shutil, "which", lambda name: None):
-                assert set(simulator.c_files(source)) < {"cart.c", "cart.h", "main.c", "Makefile", "README.md", ""}
+                assert set(contact_simulator.c_files(source)) < {
+                    "cart.c",
+                    "cart.h",
+                    "main.c",
+                    "Makefile",
+                    "README.md",
+                    "",
+                }
                 fmu_files(source)
             nothing = {"shared_library": lambda compiler, texts: b"", "c_compiler": lambda: ["cc"]}
             with mock.patch.multiple(wheel, **nothing):
                 wheel.wheel_files(source)
             with mock.patch.object(page, "web_assembly", lambda texts, exported: b""):
-                page.page_text(source, scene, None)
+                page.page_text(source, source, scene, None)
+    render_contacts()
+
+
+def render_contacts():
+    """Render simulators of scenes with contacts, with outputs and without; one of them as a page."""
+    scene = da.scenes.belt_oscillator()
+    numbers = dict.fromkeys(("x", "x_dot", "y", "y_dot", "g", "k", "m", "mu", "mu_s", "v_b"), 1.0)
+    for outputs in (["F"], []):
+        model = da.compile_model(scene, outputs=outputs)
+        source = c_source(model, None, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0))
+        contact_simulator.c_files(source)
+    with mock.patch.object(page, "web_assembly", lambda texts, exported: b""):
+        page.page_text(source, source, scene, None)
 
 
 def render_jax(program):

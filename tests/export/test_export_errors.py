@@ -90,14 +90,6 @@ def test_unknown_options(tmp_path, sleigh):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_contacts_are_exported_mode_by_mode(tmp_path):
-    model = da.compile_model(da.scenes.bouncing_ball())
-    with pytest.raises(CapabilityError, match=r"contacts that change.*model\.mode"):
-        model.export(tmp_path / "a")
-    contact = model.contacts[0]
-    assert model.mode(**{contact: "open"}).export(tmp_path / "a").is_dir()
-
-
 def test_formulations_that_need_more_than_a_loop(tmp_path):
     scene = da.scenes.chaplygin_sleigh()
     with pytest.raises(CapabilityError, match="'baumgarte': compile it with formulation='projected'"):

@@ -13,6 +13,7 @@ import dalembert as da
 from codegen.c_programs import compiler
 from dalembert.errors import MissingExtraError
 from dalembert.export import wheel
+from hard_cases.contacts import contact_motion
 
 RUN = """
 import json, sys
@@ -90,3 +91,14 @@ def test_packages_need_a_compiler(tmp_path, monkeypatch):
     monkeypatch.setattr(wheel, "c_compiler", lambda: None)
     with pytest.raises(MissingExtraError, match=r"no C compiler.*pip install"):
         da.compile_model(cart()).export(tmp_path / "a", "wheel")
+
+
+def test_contacts_that_change(tmp_path):
+    case = contact_motion("bouncing ball").motion
+    model = case.compile("auto")
+    target = installed(tmp_path, model, initial=case.initial, parameters=case.parameters)
+    times = [0.0, 0.5, 1.0, 2.0]
+    found = called(target, "bouncing_ball", times)["run"]
+    run = model.simulate((0, 2), case.initial, case.parameters, t_eval=times)
+    for name in model.layout.variables:
+        np.testing.assert_allclose(found[name], run[name], rtol=1e-11, atol=1e-11, err_msg=name)

@@ -6,16 +6,19 @@ import hashlib
 import platform
 from collections.abc import Sequence
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from ..codegen.c.contact_simulator import c_files
 from ..codegen.c.descriptions import CSource
 from ..codegen.c.printing import double, prefix_of, rows_of
-from ..codegen.c.simulator import c_files
 from ..codegen.rendering import render
 from ..errors import CapabilityError, OptionError, list_names, unknown_name
 from ..values import listed
 from ..version import __version__
 from .compilers import c_compiler, foreign_library, shared_library
+
+if TYPE_CHECKING:
+    from ..model.model import CompiledModel
 
 _TARGETS = {
     "linux64": ("x86_64-linux-gnu.2.17", "so"),
@@ -62,6 +65,22 @@ def fmu_files(source: CSource, platforms: Sequence[str] | None = None) -> dict[s
         folder, suffix = where
         files[f"binaries/{folder}/{prefix}.{suffix}"] = shared_library(compiler, simulator)
     return files
+
+
+def refuse_contacts(model: CompiledModel) -> None:
+    """Reject models whose contacts change.
+
+    Raises
+    ------
+    CapabilityError
+        With the contacts, and the remedy.
+    """
+    if model.modes is not None:
+        raise CapabilityError(
+            f"{model.name!r} has contacts that change ({list_names(model.contacts)}), and a run with them ends at its"
+            " end, where units continue behind each communication step: export one mode, model.mode(...).export(...),"
+            ' or take kind="c", "page" or "wheel"'
+        )
 
 
 def checked_platforms(platforms: Any) -> list[str]:

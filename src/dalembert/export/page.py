@@ -7,16 +7,15 @@ import json
 import zlib
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from ..codegen.c.contact_simulator import simulator_of
 from ..codegen.c.descriptions import CSource, plain
 from ..codegen.c.kernels import kernel_variables
-from ..codegen.c.simulator import Simulator, source_of
+from ..codegen.c.simulator import source_of
 from ..codegen.rendering import banner_lines, render
-from ..options import TIGHTER
-from ..transforms.periodic import angles_of
+from ..contacts.contact_laws import STATES
 from ..version import __version__
 from .compilers import web_assembly
 from .fmu import refuse_missing
@@ -35,13 +34,13 @@ _TURN, _FAST = 3.1416, 2.0
 """Default ends of the sliders of angles, and of rates that are zero."""
 
 
-def page_text(source: CSource, scene: Scene, sliders: Mapping[str, tuple[float, float]] | None) -> str:
+def page_text(source: CSource, finer: CSource, scene: Scene, sliders: Mapping[str, tuple[float, float]] | None) -> str:
     """Return a page.
 
     Parameters
     ----------
-    source : CSource
-        Of the run that the page begins with.
+    source, finer : CSource
+        Of the run that the page begins with, and of one at tighter tolerances, for the error estimate.
     scene : Scene
         Whose shapes are drawn.
     sliders : mapping of str to (float, float), optional
@@ -59,11 +58,10 @@ def page_text(source: CSource, scene: Scene, sliders: Mapping[str, tuple[float, 
     refuse_missing(source, "a page")
     layout, numbers = source.program.layout, source.numbers
     picture = picture_of(scene, {name: float(numbers.get(name, 0.0)) for name in layout.parameters}, layout)
-    finer = replace(source, tolerances=(source.tolerances[0] * TIGHTER, source.tolerances[1] * TIGHTER))
     with ThreadPoolExecutor() as pool:  # the compiler is a process of its own
         compiled = pool.map(web_assembly, [_texts(each, picture) for each in (source, finer)], [FUNCTIONS] * 2)
         modules = dict(zip(("run", "finer"), compiled, strict=True))
-    variables = len(source.program.kernel("expand").outputs)
+    variables, shown = len(source.program.kernel("expand").outputs), [*layout.outputs, *_contacts(source)]
     described = {
         "name": source.program.name,
         "span": source.span,
@@ -74,9 +72,9 @@ def page_text(source: CSource, scene: Scene, sliders: Mapping[str, tuple[float, 
         "version": __version__,
         "given": _given(source, sliders),
         "variables": [*layout.coordinates, *layout.rates, *layout.states],
-        "outputs": layout.outputs,
+        "outputs": shown,
         "coordinates": len(layout.coordinates),
-        "energy": variables + len(layout.outputs),
+        "energy": variables + len(shown),
         "picture": picture.description,
         "size": sum(len(code) for code in modules.values()),
     }
@@ -94,10 +92,11 @@ def _packed(code: bytes) -> str:
 
 def _texts(source: CSource, picture: Picture) -> dict[str, str]:
     """Return the simulator with what a page calls, in C."""
-    simulator, layout = Simulator(source), source.program.layout
+    simulator, layout = simulator_of(source), source.program.layout
     prefix, variables = simulator.prefix, len(source.program.kernel("expand").outputs)
     kernel = kernel_variables(f"{prefix}_picture", picture.kernel, "Points, axes of bodies, and lengths")
-    first = variables + len(layout.outputs)
+    n_contacts = len(_contacts(source))
+    first = variables + len(layout.outputs) + n_contacts
     functions = {
         "prefix": prefix,
         "upper": prefix.upper(),
@@ -105,6 +104,7 @@ def _texts(source: CSource, picture: Picture) -> dict[str, str]:
         "n_row": first + 2 + len(picture.kernel.outputs),
         "n_inputs": len(layout.inputs),
         "n_outputs": len(layout.outputs),
+        "contact_places": list(range(first - n_contacts, first)),
         "n_variables": variables,
         "first_energy": first,
         "first_picture": first + 2,
@@ -115,6 +115,15 @@ def _texts(source: CSource, picture: Picture) -> dict[str, str]:
     texts = {name: simulator.files[name] for name in (f"{prefix}.h", f"{prefix}.c")}
     texts["page.c"] = source_of(banner, [f"{prefix}.h"], printed) + render("page/page.c.j2", functions)
     return texts
+
+
+def _contacts(source: CSource) -> list[str]:
+    """Return the names of the curves of contacts that change: what each does, as a number."""
+    if source.contacts is None:
+        return []
+    numbered = {state: f"{STATES.index(state)} {state}" for state in STATES}
+    ordered = [(name, sorted(states, key=STATES.index)) for name, states in source.contacts.contacts]
+    return [f"{name}: {', '.join(numbered[state] for state in states)}" for name, states in ordered]
 
 
 def _wanted(source: CSource) -> list[str]:
@@ -141,8 +150,7 @@ def _given(source: CSource, sliders: Mapping[str, tuple[float, float]] | None) -
 def _ends(source: CSource, name: str, value: float) -> tuple[float, float]:
     """Return the ends of a slider: about its value, in the range that is allowed."""
     layout = source.program.layout
-    turning = [layout.state[i] for i in angles_of(source.program)]
-    if name in turning and abs(value) <= _TURN:
+    if name in source.angles and abs(value) <= _TURN:
         return -_TURN, _TURN
     if "positive" in layout.assumptions.get(name, ()):
         return 0.1 * value, 2.0 * value

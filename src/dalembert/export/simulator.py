@@ -19,12 +19,10 @@ from ..runs.run_checks import GimbalCheck
 from ..starts.initial_states import initial_state
 from ..starts.inputs import constants
 from ..starts.symbol_assumptions import ROUNDING
+from .refusals import refuse_program
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
-
-FORMULATIONS = ("minimal", "projected", "augmented")
-"""Formulations whose runs need nothing but their kernels and a loop."""
 
 
 def refuse_scene(model: CompiledModel) -> None:
@@ -35,21 +33,11 @@ def refuse_scene(model: CompiledModel) -> None:
     CapabilityError
         With what it has that is not exported, and the remedy.
     """
-    if model.modes is not None:
-        raise CapabilityError(
-            f"{model.name!r} has contacts that change between sliding, sticking and being open"
-            f" ({list_names(model.contacts)}), which exports do not carry yet: export one mode,"
-            " model.mode(...).export(...)"
-        )
     program, reduced = model.stages.program, model.stages.reduced
     if model.controllers:
         names = list_names(item.name for item in model.controllers)
         raise CapabilityError(f"exports do not carry sampled controllers ({names}): {WITHOUT}")
-    if program.formulation not in FORMULATIONS:
-        raise CapabilityError(
-            f"exports carry the formulations {list_names(FORMULATIONS)}, and this model is {program.formulation!r}:"
-            f" compile it with formulation={FORMULATIONS[1]!r}"
-        )
+    refuse_program(program)
     if program.conditions is not None:
         raise CapabilityError(
             f"{program.name!r} has functions of time with kinks or jumps, at which runs are cut; exports do not carry"
@@ -62,11 +50,6 @@ def refuse_scene(model: CompiledModel) -> None:
         )
     if not program.layout.state:
         raise CapabilityError(f"the constraints of {program.name!r} prescribe its motion: there is nothing to simulate")
-    if "shared_loads" in program:
-        raise CapabilityError(
-            f"outputs of {program.name!r} are reactions that the equations do not determine, of least norm, which"
-            " exports do not compute: compile the model without these outputs"
-        )
 
 
 def refuse_inputs(model: CompiledModel, start: Start) -> None:
@@ -140,6 +123,10 @@ def c_source(
     CapabilityError, InitialStateError, OptionError
         For what is not exported, and for initial values that are not enough.
     """
+    if model.modes is not None:
+        from .contact_runs import contact_source
+
+        return contact_source(model, initial, numbers, method, tolerances, span)
     refuse_scene(model)
     start = start_of(model, initial)
     refuse_inputs(model, start)

@@ -9,9 +9,9 @@ import re
 import sysconfig
 from typing import Any
 
+from ..codegen.c.contact_simulator import c_files
 from ..codegen.c.descriptions import CSource, plain
 from ..codegen.c.printing import prefix_of
-from ..codegen.c.simulator import c_files
 from ..codegen.rendering import render
 from ..errors import MissingExtraError
 from ..version import __version__

@@ -9,10 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import CapabilityError, OptionError, list_names, nesting_named, unknown_name
-from ..ir.calls import function_of
-from ..ir.kernel import calls_in
 from ..ir.program import hidden_parameters
-from ..options import NamedTolerances, tolerances
+from ..options import TIGHTER, NamedTolerances, tolerances
 from ..starts.inputs import resolve_names, span_of
 
 if TYPE_CHECKING:
@@ -20,16 +18,17 @@ if TYPE_CHECKING:
 
 
 def _c(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
-    from ..codegen.c.simulator import c_files
+    from ..codegen.c.contact_simulator import c_files
     from ..export.simulator import c_source
 
     return c_files(c_source(model, **request))
 
 
 def _fmu(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
-    from ..export.fmu import fmu_files
+    from ..export.fmu import fmu_files, refuse_contacts
     from ..export.simulator import c_source
 
+    refuse_contacts(model)
     asked = dict(request)
     platforms = asked.pop("platforms")
     return fmu_files(c_source(model, **asked), platforms)
@@ -40,8 +39,11 @@ def _page(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
     from ..export.simulator import c_source
 
     asked = dict(request)
-    sliders = asked.pop("sliders")
-    return {"page": page_text(c_source(model, **asked), model.stages.scene, sliders)}
+    sliders, modes = asked.pop("sliders"), model.modes
+    source, (rtol, atol) = c_source(model, **asked), asked["tolerances"]
+    asked |= {"tolerances": (rtol * TIGHTER, atol * TIGHTER)} | ({"method": source.method} if modes is None else {})
+    scene = model.stages.scene if modes is None else modes.several.scene
+    return {"page": page_text(source, c_source(model, **asked), scene, sliders)}
 
 
 def _wheel(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -126,7 +128,7 @@ def export(
     Raises
     ------
     CapabilityError
-        For what exports do not carry, with the remedy: contacts that change, sampled controllers, functions of time
+        For what exports do not carry, with the remedy: contacts with many modes, sampled controllers, functions of time
         with kinks, formulations other than "minimal", "projected" and "augmented".
     OptionError
         For an unknown kind, and a path at which something else is.
@@ -156,13 +158,6 @@ def export(
     rtol, atol = tolerances(rtol, atol)
     if isinstance(atol, NamedTolerances):
         raise OptionError("exports take one atol for the whole state, and not tolerances by name: give a number")
-    called = [] if self.modes is not None else [key for kernel in self.stages.program for key in calls_in(kernel)]
-    if called:
-        names = list_names(dict.fromkeys(repr(function_of(key).name) for key in called))
-        raise CapabilityError(
-            f"compiled functions ({names}) are machine code of this process, which no export can hold: write them in"
-            " SymPy or as da.table"
-        )
     if rtol == atol == 0.0:
         raise OptionError("rtol and atol must not both be 0: set one of them above 0")
     given = None if initial is None else dict(self.read_initial(initial))

@@ -9,7 +9,9 @@ from typing import Any, final
 from ...ir.kernel import Kernel
 from ...ir.program import Program, hidden_parameters
 from ...reduction.starting import Start
+from ...transforms.periodic import angles_of
 from ...transforms.taylor import order_at
+from .contact_loops import ContactLoop
 from .printing import double, identifiers
 
 
@@ -39,6 +41,9 @@ class CSource:
         Start and end of the example [s].
     locks, locking : Kernel or None, tuple of int
         Determinants of angles that may lock, whose signs tell, and those of them at which a run ends.
+    contacts : ContactLoop or None
+        The loops of a scene whose contacts change. The program is then that of the mode that makes starts consistent,
+        and its state is coordinates, rates and first-order states.
     """
 
     program: Program
@@ -52,13 +57,38 @@ class CSource:
     span: tuple[float, float]
     locks: Kernel | None = None
     locking: tuple[int, ...] = ()
+    contacts: ContactLoop | None = None
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters that a user gives."""
         layout = self.program.layout
+        if self.contacts is not None:
+            return self.contacts.parameters
         hidden = {name for u in layout.inputs for name in hidden_parameters(u)}
         return tuple(name for name in layout.parameters if name not in hidden)
+
+    @property
+    def angles(self) -> tuple[str, ...]:
+        """Components of the state that matter modulo a turn."""
+        if self.contacts is not None:
+            return self.contacts.angles
+        return tuple(self.program.layout.state[i] for i in angles_of(self.program))
+
+    @property
+    def begun(self) -> int:
+        """Number of components of the state that starts make."""
+        if self.contacts is None:
+            return len(self.program.layout.state)
+        return len(self.program.kernel("initial").outputs)
+
+    @property
+    def defaults(self) -> dict[str, float]:
+        """Values of parameters that contacts add, which no user gives."""
+        layout = self.program.layout
+        if self.contacts is None:
+            return {}
+        return {name: layout.defaults[name] for name in layout.parameters if name not in self.contacts.parameters}
 
     @property
     def order(self) -> int:
@@ -91,6 +121,7 @@ def enumerations(source: CSource) -> list[dict[str, Any]]:
         ("Parameters", "parameter", source.parameters),
         ("Inputs", "input", layout.inputs),
         ("Outputs", "output", layout.outputs),
+        ("Contacts", "contact", _contacts(source)),
     ]
     return [{"title": title, "kind": kind, "entries": _entries(names)} for title, kind, names in groups]
 
@@ -121,9 +152,6 @@ def main_variables(source: CSource, prefix: str) -> dict[str, Any]:
 def readme_variables(source: CSource, prefix: str) -> dict[str, Any]:
     """Return the variables of ``c/README.md.j2``."""
     layout, numbers = source.program.layout, source.numbers
-    method = (
-        f"Taylor steps of order {source.order}" if source.method == "taylor" else f"steps of the method {source.method}"
-    )
 
     def rows(names: tuple[str, ...], *, given: bool) -> list[dict[str, str]]:
         values = [repr(float(numbers[name])) if given and name in numbers else "" for name in names]
@@ -138,13 +166,14 @@ def readme_variables(source: CSource, prefix: str) -> dict[str, Any]:
         ("Outputs", layout.outputs, False),
         ("State", layout.state, False),
         ("Coordinates", layout.coordinates, False),
+        ("Contacts", _contacts(source), False),
     ]
     return {
         "prefix": prefix,
         "upper": prefix.upper(),
         "scene": plain(source.program.name),
         "formulation": source.program.formulation,
-        "method": method,
+        "method": _steps(source),
         "rtol": repr(source.tolerances[0]),
         "atol": repr(source.tolerances[1]),
         "groups": [
@@ -153,7 +182,19 @@ def readme_variables(source: CSource, prefix: str) -> dict[str, Any]:
         ],
         "constraints": [plain(label) for label in layout.constraints],
         "locks": bool(source.locking),
+        "contacts": source.contacts is not None,
     }
+
+
+def _steps(source: CSource) -> str:
+    """Return what steps a simulator takes."""
+    methods = [source.method] if source.contacts is None else [mode.method for mode in source.contacts.modes]
+    named = {"taylor": f"Taylor steps of order {source.order}"}
+    return " and ".join(named.get(method, f"steps of the method {method}") for method in dict.fromkeys(methods))
+
+
+def _contacts(source: CSource) -> tuple[str, ...]:
+    return () if source.contacts is None else tuple(name for name, _ in source.contacts.contacts)
 
 
 def _entries(names: tuple[str, ...]) -> list[dict[str, str]]:

@@ -15,7 +15,7 @@ from .printing import FUNCTIONS, RESERVED, double, rows_of
 ARGUMENTS = ("t", "y", "c", "s")
 
 
-def kernel_variables(name: str, kernel: Kernel, meaning: str, *, exact: bool = False) -> dict[str, Any]:
+def kernel_variables(name: str, kernel: Kernel, meaning: str, *, exact: bool = False, lanes: int = 1) -> dict[str, Any]:
     """Return the variables of the template ``c/kernels.c.j2``.
 
     Parameters
@@ -28,12 +28,18 @@ def kernel_variables(name: str, kernel: Kernel, meaning: str, *, exact: bool = F
         What it computes, for the comment above it.
     exact : bool
         Whether sines and cosines are those of the C library, as in kernels that run once.
+    lanes : int
+        Points that it is computed at, one after the other; their numbers lie side by side.
     """
     arguments = kernel.arguments + ARGUMENTS[len(kernel.arguments) :]
-    renamed = Names((*arguments, "out"))
-    lines = [f"const double {renamed(load.target)} = {load.array}[{load.index or 0}];" for load in kernel.loads]
+    renamed = Names((*arguments, "out", "lane"))
+
+    def at(place: int) -> str:
+        return str(place) if lanes == 1 else f"{lanes * place} + lane"
+
+    lines = [f"const double {renamed(load.target)} = {load.array}[{at(load.index or 0)}];" for load in kernel.loads]
     lines += body_lines(kernel.body, renamed, exact=exact)
-    outputs = [f"out[{i}] = {renamed.operand(value)};" for i, value in enumerate(kernel.outputs)]
+    outputs = [f"out[{at(i)}] = {renamed.operand(value)};" for i, value in enumerate(kernel.outputs)]
     read = {load.array for load in kernel.loads}
     return {
         "name": name,
@@ -41,6 +47,7 @@ def kernel_variables(name: str, kernel: Kernel, meaning: str, *, exact: bool = F
         "arguments": arguments,
         "unused": [*(name for name in arguments if name not in read), *([] if outputs else ["out"])],
         "lines": [*lines, *outputs],
+        "lanes": lanes,
     }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import Any, final
+from typing import Any, ClassVar
 
 from ...ir.kernel import Kernel
 from ...ir.program import coefficient_places
@@ -28,14 +28,12 @@ from .descriptions import (
     readme_variables,
 )
 from .kernels import kernel_variables, table_variables
+from .library import LARGEST_STRAIGHT
 from .order_loops import order_loop_variables
 from .printing import double, prefix_of
 from .run_loops import RunLoop, explicit_loop_of, implicit_loop_of, taylor_loop_of
 from .source import LoopSource
 from .workspace import workspace_of
-
-LARGEST_STRAIGHT = 1000
-"""Lines up to which a Taylor step is written out; loops over the orders are shorter, and faster than longer code."""
 
 _STATUSES = (
     Status.SUCCESS,
@@ -53,7 +51,7 @@ _STATUSES = (
 
 _PUBLIC = (
     *("run", "start", "step", "at", "continue", "set_input", "simulate", "time", "expand", "outputs", "energy"),
-    *("check_text", "status_text"),
+    *("check_text", "status_text", "contact"),
 )
 """Ends of the names of public functions."""
 
@@ -65,14 +63,8 @@ _TEXTS = {
 }
 
 
-def c_files(source: CSource) -> dict[str, str]:
-    """Return the texts of the files of a simulator, by their names."""
-    return Simulator(source).files
-
-
-@final
 class Simulator:
-    """A simulator in C99.
+    """A simulator in C99 of a scene without contacts that change.
 
     Attributes
     ----------
@@ -84,6 +76,15 @@ class Simulator:
         Members of a run, see `dalembert.codegen.c.run_loops.RunLoop`.
     """
 
+    statuses: ClassVar[tuple[Status, ...]] = _STATUSES
+    """Statuses of its runs."""
+
+    contact_states: ClassVar[tuple[str, ...]] = ()
+    """What contacts that change may do, by the numbers of that; none where there are no such contacts."""
+
+    template: ClassVar[str] = "c/functions.c.j2"
+    """Template of the public functions."""
+
     def __init__(self, source: CSource) -> None:
         self.source, self.program, self.layout = source, source.program, source.program.layout
         self.prefix = prefix_of(source.program.name)
@@ -93,7 +94,10 @@ class Simulator:
         variables, prefix = self._variables(), self.prefix
         self.files = {
             f"{prefix}.h": render("c/header.h.j2", variables["header"]),
-            f"{prefix}.c": self.source_code + render("c/functions.c.j2", variables["functions"]),
+            f"{prefix}.c": self.source_code
+            + render("c/starts.c.j2", variables["starts"])
+            + render(self.template, variables["functions"])
+            + render("c/texts.c.j2", variables["texts"]),
             "main.c": render("c/main.c.j2", variables["main"]),
             "Makefile": render("c/Makefile.j2", {"prefix": prefix}),
             "README.md": render("c/README.md.j2", variables["readme"]),
@@ -114,7 +118,7 @@ class Simulator:
         self._print(what, replace(self.program.kernel(name), arguments=arguments), meaning, exact=exact)
         return True
 
-    def _step(self) -> None:
+    def _taylor_step(self) -> None:
         """Print the Taylor step."""
         program, order = self.program, self.source.order
         known = recurrences(program.kernel("rhs"), step_growth_limited=program.nonanalytic)
@@ -132,7 +136,7 @@ class Simulator:
             for kind in ("position", "velocity")
         }
         if source.method == "taylor":
-            self._step()
+            self._taylor_step()
             has |= {"step": True}
             names = {kind: self._name(kind) for kind in has} | {"step": self._name("series")}
             return taylor_loop_of(sizes, source.order, source.tolerances, angles_of(self.program), has), names
@@ -147,7 +151,8 @@ class Simulator:
             return implicit_loop_of(sizes, source.tolerances, has), names
         return explicit_loop_of(source.method, sizes, source.tolerances, has), names
 
-    def _all_kernels(self) -> None:
+    def _start_kernels(self) -> None:
+        """Print the kernels of starts, and of what follows from coordinates and rates."""
         source = self.source
         self._program_kernel("constants", "prepare", "Constants c from parameters p", exact=True)
         start = replace(source.start.kernel, arguments=STEP_ARGUMENTS)
@@ -155,21 +160,26 @@ class Simulator:
         if source.admission is not None:
             admission = replace(source.admission, arguments=STEP_ARGUMENTS)
             self._print("admission", admission, "Tests of parameters and states")
+        self._program_kernel("expanded", "expand", "q and q_dot from the state")
+        self._program_kernel("energies", "energy", "Kinetic and potential energy at y = (q, q_dot)")
+
+    def _state_kernels(self) -> None:
+        """Print the kernels of what follows from the state alone."""
+        source = self.source
         if source.locks is not None and source.locking:
             outputs = tuple(source.locks.outputs[group] for group in source.locking)
             locks = EliminateDeadCode()(replace(source.locks, arguments=STEP_ARGUMENTS, outputs=outputs))
             self._print("locks", locks, "Determinants of angles, which vanish where they lock")
-        self._program_kernel("expanded", "expand", "q and q_dot from the state")
         if self.layout.outputs:
             self._program_kernel("output", "outputs", "Outputs from the state")
-        self._program_kernel("energies", "energy", "Kinetic and potential energy at y = (q, q_dot)")
 
     # -- variables --------------------------------------------------------------------------
 
     def _variables(self) -> dict[str, dict[str, Any]]:
         """Return the variables of each template."""
         source = self.source
-        self._all_kernels()
+        self._start_kernels()
+        self._state_kernels()
         loop, names = self._loop()
         self.at |= loop.at
         space = workspace_of(
@@ -178,57 +188,109 @@ class Simulator:
             loop.constant,
             {number: names[key] for number, key in enumerate(loop.kernels, 1)},
         )
-        taken = {kernel["name"] for kernel in self.kernels} | {self._name(what) for what in ("series", *_PUBLIC)}
-        code = LoopSource(space, self.prefix, "fused", frozenset(taken))
+        code = LoopSource(space, self.prefix, "fused", self._taken())
         kind = type(loop.arguments)
         calls = {"take_step": code.entry(loop.step, kind), "sample": code.entry(loop.sample, kind, "t")}
         renew = [] if loop.renew is None or not self.layout.inputs else [code.entry(loop.renew, kind)]
-        common = names_and_numbers(source, self.prefix)
-        banner = [plain(line) for line in banner_lines(self.program)]
         printed = render("c/kernels.c.j2", {"kernels": self.kernels}) + "".join(self.order_loops)
-        self.source_code = source_of(banner, [f"{self.prefix}.h"], printed, code.text, code.used)
-        shared = {key: common[key] for key in ("prefix", "upper", "n_states", "n_inputs", "n_outputs")}
+        self._finish(printed, code)
         n_locks = len(source.locking) if source.locks is not None else 0
-        header = {
-            **common,
-            "banner": banner,
-            "statuses": [{"name": status.name, "number": int(status)} for status in _STATUSES],
-            "guard": f"{self.prefix.upper()}_H",
-            "enumerations": enumerations(source),
-            "members": space.members_used(code.text, {*loop.at.values(), "sampled", "place"}),
-            "max_steps": MAX_STEPS,
-            "n_further": len(self.layout.states),
-            "n_locks": n_locks,
-        }
-        parameters, admission = self.layout.parameters, source.admission
+        members = space.members_used(code.text, {*loop.at.values(), "sampled", "place"})
         functions = {
-            **shared,
-            "statuses": [
-                {"name": status.name, "text": quoted(_TEXTS.get(status, status.message))} for status in _STATUSES
-            ],
+            **self._function_variables(),
             **calls,
-            "at": self.at,
-            "beginning": _elements(space.beginning),
+            "forward_only": source.forward_only,
             "after_step": _elements(loop.after_step),
             "continuing": _elements(loop.continuing),
             "renew": renew,
+            "input_places": list(coefficient_places(self.layout.parameters, self.layout.inputs)),
+            "n_locks": n_locks,
+            "n_inputs": len(self.layout.inputs),
+            "n_variables": len(self.program.kernel("expand").outputs),
+        }
+        header = self._header_variables(members) | {"n_locks": n_locks}
+        return {"header": header, "functions": functions, **self._further_variables(space.beginning, "advance")}
+
+    def _further_variables(self, beginning: Sequence[tuple[str, str]], advance: str) -> dict[str, dict[str, Any]]:
+        """Return the variables of what all simulators have; members begin so, and a function takes steps."""
+        return {
+            "starts": self._start_variables(beginning),
+            "texts": self._text_variables(advance),
+            "main": main_variables(self.source, self.prefix),
+            "readme": readme_variables(self.source, self.prefix),
+        }
+
+    def _taken(self) -> frozenset[str]:
+        """Return the names of functions that are not those of loops."""
+        kernels = {kernel["name"] for kernel in self.kernels}
+        return frozenset(kernels | {self._name(what) for what in ("series", *_PUBLIC)})
+
+    def _finish(self, printed: str, code: LoopSource) -> None:
+        """Write the source without its public functions: printed kernels and translated loops."""
+        banner = [plain(line) for line in banner_lines(self.program)]
+        self.source_code = source_of(banner, [f"{self.prefix}.h"], printed, code.text, code.used, self._name("run"))
+
+    def _header_variables(self, members: list[str]) -> dict[str, Any]:
+        """Return the variables of ``c/header.h.j2`` for the members of a run, of one whose angles do not lock."""
+        return {
+            **names_and_numbers(self.source, self.prefix),
+            "banner": [plain(line) for line in banner_lines(self.program)],
+            "statuses": [{"name": status.name, "number": int(status)} for status in self.statuses],
+            "guard": f"{self.prefix.upper()}_H",
+            "enumerations": enumerations(self.source),
+            "members": members,
+            "max_steps": MAX_STEPS,
+            "n_further": len(self.layout.states),
+            "n_locks": 0,
+            "contact_states": self.contact_states,
+        }
+
+    def _function_variables(self) -> dict[str, Any]:
+        """Return variables of the public functions of all simulators."""
+        return {
+            "prefix": self.prefix,
+            "upper": self.prefix.upper(),
+            "at": self.at,
+            "n_states": len(self.layout.state),
+            "n_outputs": len(self.layout.outputs),
+            "n_started": max(len(self.source.start.kernel.outputs), 1),
+            "max_steps": MAX_STEPS,
+        }
+
+    def _start_variables(self, beginning: Sequence[tuple[str, str]]) -> dict[str, Any]:
+        """Return the variables of ``c/starts.c.j2``; members begin so."""
+        source, parameters, admission = self.source, self.layout.parameters, self.source.admission
+        return {
+            "prefix": self.prefix,
+            "upper": self.prefix.upper(),
+            "at": {"constants": self.at["constants"]},
+            "beginning": list(beginning),
+            "defaults": [(parameters.index(name), double(value)) for name, value in source.defaults.items()],
             "parameter_places": [parameters.index(name) for name in source.parameters],
-            "input_places": list(coefficient_places(parameters, self.layout.inputs)),
             "n_given": max(len(parameters), 1),
             "n_initial": len(source.start.given),
-            "n_started": max(len(source.start.kernel.outputs), 1),
+            "n_begun": source.begun,
             "n_checks": len(source.start.labels),
-            "checks": [quoted(f"{kind}: {label}") for kind, label in source.start.labels],
             "n_tests": 0 if admission is None else len(admission.outputs),
             "dependent_tests": self._dependent_tests(),
             "n_constants": len(self.program.kernel("prepare").outputs),
-            "n_variables": len(self.program.kernel("expand").outputs),
             "forward_only": source.forward_only,
-            "max_steps": MAX_STEPS,
-            "n_locks": n_locks,
         }
-        files = {"main": main_variables(source, self.prefix), "readme": readme_variables(source, self.prefix)}
-        return {"header": header, "functions": functions, **files}
+
+    def _text_variables(self, advance: str) -> dict[str, Any]:
+        """Return the variables of ``c/texts.c.j2``; a function takes steps."""
+        statuses = [
+            {"name": status.name, "text": quoted(_TEXTS.get(status, status.message))} for status in self.statuses
+        ]
+        return {
+            "prefix": self.prefix,
+            "upper": self.prefix.upper(),
+            "at": {"time": self.at["time"]},
+            "advance": advance,
+            "n_states": len(self.layout.state),
+            "checks": [quoted(f"{kind}: {label}") for kind, label in self.source.start.labels],
+            "statuses": statuses,
+        }
 
     def _dependent_tests(self) -> list[tuple[int, int]]:
         """Return the places of the number of constraints that depend on others and of its limit, where it is tested."""
@@ -250,24 +312,30 @@ def _numbers(value: Any) -> Any:
 
 
 def source_of(
-    banner: Sequence[str], headers: Sequence[str], printed: str, loops: str = "", used: Collection[str] = ()
+    banner: Sequence[str],
+    headers: Sequence[str],
+    printed: str,
+    loops: str = "",
+    used: Collection[str] = (),
+    run: str = "",
 ) -> str:
     """Return a source without its public functions: what is called, tables, printed kernels, and loops.
 
-    `used` are the functions of the prelude that the loops call.
+    `used` are the functions of the prelude that the loops call, and `run` is the type of what loops in tables take.
     """
     tables = table_variables(printed)
     prelude = {
         "banner": list(banner),
         "headers": list(headers),
         "used": _used(printed + loops, used),
+        "runs": [run] if "loop_function" in loops else [],
         "constants": {key: _numbers(value) for key, value in shared_constants().items()},
     }
     text = render("c/prelude.c.j2", prelude)
     return text + (render("c/tables.c.j2", {"tables": tables}) if tables else "") + printed + loops
 
 
-_PRELUDE = re.compile(r"\b(fused|angle_of|rough_log2|rough_exp2)\b")
+_PRELUDE = re.compile(r"\b(fused|angle_of|rough_log2|rough_exp2|kernel_function|loop_function|inputs_fit)\b")
 
 
 def _used(text: str, loops: Collection[str]) -> list[str]:

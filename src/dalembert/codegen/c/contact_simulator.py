@@ -1,0 +1,96 @@
+"""The files of a simulator in C99 of a scene whose contacts change."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, ClassVar
+
+from ...contacts.contact_laws import STATES
+from ...contacts.phase_tables import NOT_STARTED
+from ...methods.status import Status
+from ...methods.step_constants import RESOLUTION
+from ...transforms.taylor import STEP_ARGUMENTS
+from ..rendering import render
+from .contact_loops import ContactSource
+from .descriptions import CSource, plain
+from .printing import double
+from .simulator import Simulator
+
+_AT = {
+    "time": "place.time",
+    "direction": "place.direction",
+    "steps": "phases.table.numbers.steps[0]",
+    "constants": "constants",
+}
+"""Members of a run that its functions set and read."""
+
+_CASE = ("t", "x", "p", "span", "modes")
+_TABLE = ("t0", "t1", "numbers.state", "numbers.runner", "numbers.steps", *(f"cases.{name}" for name in _CASE))
+"""Members of the case, and of the table that it is in, that the functions set or read, too."""
+
+
+def c_files(source: CSource) -> dict[str, str]:
+    """Return the texts of the files of a simulator, by their names."""
+    return simulator_of(source).files
+
+
+def simulator_of(source: CSource) -> Simulator:
+    """Return a simulator in C99."""
+    return Simulator(source) if source.contacts is None else ContactSimulator(source)
+
+
+class ContactSimulator(Simulator):
+    """A simulator in C99 of a scene whose contacts change."""
+
+    template: ClassVar[str] = "c/contact_functions.c.j2"
+    contact_states: ClassVar[tuple[str, ...]] = tuple(state.upper() for state in STATES)
+    statuses: ClassVar[tuple[Status, ...]] = (
+        *Simulator.statuses,
+        Status.CONTACT_IMPOSSIBLE,
+        Status.CONTACT_AMBIGUOUS,
+        Status.EVENTS_ACCUMULATE,
+        Status.EVENT_NON_FINITE,
+    )
+
+    def _variables(self) -> dict[str, dict[str, Any]]:
+        """See `Simulator`."""
+        loop = self.source.contacts
+        assert loop is not None
+        self.at |= _AT
+        self._start_kernels()
+        modes = [self._mode_kernels(number) for number in range(len(loop.modes))]
+        loops = ContactSource(loop, self.prefix, self._taken())
+        used = loop.functions.used(loops.code.text)
+        self._finish(render("c/kernels.c.j2", {"kernels": self.kernels}) + used, loops.code)
+        needed = {"sampled", "place", "phases.plan.most_steps", *(f"phases.table.{name}" for name in _TABLE)}
+        needed |= {f"mode_{i}.{name}" for i in range(len(modes)) for name in ("limits", "state.constants")}
+        members = loops.space.members_used(loops.code.text, needed)
+        members.append(f"double constants[{max(len(self.program.kernel('prepare').outputs), 1)}];")
+        functions = {
+            **self._function_variables(),
+            "at": {name: self.at[name] for name in ("time", "direction", "constants")},
+            "take_step": loops.take_step,
+            "samples": loops.samples,
+            "sample_end": loops.sample_end,
+            "modes": modes,
+            "n_own": max(len(mode.initial.outputs) for mode in loop.modes),
+            "n_contacts": len(loop.contacts),
+            "parameters": [plain(name) for name in loop.parameters],
+            "not_started": NOT_STARTED,
+            "rounding": double(RESOLUTION),
+        }
+        further = self._further_variables(loops.space.beginning_used(loops.code.text, needed), f"{self.prefix}_step")
+        return {"header": self._header_variables(members), "functions": functions, **further}
+
+    def _mode_kernels(self, number: int) -> dict[str, str]:
+        """Print the kernels of outputs in a mode; return their names."""
+        assert self.source.contacts is not None
+        mode, named = (
+            self.source.contacts.modes[number],
+            {"initial": f"initial_{number}", "outputs": f"output_{number}"},
+        )
+        kernels = {"initial": mode.initial, "outputs": mode.outputs}
+        for what, name in named.items() if self.layout.outputs else ():
+            kernel = replace(kernels[what], arguments=STEP_ARGUMENTS)
+            self._print(name, kernel, f"{what.capitalize()} where contacts {' and '.join(mode.states)}")
+        return {what: self._name(name) for what, name in named.items()}

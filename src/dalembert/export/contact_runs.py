@@ -1,0 +1,267 @@
+"""Runs with contacts as exports take them: all modes of the contacts, and the arguments of their loops for one case."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..codegen import backend_named
+from ..codegen.c.contact_loops import ContactLoop, ContactMode
+from ..codegen.c.descriptions import CSource
+from ..codegen.c.library import CFunctions, CLibrary
+from ..codegen.c.printing import prefix_of
+from ..codegen.compiled_engine import CompiledEngine
+from ..contacts.contact_laws import Mode
+from ..errors import CapabilityError, ConstraintError, SingularMassMatrixError, list_names
+from ..ir.conditions import CONDITION_TIME
+from ..lanes.sweep_arguments import SweepArguments
+from ..options import PrepareOptions
+from ..phases.case_runs import CaseRuns
+from ..phases.given_values import open_contacts
+from ..phases.mode_models import ModeModels
+from ..phases.mode_runners import GatheredRows, ModeRunner
+from ..phases.output_values import PhaseReductions
+from ..phases.runner_choice import RunnerChoice
+from ..pipeline import Compiled
+from ..reduction.admission import admission_of_state
+from ..reduction.jumps import has_jumps
+from ..reduction.starting import starting
+from ..runs.capabilities import WITHOUT
+from ..runs.run_checks import GimbalCheck
+from ..starts.symbol_assumptions import ROUNDING
+from ..subset.addresses import NO_CODE
+from ..transforms.passes import EliminateDeadCode
+from ..transforms.periodic import angles_of
+from .refusals import refuse_program
+
+if TYPE_CHECKING:
+    from ..model.model import CompiledModel
+
+MOST_MODES = 12
+"""Modes that an export carries, some 5000 lines each: those of two contacts that open, slip and stick, and of one more
+that does two of these."""
+
+
+def modes_of(modes: ModeModels) -> list[Mode]:
+    """Return all combinations of what the contacts may do.
+
+    Raises
+    ------
+    CapabilityError
+        Where there are more than `MOST_MODES`.
+    """
+    automaton = modes.automaton
+    states = [automaton.states(i) for i in range(len(automaton.contacts))]
+    count = int(np.prod([len(each) for each in states], dtype=object))
+    if count > MOST_MODES:
+        raise CapabilityError(
+            f"the contacts of {modes.equations.name!r} have {count:,} combinations of being open, sliding and sticking,"
+            f" and exports carry up to {MOST_MODES}, each of which has code of its own: export a scene with fewer"
+            " contacts, or one mode, model.mode(...).export(...)"
+        )
+    return list(dict.fromkeys(automaton.with_followers(mode) for mode in itertools.product(*states)))
+
+
+def _time(modes: ModeModels, span: tuple[float, float]) -> dict[str, float]:
+    return {modes.equations.symbols.time: span[0]}
+
+
+def refuse_contacts(modes: ModeModels) -> None:
+    """Reject scenes with contacts that no export carries.
+
+    Raises
+    ------
+    CapabilityError
+        With what they have that is not exported, and the remedy.
+    """
+    name, equations = modes.equations.name, modes.equations
+    if equations.controllers:
+        names = list_names(item.name for item in equations.controllers)
+        raise CapabilityError(f"exports do not carry sampled controllers ({names}): {WITHOUT}")
+    if modes.layout.inputs:
+        raise CapabilityError(
+            f"exports of scenes with contacts that change do not carry inputs ({list_names(modes.layout.inputs)}):"
+            " make them parameters"
+        )
+    if modes.changes or CONDITION_TIME in modes.layout.parameters:
+        raise CapabilityError(
+            f"{name!r} has functions of time with kinks or jumps, at which runs are cut; exports do not carry them yet:"
+            " smooth them, as by a ramp or tanh"
+        )
+
+
+def contact_source(
+    model: CompiledModel,
+    initial: Mapping[str, float] | None,
+    numbers: Mapping[str, float],
+    method: str,
+    tolerances: tuple[float, float],
+    span: tuple[float, float],
+) -> CSource:
+    """Return what the C source of a scene with contacts is made of; see `dalembert.export.simulator.c_source`.
+
+    Raises
+    ------
+    CapabilityError, InitialStateError, OptionError
+        For what is not exported, and for initial values that are not enough.
+    """
+    modes = model.modes
+    assert modes is not None
+    refuse_contacts(modes)
+    names = sorted(set(modes.layout.variables if initial is None else initial))
+    fitting = _methods_of_example(model, names, numbers, tolerances, span) if method == "auto" else {}
+    loop = contact_loop(model, method, fitting, tolerances, prefix_of(model.name))
+    begins = modes.model(modes.starting_mode(frozenset(names), open_contacts(modes, {**numbers, **_time(modes, span)})))
+    program, reduced = begins.stages.program, begins.stages.reduced
+    own = program.layout
+    layout = replace(modes.layout, parameters=own.parameters, defaults=own.defaults, constants=own.constants)
+    return CSource(
+        program=replace(program, layout=layout),
+        start=starting(reduced, names),
+        admission=admission_of_state(reduced, ROUNDING),
+        dependent=begins.derived.dependence is not None,
+        method=", ".join(dict.fromkeys(mode.method for mode in loop.modes)),
+        tolerances=tolerances,
+        forward_only=has_jumps(reduced),
+        numbers=numbers,
+        span=span,
+        contacts=replace(loop, angles=tuple(own.state[i] for i in angles_of(program))),
+    )
+
+
+def _methods_of_example(
+    model: CompiledModel,
+    names: Sequence[str],
+    numbers: Mapping[str, float],
+    tolerances: tuple[float, float],
+    span: tuple[float, float],
+) -> Mapping[int, str]:
+    """Return the methods that fit the modes which a run of the example enters, by the numbers of these."""
+    wanted = [*names, *model.layout.parameters]
+    if not all(name in numbers for name in wanted):
+        return {}
+    initial, parameters = ({name: numbers[name] for name in some} for some in (names, model.layout.parameters))
+    rtol, atol = tolerances
+    run = model.sweep(span, initial, parameters, rtol=rtol, atol=atol, threads=1)
+    return {number: method for (number, _), method in run.stats.methods.items()}
+
+
+def contact_loop(
+    model: CompiledModel, method: str, fitting: Mapping[int, str], tolerances: tuple[float, float], prefix: str
+) -> ContactLoop:
+    """Return the loops of a scene with contacts, for one case.
+
+    Parameters
+    ----------
+    model : CompiledModel
+    method : str
+        A method, or "auto".
+    fitting : mapping of int to str
+        Methods of modes by their numbers, for which nothing is chosen.
+    tolerances : (float, float)
+        Relative and absolute.
+    prefix : str
+        Of the names of functions.
+
+    Raises
+    ------
+    CapabilityError
+        For more modes than exports carry, and modes that are not exported.
+    """
+    assert model.modes is not None
+    functions = CFunctions(prefix)
+    modes, every = _own_modes(model, functions), modes_of(model.modes)
+    rtol, atol = tolerances
+    options = PrepareOptions(method=method, rtol=rtol, atol=atol)
+    choice = RunnerChoice(modes, options, PhaseReductions({}, ()))
+    found = [_runner(modes, mode, options, fitting) for mode in every]
+    runners = [runner for runner in found if runner is not None]
+    choice.runners += runners
+    choice.served = np.array([runner.number for runner in runners], np.int64)
+    phases, decision, lanes = CaseRuns(choice, t_eval=np.full(1, np.nan)).executor.arguments_alone()
+    layout, automaton = modes.layout, modes.automaton
+    return ContactLoop(
+        phases=phases,
+        decision=decision,
+        modes=tuple(_exported(modes, *each) for each in zip(runners, lanes, strict=True)),
+        functions=functions,
+        variables=layout.variables,
+        parameters=layout.parameters,
+        angles=(),
+        contacts=tuple((contact.name, automaton.states(i)) for i, contact in enumerate(automaton.contacts)),
+    )
+
+
+def _own_modes(model: CompiledModel, functions: CFunctions) -> ModeModels:
+    """Return the modes of a model, with engines that have names in C in place of machine code."""
+    modes = model.modes
+    assert modes is not None
+
+    def make(compiled: Compiled) -> CompiledModel:
+        program = compiled.stages.program
+        engine = CompiledEngine(program, CLibrary(program, functions))
+        return model.of(Compiled(compiled.stages, engine, backend_named("llvm").serving(program)))
+
+    own = ModeModels(modes.several, make)
+    for mode, made in modes.compiled.items():
+        own.compiled[mode] = make(Compiled(made.stages, made.engine, {}))
+    return own
+
+
+def _runner(modes: ModeModels, mode: Mode, options: PrepareOptions, fitting: Mapping[int, str]) -> ModeRunner | None:
+    """Return the runner of a mode; None where the equations do not determine its motions, which end there.
+
+    Raises
+    ------
+    CapabilityError
+        For modes that compiled loops do not run.
+    """
+    try:
+        model = modes.model(mode)
+    except (ConstraintError, SingularMassMatrixError):
+        return None
+    named = ", ".join(f"{contact!r}: {state}" for contact, state in modes.named(mode).items())
+    program, reduced = model.stages.program, model.stages.reduced
+    known = {*GatheredRows.of(modes.layout, modes.equations.contacts).parameters}
+    refuse_program(program, ("prescribed",))
+    unsuitable = {
+        "angles that may lock": any(isinstance(check, GimbalCheck) for check in model.checks),
+        "constraints that follow from others at some places only": bool(reduced.unproven or reduced.redundancy),
+        "velocities that jump": modes.impulses(mode) is not None,
+        "parameters that runs set themselves": not {*model.layout.parameters} <= known,
+    }
+    for what, is_so in unsuitable.items():
+        if is_so:
+            raise CapabilityError(
+                f"{modes.equations.name!r} has {what} in the mode {{{named}}}, which simulate looks at along the run;"
+                " exports of scenes with contacts that change do not: export one mode, model.mode(...).export(...)"
+            )
+    number = modes.automaton.number(mode)
+    fits = fitting.get(number, "")  # of any backend
+    asked = fits if fits in model.methods else options.method
+    method = model.choose_method(asked, options.rtol, options.atol, many=True)
+    expand = model.engine.code(modes.expansion(mode))[0]
+    return ModeRunner(number, mode, model, tuple(modes.events(mode)), {}, method, options, expand, {})
+
+
+def _exported(modes: ModeModels, runner: ModeRunner, lane: SweepArguments) -> ContactMode:
+    """Return a mode as an export runs it: its loop returns after each step, which are accepted one by one."""
+    lane.state.progress.patience = lane.state.progress.returns = 1
+    program, names = runner.model.stages.program, modes.layout.outputs
+    outputs = program.layout.outputs
+    places = [outputs.index(name if name in outputs else modes.layout.aliases[name]) for name in names]
+    kernel, found = program.kernel("outputs"), lane.workspace.found
+    # one row more than are filled, so that compilers of C see that none is written behind the last
+    space = lane.workspace._replace(found=np.zeros((len(found) + 1, found.shape[1])))
+    alone = lane._replace(kernels=lane.kernels._replace(advance=NO_CODE), samples=np.empty((0, 0)), workspace=space)
+    return ContactMode(
+        states=runner.mode,
+        method=runner.method,
+        arguments=alone,
+        initial=program.kernel("initial"),
+        outputs=EliminateDeadCode()(replace(kernel, outputs=tuple(kernel.outputs[place] for place in places))),
+    )

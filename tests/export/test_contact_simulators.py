@@ -1,0 +1,243 @@
+"""Simulators in C of scenes whose contacts change, compiled with warnings as errors, and run beside `simulate`."""
+
+import numpy as np
+import pytest
+from sympy import Piecewise, cos, symbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+
+import dalembert as da
+from codegen.c_programs import built, compiler, fuses, output
+from dalembert.codegen.llvm.target import target
+from dalembert.contacts.contact_laws import STATES
+from dalembert.errors import CapabilityError
+from export.pages import need_pages, parts, run_of
+from hard_cases.contacts import contact_motion
+
+TOLERANCES = {"rtol": 1e-10, "atol": 1e-12}
+
+MODES = """
+#include "{0}.h"
+#include <stdio.h>
+#include <stdlib.h>
+int main(int argc, char **argv)
+{{
+    static {0}_run run, copy;
+    double values[64], state[64], same[64];
+    int i, last = -1;
+    for (i = 2; i < argc; i++) {{
+        values[i - 2] = atof(argv[i]);
+    }}
+    {0}_start(&run, 0.0, atof(argv[1]), values, values + {1}_INITIAL, 0.0, 0);
+    while (run.status == {1}_RUNNING) {{
+        copy = run;
+        {0}_step(&run);
+        {0}_step(&copy);
+        if ({0}_time(&run) != {0}_time(&copy) || {0}_contact(&run, 0) != {0}_contact(&copy, 0)) {{
+            return 3;
+        }}
+        if (last != {0}_contact(&run, 0)) {{
+            last = (int){0}_contact(&run, 0);
+            printf("%d\\n", last);
+        }}
+    }}
+    if ({0}_at(&run, {0}_time(&run), state) != {1}_SUCCESS || {0}_at(&copy, {0}_time(&copy), same) != {1}_SUCCESS) {{
+        return 4;
+    }}
+    for (i = 0; i < {1}_STATES; i++) {{
+        if (state[i] != same[i]) {{
+            return 5;
+        }}
+    }}
+    return {0}_contact(&run, {1}_CONTACTS_END) == -1 ? 0 : 6;
+}}
+"""
+"""A program that prints what the first contact does, whenever that changes, and runs a copy beside every step."""
+
+
+def exported(folder, model, initial, parameters, end, *options, **given):
+    """Export a model, and compile its example; return the program and the prefix of its names."""
+    compiler()
+    path = model.export(folder / "export", initial=initial, parameters=parameters, t_span=(0, end), **given)
+    (header,) = path.glob("*.h")
+    return built(path, ["main.c", f"{header.stem}.c"], *options), header.stem
+
+
+def rows(text):
+    """Return the columns of comma-separated values by name."""
+    head, *lines = text.splitlines()
+    values = np.array([[float(number) for number in line.split(",")] for line in lines])
+    return dict(zip(head.split(","), values.T, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [
+        ("bouncing ball", "auto"),
+        ("block on a belt", "auto"),
+        ("plate through the upright position", "auto"),
+        ("plate pushed and pulled", "dop853"),
+        ("rod that falls on the ground", "radau"),
+    ],
+)
+def test_motions_in_phases_are_those_of_simulate(tmp_path, name, method):
+    """Impacts, stick and slip, contacts that open; the last state to the last bit where both fuse or do not."""
+    case = contact_motion(name).motion
+    model, end = case.compile("auto"), min(case.times()[-1], 20.0 if method != "radau" else 0.6)
+    given = {"method": method, **TOLERANCES}
+    program, _ = exported(tmp_path, model, case.initial, case.parameters, end, **given)
+    found = rows(output(program, end, 41))
+    run = model.simulate((0, end), case.initial, case.parameters, t_eval=found["t"], **given)
+    assert len(run.phases) > 1
+    for key in found.keys() - {"t"}:
+        np.testing.assert_allclose(found[key], run[key], rtol=1e-11, atol=1e-11, err_msg=key)
+    if fuses() == target().fused:
+        last = model.sweep((0, end), case.initial, case.parameters, threads=1, **given)
+        for key in model.layout.variables:
+            assert abs(found[key][-1] - last[key][0]) <= 2e-16 * abs(last[key][0])
+
+
+def ball():
+    """Return a ball over a floor, its start and its parameters."""
+    case = contact_motion("bouncing ball").motion
+    return da.compile_model(da.scenes.bouncing_ball()), case.initial, case.parameters
+
+
+def test_what_contacts_do_is_told_and_a_copy_is_the_same_run(tmp_path):
+    case = contact_motion("block on a belt").motion
+    model, end = case.compile("auto"), 10.0
+    compiler()
+    path = model.export(tmp_path / "export", initial=case.initial, **TOLERANCES)
+    name = next(path.glob("*.h")).stem
+    upper = name.upper()
+    (path / "modes.c").write_text(MODES.format(name, upper).replace(f"{upper}_CONTACTS_END", "1"))
+    known = {**model.read_initial(case.initial), **model.read_parameters(case.parameters)}
+    given = [repr(float(known[key])) for key in (*sorted(case.initial, key=model.layout.variables.index),)]
+    given += [repr(float(known[key])) for key in model.layout.parameters]
+    text = output(built(path, ["modes.c", f"{name}.c"]), end, *given)
+    run = model.simulate((0, end), case.initial, case.parameters, **TOLERANCES)
+    contact = model.contacts[0]
+    assert [STATES[int(line)] for line in text.split()] == [phase.modes[contact] for phase in run.phases]
+
+
+def test_a_state_at_an_impact_is_that_behind_it(tmp_path):
+    """At the time itself, as `simulate` records it."""
+    model, initial, parameters = ball()
+    first = model.simulate((0, 2), initial, parameters, **TOLERANCES).phases[1].t0
+    program, _ = exported(tmp_path, model, initial, parameters, 2, **TOLERANCES)
+    found = rows(output(program, repr(2 * first), 3))
+    run = model.simulate((0, 2 * first), initial, parameters, t_eval=found["t"], **TOLERANCES)
+    np.testing.assert_allclose(found["y_dot"], run["y_dot"], rtol=1e-12)
+    assert found["t"][1] == first and found["y_dot"][1] > 0.0
+
+
+def test_starts_that_contacts_forbid_are_refused(tmp_path):
+    model, initial, parameters = ball()
+    program, _ = exported(tmp_path, model, {**initial, "y": -0.1}, parameters, 2)
+    assert "status 5: " in output(program, status=1)
+    restitution = next(name for name in parameters if name.startswith("e"))
+    values = {**initial, **parameters, restitution: 1.5}
+    order = [*sorted(initial, key=model.layout.variables.index), *model.layout.parameters]
+    assert "status 5: " in output(program, 2, 3, *(repr(float(values[name])) for name in order), status=1)
+
+
+def test_sanitizers_find_nothing(tmp_path):
+    model, initial, parameters = ball()
+    checks = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-O0")
+    try:
+        program, _ = exported(tmp_path, model, initial, parameters, 3, *checks)
+    except AssertionError as reason:
+        if "libasan" in str(reason) or "libubsan" in str(reason):
+            pytest.skip("the C compiler has no sanitizers")
+        raise
+    assert len(output(program).splitlines()) == 12
+
+
+def test_a_page_moves_as_in_simulate_and_shows_what_contacts_do(tmp_path):
+    need_pages()
+    case = contact_motion("block on a belt").motion
+    model, end = case.compile("auto"), 10.0
+    given = {"initial": case.initial, "parameters": case.parameters}
+    path = model.export(tmp_path / "page.html", "page", t_span=(0, end), **given)
+    times = np.linspace(0, end, 21)
+    printed, found = run_of(path, times)
+    run = model.simulate((0, end), case.initial, case.parameters, t_eval=times)
+    assert printed["status"] == 0 and path.stat().st_size < 500_000
+    for key in model.layout.variables:
+        np.testing.assert_allclose(found[key], run[key], rtol=1e-11, atol=1e-11, err_msg=key)
+    np.testing.assert_allclose(found["kinetic"] + found["potential"], run["energy"], rtol=1e-11)
+    contact = model.contacts[0]
+    shown = next(name for name in parts(path)[0]["outputs"] if name.startswith(f"{contact}: "))
+    middles = [run.phases[np.searchsorted([p.t0 for p in run.phases], t) - 1].modes[contact] for t in times[1:]]
+    assert [STATES[int(value)] for value in found[shown][1:]] == middles
+
+
+# -- what is not exported -------------------------------------------------------------------------
+
+
+def pile(count):
+    """Return balls over a floor, each of which may slip, stick and lift off."""
+    q, m = dynamicsymbols(f"q0:{2 * count}"), symbols("m", positive=True)
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("pile", frame=N, origin=O, coordinates=list(q))
+    for i in range(count):
+        place = O.locatenew(f"P{i}", q[2 * i] * N.x + q[2 * i + 1] * N.y)
+        scene.add_bodies(Particle(f"ball {i}", place, m))
+        normal, friction = da.unknowns(f"N{i} F{i}")
+        scene.add_joints(da.Joint(f"floor {i}", body=f"ball {i}", at=place, force=normal * N.y + friction * N.x))
+        scene.add_contacts(da.UnilateralContact(normal, gap=q[2 * i + 1], name=f"floor {i}"))
+        scene.add_friction(da.CoulombFriction(normal, friction, mu=symbols("mu"), name=f"floor {i}"))
+    return scene
+
+
+def test_more_modes_than_exports_carry_are_counted(tmp_path):
+    with pytest.raises(CapabilityError, match=r"have 27 combinations .* up to 12.*fewer contacts"):
+        da.compile_model(pile(3)).export(tmp_path / "here")
+
+
+def block(push=None, force=0):
+    """Return a block on a rough table, pushed by an input or a force."""
+    x, y, m, mu = *dynamicsymbols("x y"), *symbols("m mu", positive=True)
+    N, O = ReferenceFrame("N"), Point("O")
+    B = O.locatenew("B", x * N.x + y * N.y)
+    scene = da.Scene("block", frame=N, origin=O, coordinates=[x, y])
+    scene.add_bodies(Particle("block", B, m))
+    if push is not None:
+        scene.add_inputs(push)
+    scene.add_loads((B, (force + (push or 0)) * N.x - 9 * m * N.y))
+    normal, friction = da.unknowns("R F")
+    scene.add_joints(da.Joint("table", body="block", at=B, force=normal * N.y + friction * N.x))
+    scene.add_holonomic_constraints(y)
+    scene.add_friction(da.CoulombFriction(normal, friction, mu=mu, name="table"))
+    return scene, x
+
+
+def test_inputs_breaks_and_controllers_are_refused(tmp_path):
+    u, t = dynamicsymbols("u"), dynamicsymbols._t
+    scene, _ = block(push=u)
+    with pytest.raises(CapabilityError, match=r"do not carry inputs \(u\)"):
+        da.compile_model(scene).export(tmp_path / "here")
+    scene, _ = block(force=Piecewise((1, t < 1), (0, True)))
+    with pytest.raises(CapabilityError, match="kinks or jumps"):
+        da.compile_model(scene).export(tmp_path / "here")
+    scene, x = block(push=u)
+    scene.add_controllers(da.Controller("hold", period=0.1, inputs={u: -x}))
+    with pytest.raises(CapabilityError, match=r"sampled controllers \(hold\)"):
+        da.compile_model(scene).export(tmp_path / "here")
+
+
+def test_units_do_not_carry_contacts_that_change(tmp_path):
+    model, initial, parameters = ball()
+    with pytest.raises(CapabilityError, match=r'contacts that change.*kind="c"'):
+        model.export(tmp_path / "ball.fmu", "fmu", initial=initial, parameters=parameters)
+    mode = model.mode(**{model.contacts[0]: "open"})
+    assert mode.export(tmp_path / "one mode", initial=initial).is_dir()
+
+
+def test_smooth_forces_of_time_are_carried(tmp_path):
+    scene, _ = block(force=9 * cos(3 * dynamicsymbols._t))
+    model = da.compile_model(scene)
+    initial, parameters = {"x": 0, "x_dot": 0}, {"m": 1, "mu": 0.4}
+    program, _ = exported(tmp_path, model, initial, parameters, 3, **TOLERANCES)
+    found = rows(output(program, 3, 16))
+    run = model.simulate((0, 3), initial, parameters, t_eval=found["t"], **TOLERANCES)
+    np.testing.assert_allclose(found["x"], run["x"], atol=1e-12)
