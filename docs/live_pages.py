@@ -73,6 +73,22 @@ def plate() -> da.Scene:
     return scene
 
 
+def corner_plate() -> da.Scene:
+    """Return the plate that leans on a corner with friction, with shapes."""
+    scene, l, h = da.scenes.corner_plate(friction=True), symbols("l", positive=True), symbols("h", positive=True)
+    corner = scene.origin.locatenew("Q", h * scene.frame.y)
+    step = da.Rod(scene.origin, corner)
+    scene.add_shapes({"plate": da.Box(2 * l, l / 25, l), "ground": da.Ground(scene.frame.y), "step": step})
+    return scene
+
+
+def bouncing_ball() -> da.Scene:
+    """Return the ball that bounces with shapes."""
+    scene = of_gallery("a10_bouncing_ball")()
+    scene.add_shapes({"ball": da.Sphere(0.05), "floor": da.Ground(scene.frame.y)})
+    return scene
+
+
 UPRIGHT = {"x": 0, "y": 0, "z": 0.3, "yaw": 0, "lean": 0, "pitch": 0, "steer": 0, "rear": 0, "front": 0}
 BICYCLE = {"w": 1.02, "c": 0.08, "lam": 0.3141592653589793, "g": 9.81, "rR": 0.3, "mR": 2, "IRxx": 0.0603, "IRyy": 0.12}
 BICYCLE |= {"xB": 0.3, "zB": -0.9, "mB": 85, "IBxx": 9.2, "IByy": 11, "IBzz": 2.8, "IBxz": 2.4}
@@ -102,6 +118,21 @@ PAGES = {
         1.0,
         {"theta": (0.2, 2.9), "theta_dot": (-3, 3), "psi_dot": (-6, 6), "h": (0.3, 0.7), "F": (-0.1, 0.1)},
         ["Z"],
+    ),
+    "corner_plate": Live(
+        corner_plate,
+        {"theta": 0.7, "theta_dot": 2.0},
+        {"m": 2, "l": 1, "h": 0.6, "g": 9.81, "F_A": 0.001, "mu": 0.2},
+        1.0,
+        {"mu": (0.01, 1), "theta": (0.4, 1.4), "theta_dot": (-2, 4), "h": (0.3, 0.9), "F_A": (0.001, 20)},
+        ["N_Q", "F_Q", "N_A"],
+    ),
+    "bouncing_ball": Live(
+        bouncing_ball,
+        {"x": 0, "y": 1, "x_dot": 0.5, "y_dot": 0},
+        {"m": 1, "g": 9.81, "e": 0.8},
+        6.0,
+        {"e": (0.01, 1), "y": (0.1, 2), "x_dot": (-2, 2), "y_dot": (-4, 4), "g": (1, 20)},
     ),
     "double_pendulum": Live(
         of_gallery("a02_double_pendulum"),
