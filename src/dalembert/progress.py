@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any
 
 from .errors import MissingExtraError
@@ -19,12 +19,16 @@ _COMPILATION_FORMAT = "{desc} |{bar}| {n_fmt}/{total_fmt} stages [{elapsed}]"
 _THREAD = threading.local()
 
 
+def meter(total: int, wanted: bool, unit: str = "case") -> AbstractContextManager[Callable[[int], Any]]:
+    """Return a context with a function that advances a progress bar, or does nothing where none is requested."""
+    return _bar(total, unit) if wanted else _NO_BAR
+
+
+_NO_BAR: AbstractContextManager[Callable[[int], Any]] = nullcontext(lambda count: None)
+
+
 @contextmanager
-def meter(total: int, wanted: bool, unit: str = "case") -> Iterator[Callable[[int], Any]]:
-    """Yield a function that advances a progress bar, or does nothing where none is requested."""
-    if not wanted:
-        yield lambda count: None
-        return
+def _bar(total: int, unit: str) -> Iterator[Callable[[int], Any]]:
     with _tqdm()(total=total, unit=unit, unit_scale=True) as bar:
         yield bar.update
 

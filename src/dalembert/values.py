@@ -15,7 +15,7 @@ from .arrays import FloatArray
 from .errors import OptionError, ValueInputError
 
 _REAL = "biuf"
-_EXACT = 1 << 53
+EXACT = 1 << 53
 """Size below which whole numbers are doubles."""
 
 _UNITS = ("magnitude", "to_value")
@@ -102,7 +102,7 @@ def number(value: Any) -> float:
     kind = type(value)
     if kind is float:
         return cast(float, value)
-    if kind is np.float64 or (kind is int and -_EXACT < value < _EXACT):
+    if kind is np.float64 or (kind is int and -EXACT < value < EXACT):
         return float(value)
     found = array_of(value)
     if found.ndim:

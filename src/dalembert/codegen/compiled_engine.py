@@ -9,7 +9,7 @@ from ..arrays import FloatArray
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program
-from ..lanes.cases import BlockResult, CaseColumns
+from ..lanes.cases import BlockResult, CaseBlock, CaseColumns
 from ..methods.status import Status
 from ..once import computed_once, once_property
 from ..options import DEFAULT_TOLERANCES, NamedTolerances
@@ -41,6 +41,9 @@ if TYPE_CHECKING:
 
 _TIGHT = 1e-9
 """Tolerance below which Runge-Kutta steps come to an end where constraints lose rank."""
+
+_LONGEST_SCREENED = 2000
+"""Lines of a right-hand side up to which it is compiled to look at cases before a sweep: some 50 ms."""
 
 _STUCK = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED)
 """Statuses with which such runs end."""
@@ -207,6 +210,15 @@ class CompiledEngine(Engine):
         from ..steps.method_choice import fitting
 
         return fitting(problem, method, self._rates(problem), self.integrate, self._operations)
+
+    def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
+        """See `Engine.surely_not_stiff`: long right-hand sides are not compiled for that."""
+        short = self.steps.compiles_starts and self._operations <= _LONGEST_SCREENED
+        return short and self._lanes.surely_not_stiff(cases, numbers)
+
+    def keeps_signs(self, kernel: Kernel, block: CaseBlock, done: BlockResult) -> bool:
+        """See `Engine.keeps_signs`."""
+        return self.steps.compiles_starts and self._code.keeps_signs(kernel, block, done)
 
     def _rates(self, problem: IntegrationProblem) -> Rates:
         c = self.constants_along(problem)

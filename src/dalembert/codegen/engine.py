@@ -95,6 +95,21 @@ class Engine(ABC):
         """Return the method to take in place of `method` for problems like this one, and why."""
         return method, ""
 
+    def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
+        """Return whether `fit` certainly keeps the method of the cases of these numbers, which can all start.
+
+        They are without inputs, conditions and stops. Where that would take longer to find out than `fit`, the answer
+        is False.
+        """
+        return False
+
+    def keeps_signs(self, kernel: Kernel, block: CaseBlock, done: BlockResult) -> bool:
+        """Return whether cases of a block have all succeeded, and a kernel certainly has the same signs at their ends.
+
+        Where that would take longer to find out than by values of the kernel, the answer is False.
+        """
+        return False
+
     def prepare(self, problem: IntegrationProblem, method: str, watch: EventCode | None = None) -> None:  # noqa: B027
         """Compile what `integrate` will need for such a problem, or `recorded`, where that is still to be done."""
 

@@ -11,6 +11,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..ir.kernel import Kernel
 from ..ir.program import Program
+from ..lanes.cases import BlockResult, CaseBlock
 from ..lanes.workspace import aligned
 from ..once import BoundedTable, computed_once
 from ..options import NamedTolerances
@@ -21,6 +22,7 @@ from ..subset.addresses import OwnedAddress
 from .host_code import landing_code, raise_failure
 from .library import MOST_FURTHER, KernelLibrary
 from .llvm.loops import loop_named
+from .llvm.screens import SignScreen
 
 
 @final
@@ -42,6 +44,7 @@ class KernelCode:
         self.sizes = {kernel.name: len(kernel.outputs) for kernel in program}
         self._state = program.layout.state
         self._library = library
+        self._screens: BoundedTable[int, SignScreen] = BoundedTable(MOST_FURTHER)
         self._further: BoundedTable[tuple[int, int], tuple[Kernel, OwnedAddress]] = BoundedTable(MOST_FURTHER)
 
     def of(self, kernel: Kernel, lanes: int) -> OwnedAddress:
@@ -73,6 +76,14 @@ class KernelCode:
             return problem
         code = partial(self.of_action, lanes=1)
         return replace(problem, stops=stops.compiled(code, self._library.prepare(), raise_failure))
+
+    def keeps_signs(self, kernel: Kernel, block: CaseBlock, done: BlockResult) -> bool:
+        """See `Engine.keeps_signs`."""
+        screen = self._screens.get(id(kernel))
+        if screen is None or screen.kernel is not kernel:
+            lanes = self._library.lanes
+            screen = self._screens[id(kernel)] = SignScreen(kernel, partial(self.of, kernel, lanes), lanes)
+        return screen(block, done)
 
     def named(self, name: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:
         """Return the outputs (k, n_out) of a kernel of the program at times (k,), states (k, n), constants (n_c,)."""

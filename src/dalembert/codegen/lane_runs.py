@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, final
 
 from ..arrays import FloatArray
@@ -10,6 +12,7 @@ from ..events.event_code import EventCode
 from ..lanes.cases import BlockResult, CaseColumns
 from ..lanes.sweep_arguments import KeptStarts, SweepKernels
 from ..lanes.workspace import EventKernels
+from ..loops.stiffness_screen import ScreenKernels
 from ..methods.step_constants import SMALLEST_OF_REST, SMALLEST_OF_TIME
 from ..once import BoundedTable, computed_once, once
 from ..options import DEFAULT_TOLERANCES
@@ -19,6 +22,8 @@ from .kernel_code import KernelCode
 from .library import KernelLibrary
 from .llvm.assembly import LoadedCode
 from .llvm.loops import library_code
+from .llvm.plain_sweeps import PlainRuns, is_plain
+from .llvm.screens import StiffnessScreen
 from .llvm.sweeps import SweepShape, case_run
 from .llvm.target import bits, constant, suffix, vector
 from .rendering import render
@@ -27,6 +32,7 @@ from .steppers import Stepper, Steppers
 
 if TYPE_CHECKING:
     from ..events.recorded_motion import RecordedCase
+    from ..reduction.starting import Start
     from .llvm.foreign_batch import ForeignCode, Interface
     from .llvm.recorded import RecordedLane
 
@@ -94,7 +100,7 @@ def check_inputs(lanes: int) -> OwnedAddress:
 
 
 _MOST_LANES = 16
-"""Sets of events and tolerances of which the memory of single runs is kept."""
+"""Sets of events and tolerances of which the memory of single runs is kept, and kinds of cases of sweeps."""
 
 
 @final
@@ -114,6 +120,9 @@ class LaneRuns:
         self._library, self._code, self._steppers = library, code, steppers
         self._recorded_lanes: BoundedTable[tuple[EventCode, str, float, float, float], list[RecordedLane]]
         self._recorded_lanes = BoundedTable(_MOST_LANES)
+        self._screens: BoundedTable[int, StiffnessScreen] = BoundedTable(_MOST_LANES)
+        self._plain: BoundedTable[tuple[str, float, float, int], tuple[Start | None, PlainRuns]]
+        self._plain = BoundedTable(_MOST_LANES)
 
     def _kernels(
         self,
@@ -132,6 +141,9 @@ class LaneRuns:
     def cases(self, cases: CaseColumns, method: str, result: BlockResult, kept: KeptStarts, share: int) -> CaseRun:
         """Return a run of cases in lanes, refilled as cases end; see `Engine.sweeper`."""
         watched = None if cases.watch is None or not cases.watch.along else cases.watch
+        plain = watched is None and not len(cases.t_eval) and method != "radau" and is_plain(cases)
+        if plain:
+            return self._plain_runs(cases, method).run(cases, result, kept, share)
         n_times, sizes, alone = len(cases.t_eval), self._code.sizes, method == "radau"
         lanes = 1 if alone else self._library.lanes
         each_step = cases.recorded > 0 or cases.part is not None
@@ -162,6 +174,40 @@ class LaneRuns:
             self._steppers.events(watched, method, stepper, lanes, with_series),
             watched is not None or each_step or alone,
         )
+
+    def _plain_runs(self, cases: CaseColumns, method: str) -> PlainRuns:
+        """Return the runs of cases with nothing but values of their own, made once for each kind of start."""
+        key = method, cases.rtol, cases.atol, id(cases.start)
+        found = self._plain.get(key)
+        if found is None or found[0] is not cases.start:
+            found = self._plain[key] = cases.start, self._new_plain_runs(cases, method)
+        return found[1]
+
+    def _new_plain_runs(self, cases: CaseColumns, method: str) -> PlainRuns:
+        lanes, sizes = self._library.lanes, self._code.sizes
+        stepper = self._steppers.stepper(method, (cases.rtol, cases.atol), lanes, dense=False)
+        assert cases.start is not None
+        start = self._library.start(cases.start, lanes)
+        prepare = self._library.prepare(lanes)
+        kernels = self._kernels(stepper, lanes, prepare=prepare, start=start, advance=True)
+        shape = SweepShape(lanes, sizes["rhs"], sizes["prepare"], stepper.degree, stepper.memory, 1, dense=False)
+        return PlainRuns(kernels, shape, stepper)
+
+    def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
+        """See `Engine.surely_not_stiff`."""
+        screen = self._screens.get(id(cases.start))
+        if screen is None or screen.start is not cases.start:
+            assert cases.start is not None
+            sizes = self._library.lanes, self._code.sizes["rhs"], len(cases.parameters), self._code.sizes["prepare"]
+            screen = self._screens[id(cases.start)] = StiffnessScreen(
+                cases.start, partial(self._screen_kernels, cases.start), sizes
+            )
+        return screen(cases, numbers)
+
+    def _screen_kernels(self, start: Start) -> ScreenKernels:
+        library, lanes = self._library, self._library.lanes
+        codes = library.prepare(lanes), library.start(start, lanes), library.kernel("rhs", lanes)
+        return ScreenKernels(*codes, check_inputs(lanes))
 
     def watched_steps(self, problem: IntegrationProblem, method: str, watch: EventCode) -> tuple[Stepper, EventKernels]:
         """Return the steps of single runs with events, and the events."""

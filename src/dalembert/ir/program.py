@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, final
 
 import numpy as np
@@ -152,11 +153,21 @@ class Layout:
     held: tuple[str, ...] = ()
     angles: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def given(self) -> tuple[str, ...]:
         """Names of the parameters that users give: all that runs do not set themselves."""
         own = {name for u in self.inputs for name in hidden_parameters(u)} | {CONDITION_TIME, *FIXED_GAINS}
         return tuple(name for name in self.parameters if name not in own)
+
+    @cached_property
+    def set_by_runs(self) -> frozenset[str]:
+        """Names of the parameters that runs set themselves."""
+        return frozenset(self.parameters) - frozenset(self.given)
+
+    @cached_property
+    def decay_rate(self) -> str | None:
+        """The parameter that is a decay rate of violations, None where there is none."""
+        return decay_rate_among(self.parameters)
 
     @property
     def variables(self) -> tuple[str, ...]:

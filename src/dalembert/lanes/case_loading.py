@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
@@ -10,7 +11,7 @@ from ..steps.step_control import largest_step
 from ..subset.compiled_subset import call_code, call_test, compiled_subset, element, prefetch, row, take
 from .step_records import end_record, refuse_record
 from .sweep_arguments import Columns, SweepArguments
-from .workspace import ATTEMPTS, END, FIRST, IDLE, LONG_ENDS, NEXT, NOW, REJECTIONS, SHORTENED
+from .workspace import ATTEMPTS, END, FIRST, IDLE, LONG_ENDS, MADE, NEXT, NOW, REJECTIONS, SHORTENED
 
 
 @compiled_subset
@@ -120,10 +121,27 @@ def next_case_is_loaded(arguments: SweepArguments) -> bool:
 def _fill(columns: Columns, column: int, rows: FloatArray, n_columns: int, first: int, count: int) -> None:
     """Write the values of cases in `n_columns` columns to the first rows."""
     for m in range(n_columns):
+        address = columns.address[column + m]
+        if columns.stride[column + m] == 0:
+            value = element(address, 0)
+            for lane in range(rows.shape[1]):
+                rows[m, lane] = value
+        elif count == rows.shape[1]:
+            for lane in range(rows.shape[1]):
+                rows[m, lane] = element(address, first + lane)
+            prefetch(address, first + 2 * rows.shape[1])
+        else:
+            for lane in range(rows.shape[1]):
+                rows[m, lane] = element(address, first + min(lane, count - 1))
+
+
+@compiled_subset
+def fill_by_number(columns: Columns, column: int, rows: FloatArray, n_columns: int, cases: NDArray[np.int64]) -> None:
+    """Write the values of one case a lane, by its number, in `n_columns` columns to the first rows."""
+    for m in range(n_columns):
         address, stride = columns.address[column + m], columns.stride[column + m]
         for lane in range(rows.shape[1]):
-            rows[m, lane] = element(address, stride * (first + min(lane, count - 1)))
-        prefetch(address, stride * (first + 2 * rows.shape[1]))
+            rows[m, lane] = element(address, stride * cases[lane])
 
 
 @compiled_subset
@@ -138,11 +156,10 @@ def _load_cases(arguments: SweepArguments, first: int, count: int) -> None:
     target = row(state.constants_ahead, 0)
     _fill(columns, 0, clock, 2, first, count)
     _set_directions(arguments)
-    _fill(columns, 2, given, shape.parameters, first, count)
-    finite = call_test(check, row(clock, 0), 2, 0, 0, 0) & call_test(check, row(given, 0), shape.parameters, 0, 0, 0)
-    call_code(kernels.prepare, row(given, 0), 0, 0, 0, target)
+    if state.progress.common != MADE:
+        _make_constants(arguments, first, count)
     _fill(columns, 2 + shape.parameters, given, shape.given, first, count)
-    finite &= call_test(check, target, state.constants_ahead.shape[0], 0, 0, 0)
+    finite = state.progress.finite & call_test(check, row(clock, 0), 2, 0, 0, 0)
     finite &= call_test(check, row(given, 0), shape.given, 0, 0, 0)
     call_code(kernels.start, row(clock, 0), row(given, 0), target, 0, row(begun, 0))
     fits = call_test(check, row(begun, 0), n, shape.checks, 0, 0)
@@ -153,6 +170,22 @@ def _load_cases(arguments: SweepArguments, first: int, count: int) -> None:
     if kernels.begin != 0:
         memory = row(begun, n + shape.checks)
         call_code(kernels.begin, row(clock, 0), row(begun, 0), target, row(settings, 0), memory)
+
+
+@compiled_subset
+def _make_constants(arguments: SweepArguments, first: int, count: int) -> None:
+    """Make constants of `count` cases from number `first` on; those of all cases are written to all lanes at once."""
+    state, check, progress = arguments.state, arguments.kernels.check, arguments.state.progress
+    given, ahead, size = row(state.given, 0), state.constants_ahead, arguments.shape.parameters
+    _fill(arguments.columns, 2, state.given, size, first, count)
+    progress.finite = call_test(check, given, size, 0, 0, 0)
+    call_code(arguments.kernels.prepare, given, 0, 0, 0, row(ahead, 0))
+    progress.finite &= call_test(check, row(ahead, 0), ahead.shape[0], 0, 0, 0)
+    if progress.common != 0:
+        progress.common = MADE
+        for m in range(ahead.shape[0]):
+            for lane in range(ahead.shape[1]):
+                state.constants[m, lane] = ahead[m, lane]
 
 
 @compiled_subset
@@ -243,8 +276,9 @@ def _refuse(arguments: SweepArguments, i: int, place: int) -> None:
 def _enter_state(arguments: SweepArguments, lane: int, place: int) -> None:
     """Copy constants, state and memory of a loaded case to a lane."""
     state, shape, old = arguments.state, arguments.shape, arguments.state.progress.old
-    for m in range(state.constants.shape[0]):
-        state.constants[m, lane] = state.constants_ahead[m, place]
+    if state.progress.common != MADE:
+        for m in range(state.constants.shape[0]):
+            state.constants[m, lane] = state.constants_ahead[m, place]
     state.states[old + shape.n + shape.events_with_series, lane] = 0.0
     if arguments.kernels.begin != 0:
         for m in range(shape.n + 2 + shape.memory):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, final
 
 import numpy as np
@@ -14,7 +15,7 @@ from ..methods.status import Status
 from ..steps.problem import IntegrationProblem
 from ..stops.input_records import InputRecords
 from ..stops.stops import CaseStops
-from .sweep_arguments import CaseRows
+from .sweep_arguments import CaseRows, ColumnTable
 
 if TYPE_CHECKING:
     from ..events.event_code import EventCode
@@ -97,7 +98,7 @@ class CaseColumns:
     """
 
     count: int
-    spans: tuple[FloatArray, FloatArray]
+    spans: tuple[FloatArray, ...]
     parameters: tuple[FloatArray, ...]
     given: tuple[FloatArray, ...]
     start: Start | None
@@ -115,6 +116,11 @@ class CaseColumns:
     constants_at: Callable[[FloatArray], FloatArray] | None = None
     rows: CaseRows | None = None
     part: PartSamples | None = None
+
+    @cached_property
+    def table(self) -> ColumnTable:
+        """Where the columns are, for loops that read them."""
+        return ColumnTable((*self.spans, *self.parameters, *self.given))
 
 
 @final
@@ -135,12 +141,14 @@ class BlockResult:
     @classmethod
     def empty(cls, count: int, size: int, n_times: int, events: int = 0, kinds: Sequence[str] = ()) -> BlockResult:
         """Return results of cases that did not run, for a size of states, times to record, events and reductions."""
-        y, ends, samples = np.zeros((count, size)), np.zeros((count, 3)), np.full((count, n_times, size), np.nan)
-        return cls(y, ends, samples, *cls.at_start(count, events, kinds))
+        samples = np.full((count, n_times, size), np.nan) if n_times else np.empty((count, 0, size))
+        return cls(np.zeros((count, size)), np.zeros((count, 3)), samples, *cls.at_start(count, events, kinds))
 
     @staticmethod
     def at_start(count: int, events: int, kinds: Sequence[str]) -> tuple[FloatArray, FloatArray]:
         """Return the records of events, and minima, maxima and integrals, before the motions."""
+        if not events and not kinds:
+            return np.empty((count, 0)), np.empty((count, 0))
         happened = np.full((count, 3 * events), np.nan)
         happened[:, ::3] = 0.0
         start = [{"minimum": np.inf, "maximum": -np.inf, "mean": 0.0}[kind] for kind in kinds]

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..once import once
 from ..stops.stops import StopTable
-from ..subset.addresses import NO_CODE
-from ..subset.arguments import Address, AddressVector, FlagMatrix, IntVector, Matrix, Vector, constant_group
+from ..subset.addresses import NO_CODE, AddressTable
+from ..subset.arguments import (
+    Address,
+    AddressVector,
+    FlagMatrix,
+    IntVector,
+    Matrix,
+    Vector,
+    address_of,
+    constant_group,
+)
 from .row_steps import RowSteps
 from .workspace import EventKernels, EventWorkspace, LaneState
 
@@ -57,6 +68,38 @@ class Columns(NamedTuple):
 
     address: AddressVector
     stride: IntVector
+
+
+@once
+def no_columns() -> Columns:
+    """Return an empty table."""
+    return constant_group(Columns(AddressTable(), np.zeros(0, np.int64)))
+
+
+@final
+class ColumnTable:
+    """The words of `Columns` for some columns, and copies of those of one value.
+
+    Attributes
+    ----------
+    fields : tuple of int
+        What takes the place of `Columns` in packed arguments; the table must live as long as it is used.
+    """
+
+    def __init__(self, columns: Sequence[NDArray[np.float64]]) -> None:
+        count, self._columns = len(columns), columns
+        self._values = np.concatenate([column if column.size == 1 else _ONE for column in columns])
+        self._words = np.zeros(2 * count, np.int64)
+        first, place = address_of(self._values), address_of(self._words)
+        self._words[:count] = range(first, first + 8 * count, 8)
+        for i, column in enumerate(columns):
+            if column.size > 1:
+                assert column.dtype == np.float64 and column.flags.c_contiguous
+                self._words[i], self._words[count + i] = address_of(column), 1
+        self.fields = place, count, place + 8 * count, count
+
+
+_ONE = np.zeros(1)
 
 
 class CaseRows(NamedTuple):

@@ -32,6 +32,9 @@ OCCURRENCE = 5
 LONG_ENDS = 5
 """Columns of ``SweepArguments.ends`` where there are those for attempts and rows of a record, too."""
 
+MADE = 2
+"""Value of ``LoopProgress.common``."""
+
 IDLE = -2
 """Status of a lane without a case."""
 
@@ -71,7 +74,9 @@ class LoopProgress(Record):
     is 1 then, and it continues where it was when it is called again. This thread is to load the cases from ``coming``
     up to ``last``. Of those made ahead, ``filled`` in number, ``loaded`` is the first and ``place`` the next to enter.
     ``active`` lanes have a case; ``old`` is the first row of the states that steps begin from; ``look`` are the lanes
-    that are looked at after a step, as bits; so many steps were ``recorded``.
+    that are looked at after a step, as bits; so many steps were ``recorded``. ``common`` is 1 where all cases have the
+    same parameters and their constants never change, and `MADE` once these are in all lanes; ``finite`` are the lanes
+    where they are finite, as bits.
     """
 
     patience: int
@@ -87,6 +92,8 @@ class LoopProgress(Record):
     old: int
     look: int
     recorded: int
+    common: int
+    finite: int
 
 
 class LaneState(NamedTuple):

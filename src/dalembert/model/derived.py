@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, final
 from ..codegen.engine import Engine
 from ..ir.program import DIRECTION
 from ..once import DERIVING, BoundedTable, derived_once, derived_property
-from ..options import CompileOptions
+from ..options import CompileOptions, SweepOptions
 from ..pipeline import Compiled, SeveralModes, Stages, compile_equations, compile_scene
 from ..reduction.invariants import InvariantCandidates, candidates
 from ..reduction.jumps import has_jumps
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ..codegen.llvm.prepared import AdmissionCode
     from ..events.event_code import EventCode
     from ..reduction.dependent_rows import Redundancy
+    from ..runs.case_settings import CaseSettings
     from ..scene import Scene
     from ..starts.initial_states import QuickStart
     from .model import CompiledModel
@@ -47,6 +48,8 @@ class Derived:
         Coordinates and first-order states that were declared to have a sign.
     partials : Partials
         Kernels of the program and their derivatives.
+    sweep_settings : table
+        Settings of sweeps by options, method and number of threads.
     """
 
     def __init__(self, stages: Stages, engine: Engine) -> None:
@@ -61,6 +64,7 @@ class Derived:
         self._quick_starts: BoundedTable[frozenset[str], QuickStart] = BoundedTable(_MOST)
         self._events: BoundedTable[str, EventCode] = BoundedTable(_MOST)
         self._by_tuple: BoundedTable[int, tuple[Any, EventCode]] = BoundedTable(_MOST)
+        self.sweep_settings: BoundedTable[tuple[SweepOptions, str, int], CaseSettings] = BoundedTable(_MOST)
         self._variations: BoundedTable[tuple[tuple[str, ...], ...], Variation] = BoundedTable(_MOST)
 
     def start(self, given: Iterable[str]) -> Start:

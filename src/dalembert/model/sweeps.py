@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import OptionError, nesting_named
-from ..options import StoreOptions, SweepOptions
+from ..options import StoreOptions, sweep_options
 from ..runs.capabilities import refuse_functions
-from ..runs.component_tolerances import with_component_names
+from ..runs.component_tolerances import is_by_name, with_component_names
 from ..runs.run_notes import with_lost_reactions
 from ..runs.small_motions import warn_of_small_cases
 from ..starts.input_values import has_functions, read_inputs, run_span
@@ -127,30 +127,31 @@ def sweep(
         sweep.final["theta"], sweep.status  # arrays over the cases
     """
     refuse_functions(self.controllers, "a sweep")
-    options = SweepOptions(
-        method=method,
-        rtol=rtol,
-        atol=cast(float, atol),
-        max_step=max_step,
-        max_steps=max_steps,
+    options = sweep_options(
+        method,
+        rtol,
+        atol,
+        max_step,
+        max_steps,
+        threads,
+        error_estimate,
+        project_invariants,
         grid=grid,
         t_eval=t_eval,
-        threads=threads,
         progress=progress,
-        error_estimate=error_estimate,
         events=events,
         reduce=reduce,
-        project_invariants=project_invariants,
     )
-    options = with_component_names(self, options)
+    if is_by_name(options.atol):
+        options = with_component_names(self, options)
     span = None
-    if has_functions(inputs):
+    if inputs is not None and has_functions(inputs):
         from ..runs.case_settings import spans_of
 
         span = run_span(inputs, *spans_of(t_span), options)
     given = None if to is not None and span is None else read_inputs(self.layout, self.inputs, inputs, span, many=True)
     if to is None:
-        options = replace(options, inputs=given)
+        options = options if given is None else replace(options, inputs=given)
         if chunk is not None or client is not None:
             raise OptionError("chunk and client belong to sweeps that are stored: give to= too, or leave them out")
         if units is not None:

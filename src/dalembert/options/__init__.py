@@ -1,5 +1,6 @@
 """Options of compilation and of all kinds of runs: names, defaults and checks."""
 
+from .checked_once import simulate_options, sweep_options
 from .compilation import ORIENTATIONS, CompileOptions
 from .derivatives import SensitivityOptions, TrimOptions
 from .runs import (
@@ -12,7 +13,6 @@ from .runs import (
     SolveOptions,
     StepOptions,
     SweepOptions,
-    simulate_options,
     tighter,
 )
 from .stores import StoreOptions
@@ -51,6 +51,7 @@ __all__ = [
     "component_tolerances",
     "known_components",
     "simulate_options",
+    "sweep_options",
     "tighter",
     "tolerances",
     "within",

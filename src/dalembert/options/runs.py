@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any, TypeVar, final
 
 from ..errors import OptionError
@@ -192,6 +191,13 @@ class SweepOptions(StepOptions):
         """Whether the method is one that fits some of the motions."""
         return self.automatic and self.chosen is None
 
+    @property
+    def repeats(self) -> bool:
+        """Whether these options are likely those of further calls, because nothing of one call alone is in them."""
+        times, chosen = self.t_eval is None and self.inputs is None, self.chosen is None
+        watched = self.reduce is not None or not is_no_events(self.events)
+        return times and chosen and not watched and self.grid is None and not self.progress
+
     def method_chosen(self, mode: int, default: str) -> str:
         """Return the method that was found for a mode, or else a default."""
         return (self.chosen or {}).get((mode, self.rtol), default) if self.automatic else default
@@ -289,50 +295,9 @@ def tighter(options: _Estimating) -> _Estimating:
     return replace(options, rtol=options.rtol * TIGHTER, atol=scaled(options.atol, TIGHTER), error_estimate=False)
 
 
-@lru_cache(maxsize=256, typed=True)
-def _simulate_options(
-    method: Any,
-    rtol: Any,
-    atol: Any,
-    max_step: Any,
-    max_steps: Any,
-    first_step: Any,
-    dense: Any,
-    error_estimate: Any,
-    project_invariants: Any,
-) -> SimulateOptions:
-    return SimulateOptions(
-        method=method,
-        rtol=rtol,
-        atol=atol,
-        max_step=max_step,
-        max_steps=max_steps,
-        first_step=first_step,
-        dense=dense,
-        error_estimate=error_estimate,
-        project_invariants=project_invariants,
-    )
-
-
-def simulate_options(
-    *plain: Any, t_eval: Any, events: Any, inputs: Any = None, progress: Any = False
-) -> SimulateOptions:
-    """Return options of one trajectory, checked once for each list of values.
-
-    Parameters
-    ----------
-    *plain
-        method, rtol, atol, max_step, max_steps, first_step, dense, error_estimate and project_invariants.
-    t_eval, events, inputs, progress
-        As for `SimulateOptions`; nothing is kept of them.
-    """
-    try:
-        options = _simulate_options(*plain)
-    except TypeError:  # a value without a hash
-        options = _simulate_options.__wrapped__(*plain)
-    if t_eval is None and inputs is None and progress is False and isinstance(events, tuple) and not events:
-        return options
-    return replace(options, t_eval=t_eval, events=events, inputs=inputs, progress=progress)
+def is_no_events(events: Any) -> bool:
+    """Whether events are left out."""
+    return isinstance(events, tuple) and not events
 
 
 def set_checked(options: object, **values: Any) -> None:

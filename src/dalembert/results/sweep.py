@@ -79,7 +79,7 @@ class Sweep(Estimated):
     ) -> None:
         self._name, self._formulation, self._layout = name, formulation, layout
         self.initial, parameters = varied
-        own = {*layout.parameters} - {*layout.given}  # what runs set themselves
+        own = layout.set_by_runs
         self.parameters = {name: values for name, values in parameters.items() if name not in own}
         self.events: NamedValues[EventCounts] = NamedValues("event", {})
         self.reduced: NamedValues[FloatArray] = NamedValues("reduction", {})

@@ -46,7 +46,10 @@ def fitted(
     """
     if not cases.program.layout.state or not cases.count:
         return settings
-    for i in sorted({0, cases.count // 2, cases.count - 1}):
+    numbers = sorted({0, cases.count // 2, cases.count - 1})
+    if cases.plain and engine.surely_not_stiff(cases.columns(slice(0, cases.count), settings), numbers):
+        return settings
+    for i in numbers:
         problem = single_problem(cases, settings, i, quick_start)
         if problem is None:
             continue
@@ -76,15 +79,15 @@ def run_cases(engine: Engine, cases: Cases, settings: CaseSettings, stop: bool =
     share = min(_LARGEST_SHARE, max(1, min(count, length) // (threads * _SHARES_PER_THREAD)))
     for part in _slices(count, length):
         size = part.stop - part.start
-        kept = cases.to_keep(size, settings)
-        run = None if samples else _columns_run(engine, cases, settings, part, result[part], share, kept)
+        kept, here = cases.to_keep(size, settings), result if size == count else result[part]
+        run = None if samples else _columns_run(engine, cases, settings, part, here, share, kept)
         if run is None:
             _in_blocks(engine, cases, settings, result, threads)
             return result
         whole = run_shared(run, size, max(1, min(threads, -(-size // share))), settings.progress)
         if not whole:
             _interrupted(result)
-        _check_results(cases, settings, part, result[part], kept)
+        _check_results(cases, settings, part, here, kept)
         if not whole:
             break
     return result
@@ -255,6 +258,9 @@ def _run_block(
 def _check_results(cases: Cases, settings: CaseSettings, block: slice, here: BlockResult, kept: KeptStarts) -> None:
     """Check the results of a block of cases that kept their starts, where the settings have a check."""
     if settings.judge is None or not len(cases.program.layout.state):
+        return
+    if len(here.y) <= _LARGEST_BLOCK:
+        settings.judge(settings.method, cases.of_run(block, settings, kept), here)
         return
     for part in _slices(block.stop - block.start, _LARGEST_BLOCK):
         own = slice(block.start + part.start, block.start + part.stop)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,23 +52,27 @@ def common_settings(cases: Cases, options: SweepOptions, method: str) -> CaseSet
     OptionError, ValueInputError
         For settings that make no sense, or not with these cases.
     """
+    check_settings(cases, options)
+    threads = available_threads() if options.threads is None else options.threads
+    limits = {name: getattr(options, name) for name in _LIMITS}
+    return CaseSettings(options.t_eval, method, **limits, threads=threads, progress=options.progress)
+
+
+_LIMITS = ("rtol", "atol", "max_step", "max_steps")
+
+
+def check_settings(cases: Cases, options: SweepOptions) -> None:
+    """Reject options that make no sense with the spans of some cases; errors as for `common_settings`."""
+    start, end = cases.span["start"], cases.span["end"]
     for name, ends in cases.span.items():
         if ends.ndim != 1 or not ends.size:
             raise ValueInputError(f"the {name} of t_span has shape {ends.shape}; give one time, or one for each case")
     times = options.t_eval
     if times is not None and any(len(ends) > 1 for ends in cases.span.values()):
         raise OptionError("t_eval is common to all cases; give one t_span for all of them, or no t_eval")
-    limits = {name: getattr(options, name) for name in ("rtol", "atol", "max_step", "max_steps")}
-    IntegrationProblem(
-        t0=_finite(cases.span["start"]),
-        t1=_finite(cases.span["end"]),
-        y0=np.zeros(0),
-        constants=np.zeros(0),
-        t_eval=times,
-        **limits,
-    )
-    threads = available_threads() if options.threads is None else options.threads
-    return CaseSettings(times, method, **limits, threads=threads, progress=options.progress)
+    limits = {name: getattr(options, name) for name in _LIMITS}
+    nothing = np.zeros(0)
+    IntegrationProblem(t0=_finite(start), t1=_finite(end), y0=nothing, constants=nothing, t_eval=times, **limits)
 
 
 def _finite(times: FloatArray) -> float:
@@ -77,53 +81,32 @@ def _finite(times: FloatArray) -> float:
     return float(times[int(np.argmax(finite))]) if times.size else 0.0
 
 
-def spans_of(t_span: Any) -> tuple[FloatArray, FloatArray]:
-    """Return starts and ends, (k,) or (1,), of the cases of a sweep.
+@final
+class Spans(NamedTuple):
+    """Starts and ends, (k,) or (1,), of the cases of a sweep, copied from what was given."""
+
+    first: FloatArray
+    last: FloatArray
+
+
+def spans_of(t_span: Any) -> Spans:
+    """Return starts and ends of the cases of a sweep; `Spans` as they are.
 
     Raises
     ------
     ValueInputError
         For what are no numbers or arrays.
     """
+    if type(t_span) is Spans:
+        return t_span
     try:
-        first, last = (np.array(array_of(t), ndmin=1, order="C") for t in t_span)
+        first, last = [
+            np.array((t,)) if type(t) is float else np.array(array_of(t), ndmin=1, order="C") for t in t_span
+        ]
     except (TypeError, ValueError) as error:
         message = f"t_span must be start and end, numbers or arrays, not {t_span!r}{traced_note(error)}"
         raise ValueInputError(message) from None
-    return first, last
-
-
-def columns_of(
-    kind: str, given: Mapping[Any, Any], known: tuple[str, ...], aliases: Mapping[str, str]
-) -> dict[str, FloatArray]:
-    """Return arrays (k,) or (1,) by name; numbers that are not finite are left for the status of their case.
-
-    They are copies: results are evaluated from them later, whatever the caller does with the arrays given.
-    """
-    if not isinstance(given, Mapping):
-        raise ValueInputError(f"{kind}s must be a mapping of names or symbols to numbers or arrays, not {given!r}")
-    columns: dict[str, FloatArray] = {}
-    unknown, wrong = [], []
-    for key, value in given.items():
-        name = aliases.get(str(key), str(key))
-        if name not in known:
-            unknown.append(unknown_name(kind, str(key), known))
-            continue
-        if name in columns:
-            unknown.append(f"{kind} {name!r} is given twice")
-        try:
-            plain = type(value) is float or type(value) is np.float64
-            columns[name] = np.array((value,)) if plain else np.array(array_of(value), ndmin=1, order="C")
-        except ValueError as reason:
-            wrong.append(f"{name} = {value!r} {reason}")
-            continue
-        if columns[name].ndim != 1:
-            wrong.append(f"{name} has shape {columns[name].shape}; one value a case is needed")
-    if unknown:
-        raise UnknownNameError("\n".join(unknown))
-    if wrong:
-        raise ValueInputError("; ".join(wrong))
-    return columns
+    return Spans(first, last)
 
 
 def with_grid(

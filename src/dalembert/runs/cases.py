@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, final
@@ -12,18 +13,18 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..errors import UnknownNameError, ValueInputError, list_names
 from ..ir.interpret import interpret, interpret_rows
-from ..ir.program import DIRECTION, Program, decay_rate_among, directed_rates
+from ..ir.program import DIRECTION, Program, directed_rates
 from ..lanes.cases import CaseBlock, CaseColumns
 from ..lanes.sweep_arguments import KeptStarts
 from ..methods.status import Status
 from ..reduction.starting import Start
 from ..starts import inputs
 from ..starts.input_values import GivenInputs
-from ..starts.symbol_assumptions import ROUNDING, contradicts, refuse_contradictions
 from ..steps.problem import IntegrationProblem
 from ..stops.breakpoints import CaseBreaks
 from ..stops.input_records import InputRecords
-from .case_settings import CaseSettings, columns_of, spans_of
+from .case_columns import CaseReaders, case_readers
+from .case_settings import CaseSettings, spans_of
 
 if TYPE_CHECKING:
     from ..starts.initial_states import QuickStart
@@ -31,7 +32,10 @@ if TYPE_CHECKING:
 
 @final
 class Cases:
-    """Parameters, initial values and spans of all cases, as given: one value for all, or one a case."""
+    """Parameters, initial values and spans of all cases, as given: one value for all, or one a case.
+
+    They are `together` where one finite span serves all.
+    """
 
     def __init__(
         self,
@@ -45,9 +49,10 @@ class Cases:
         layout = program.layout
         self.program = program
         self.records = None if given is None else given.records(layout, program.knot_sides)
-        self.initial = columns_of("initial value", initial, layout.initial, layout.aliases)
+        readers = case_readers(layout)
+        self.initial = readers.initial(initial)
         inputs.refuse_inputs(layout, parameters)
-        self.parameters = columns_of("parameter", parameters, layout.parameters, layout.aliases)
+        self.parameters = readers.parameters(parameters)
         for name, value in layout.defaults.items():
             self.parameters.setdefault(name, np.array([value]))
         missing = [name for name in layout.parameters if name not in self.parameters]
@@ -57,11 +62,14 @@ class Cases:
             )
         first, last = spans_of(t_span)
         self.span = {"start": first, "end": last}
+        self._whole: tuple[CaseSettings, CaseColumns] | None = None
         self.count = self._count()
-        self.refused = self._refused()
+        self.refused = self._refused(readers)
         self._begin = first if self.refused is None else np.where(self.refused, np.nan, first)  # NaN is not run
         self._values = {**self.initial}
-        if np.any(last < first):
+        ends = (float(first[0]), float(last[0])) if first.shape == last.shape == (1,) else (math.nan, math.nan)
+        self.together = math.isfinite(ends[0]) and math.isfinite(ends[1])
+        if ends[1] < ends[0] if self.together else np.any(last < first):
             self._values[DIRECTION] = np.where(last < first, -1.0, 1.0)
         self.start = start(self._values)
 
@@ -71,31 +79,30 @@ class Cases:
         return float(np.max(np.abs(self.span["end"] - self.span["start"])))
 
     def _count(self) -> int:
-        known = {*self.program.layout.given, *self.initial, *self.span}  # others are parameters of inputs
-        lengths = {
-            f"{kind} {name}" if name in known else f"input {name.rpartition(' of ')[2]}": len(values)
-            for kind, table in (("parameter", self.parameters), ("initial", self.initial), ("t_span", self.span))
-            for name, values in table.items()
-            if len(values) != 1
-        }
-        if len(set(lengths.values())) > 1:
+        tables = (("parameter", self.parameters), ("initial", self.initial), ("t_span", self.span))
+        counts = {len(values) for _, table in tables for values in table.values()} - {1}
+        if len(counts) > 1:
+            known = {*self.program.layout.given, *self.initial, *self.span}  # others are parameters of inputs
+            lengths = {
+                f"{kind} {name}" if name in known else f"input {name.rpartition(' of ')[2]}": len(values)
+                for kind, table in tables
+                for name, values in table.items()
+                if len(values) != 1
+            }
             listed = "; ".join(f"{name}: {length}" for name, length in lengths.items())
             raise ValueInputError(f"the arrays of a sweep must have one length, that of its cases; given are {listed}")
-        return next(iter(lengths.values()), 1)
+        return counts.pop() if counts else 1
 
-    def _refused(self) -> NDArray[np.bool_] | None:
+    def _refused(self, readers: CaseReaders) -> NDArray[np.bool_] | None:
         """Return which cases (k,) have values that their symbols exclude, None where there are none.
 
         Values for all cases are rejected at once.
         """
-        layout, whole = self.program.layout, np.zeros(self.count, bool)
-        for table, rounding in ((self.parameters, 0.0), (self.initial, ROUNDING)):
-            one = {name: float(values[0]) for name, values in table.items() if len(values) == 1}
-            refuse_contradictions(layout.assumptions, one, rounding)
-            for name, values in table.items():
-                if name in layout.assumptions and len(values) > 1:
-                    whole |= contradicts(layout.assumptions[name], values, rounding)
-        return whole if np.any(whole) else None
+        by_parameters = readers.parameters.refused(self.parameters)
+        by_initial = readers.initial.refused(self.initial)
+        if by_parameters is None or by_initial is None:
+            return by_initial if by_parameters is None else by_parameters
+        return by_parameters | by_initial
 
     def constants(self, block: slice) -> FloatArray:
         """Return the constants c (k, n_c) of a block of cases."""
@@ -109,8 +116,9 @@ class Cases:
 
     def parameters_of(self, block: slice) -> dict[str, FloatArray]:
         """Return the columns (1,) or (k,) of parameters of a block of cases by name, as their runs take them."""
-        columns = {name: _part(self.parameters[name], block) for name in self.program.layout.parameters}
-        rate = decay_rate_among(columns)
+        names, given = self.program.layout.parameters, self.parameters
+        columns = dict(zip(names, _parts(map(given.__getitem__, names), block), strict=True))
+        rate = self.program.layout.decay_rate
         if rate is not None:
             backward = _part(self.span["end"], block) < _part(self.span["start"], block)
             columns[rate] = directed_rates(columns[rate], backward)
@@ -154,14 +162,31 @@ class Cases:
         block, status = self.block(slice(0, self.count), settings, exact=True)
         return block.y, block.c, block.spans[:, 0], status
 
+    @property
+    def plain(self) -> bool:
+        """Whether the constants of a case are those of its parameters alone."""
+        return self.records is None and self.program.conditions is None
+
     def columns(self, block: slice, settings: CaseSettings) -> CaseColumns:
         """Return a block of cases as they were given."""
+        if block.start != 0 or block.stop != self.count:
+            return self._new_columns(block, settings)
+        kept = self._whole  # the choice of the method and the run read the same
+        if kept is None or kept[0] is not settings:
+            kept = self._whole = settings, self._new_columns(block, settings)
+        return kept[1]
+
+    def set_parameter(self, name: str, values: FloatArray) -> None:
+        """Give all cases another value (1,), or others (k,), of a parameter."""
+        self.parameters[name], self._whole = values, None
+
+    def _new_columns(self, block: slice, settings: CaseSettings) -> CaseColumns:
         t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
         return CaseColumns(
-            len(range(*block.indices(self.count))),
-            (_part(self._begin, block), _part(self.span["end"], block)),
+            self.count if block.stop == self.count and block.start == 0 else len(range(*block.indices(self.count))),
+            _parts((self._begin, self.span["end"]), block),
             tuple(self.parameters_of(block).values()),
-            tuple(_part(self._values[name], block) for name in self.start.given),
+            _parts(map(self._values.__getitem__, self.start.given), block),
             self.start,
             t_eval,
             settings.rtol,
@@ -229,7 +254,7 @@ class Cases:
         self, number: int, settings: CaseSettings, quick_start: Callable[[Iterable[str]], QuickStart]
     ) -> CaseBlock | None:
         """Return a case by the start of single runs; None where that does not support it, or finds something wrong."""
-        if self._changing or self.program.conditions is not None or (self.refused is not None and self.refused[number]):
+        if not self.plain or (self.refused is not None and self.refused[number]):
             return None
         block = slice(number, number + 1)
         spans = self._spans(block, 1)
@@ -290,6 +315,10 @@ def _finite_rows(values: FloatArray) -> NDArray[np.bool_]:
 
 def _part(values: FloatArray, block: slice) -> FloatArray:
     return values if len(values) == 1 else values[block]
+
+
+def _parts(columns: Iterable[FloatArray], block: slice) -> tuple[FloatArray, ...]:
+    return tuple([values if len(values) == 1 else values[block] for values in columns])
 
 
 def single_problem(

@@ -35,7 +35,7 @@ _AT = re.compile(r"\bat t = ([-+.\deinfa]+)")
 
 def begins_elsewhere(t0: Any, t1: Any) -> bool:
     """Whether a run over a span, or one of many, begins at another time than zero and takes time."""
-    if type(t0) is float and t0 == 0.0:
+    if (type(t0) is float and t0 == 0.0) or (type(t0) is np.ndarray and t0.shape == (1,) and t0.item() == 0.0):
         return False
     first, last = np.asarray(t0, dtype=float), np.asarray(t1, dtype=float)
     if not first.any():  # NaN is not false

@@ -68,8 +68,8 @@ def give_gains(engine: Engine, cases: Cases, settings: CaseSettings, given: Mapp
     if problem is None:
         return
     for name in out:
-        cases.parameters[name] = np.zeros(1)
+        cases.set_parameter(name, np.zeros(1))
     start = cases.constants(slice(0, 1))[0]
     gain = _gain_for(problem, start, lambda pilot: engine.integrate(pilot, settings.method))
     for name in out:
-        cases.parameters[name] = np.array([gain])
+        cases.set_parameter(name, np.array([gain]))

@@ -57,15 +57,19 @@ class EndedRun:
             return solution.end, solution.last
         return (float(solution.t[-1]), solution.y[-1]) if len(solution.t) else (problem.t0, problem.y0)
 
-    @once_property
+    @property
     def steps(self) -> Solution:
         """The run with its accepted steps for records, as far as that says more of it.
 
         Of a run that failed they are integrated once more, from what it recorded last.
         """
+        if self.problem.t_eval is None or not self._model.layout.state:
+            return self.solution
+        return self._further_steps
+
+    @once_property
+    def _further_steps(self) -> Solution:
         problem, solution = self.problem, self.solution
-        if problem.t_eval is None or not self._model.layout.state:
-            return solution
         if solution.dense is not None:
             return replace(solution, t=solution.dense.knots, y=solution.dense(solution.dense.knots))
         if solution.success:

@@ -225,6 +225,9 @@ def warn_of_small_cases(sweep: Sweep, rtol: float, atol: float) -> None:
     if isinstance(atol, NamedTolerances):
         warn_of_components(case_sizes(sweep), rtol, atol)
         return
+    for values in sweep.initial.values():
+        if len(values) == 1 and FEW * atol <= abs(float(values[0])):
+            return  # no case starts small
     sizes = _start_sizes(sweep)
     if not np.any((sizes > ROUNDING) & (sizes < FEW * atol)):
         return

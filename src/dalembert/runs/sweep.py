@@ -24,8 +24,9 @@ from ..starts.constraint_choice import divisible_model, independent_model
 from ..starts.constraint_rank import unlike
 from ..starts.first_integrals import keeping_model, kept_values, refuse_jumps
 from ..starts.symbol_assumptions import warn_of_motion
+from ..threads import available_threads
 from .case_blocks import fitted, run_cases
-from .case_settings import CaseSettings, common_settings, spans_of, with_grid
+from .case_settings import CaseSettings, check_settings, common_settings, spans_of, with_grid
 from .cases import Cases, single_problem
 from .elapsed import begins_elsewhere, elapsed_times, far, in_elapsed_time, offset_columns
 from .events import with_event_parameters
@@ -56,7 +57,7 @@ def sweep_cases(
         from ..phases.given_values import run_cases as run_contact_cases
 
         run_model = run_contact_cases
-    starts, lasts = spans_of(t_span)
+    t_span = starts, lasts = spans_of(t_span)
     if options.inputs is not None:
         options.inputs.refuse_span(starts, lasts)
         parameters = options.inputs.case_parameters(parameters, starts, lasts)
@@ -126,17 +127,16 @@ def sweep_in_own_time(
     if options.grid is not None:
         initial, parameters = with_grid(model.layout, options.grid, initial, parameters)
     model, cases, settings = _model_and_cases(model, t_span, initial, parameters, options, begin)
-    settings = replace(settings, carried=carried, t_eval=settings.t_eval if times is None else times)
+    if carried is not None or times is not None:
+        settings = replace(settings, carried=carried, t_eval=settings.t_eval if times is None else times)
     if options.fits:
         settings = fitted(model.engine, cases, settings, model.derived.quick_start)
-    if any(check.guards(settings.method) for check in model.checks):
+    if model.checks and any(check.guards(settings.method) for check in model.checks):
         watch = model.derived.events(options.events, options.reduce, ranks=cases.duration)
         settings = replace(settings, watch=watch)
     give_gains(model.engine, cases, settings, parameters)
     axes = {} if options.grid is None else options.grid.axes
     settings = _unlike_left_out(model, cases, settings)
-    if model.checks:
-        settings = replace(settings, judge=partial(checked_cases, model))
     run = _results(model, cases, settings, run_cases(model.engine, cases, settings), axes, begin)
     if not options.error_estimate:
         return run
@@ -202,18 +202,31 @@ def _model_and_cases(
 
 
 def _settings(model: CompiledModel, cases: Cases, options: SweepOptions, method: str) -> CaseSettings:
-    """Return the common settings of all cases, checked.
+    """Return the common settings of all cases, checked, and kept for calls with the same options.
 
     Raises
     ------
     OptionError, ValueInputError
         For options that make no sense with these cases, or with each other.
     """
+    if not options.repeats:
+        return _new_settings(model, cases, options, method)
+    kept, key = model.derived.sweep_settings, (options, method, options.threads or available_threads())
+    found = kept.get(key)
+    if found is None:
+        found = kept[key] = _new_settings(model, cases, options, method)
+    elif not cases.together:
+        check_settings(cases, options)
+    return found
+
+
+def _new_settings(model: CompiledModel, cases: Cases, options: SweepOptions, method: str) -> CaseSettings:
+    """Return new settings; errors as for `_settings`."""
     settings = common_settings(cases, options, method)
     watch = model.derived.events(options.events, options.reduce)
     if watch is not None and options.error_estimate:
         raise OptionError(NO_ESTIMATE)
-    return replace(settings, watch=watch)
+    return replace(settings, watch=watch, judge=partial(checked_cases, model.checks) if model.checks else None)
 
 
 def _divisible_cases(model: CompiledModel, cases: Cases) -> CompiledModel:
@@ -245,6 +258,8 @@ def _independent_cases(model: CompiledModel, cases: Cases, settings: CaseSetting
 def _unlike_left_out(model: CompiledModel, cases: Cases, settings: CaseSettings) -> CaseSettings:
     """Return settings that do not run cases in which other constraints follow from others than in the first."""
     enforced, dropped, redundancy = model.derived.enforced, model.dropped, model.stages.reduced.redundancy
+    if not enforced and not dropped:
+        return settings
     rows = sorted({*enforced, *dropped})
     if dropped and not enforced:  # `minimal` enforces all others
         rows = list(range(len(model.layout.constraints)))
@@ -281,7 +296,7 @@ def _results(
     statistics = SweepStatistics(
         method=settings.method,
         threads=settings.threads,
-        steps=int(done.ends[:, 2].sum()),
+        steps=int(np.add.reduce(done.ends[:, 2])),
         compile_seconds=model.stages.compile_seconds,
         run_seconds=time.perf_counter() - begin,
         note=settings.note,
@@ -294,8 +309,8 @@ def _results(
     t_eval, about = settings.t_eval, (program.name, program.formulation, program.layout, varied)
     states = ProgramStates(program, cases.constants_at, done.ends[:, 0], done.y, samples, t_eval)
     run = Sweep(*about, done.ends, t_eval, axes, statistics, states)
-    watched = (*model.layout.coordinates, *model.layout.states)
-    warn_of_motion(model.layout.assumptions, watched, run.t, run._final)
+    if model.derived.signed:
+        warn_of_motion(model.layout.assumptions, model.derived.signed, run.t, run._final)
     watch = settings.watch
     return run if watch is None else run.with_events(watch.labels, done.happened, list(watch.plan), done.totals)
 

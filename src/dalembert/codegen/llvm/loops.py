@@ -51,6 +51,8 @@ SOURCES: dict[str, tuple[str, str, Shape]] = {
     "projected_lane_loop": ("loops.lane_loop", "PROJECTED_LOOP", "loops"),
     "recorded_lane_loop": ("loops.lane_loop", "RECORDED_LOOP", "loops"),
     "sample_projection": ("steps.row_loops", "LOOP", "loops"),
+    "sign_screen": ("loops.sign_screen", "LOOP", "loops"),
+    "stiffness_screen": ("loops.stiffness_screen", "LOOP", "loops"),
     "stop_event_lane_loop": ("loops.lane_loop", "STOP_EVENT_LOOP", "branches"),
     "stop_lane_loop": ("loops.lane_loop", "STOP_LOOP", "loops"),
     "taylor_loop": ("loops.prepared_loop", "RECORDED_LOOP", "loops"),

@@ -28,6 +28,7 @@ from ...lanes.workspace import (
     EventKernels,
     EventWorkspace,
     LaneState,
+    LoopProgress,
     aligned,
     event_workspace,
     lane_state,
@@ -109,23 +110,44 @@ def case_run(
         return LoopCall(loop.entry, pack(made), *about, (run, made))
 
     def work(paused: Callable[[], None] | None = None) -> None:
-        made, code = run.arguments(turn), loop.call
+        made = run.arguments(turn)
         packed_args, progress = pack(made), made.state.progress
-        pointer = ctypes.c_void_p(address_of(packed_args))
-        progress.returns, going = 1, True
-        while going:  # Ctrl-C is raised here
-            begin = perf_counter()
-            code(pointer)
-            raise_failure()
-            going = progress.paused != 0 and turn[0] < STOPPED
-            check()
-            if going and paused is not None:
-                paused()
-                paused = None
-            if going and perf_counter() - begin < _QUICK:
-                progress.patience = min(2 * progress.patience, _MOST_ROUNDS)
+        begin_progress(progress)
+        run_loop(loop.call, ctypes.c_void_p(address_of(packed_args)), progress, turn, paused)
 
     return CaseRun(work, turn, run.project_samples, call)
+
+
+def begin_progress(progress: LoopProgress) -> None:
+    """Set the progress of a loop that begins, and returns to Python every so often."""
+    progress.words[:] = 0
+    progress.patience, progress.returns = _ROUNDS, 1
+
+
+def run_loop(
+    code: Callable[[ctypes.c_void_p], int],
+    pointer: ctypes.c_void_p,
+    progress: LoopProgress,
+    turn: NDArray[np.int64],
+    paused: Callable[[], None] | None,
+) -> bool:
+    """Call a loop until no case is left; return whether none is, so that it was not stopped.
+
+    `paused` is called when it first returns to Python before that.
+    """
+    going = True
+    while going:  # Ctrl-C is raised here
+        begin = perf_counter()
+        code(pointer)
+        raise_failure()
+        going = progress.paused != 0 and turn[0] < STOPPED
+        check()
+        if going and paused is not None:
+            paused()
+            paused = None
+        if going and perf_counter() - begin < _QUICK:
+            progress.patience = min(2 * progress.patience, _MOST_ROUNDS)
+    return progress.paused == 0
 
 
 @final

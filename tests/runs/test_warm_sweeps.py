@@ -1,0 +1,201 @@
+"""Sweeps whose model has run before: what is kept of it saves calls, and changes nothing that is found."""
+
+import gc
+import sys
+import weakref
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import dalembert as da
+from dalembert.codegen.llvm import plain_sweeps, screens
+from dalembert.errors import OptionError, UnknownNameError, ValueInputError
+from dalembert.methods.status import Status
+from system.stiff_scenes import GOVERNOR, GOVERNOR_START, governor
+
+SLEIGH = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "y_dot": 0.98 * np.tan(0.2), "theta_dot": 2.0}
+SLEIGH_VALUES = {"m": 1.0, "b": 0.3, "I_C": 0.5}
+SPHERE = {"x": 0.0, "y": 0.0, "psi": 0.3, "theta": 1.1, "phi": 0.2, "psi_dot": 0.5, "theta_dot": 0.1, "phi_dot": 2.0}
+SPHERE_VALUES = {"g": 9.81, "m": 1.0, "r": 0.5}
+WARM = 40
+"""Sweeps after which everything is compiled and kept."""
+
+
+@pytest.fixture(scope="module")
+def sleigh():
+    return da.compile_model(da.scenes.chaplygin_sleigh())
+
+
+@pytest.fixture(scope="module")
+def sphere():
+    return da.compile_model(da.scenes.rolling_sphere())
+
+
+def calls_of(run):
+    """Return how many Python functions a run calls."""
+    count = 0
+
+    def profile(frame, event, argument):
+        nonlocal count
+        count += event == "call"
+
+    sys.setprofile(profile)
+    try:
+        run()
+    finally:
+        sys.setprofile(None)
+    return count
+
+
+def test_warm_calls_have_few_python_calls(sleigh, sphere):
+    """Sweeps had 720 and 840 of them before anything was kept: their number is most of what a call costs."""
+    theta = np.array([0.2, 0.3])
+
+    def sweep_sleigh():
+        sleigh.sweep((0.0, 1e-3), {**SLEIGH, "x": theta}, SLEIGH_VALUES, threads=1)
+
+    def sweep_sphere():
+        sphere.sweep((0.0, 1e-3), {**SPHERE, "theta": theta}, SPHERE_VALUES, threads=1)
+
+    def simulate():
+        sleigh.simulate((0.0, 1e-3), SLEIGH, SLEIGH_VALUES)
+
+    for run, most in ((sweep_sleigh, 150), (sweep_sphere, 175), (simulate, 110)):
+        for _ in range(WARM):
+            run()
+        assert calls_of(run) <= most
+
+
+def finals(sweep):
+    return [sweep.y, sweep.t, sweep.status, sweep.steps]
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_warm_sweeps_have_the_bits_of_cold_ones(sleigh, method):
+    """Memory that served other cases before, more or fewer, leaves nothing behind; nor do results share any."""
+    rng = np.random.default_rng(1)
+    starts = [{**SLEIGH, "theta": rng.uniform(-1.4, 1.4, count), "x": rng.normal()} for count in (3, 70, 1, 17, 2)]
+    starts = [{**start, "y_dot": start["x_dot"] * np.tan(start["theta"])} for start in starts]
+    spans = [(0, 1.0), (0.0, -2.0), (0.0, 0.0), (0, 3), (0.0, 1.0)]
+    fresh = [
+        finals(da.compile_model(da.scenes.chaplygin_sleigh()).sweep(span, start, SLEIGH_VALUES, method=method))
+        for span, start in zip(spans, starts, strict=True)
+    ]
+    found = [
+        finals(sleigh.sweep(span, start, SLEIGH_VALUES, method=method))
+        for _ in range(WARM // 4)
+        for span, start in zip(spans, starts, strict=True)
+    ]
+    for number, arrays in enumerate(found):
+        for array, expected in zip(arrays, fresh[number % len(fresh)], strict=True):
+            np.testing.assert_array_equal(array, expected)
+
+
+def test_cases_that_cannot_begin_between_others(sleigh):
+    """A lane that a case has left without a step starts the next one anew."""
+    theta = np.array([0.2, np.nan, 0.2, 1.0])
+    for _ in range(WARM):
+        found = sleigh.sweep((0.0, 1.0), {**SLEIGH, "theta": theta}, SLEIGH_VALUES)
+        assert found.status.tolist() == [0, Status.NON_FINITE, 0, Status.INITIAL_STATE]
+        alone = sleigh.sweep((0.0, 1.0), {**SLEIGH, "theta": theta[:1]}, SLEIGH_VALUES)
+        np.testing.assert_array_equal(found.y[[0, 2]], np.repeat(alone.y, 2, axis=0))
+
+
+def test_threads_that_sweep_with_one_model(sleigh):
+    """Each has memory of its own."""
+    angles = [np.linspace(0.1, 1.0, count) for count in (2, 3, 5, 9, 40, 100)]
+
+    def sweep(theta):
+        start = {**SLEIGH, "theta": theta, "y_dot": 0.98 * np.tan(theta)}
+        return [finals(sleigh.sweep((0.0, 2.0), start, SLEIGH_VALUES, threads=2)) for _ in range(10)]
+
+    expected = [sweep(theta)[0] for theta in angles]
+    with ThreadPoolExecutor(len(angles)) as pool:
+        for found, wanted in zip(pool.map(sweep, angles), expected, strict=True):
+            for each in found:
+                for array, value in zip(each, wanted, strict=True):
+                    np.testing.assert_array_equal(array, value)
+
+
+def test_stopped_memory_is_not_used_again(sleigh, monkeypatch):
+    """Ctrl-C leaves the loop anywhere."""
+    whole = finals(sleigh.sweep((0.0, 1.0), {**SLEIGH, "x": np.zeros(3)}, SLEIGH_VALUES, threads=1))
+
+    def press(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(plain_sweeps, "run_loop", press)
+        broken = sleigh.sweep((0.0, 1.0), {**SLEIGH, "x": np.zeros(3)}, SLEIGH_VALUES, threads=1)
+    assert np.all(broken.status == Status.INTERRUPTED)
+    for array, value in zip(
+        finals(sleigh.sweep((0.0, 1.0), {**SLEIGH, "x": np.zeros(3)}, SLEIGH_VALUES, threads=1)), whole, strict=True
+    ):
+        np.testing.assert_array_equal(array, value)
+
+
+def test_results_and_arguments_are_not_aliased(sleigh):
+    """A later call, or a change of what was given, changes no results."""
+    x = np.array([0.0, 1.0])
+    first = sleigh.sweep((0.0, 1.0), {**SLEIGH, "x": x}, SLEIGH_VALUES)
+    kept = [array.copy() for array in finals(first)]
+    x[:] = 5.0
+    sleigh.sweep((0.0, 2.0), {**SLEIGH, "x": x}, SLEIGH_VALUES)
+    np.testing.assert_array_equal(first.initial["x"], [0.0, 1.0])
+    for array, value in zip(finals(first), kept, strict=True):
+        np.testing.assert_array_equal(array, value)
+    first.parameters["m"][0] = 7.0
+    assert sleigh.sweep((0.0, 1.0), {**SLEIGH, "x": x}, SLEIGH_VALUES).parameters["m"] == 1.0
+
+
+def test_no_results_are_kept():
+    model = da.compile_model(da.scenes.chaplygin_sleigh())
+    for _ in range(2):
+        found = model.sweep((0.0, 1.0), {**SLEIGH, "x": np.zeros(3)}, SLEIGH_VALUES)
+        arrays = [weakref.ref(found.y), weakref.ref(found.initial["x"]), weakref.ref(found)]
+        del found
+        gc.collect()
+        assert [ref() for ref in arrays] == [None] * 3
+
+
+def test_errors_are_those_of_cold_calls(sleigh):
+    for _ in range(3):
+        sleigh.sweep((0.0, 1.0), SLEIGH, SLEIGH_VALUES)
+    with pytest.raises(ValueInputError, match="must have one length"):
+        sleigh.sweep((0.0, 1.0), {**SLEIGH, "x": np.zeros(2), "y": np.zeros(3)}, SLEIGH_VALUES)
+    with pytest.raises(ValueInputError, match="x has shape"):
+        sleigh.sweep((0.0, 1.0), {**SLEIGH, "x": np.zeros((2, 2))}, SLEIGH_VALUES)
+    with pytest.raises(ValueInputError, match="m = -1 contradicts positive"):
+        sleigh.sweep((0.0, 1.0), SLEIGH, {**SLEIGH_VALUES, "m": -1.0})
+    with pytest.raises(ValueInputError, match="is not a number"):
+        sleigh.sweep((0.0, 1.0), SLEIGH, {**SLEIGH_VALUES, "m": "1"})
+    with pytest.raises(UnknownNameError, match="missing parameters: b"):
+        sleigh.sweep((0.0, 1.0), SLEIGH, {"m": 1.0, "I_C": 0.5})
+    with pytest.raises(OptionError, match="finite"):
+        sleigh.sweep((0.0, np.inf), SLEIGH, SLEIGH_VALUES)
+    found = sleigh.sweep((0.0, 1.0), SLEIGH, {**SLEIGH_VALUES, "m": np.array([1.0, -1.0])})
+    assert found.status.tolist() == [0, Status.ASSUMPTION]
+
+
+def test_stiff_cases_are_found_by_warm_models():
+    """The screen passes cases that are not stiff alone; it never decides that one is."""
+    model = da.compile_model(governor())
+    short, long = (0.0, 1e-6), (0.0, 10.0)
+    options = {"rtol": 1e-6, "atol": 1e-6}
+    start = {**GOVERNOR_START, next(iter(GOVERNOR_START)): np.array([*GOVERNOR_START.values()][:1] * 2)}
+    for _ in range(screens._INTERPRETED + 2):
+        assert model.sweep(short, start, GOVERNOR, **options).stats.method != "radau"
+    found = model.sweep(long, start, GOVERNOR, **options)
+    assert found.stats.method == "radau" and "stiff" in found.stats.note
+
+
+def test_locked_angles_are_found_by_warm_models(sphere):
+    """The screen of signs passes cases whose determinants keep theirs alone."""
+    still, values = {**SPHERE, "psi_dot": 0.0, "phi_dot": 0.0, "psi": 0.0, "phi": 0.0}, SPHERE_VALUES
+    rates = np.array([0.1, 1.5, 0.2])
+    cold = sphere.sweep((0.0, 2.0), {**still, "theta_dot": rates}, values)
+    for _ in range(screens._INTERPRETED + 2):
+        assert np.all(sphere.sweep((0.0, 0.1), {**still, "theta_dot": rates}, values).success)
+    warm = sphere.sweep((0.0, 2.0), {**still, "theta_dot": rates}, values)
+    assert cold.status.tolist() == warm.status.tolist() == [0, Status.SINGULAR_COORDINATES, 0]
