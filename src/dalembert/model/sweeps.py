@@ -126,7 +126,8 @@ def sweep(
         sweep = model.sweep((0, 10), {theta: angles, theta.diff(): 0}, {m: 1, l: 1, g: 9.81})
         sweep.final["theta"], sweep.status  # arrays over the cases
     """
-    refuse_functions(self.controllers, "a sweep")
+    if self.controllers:
+        refuse_functions(self.controllers, "a sweep")
     options = sweep_options(
         method,
         rtol,

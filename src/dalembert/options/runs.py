@@ -189,7 +189,7 @@ class SweepOptions(StepOptions):
     @property
     def fits(self) -> bool:
         """Whether the method is one that fits some of the motions."""
-        return self.automatic and self.chosen is None
+        return self.chosen is None and self.automatic
 
     @property
     def repeats(self) -> bool:
@@ -200,7 +200,9 @@ class SweepOptions(StepOptions):
 
     def method_chosen(self, mode: int, default: str) -> str:
         """Return the method that was found for a mode, or else a default."""
-        return (self.chosen or {}).get((mode, self.rtol), default) if self.automatic else default
+        if self.chosen is None or not self.automatic:
+            return default
+        return self.chosen.get((mode, self.rtol), default)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -95,6 +95,8 @@ def run_cases(engine: Engine, cases: Cases, settings: CaseSettings, stop: bool =
 
 def _slices(count: int, length: int) -> list[slice]:
     """Return so many cases in parts of some length."""
+    if 0 < count <= length:
+        return [slice(0, count)]
     return [slice(first, min(first + length, count)) for first in range(0, count, length)]
 
 

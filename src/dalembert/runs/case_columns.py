@@ -118,11 +118,9 @@ class ColumnReader:
         whole, one = None, {}
         for name, (least, largest, others) in self._limits.items():
             values = columns.get(name)
-            if values is None:
+            if values is None or values.size == 0:
                 continue
-            if len(values) == 0:
-                continue
-            if len(values) > 1:
+            if values.size > 1:
                 found = contradicts(self._assumptions[name], values, self._rounding)
                 whole = found if whole is None else whole | found
                 continue

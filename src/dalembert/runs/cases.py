@@ -80,7 +80,7 @@ class Cases:
 
     def _count(self) -> int:
         tables = (("parameter", self.parameters), ("initial", self.initial), ("t_span", self.span))
-        counts = {len(values) for _, table in tables for values in table.values()} - {1}
+        counts = {len(values) for _, table in tables for values in table.values() if values.size != 1} - {1}
         if len(counts) > 1:
             known = {*self.program.layout.given, *self.initial, *self.span}  # others are parameters of inputs
             lengths = {
@@ -117,7 +117,7 @@ class Cases:
     def parameters_of(self, block: slice) -> dict[str, FloatArray]:
         """Return the columns (1,) or (k,) of parameters of a block of cases by name, as their runs take them."""
         names, given = self.program.layout.parameters, self.parameters
-        columns = dict(zip(names, _parts(map(given.__getitem__, names), block), strict=True))
+        columns = dict(zip(names, self._parts(map(given.__getitem__, names), block), strict=True))
         rate = self.program.layout.decay_rate
         if rate is not None:
             backward = _part(self.span["end"], block) < _part(self.span["start"], block)
@@ -169,7 +169,7 @@ class Cases:
 
     def columns(self, block: slice, settings: CaseSettings) -> CaseColumns:
         """Return a block of cases as they were given."""
-        if block.start != 0 or block.stop != self.count:
+        if not self._is_whole(block):
             return self._new_columns(block, settings)
         kept = self._whole  # the choice of the method and the run read the same
         if kept is None or kept[0] is not settings:
@@ -180,13 +180,21 @@ class Cases:
         """Give all cases another value (1,), or others (k,), of a parameter."""
         self.parameters[name], self._whole = values, None
 
+    def _is_whole(self, block: slice) -> bool:
+        return block.start == 0 and block.stop == self.count and block.step is None
+
+    def _parts(self, columns: Iterable[FloatArray], block: slice) -> tuple[FloatArray, ...]:
+        if self._is_whole(block):
+            return tuple(columns)
+        return tuple([_part(values, block) for values in columns])
+
     def _new_columns(self, block: slice, settings: CaseSettings) -> CaseColumns:
         t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
         return CaseColumns(
-            self.count if block.stop == self.count and block.start == 0 else len(range(*block.indices(self.count))),
-            _parts((self._begin, self.span["end"]), block),
+            self.count if self._is_whole(block) else len(range(*block.indices(self.count))),
+            self._parts((self._begin, self.span["end"]), block),
             tuple(self.parameters_of(block).values()),
-            _parts(map(self._values.__getitem__, self.start.given), block),
+            self._parts(map(self._values.__getitem__, self.start.given), block),
             self.start,
             t_eval,
             settings.rtol,
@@ -315,10 +323,6 @@ def _finite_rows(values: FloatArray) -> NDArray[np.bool_]:
 
 def _part(values: FloatArray, block: slice) -> FloatArray:
     return values if len(values) == 1 else values[block]
-
-
-def _parts(columns: Iterable[FloatArray], block: slice) -> tuple[FloatArray, ...]:
-    return tuple([values if len(values) == 1 else values[block] for values in columns])
 
 
 def single_problem(
