@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
@@ -22,7 +22,9 @@ from ..subset.addresses import OwnedAddress
 from .host_code import landing_code, raise_failure
 from .library import MOST_FURTHER, KernelLibrary
 from .llvm.loops import loop_named
-from .llvm.screens import SignScreen
+
+if TYPE_CHECKING:
+    from .llvm.screens import SignScreen
 
 
 @final
@@ -81,6 +83,8 @@ class KernelCode:
         """See `Engine.keeps_signs`."""
         screen = self._screens.get(id(kernel))
         if screen is None or screen.kernel is not kernel:
+            from .llvm.screens import SignScreen
+
             lanes = self._library.lanes
             screen = self._screens[id(kernel)] = SignScreen(kernel, partial(self.of, kernel, lanes), lanes)
         return screen(block, done)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Sequence
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
@@ -17,11 +17,13 @@ from ...lanes.sweep_arguments import no_columns
 from ...lanes.workspace import aligned
 from ...loops.sign_screen import SignArguments
 from ...loops.stiffness_screen import ScreenArguments, ScreenKernels
-from ...reduction.starting import Start
 from ...steps.method_choice import TIME_SCALES
 from ...subset.addresses import OwnedAddress
 from ...subset.arguments import address_of, pack, place_of
 from .loops import loop_named
+
+if TYPE_CHECKING:
+    from ...reduction.starting import Start
 
 _INTERPRETED = 16
 """Sweeps that are looked at with NumPy alone first: a few do not wait until code is compiled."""
