@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import dalembert as da
-from dalembert.codegen.llvm import plain_sweeps, screens
+from dalembert.codegen.kernel_code import INTERPRETED
+from dalembert.codegen.llvm import plain_sweeps
 from dalembert.errors import OptionError, UnknownNameError, ValueInputError
 from dalembert.methods.status import Status
 from system.stiff_scenes import GOVERNOR, GOVERNOR_START, governor
@@ -184,7 +185,7 @@ def test_stiff_cases_are_found_by_warm_models():
     short, long = (0.0, 1e-6), (0.0, 10.0)
     options = {"rtol": 1e-6, "atol": 1e-6}
     start = {**GOVERNOR_START, next(iter(GOVERNOR_START)): np.array([*GOVERNOR_START.values()][:1] * 2)}
-    for _ in range(screens._INTERPRETED + 2):
+    for _ in range(INTERPRETED + 2):
         assert model.sweep(short, start, GOVERNOR, **options).stats.method != "radau"
     found = model.sweep(long, start, GOVERNOR, **options)
     assert found.stats.method == "radau" and "stiff" in found.stats.note
@@ -195,7 +196,7 @@ def test_locked_angles_are_found_by_warm_models(sphere):
     still, values = {**SPHERE, "psi_dot": 0.0, "phi_dot": 0.0, "psi": 0.0, "phi": 0.0}, SPHERE_VALUES
     rates = np.array([0.1, 1.5, 0.2])
     cold = sphere.sweep((0.0, 2.0), {**still, "theta_dot": rates}, values)
-    for _ in range(screens._INTERPRETED + 2):
+    for _ in range(INTERPRETED + 2):
         assert np.all(sphere.sweep((0.0, 0.1), {**still, "theta_dot": rates}, values).success)
     warm = sphere.sweep((0.0, 2.0), {**still, "theta_dot": rates}, values)
     assert cold.status.tolist() == warm.status.tolist() == [0, Status.SINGULAR_COORDINATES, 0]

@@ -12,18 +12,16 @@ from ..events.event_code import EventCode
 from ..lanes.cases import BlockResult, CaseColumns
 from ..lanes.sweep_arguments import KeptStarts, SweepKernels
 from ..lanes.workspace import EventKernels
-from ..loops.stiffness_screen import ScreenKernels
 from ..methods.step_constants import SMALLEST_OF_REST, SMALLEST_OF_TIME
 from ..once import BoundedTable, computed_once, once
 from ..options import DEFAULT_TOLERANCES
 from ..steps.problem import IntegrationProblem
 from ..subset.addresses import NO_CODE, OwnedAddress
-from .kernel_code import KernelCode
+from .kernel_code import INTERPRETED, KernelCode
 from .library import KernelLibrary
 from .llvm.assembly import LoadedCode
 from .llvm.loops import library_code
 from .llvm.plain_sweeps import PlainRuns, is_plain
-from .llvm.screens import StiffnessScreen
 from .llvm.sweeps import SweepShape, case_run
 from .llvm.target import bits, constant, suffix, vector
 from .rendering import render
@@ -32,9 +30,11 @@ from .steppers import Stepper, Steppers
 
 if TYPE_CHECKING:
     from ..events.recorded_motion import RecordedCase
+    from ..loops.stiffness_screen import ScreenKernels
     from ..reduction.starting import Start
     from .llvm.foreign_batch import ForeignCode, Interface
     from .llvm.recorded import RecordedLane
+    from .llvm.screens import StiffnessScreen
 
 
 def advance_lanes_assembly(lanes: int) -> str:
@@ -120,6 +120,7 @@ class LaneRuns:
         self._library, self._code, self._steppers = library, code, steppers
         self._recorded_lanes: BoundedTable[tuple[EventCode, str, float, float, float], list[RecordedLane]]
         self._recorded_lanes = BoundedTable(_MOST_LANES)
+        self._looked = 0
         self._screens: BoundedTable[int, StiffnessScreen] = BoundedTable(_MOST_LANES)
         self._plain: BoundedTable[tuple[str, float, float, int], tuple[Start | None, PlainRuns]]
         self._plain = BoundedTable(_MOST_LANES)
@@ -195,8 +196,13 @@ class LaneRuns:
 
     def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
         """See `Engine.surely_not_stiff`."""
+        if self._looked < INTERPRETED:
+            self._looked += 1
+            return False
         screen = self._screens.get(id(cases.start))
         if screen is None or screen.start is not cases.start:
+            from .llvm.screens import StiffnessScreen
+
             assert cases.start is not None
             sizes = self._library.lanes, self._code.sizes["rhs"], len(cases.parameters), self._code.sizes["prepare"]
             screen = self._screens[id(cases.start)] = StiffnessScreen(
@@ -205,6 +211,8 @@ class LaneRuns:
         return screen(cases, numbers)
 
     def _screen_kernels(self, start: Start) -> ScreenKernels:
+        from ..loops.stiffness_screen import ScreenKernels
+
         library, lanes = self._library, self._library.lanes
         codes = library.prepare(lanes), library.start(start, lanes), library.kernel("rhs", lanes)
         return ScreenKernels(*codes, check_inputs(lanes))

@@ -25,9 +25,6 @@ from .loops import loop_named
 if TYPE_CHECKING:
     from ...reduction.starting import Start
 
-_INTERPRETED = 16
-"""Sweeps that are looked at with NumPy alone first: a few do not wait until code is compiled."""
-
 _COLUMNS = place_of(ScreenArguments, "columns")
 
 _SHARE = 0.5
@@ -49,13 +46,12 @@ class StiffnessScreen:
     """
 
     def __init__(self, start: Start, kernels: Callable[[], ScreenKernels], sizes: tuple[int, int, int, int]) -> None:
-        self.start, self._kernels, self._sizes, self._uses = start, kernels, sizes, 0
+        self.start, self._kernels, self._sizes = start, kernels, sizes
         self._memories: list[_StiffnessMemory] = []
 
     def __call__(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
         """Return whether the cases of these numbers start, and no mode can decay fast enough to count."""
-        if self._uses < _INTERPRETED or len(numbers) > self._sizes[0]:
-            self._uses += 1
+        if len(numbers) > self._sizes[0]:
             return False
         try:
             memory = self._memories.pop()
@@ -115,13 +111,12 @@ class SignScreen:
     """
 
     def __init__(self, kernel: Kernel, code: Callable[[], OwnedAddress], lanes: int) -> None:
-        self.kernel, self._code, self._lanes, self._uses = kernel, code, lanes, 0
+        self.kernel, self._code, self._lanes = kernel, code, lanes
         self._memories: list[_SignMemory] = []
 
     def __call__(self, block: CaseBlock, done: BlockResult) -> bool:
         """Return whether all cases succeeded, and all signs are certainly the same."""
-        if self._uses < _INTERPRETED or len(block.c) != len(done.y):
-            self._uses += 1
+        if len(block.c) != len(done.y):
             return False
         try:
             memory = self._memories.pop()
