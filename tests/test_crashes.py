@@ -24,7 +24,8 @@ def test_runs_end_by_name(tmp_path, kind):
     settings = settings.replace(LIMIT, "faulthandler_timeout = 2") if kind == "hang" else settings
     (tmp_path / "pyproject.toml").write_text(settings)
     (tmp_path / "tests").mkdir()
-    shutil.copy(HERE / "conftest.py", tmp_path / "tests")
+    for name in ("conftest.py", "repeated_rows.py"):
+        shutil.copy(HERE / name, tmp_path / "tests")
     for name, does in TESTS[kind].items():
         (tmp_path / "tests" / f"test_{name}.py").write_text(f"def test_{name}(): {does}\n")
     outer = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
