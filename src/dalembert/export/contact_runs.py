@@ -16,8 +16,7 @@ from ..codegen.c.library import CFunctions, CLibrary
 from ..codegen.c.printing import prefix_of
 from ..codegen.compiled_engine import CompiledEngine
 from ..contacts.contact_laws import Mode
-from ..errors import CapabilityError, ConstraintError, SingularMassMatrixError, list_names
-from ..ir.conditions import CONDITION_TIME
+from ..errors import CapabilityError, ConstraintError, SingularMassMatrixError
 from ..lanes.sweep_arguments import SweepArguments
 from ..options import PrepareOptions
 from ..phases.case_runs import CaseRuns
@@ -30,13 +29,12 @@ from ..pipeline import Compiled
 from ..reduction.admission import admission_of_state
 from ..reduction.jumps import has_jumps
 from ..reduction.starting import starting
-from ..runs.capabilities import WITHOUT
 from ..runs.run_checks import GimbalCheck
 from ..starts.symbol_assumptions import ROUNDING
 from ..subset.addresses import NO_CODE
 from ..transforms.passes import EliminateDeadCode
 from ..transforms.periodic import angles_of
-from .refusals import refuse_program
+from .refusals import refuse_contact_scene, refuse_program
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
@@ -70,30 +68,6 @@ def _time(modes: ModeModels, span: tuple[float, float]) -> dict[str, float]:
     return {modes.equations.symbols.time: span[0]}
 
 
-def refuse_contacts(modes: ModeModels) -> None:
-    """Reject scenes with contacts that no export carries.
-
-    Raises
-    ------
-    CapabilityError
-        With what they have that is not exported, and the remedy.
-    """
-    name, equations = modes.equations.name, modes.equations
-    if equations.controllers:
-        names = list_names(item.name for item in equations.controllers)
-        raise CapabilityError(f"exports do not carry sampled controllers ({names}): {WITHOUT}")
-    if modes.layout.inputs:
-        raise CapabilityError(
-            f"exports of scenes with contacts that change do not carry inputs ({list_names(modes.layout.inputs)}):"
-            " make them parameters"
-        )
-    if modes.changes or CONDITION_TIME in modes.layout.parameters:
-        raise CapabilityError(
-            f"{name!r} has functions of time with kinks or jumps, at which runs are cut; exports do not carry them yet:"
-            " smooth them, as by a ramp or tanh"
-        )
-
-
 def contact_source(
     model: CompiledModel,
     initial: Mapping[str, float] | None,
@@ -111,7 +85,7 @@ def contact_source(
     """
     modes = model.modes
     assert modes is not None
-    refuse_contacts(modes)
+    refuse_contact_scene(modes)
     names = sorted(set(modes.layout.variables if initial is None else initial))
     fitting = _methods_of_example(model, names, numbers, tolerances, span) if method == "auto" else {}
     loop = contact_loop(model, method, fitting, tolerances, prefix_of(model.name))

@@ -1,11 +1,22 @@
-"""Programs that exports do not carry."""
+"""Scenes and programs that exports do not carry."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 from ..errors import CapabilityError, list_names
 from ..ir.calls import function_of
+from ..ir.conditions import CONDITION_TIME
 from ..ir.kernel import calls_in
-from ..ir.program import Program
+from ..ir.program import WIDTH, Program, coefficient_places
+from ..reduction.starting import Start
+from ..runs.capabilities import WITHOUT
+from ..scene.model import ControllerModel
+
+if TYPE_CHECKING:
+    from ..model.model import CompiledModel
+    from ..phases.mode_models import ModeModels
 
 FORMULATIONS = ("minimal", "projected", "augmented")
 """Formulations whose runs need nothing but their kernels and a loop."""
@@ -35,4 +46,87 @@ def refuse_program(program: Program, further: tuple[str, ...] = ()) -> None:
         raise CapabilityError(
             f"outputs of {program.name!r} are reactions that the equations do not determine, of least norm, which"
             " exports do not compute: compile the model without these outputs"
+        )
+
+
+def _refuse_controllers(controllers: Sequence[ControllerModel]) -> None:
+    if controllers:
+        names = list_names(item.name for item in controllers)
+        raise CapabilityError(f"exports do not carry sampled controllers ({names}): {WITHOUT}")
+
+
+def refuse_scene(model: CompiledModel) -> None:
+    """Reject a model that no export carries.
+
+    Raises
+    ------
+    CapabilityError
+        With what it has that is not exported, and the remedy.
+    """
+    program, reduced = model.stages.program, model.stages.reduced
+    _refuse_controllers(model.controllers)
+    refuse_program(program)
+    if program.conditions is not None:
+        raise CapabilityError(
+            f"{program.name!r} has functions of time with kinks or jumps, at which runs are cut; exports do not carry"
+            " them yet: make them inputs (add_inputs), which are set during a run"
+        )
+    if reduced.unproven or reduced.redundancy is not None:
+        raise CapabilityError(
+            f"{program.name!r} has constraints that follow from others at some places only, which simulate looks at"
+            " along the run; exports do not: remove the constraints that are not needed"
+        )
+    if not program.layout.state:
+        raise CapabilityError(f"the constraints of {program.name!r} prescribe its motion: there is nothing to simulate")
+
+
+def refuse_inputs(model: CompiledModel, start: Start) -> None:
+    """Reject inputs that cannot be set between steps.
+
+    Raises
+    ------
+    CapabilityError
+        With the inputs, and the remedy.
+    """
+    program, layout = model.stages.program, model.layout
+    if not layout.inputs:
+        return
+    if program.knot_sides is not None:
+        raise CapabilityError(
+            f"{program.name!r} has both inputs and tables or forces that jump, which exports do not carry together yet:"
+            " make the inputs parameters, or smooth the jumps"
+        )
+    read = {load.index for load in start.kernel.loads if load.array == "c"}
+    places = coefficient_places(layout.parameters, layout.inputs)
+    moving = [
+        f"{u.name} ({u.where})" if u.where else u.name
+        for u, first in zip(model.inputs, places, strict=True)
+        if u.smoothness >= 0 or read & set(range(first, first + WIDTH))
+    ]
+    if moving:
+        raise CapabilityError(
+            f"exports carry inputs that may jump, and not those that move bodies or constraints: {list_names(moving)}."
+            " Write such a motion as an expression of time, with parameters"
+        )
+
+
+def refuse_contact_scene(modes: ModeModels) -> None:
+    """Reject scenes with contacts that no export carries.
+
+    Raises
+    ------
+    CapabilityError
+        With what they have that is not exported, and the remedy.
+    """
+    name, equations = modes.equations.name, modes.equations
+    _refuse_controllers(equations.controllers)
+    if modes.layout.inputs:
+        raise CapabilityError(
+            f"exports of scenes with contacts that change do not carry inputs ({list_names(modes.layout.inputs)}):"
+            " make them parameters"
+        )
+    if modes.changes or CONDITION_TIME in modes.layout.parameters:
+        raise CapabilityError(
+            f"{name!r} has functions of time with kinks or jumps, at which runs are cut; exports do not carry them yet:"
+            " smooth them, as by a ramp or tanh"
         )

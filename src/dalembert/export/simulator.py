@@ -8,78 +8,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..codegen.c.descriptions import CSource
-from ..errors import CapabilityError, OptionError, list_names, unknown_name
-from ..ir.program import WIDTH, coefficient_places
+from ..errors import OptionError, unknown_name
 from ..methods.pairs import PAIRS
 from ..reduction.admission import admission_of_state
 from ..reduction.jumps import has_jumps
 from ..reduction.starting import Start, starting
-from ..runs.capabilities import WITHOUT
 from ..runs.run_checks import GimbalCheck
 from ..starts.initial_states import initial_state
 from ..starts.inputs import constants
 from ..starts.symbol_assumptions import ROUNDING
-from .refusals import refuse_program
+from .refusals import refuse_inputs, refuse_scene
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
-
-
-def refuse_scene(model: CompiledModel) -> None:
-    """Reject a model that no export carries.
-
-    Raises
-    ------
-    CapabilityError
-        With what it has that is not exported, and the remedy.
-    """
-    program, reduced = model.stages.program, model.stages.reduced
-    if model.controllers:
-        names = list_names(item.name for item in model.controllers)
-        raise CapabilityError(f"exports do not carry sampled controllers ({names}): {WITHOUT}")
-    refuse_program(program)
-    if program.conditions is not None:
-        raise CapabilityError(
-            f"{program.name!r} has functions of time with kinks or jumps, at which runs are cut; exports do not carry"
-            " them yet: make them inputs (add_inputs), which are set during a run"
-        )
-    if reduced.unproven or reduced.redundancy is not None:
-        raise CapabilityError(
-            f"{program.name!r} has constraints that follow from others at some places only, which simulate looks at"
-            " along the run; exports do not: remove the constraints that are not needed"
-        )
-    if not program.layout.state:
-        raise CapabilityError(f"the constraints of {program.name!r} prescribe its motion: there is nothing to simulate")
-
-
-def refuse_inputs(model: CompiledModel, start: Start) -> None:
-    """Reject inputs that cannot be set between steps.
-
-    Raises
-    ------
-    CapabilityError
-        With the inputs, and the remedy.
-    """
-    program, layout = model.stages.program, model.layout
-    if not layout.inputs:
-        return
-    if program.knot_sides is not None:
-        raise CapabilityError(
-            f"{program.name!r} has both inputs and tables or forces that jump, which exports do not carry together yet:"
-            " make the inputs parameters, or smooth the jumps"
-        )
-    read = {load.index for load in start.kernel.loads if load.array == "c"}
-    places = coefficient_places(layout.parameters, layout.inputs)
-    moving = [
-        f"{u.name} ({u.where})" if u.where else u.name
-        for u, first in zip(model.inputs, places, strict=True)
-        if u.smoothness >= 0 or read & set(range(first, first + WIDTH))
-    ]
-    if moving:
-        raise CapabilityError(
-            f"exports carry inputs that may jump, and not those that move bodies or constraints: {list_names(moving)}."
-            " Write such a motion as an expression of time, with parameters"
-        )
 
 
 def method_of(model: CompiledModel, method: Any, rtol: float, atol: float) -> str:

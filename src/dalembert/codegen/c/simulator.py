@@ -80,7 +80,7 @@ class Simulator:
     """Statuses of its runs."""
 
     contact_states: ClassVar[tuple[str, ...]] = ()
-    """What contacts that change may do, by the numbers of that; none where there are no such contacts."""
+    """Names of the states of contacts that change, by their numbers; empty without such contacts."""
 
     template: ClassVar[str] = "c/functions.c.j2"
     """Template of the public functions."""

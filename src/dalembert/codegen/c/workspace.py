@@ -21,7 +21,7 @@ from .expressions import TYPES
 from .printing import Code, Constant, Kernel, Known, Loop, Pointer, double, member_name
 
 KERNELS, LOOPS, NOTHING = "kernels", "loops", "nothing"
-"""What a table of addresses has."""
+"""Kinds of entries of a table of addresses."""
 
 
 @final
