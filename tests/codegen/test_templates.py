@@ -1,5 +1,6 @@
 """Templates: each uses exactly what Python gives it, and the structure of the text stands in the template."""
 
+import functools
 import os
 import re
 import shutil
@@ -149,8 +150,9 @@ def render_jax(program):
         compile_kernel(kernel)
 
 
-def given():
-    """Return what each template was given, once a call."""
+@functools.cache
+def variables_given():
+    """Return what each template was given, once a call: rendered by the first test, in no order that tests have."""
     calls = {}
     rendered = rendering._rendered
 
@@ -161,10 +163,6 @@ def given():
     with mock.patch.object(rendering, "_rendered", record):
         render_everything()
     return calls
-
-
-GIVEN = given()
-templates = pytest.mark.parametrize("template", ALL)
 
 
 def source_of(template):
@@ -181,25 +179,29 @@ def imported(template):
     return direct.union(*map(imported, direct))
 
 
+MACROS = set().union(*map(imported, ALL))
+templates = pytest.mark.parametrize("template", ALL)
+rendered = pytest.mark.parametrize("template", sorted(set(ALL) - MACROS))
+
+
 def test_every_template_is_rendered_or_imported_by_one_that_is():
-    macros = set().union(*map(imported, GIVEN))
-    assert set(GIVEN) | macros == set(ALL)
-    assert not set(GIVEN) & macros
+    assert set(variables_given()) == set(ALL) - MACROS
+    assert set().union(*map(imported, variables_given())) == MACROS
 
 
 @templates
 def test_template_uses_exactly_the_variables_it_is_given(template):
     used = jinja2.meta.find_undeclared_variables(syntax_of(template))
-    calls = GIVEN.get(template, [{}])  # a template of macros uses nothing but their arguments
+    calls = variables_given().get(template, [{}])  # a template of macros uses nothing but their arguments
     assert [set(variables) for variables in calls] == [used] * len(calls)
 
 
-@pytest.mark.parametrize("template", GIVEN)
+@rendered
 def test_template_uses_exactly_the_fields_of_its_variables(template):
     syntax = [syntax_of(name) for name in (template, *imported(template))]
     fields = [node for tree in syntax for node in tree.find_all(jinja2.nodes.Getattr)]
     used = {node.attr for node in fields if getattr(node.node, "name", "") != "loop"}  # what Jinja knows of its loops
-    given = [set().union(*map(fields_of, variables.values())) for variables in GIVEN[template]]
+    given = [set().union(*map(fields_of, variables.values())) for variables in variables_given()[template]]
     assert given == [used] * len(given)
 
 
@@ -227,10 +229,10 @@ def strings_of(value):
         assert isinstance(value, int | bool)
 
 
-@pytest.mark.parametrize("template", GIVEN)
+@rendered
 def test_no_variable_holds_structure(template):
     """No line break, label, loop, branch, signature, declaration, phi, allocation or return."""
-    for variables in GIVEN[template]:
+    for variables in variables_given()[template]:
         assert [text for text in strings_of(variables) if STRUCTURE.search(text)] == []
 
 
@@ -242,10 +244,10 @@ def test_templates_hold_loops_and_choices_but_no_computation(template):
     assert not re.search(r"{{[^}]*[-+*/|]", source)
 
 
-@pytest.mark.parametrize("template", GIVEN)
+@rendered
 def test_a_missing_variable_is_an_error_that_names_it(template):
-    for name in GIVEN[template][0]:
-        rest = {other: value for other, value in GIVEN[template][0].items() if other != name}
+    for name in variables_given()[template][0]:
+        rest = {other: value for other, value in variables_given()[template][0].items() if other != name}
         with pytest.raises(jinja2.UndefinedError, match=f"'{name}' is undefined"):
             render(template, rest)
 
