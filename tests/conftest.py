@@ -89,6 +89,11 @@ def pytest_collection_finish():
     gc.freeze()
 
 
+def pytest_sessionfinish():
+    """Leave all that there is out of the searches for garbage with which pytest ends: ten seconds of each process."""
+    gc.freeze()
+
+
 def pytest_addoption(parser):
     parser.addoption("--first", type=int, metavar="N", help="run the first N tests of each file, for their first cases")
 

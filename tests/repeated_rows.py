@@ -5,8 +5,11 @@ A row stands here beside the row that stays. Patterns are those of `fnmatch`, of
 
 from fnmatch import fnmatchcase
 
-NUMBA_ROWS = "codegen", "jax_backend"
-"""Folders whose rows of the backend numba stay: they compare it with llvm, which runs the same loops."""
+ROWS_OF_BACKENDS = {"numba": ("codegen", "jax_backend"), "jax": ("codegen", "jax_backend", "system")}
+"""Folders whose rows of a backend stay: numba runs the loops of llvm, and JAX its own on the same kernels."""
+
+LONG_SCRIPTS = "a14", "a21", "a24", "a28", "a29", "a30", "a32", "a34", "a35", "a36", "a37", "a40", "a41", "a42"
+"""Scripts of the gallery that take more than a few seconds."""
 
 REPEATED = (
     # of four and more programs on two devices, runs with events have all kinds of sharding
@@ -20,6 +23,37 @@ REPEATED = (
     ("jax_backend/test_jax_lanes.py", "test_sweeps_are_those_of_numba[[]taylor-projected]"),
     ("jax_backend/test_jax_plain.py", "test_traced_loops_agree_with_diffrax[[]kvaerno5-projected]"),
     ("jax_backend/test_jax_plain.py", "test_plain_diffrax_gives_the_same[[]dopri8]"),
+    # gradients of batches over two devices: those of kinds of runs
+    ("jax_backend/test_jax_devices.py", "test_runs_and_gradients_over_two_devices[[]events]"),
+    # derivatives by complex steps: of the sleigh, and of the sphere in minimal coordinates
+    ("jax_backend/test_jax_derivatives.py", "test_derivatives_are_those_of_complex_steps[[]edge_plate-*"),
+    ("jax_backend/test_jax_derivatives.py", "test_derivatives_are_those_of_complex_steps[[]corner_plate-*"),
+    ("jax_backend/test_jax_derivatives.py", "test_derivatives_are_those_of_complex_steps[[]rolling_sphere-projected-*"),
+    # branches that are not taken: test_vector_fields_with_singular_branches, and the guarded functions
+    ("jax_backend/test_jax_derivatives.py", "test_singular_branches_that_are_not_taken_give_no_nan"),
+    # traced runs by one explicit method, one implicit and Taylor steps
+    ("jax_backend/test_jax_pure.py", "test_solve_gives_what_simulate_gives[[]dopri8]"),
+    ("jax_backend/test_jax_pure.py", "test_times_that_are_all_the_first_have_derivatives[[]0]"),
+    ("jax_backend/test_jax_lanes.py", "test_sweeps_are_those_of_numba[[]dopri8-*"),
+    ("jax_backend/test_jax_lanes.py", "test_sweeps_are_those_of_numba[[]tsit5-minimal]"),
+    ("jax_backend/test_jax_lanes.py", "test_sweeps_are_those_of_numba[[]kvaerno5-*"),
+    ("jax_backend/test_jax_plain.py", "test_traced_loops_agree_with_diffrax[[]*-projected]"),
+    ("jax_backend/test_jax_plain.py", "test_traced_loops_agree_with_diffrax[[]dopri8-*"),
+    ("jax_backend/test_jax_plain.py", "test_plain_diffrax_gives_the_same[[]kvaerno5]"),
+    ("jax_backend/test_jax_foreign.py", "test_calls_take_the_steps_of_traced_loops[[]tsit5-*"),
+    ("jax_backend/test_jax_agreement.py", "test_motions_are_those_of_numba[[]edge_plate-*"),
+    # derivatives by times, values and jumps: one kind of steps a mode
+    ("jax_backend/test_jax_times.py", "test_derivatives_by_times_are_differences[[]tsit5-projected-reverse]"),
+    ("jax_backend/test_jax_times.py", "test_derivatives_of_a_known_motion_alone_and_in_batches[[]kvaerno5-*"),
+    ("jax_backend/test_jax_inputs.py", "test_derivatives_by_values_are_differences[[]cubic]"),
+    ("jax_backend/test_jax_hosted_inputs.py", "test_an_event_at_a_jump_has_no_derivative_and_others_keep_theirs"),
+    ("jax_backend/test_jax_jumps.py", "test_a_short_pulse_alone_and_in_batches[[]tsit5-*"),
+    ("jax_backend/test_jax_jumps.py", "test_derivatives_behind_a_jump_in_the_state*[[]taylor-*"),
+    ("jax_backend/test_jax_foreign_batches.py", "test_gradients_of_batches_go_along_the_steps_of_its_cases[[]times]"),
+    ("jax_backend/test_jax_results.py", "test_dense_output_is_vectorised*[[]projected-*"),
+    ("jax_backend/test_jax_second.py", "test_products_with_hessians[[]*"),  # in batches they stay
+    ("system/test_switch_departures.py", "test_traced_runs"),
+    ("system/test_rolling_resistance.py", "test_a_ball_slides_then_rolls_then_stops[[]jax-*"),
     # second derivatives over a break: the Hessian nests forward over reverse mode
     ("jax_backend/test_jax_second.py", "test_all_ways_to_nest*[[]reverse of forward]"),
     ("jax_backend/test_jax_second.py", "test_all_ways_to_nest*[[]forward twice]"),
@@ -48,12 +82,55 @@ REPEATED = (
     ("system/test_crossed_branches.py", "test_runs_into_the_crossing_end_by_name[[]*-1e-0[68]]"),
     # XLA compiles its sampler for half a minute; a13_parameter_fit.py and a36_record_fit.py go along gradients, too
     ("test_gallery.py", "test_script_runs_and_draws[[]a27_bayesian_fit]"),
+    # what these show is tested elsewhere: gradients, fits, tables, inputs, sweeps, published mechanisms
+    *(("test_gallery.py", f"test_script_runs_and_draws[[]{name}_*") for name in LONG_SCRIPTS),
+    ("test_documents.py", "test_code_runs_as_written[[]environments.md]"),
+    # of each family a scene stays
+    ("fuzz/contacts/test_random_contacts.py", "test_a_random_scene_agrees_with_the_reference[[]plate-1]"),
+    ("fuzz/contacts/test_random_contacts.py", "test_a_random_scene_agrees_with_the_reference[[]stack-17]"),
+    ("fuzz/contacts/test_random_contacts.py", "test_a_random_scene_agrees_with_the_reference[[]rod on floor-21]"),
+    ("fuzz/test_fuzz.py", "test_a_random_scene_agrees_with_the_reference[[]467]"),
+    ("fuzz/contacts/test_closed_forms.py", "test_a_rod_lies_down_in_a_corner[[]0.2-0.3]"),
+    ("fuzz/contacts/test_shared_loads.py", "test_shared_loads_lie_within_the_cones*[[]slope]"),
+    ("fuzz/contacts/test_shared_loads.py", "test_shared_loads_lie_within_the_cones*[[]corner]"),
+    ("fuzz/loops/test_loops.py", "test_long_loops_move_as_derived_by_hand[[]two_sarrus-0-ggl]"),
+    ("fuzz/loops/test_loops.py", "test_long_loops_move_as_derived_by_hand[[]two_sarrus-0-baumgarte]"),
+    # the formulation augmented: baumgarte has the same loops, and more drift
+    ("hard_cases/test_motions.py", "test_reference_values*-augmented]"),
+    ("hard_cases/test_motions.py", "test_first_integrals*-augmented]"),
+    ("system/test_singular.py", "test_sweeps_end_where_single_runs_do[[]1e-09-augmented]"),
+    ("system/test_singular.py", "test_cases_of_a_sweep_that_are_redundant*[[]augmented]"),
+    ("system/test_singular.py", "test_other_runs_end_there_and_say_where_and_why[[]1e-09-augmented]"),
+    ("system/test_grouped_loops.py", "test_a_ladder_that_locks_does_not_succeed[[]augmented]"),
+    ("system/test_crossed_branches.py", "test_runs_into_the_crossing_end_by_name[[]augmented-*"),
+    ("system/test_crossed_branches.py", "test_no_run_that_succeeds_is_on_a_wrong_branch[[]augmented]"),
+    ("system/test_redundant_loops.py", "test_mechanisms_that_lock_do_not_succeed[[]augmented]"),
+    ("system/test_grouped_loops.py", "test_a_long_ladder_swings_as_a_pendulum[[]ggl-0.4-1.0]"),
+    # the search by NumPy on the backend of Python: the same functions, a hundred times slower
+    ("system/test_long_steps.py", "test_thousands_of_events_in_one_step_are_all_found[[]numpy]"),
+    # one page and two motions by steps of each kind
+    ("export/test_pages.py", "test_ready_scenes_move_as_in_simulate[[]rolling_sphere]"),
+    (
+        "export/test_contact_simulators.py",
+        "test_motions_in_phases_are_those_of_simulate[[]rod that falls on the ground-radau]",
+    ),
+    (
+        "export/test_contact_simulators.py",
+        "test_motions_in_phases_are_those_of_simulate[[]plate through the upright position-auto]",
+    ),
+    # a cluster: with contacts (test_stored_contacts.py), after a restart
+    ("store/test_stored_sweeps.py", "test_a_cluster_gives_the_same_bits"),
+    # a stack of twelve contacts: boxes and feet by one program stay
+    ("phases/test_common_program.py", "test_a_stack_of_twelve_contacts_tilts"),
     # the limit of friction: a jump, a rational law and one from a preload stay, by both numbers of feet
     ("system/test_forces_at_limits.py", "test_two_feet_stick_where_one_does[[]minimum-*"),
     ("system/test_forces_at_limits.py", "test_two_feet_stick_where_one_does[[]piecewise-*"),
     ("system/test_equal_bits.py", "test_a_case_has_its_bits_whatever_stands_beside_it[[]numpy-projected-radau]"),
     ("system/test_sparse_series.py", "test_steps_end_before_terms*[[]fifth power and weight]"),
     ("system/test_units.py", "test_starts_are_accepted_and_refused_alike_in_all_units[[]*-projected]"),
+    # one lane without dense output, native lanes with it
+    ("transforms/test_taylor.py", "test_loops_and_unrolled_code_agree[[]*-True-1]"),
+    ("transforms/test_taylor.py", "test_loops_and_unrolled_code_agree[[]*-False-native]"),
     (
         "transforms/test_taylor.py",
         "test_a_loop_over_the_orders_gives_the_bits*[[]everything-20-1-[24]]",
@@ -63,6 +140,6 @@ REPEATED = (
 
 def repeats(path, name, values):
     """Return whether a test is a repetition, by its file below `tests`, its name, and the values of its parameters."""
-    if "numba" in values and not path.startswith(NUMBA_ROWS):
+    if any(backend in values and not path.startswith(folders) for backend, folders in ROWS_OF_BACKENDS.items()):
         return True
     return any(path == file and fnmatchcase(name, pattern) for file, pattern in REPEATED)

@@ -16,7 +16,9 @@ def test_every_row_names_a_test(file, pattern):
     assert name and f"def {name[0]}" in (TESTS / file).read_text()
 
 
-def test_rows_of_numba_stay_where_they_are_compared_with_llvm():
+def test_rows_of_backends_stay_where_they_are_compared():
     assert repeats("system/test_tables.py", "test_motions[numba-taylor]", ["numba", "taylor"])
     assert not repeats("system/test_tables.py", "test_motions[llvm-taylor]", ["llvm", "taylor"])
     assert not repeats("codegen/test_kernels.py", "test_kernels[numba]", ["numba"])
+    assert repeats("stops/test_function_samples.py", "test_every_backend[jax]", ["jax"])
+    assert not repeats("system/test_tables.py", "test_motions[jax-taylor]", ["jax", "taylor"])
