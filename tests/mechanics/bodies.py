@@ -89,16 +89,19 @@ def scene_of(name, tree, *, numbers=True):
 
 
 def torques(tree, q, qdot, qddot):
-    """Return the torques and forces of the joints (n,) that a motion needs, and the sizes of the terms of each (n,)."""
-    n = len(tree)
+    """Return the torques and forces of the joints (n,) that a motion needs, and the sizes of the terms of each (n,).
+
+    Motions may be complex, for derivatives by complex steps.
+    """
+    n, kind = len(tree), np.result_type(q, qdot, qddot, float)
     turns, axes, places = [], [], []
-    omega, alpha, a = np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3))
+    omega, alpha, a = np.zeros((3, n + 1, 3), kind)
     rotation = [np.eye(3)] * (n + 1)  # from the frame of a link to that of the scene; the last is the scene's
     a[-1] = [0.0, GRAVITY, 0.0]
     for i, link in enumerate(tree):
         p, axis = link.parent, np.eye(3)[link.axis]
         c, s = np.cos(q[i]), np.sin(q[i])
-        turn = np.eye(3)
+        turn = np.eye(3, dtype=kind)
         if link.kind == "turn":
             j, k = (link.axis + 1) % 3, (link.axis + 2) % 3
             turn[j, j] = turn[k, k] = c
@@ -116,9 +119,9 @@ def torques(tree, q, qdot, qddot):
         turns.append(turn)
         axes.append(axis)
         places.append(r)
-    force, moment = np.zeros((n, 3)), np.zeros((n, 3))
+    force, moment = np.zeros((2, n, 3), kind)
     forces, moments = np.zeros(n), np.zeros(n)
-    found, terms = np.zeros(n), np.zeros(n)
+    found, terms = np.zeros(n, kind), np.zeros(n)
     for i in range(n - 1, -1, -1):
         link = tree[i]
         if link.mass:

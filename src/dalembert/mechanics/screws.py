@@ -127,3 +127,10 @@ def symmetric(columns: Sequence[Components]) -> Rows:
     """Return a symmetric matrix from the lower parts of its columns."""
     (a, b, c), (_, d, e), (_, _, f) = columns
     return (a, b, c), (b, d, e), (c, e, f)
+
+
+def turned(c: Rows, rows: Rows) -> Rows:
+    """Return c^T rows c."""
+    half = [vec.rotate_back(c, row) for row in rows]
+    x, y, z = (vec.rotate_back(c, (half[0][j], half[1][j], half[2][j])) for j in range(3))
+    return (x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2])

@@ -39,6 +39,7 @@ from .screws import (
     moved_twist,
     power,
     symmetric,
+    turned,
 )
 
 
@@ -90,7 +91,7 @@ class _Articulated:
         """Return the inertia about the point, and in the components, of the parent of a step."""
         if step.rotation is not None:
             c = step.rotation
-            return _Articulated(*(_turned(c, rows) for rows in (self.linear, self.coupling, self.angular)))
+            return _Articulated(*(turned(c, rows) for rows in (self.linear, self.coupling, self.angular)))
         r = step.offset
         assert r is not None
         # resultant = A (v + omega x r) + B omega, and the moment is that about r with r x resultant
@@ -108,13 +109,6 @@ class _Articulated:
 
 def _sum(a: Rows, b: Rows) -> Rows:
     return vec.add(a[0], b[0]), vec.add(a[1], b[1]), vec.add(a[2], b[2])
-
-
-def _turned(c: Rows, rows: Rows) -> Rows:
-    """Return c^T rows c."""
-    half = [vec.rotate_back(c, row) for row in rows]
-    x, y, z = (vec.rotate_back(c, (half[0][j], half[1][j], half[2][j])) for j in range(3))
-    return (x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2])
 
 
 @final

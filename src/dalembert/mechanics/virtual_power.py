@@ -61,7 +61,7 @@ def powers(kinematics: Kinematics) -> Powers:
         pose = kinematics.body_pose(body)
         bodies.append(pose)
         second = body.inertia or (vec.zero(graph), vec.zero(graph), vec.zero(graph))
-        inertias[pose] = add_inertia(inertias.get(pose), Inertia(body.mass, vec.zero(graph), second))
+        _add_body(inertias, graph, body, pose)
         momentum = vec.rotate(second, pose.omega)
         _gather(wrenches, pose, inertia_screw(graph, body, pose))
         energy = body.mass * vec.dot(pose.v, pose.v) + vec.dot(pose.omega, momentum)
@@ -82,6 +82,19 @@ def powers(kinematics: Kinematics) -> Powers:
     mass_matrix: Matrix = [[graph.zero] * size for _ in range(size)]
     forcing = _gathered(kinematics, inertias, wrenches, mass_matrix)
     return Powers(mass_matrix, forcing, kinetic, potential, weighing)
+
+
+def inertia_tree(kinematics: Kinematics) -> InertiaTree:
+    """Return the bodies of a scene as a tree of steps."""
+    inertias: dict[Pose, Inertia] = {}
+    for body in kinematics.model.bodies:
+        _add_body(inertias, kinematics.graph, body, kinematics.body_pose(body))
+    return InertiaTree.of(len(kinematics.q), kinematics.poses, inertias)
+
+
+def _add_body(inertias: dict[Pose, Inertia], graph: Graph, body: BodyModel, pose: Pose) -> None:
+    second = body.inertia or (vec.zero(graph), vec.zero(graph), vec.zero(graph))
+    inertias[pose] = add_inertia(inertias.get(pose), Inertia(body.mass, vec.zero(graph), second))
 
 
 def given_powers(kinematics: Kinematics) -> list[Node]:

@@ -10,12 +10,14 @@ import numpy as np
 from ..arrays import FloatArray
 from ..codegen import backend_named
 from ..codegen.base import Capability
-from ..errors import nesting_named
+from ..errors import CapabilityError, nesting_named
 from ..ir.interpret import unit_rates
 from ..starts import inputs as run_input
-from .rows import parameters_with_inputs, require_states, rows_at, traced
+from ..values import common_rows, times_of
+from .rows import parameters_with_inputs, require_states, rows_at, rows_of, traced
 
 if TYPE_CHECKING:
+    from ..analysis.rate_jacobians import RateJacobians
     from ..codegen.engine import TracedEngine
     from .model import CompiledModel
 
@@ -95,6 +97,74 @@ def accelerations(
     Parameters are those of `mass_matrix`; `states` are the first-order states that they depend on.
     """
     return _evaluate(self, "accelerations", (t, q, qdot, p), (states, inputs), (len(self.layout.coordinates),))
+
+
+@nesting_named
+def rate_jacobians(
+    self: CompiledModel, t: Any, y: Any, p: Any, *, inputs: Mapping[Any, Any] | None = None
+) -> RateJacobians:
+    """Return the exact derivatives of the rates of the state by state and inputs, y_dot = f(t, y, u).
+
+    For a robot in formulation "minimal" they hold the gradients of the accelerations by coordinates, speeds and torques
+    (J. Carpentier, N. Mansard, Robotics: Science and Systems 2018), by composite bodies
+    (`dalembert.mechanics.inverse_dynamics_gradients`). They are one compiled kernel, made at the first call.
+
+    Parameters
+    ----------
+    t : float or array_like (k,)
+        Time [s].
+    y : array_like (n_y,) or (k, n_y)
+        State in the order of ``layout.state``, as of `state`; quaternions have length one.
+    p : mapping or array_like (n_p,)
+        Parameters, by name or in the order of ``layout.parameters``.
+    inputs : mapping, optional
+        Values of the inputs, as for `simulate`; not needed where an array p has them.
+
+    Returns
+    -------
+    RateJacobians
+        ``by_state`` (n_y, n_y) or (k, n_y, n_y) and ``by_inputs`` (n_y, n_u) or (k, n_y, n_u). Derivatives by a unit
+        quaternion are those along the sphere. Inputs that a controller holds are components of the state.
+
+    Raises
+    ------
+    CapabilityError
+        For contacts that change (take those of ``mode(...)``), and values that JAX traces.
+
+    See Also
+    --------
+    linearize : independent states of scenes with constraints, derivatives by parameters, outputs.
+
+    Examples
+    --------
+    The gradients of the second rates of an arm whose state is q, q_dot::
+
+        by_state, by_inputs = model.rate_jacobians(0.0, [*q, *qdot], p, inputs=torques)
+        n = len(q)
+        by_q, by_qdot, inverse_inertia = by_state[n:, :n], by_state[n:, n:], by_inputs[n:]
+    """
+    from ..analysis.inverse_dynamics import at_times
+    from ..analysis.rate_jacobians import RateJacobians
+
+    if self.modes is not None:
+        raise CapabilityError(
+            f"{self.name!r} has rates for each mode of its contacts: take mode(...).rate_jacobians of one of them"
+        )
+    if Capability.STATE_FUNCTIONS in backend_named(self.backend).capabilities and traced(t, y, p, inputs):
+        raise CapabilityError(
+            "rate_jacobians takes numbers, not values that JAX traces: take jax.jacfwd of model.vector_field"
+        )
+    kernel, size = self.jacobian_kernel, len(self.layout.state)
+    times, rows = times_of("t", t), rows_of("y", y, size)
+    single = rows.ndim == 1 and np.ndim(t) == 0
+    rows = np.atleast_2d(rows)
+    count = common_rows({"y": len(rows), "t": len(times)})
+    rows, times = np.broadcast_to(rows, (count, size)), np.broadcast_to(times, (count,))
+    values = self.parameter_vector(p) if isinstance(p, Mapping) else rows_of("p", p, len(self.layout.parameters))
+    values = parameters_with_inputs(self, values, times, inputs)
+    found = self.engine.rows(kernel.kernel, times, rows, at_times(self, times, values))
+    by_state, by_inputs = kernel.matrices(found, rows)
+    return RateJacobians(by_state[0], by_inputs[0]) if single else RateJacobians(by_state, by_inputs)
 
 
 def _evaluate(

@@ -26,6 +26,7 @@ from .derived import Derived, Variants
 
 if TYPE_CHECKING:
     from ..analysis.inverse_dynamics import InverseKernel
+    from ..analysis.rate_jacobians import JacobianKernel
     from ..analysis.regressor import RegressorKernel
     from ..codegen.engine import FunctionEngine, TracedEngine
     from ..contacts.contact_laws import Mode
@@ -106,6 +107,7 @@ class CompiledModel:
     forcing = evaluation.forcing
     constraint_jacobian = evaluation.constraint_jacobian
     accelerations = evaluation.accelerations
+    rate_jacobians = evaluation.rate_jacobians
     inverse_dynamics = inverse.inverse_dynamics
     regressor = inverse.regressor
     inertial_parameters = inverse.inertial_parameters
@@ -323,6 +325,13 @@ class CompiledModel:
 
         key = tuple(sorted(given)), loads
         return derived_once(self._regressor_kernels, key, lambda: regressor_kernel(self, given, loads))
+
+    @derived_property
+    def jacobian_kernel(self) -> JacobianKernel:
+        """The kernel of the derivatives of the rates of the state."""
+        from ..analysis.rate_jacobians import jacobian_kernel_of
+
+        return jacobian_kernel_of(self)
 
     @once_property
     def _inverse_kernels(self) -> BoundedTable[tuple[str, ...], InverseKernel]:
