@@ -3,7 +3,8 @@
 ``python benchmarks/bodies.py [--sizes 10 30 100] [--chains planar spatial] [--loops windows net] [--limit SECONDS]``
 prints a table of chains, then, with the sizes of `LOOP_SIZES`, of mechanisms of many closed loops. Seconds
 are those of the processor, so that other work of the machine does not count. An evaluation is a call of the compiled
-right-hand side from compiled code, the least mean of many samples. A size is left out where the one before took
+right-hand side from compiled code, the least mean of many samples. Torques recomputed from the accelerations by the
+recursion of `tests/mechanics/bodies.py`, in plain NumPy, are the residual. A size is left out where the one before took
 `limit` seconds in all.
 
 Where ``pinocchio`` (``pip install pin``) and ``mujoco`` can be imported, their forward dynamics of the same chain are
@@ -13,9 +14,11 @@ measured beside it, called from Python, after their accelerations have been comp
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from ctypes import CFUNCTYPE, c_void_p
 from itertools import pairwise
+from pathlib import Path
 from time import perf_counter, process_time
 from typing import NamedTuple, cast
 
@@ -28,7 +31,10 @@ from dalembert.codegen.compiled_engine import CompiledEngine
 from dalembert.model.model import CompiledModel
 from loops import LOOPS
 
-SIZES = (5, 10, 20, 30, 50, 100, 300)
+sys.path.append(str(Path(__file__).parents[1] / "tests"))
+from mechanics.bodies import Link, torques  # noqa: E402
+
+SIZES = (2, 7, 12, 30, 50, 100, 300, 1000)
 VALUES = {"m": 1.0, "l": 0.5, "Ix": 0.01, "Iy": 0.02, "Iz": 0.03, "g": 9.81}
 SPAN = 1.0
 LOOP_SIZES = {
@@ -44,8 +50,9 @@ LOOP_SPAN = 0.1
 class Growth(NamedTuple):
     """One chain or mechanism: seconds of the scene in SymPy, of its compilation, of the first run and of a later one.
 
-    `operations` are those of an evaluation, `microseconds` its time; `steps` and `method` are those of the run, `peers`
-    what others take.
+    `operations` are those of an evaluation, `microseconds` its time; `residual` is the largest torque that the recursion
+    of Newton and Euler recomputes from the accelerations of a chain in motion, relative to the sizes of its terms;
+    `steps` and `method` are those of the run, `peers` what others take.
     """
 
     chain: str
@@ -56,6 +63,7 @@ class Growth(NamedTuple):
     later: float
     operations: int
     microseconds: float
+    residual: float
     steps: int
     method: str
     peers: tuple[str, ...] = ()
@@ -89,7 +97,20 @@ def growth(name: str, n: int) -> Growth:
     evaluation = microseconds(model, state, model.parameter_vector(given))
     operations = len(model.stages.program.kernel("rhs").body)
     others = tuple(peers(name, n, model, run.q[0], given)) if made is None else ()
-    return Growth(name, n, *seconds, operations, evaluation, run.stats.steps, run.stats.method, others)
+    rest = residual(name, n, model, given) if made is None else float("nan")
+    return Growth(name, n, *seconds, operations, evaluation, rest, run.stats.steps, run.stats.method, others)
+
+
+def residual(chain: str, n: int, model: CompiledModel, given: Mapping[object, object]) -> float:
+    """Return the largest torque of the joints of a chain at a random state, relative to the sizes of its terms."""
+    l, half = VALUES["l"], np.array([VALUES["l"] / 2, 0.0, 0.0])
+    tree = []
+    for i, axis in enumerate(_axes(chain, n)[:n]):
+        place = np.array([l if i else 0.0, 0.0, 0.0])
+        tree.append(Link(i - 1, "turn", "xyz".index(axis), place, VALUES["m"], half, np.array(MOMENTS)))
+    q, qdot = np.random.default_rng(n).uniform(-1.0, 1.0, (2, n))
+    found, sizes = torques(tree, q, qdot, model.accelerations(0.0, q, qdot, given), up=1 if chain == "planar" else 2)
+    return float(np.max(np.abs(found) / sizes))
 
 
 def microseconds(model: CompiledModel, y: NDArray[np.float64], p: NDArray[np.float64]) -> float:
@@ -101,7 +122,7 @@ def microseconds(model: CompiledModel, y: NDArray[np.float64], p: NDArray[np.flo
     function = CFUNCTYPE(None, *[c_void_p] * 5)
     function(int(engine.steps.prepare()))(p.ctypes.data, y.ctypes.data, c.ctypes.data, c.ctypes.data, c.ctypes.data)
     call = function(int(engine.steps.kernel("rhs")))
-    return 1e6 * _least(lambda: call(*arguments))
+    return 1e6 * least(lambda: call(*arguments))
 
 
 def peers(chain: str, n: int, model: CompiledModel, q: NDArray[np.float64], given: dict[object, object]) -> list[str]:
@@ -122,11 +143,11 @@ def peers(chain: str, n: int, model: CompiledModel, q: NDArray[np.float64], give
         apart = np.max(np.abs(evaluate() - own)) / np.max(np.abs(own))
         if apart > 1e-6:
             raise RuntimeError(f"{name}: accelerations of the {chain} chain of {n} differ by {apart:.1g}")
-        found.append(f"{name} {1e6 * _least(evaluate):.1f}")
+        found.append(f"{name} {1e6 * least(evaluate):.1f}")
     return found
 
 
-def _least(call: Callable[[], object], rounds: int = 30, calls: int = 20) -> float:
+def least(call: Callable[[], object], rounds: int = 30, calls: int = 20) -> float:
     """Return the least mean seconds of a call."""
     best = float("inf")
     for _ in range(rounds):
@@ -200,7 +221,7 @@ def measured(sizes: Mapping[str, Sequence[int]], limit: float) -> list[Growth]:
 
 HEADER = (
     "| chain | bodies | scene, s | compilation, s | first run, s | from scene to trajectory, s | next run, ms |"
-    " operations | evaluation, us | steps | peers, us |\n" + "| --- " * 11 + "|"
+    " operations | evaluation, us | residual | steps | peers, us |\n" + "| --- " * 12 + "|"
 )
 
 
@@ -208,7 +229,7 @@ def row(g: Growth) -> str:
     """Return a line of the table."""
     return (
         f"| {g.chain} | {g.bodies} | {g.scene:.2f} | {g.compiled:.2f} | {g.first:.2f} | {g.total:.2f} |"
-        f" {1e3 * g.later:.1f} | {g.operations:,} | {g.microseconds:.2f} | {g.steps} {g.method} |"
+        f" {1e3 * g.later:.1f} | {g.operations:,} | {g.microseconds:.2f} | {g.residual:.0e} | {g.steps} {g.method} |"
         f" {', '.join(g.peers)} |"
     )
 

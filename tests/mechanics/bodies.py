@@ -88,16 +88,16 @@ def scene_of(name, tree, *, numbers=True):
     return scene, values
 
 
-def torques(tree, q, qdot, qddot):
+def torques(tree, q, qdot, qddot, up=1):
     """Return the torques and forces of the joints (n,) that a motion needs, and the sizes of the terms of each (n,).
 
-    Motions may be complex, for derivatives by complex steps.
+    Motions may be complex, for derivatives by complex steps; gravity is against the axis `up`.
     """
     n, kind = len(tree), np.result_type(q, qdot, qddot, float)
     turns, axes, places = [], [], []
     omega, alpha, a = np.zeros((3, n + 1, 3), kind)
     rotation = [np.eye(3)] * (n + 1)  # from the frame of a link to that of the scene; the last is the scene's
-    a[-1] = [0.0, GRAVITY, 0.0]
+    a[-1, up] = GRAVITY
     for i, link in enumerate(tree):
         p, axis = link.parent, np.eye(3)[link.axis]
         c, s = np.cos(q[i]), np.sin(q[i])

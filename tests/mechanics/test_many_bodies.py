@@ -29,9 +29,14 @@ def _arms(count, length):
 
 
 TREES = {
+    "plane of 2": (_chain(2), ["turn z"] * 2, True, False),
     "plane of 3": (_chain(3), ["turn z"] * 3, True, False),
     "plane of 100": (_chain(100), ["turn z"] * 100, True, True),
     "plane of 16": (_chain(16), ["turn z"] * 16, True, True),
+    "plane of 12": (_chain(12), ["turn z"] * 12, True, False),
+    "space of 2": (_chain(2), ["turn z", "turn y"], False, False),
+    "space of 7": (_chain(7), ["turn z", "turn y", "turn x"] * 2 + ["turn z"], False, False),
+    "space of 12": (_chain(12), ["turn z", "turn y", "turn x"] * 4, False, False),
     "space of 30": (_chain(30), ["turn z", "turn y", "turn x"] * 10, False, True),
     "stars": (_arms(8, 2), ["turn y"] + ["turn z", "turn x"] * 8, False, False),
     "telescope": (_chain(14), ["turn z"] + ["slide x"] * 13, True, True),
