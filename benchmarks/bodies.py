@@ -32,7 +32,7 @@ from dalembert.model.model import CompiledModel
 from loops import LOOPS
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
-from mechanics.bodies import Link, torques  # noqa: E402
+from mechanics.bodies import Link, torques
 
 SIZES = (2, 7, 12, 30, 50, 100, 300, 1000)
 VALUES = {"m": 1.0, "l": 0.5, "Ix": 0.01, "Iy": 0.02, "Iz": 0.03, "g": 9.81}
@@ -50,8 +50,8 @@ LOOP_SPAN = 0.1
 class Growth(NamedTuple):
     """One chain or mechanism: seconds of the scene in SymPy, of its compilation, of the first run and of a later one.
 
-    `operations` are those of an evaluation, `microseconds` its time; `residual` is the largest torque that the recursion
-    of Newton and Euler recomputes from the accelerations of a chain in motion, relative to the sizes of its terms;
+    `operations` are those of an evaluation, `microseconds` its time; `residual` is the largest torque that the
+    recursion of Newton and Euler recomputes from accelerations of a chain, relative to the sizes of its terms;
     `steps` and `method` are those of the run, `peers` what others take.
     """
 
