@@ -114,9 +114,12 @@ def write_folder(path: Path, files: Mapping[str, str | bytes]) -> Path:
 _GENERATOR = '<meta name="generator" content="dalembert '
 """By which a page is known among its first lines."""
 
+_WRITTEN = "# Written by dalembert "
+"""How the first line of a file of Python begins."""
+
 
 def refuse_other_files(path: Path) -> None:
-    """Reject a path at which something is that is no archive and no page of an export.
+    """Reject a path at which something is that is no archive, page or file of an export.
 
     Raises
     ------
@@ -134,7 +137,8 @@ def refuse_other_files(path: Path) -> None:
 
 def _is_page(path: Path) -> bool:
     with path.open("rb") as file:
-        return _GENERATOR.encode() in file.read(500)
+        beginning = file.read(500)
+    return _GENERATOR.encode() in beginning or beginning.startswith(_WRITTEN.encode())
 
 
 def _is_archive(path: Path) -> bool:
@@ -165,8 +169,8 @@ def zipped(files: Mapping[str, str | bytes]) -> bytes:
     return made.getvalue()
 
 
-def write_page(path: Path, text: str) -> Path:
-    """Write a page, in the place of an earlier one; all of it or nothing.
+def write_file(path: Path, text: str) -> Path:
+    """Write a page or a file of Python, in the place of an earlier one; all of it or nothing.
 
     Raises
     ------

@@ -110,6 +110,21 @@ def refuse_inputs(model: CompiledModel, start: Start) -> None:
         )
 
 
+def refuse_contacts_of_files(model: CompiledModel) -> None:
+    """Reject models whose contacts change, which files of Python do not carry.
+
+    Raises
+    ------
+    CapabilityError
+        With the contacts, and the remedy.
+    """
+    if model.modes is not None:
+        raise CapabilityError(
+            f"{model.name!r} has contacts that change ({list_names(model.contacts)}), which files of Python do not"
+            ' carry: export one mode, model.mode(...).export(...), or take kind="c", "page" or "wheel"'
+        )
+
+
 def refuse_contact_scene(modes: ModeModels) -> None:
     """Reject scenes with contacts that no export carries.
 

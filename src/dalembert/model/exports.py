@@ -43,7 +43,7 @@ def _page(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
     source, (rtol, atol) = c_source(model, **asked), asked["tolerances"]
     asked |= {"tolerances": (rtol * TIGHTER, atol * TIGHTER)} | ({"method": source.method} if modes is None else {})
     scene = model.stages.scene if modes is None else modes.several.scene
-    return {"page": page_text(source, c_source(model, **asked), scene, sliders)}
+    return {"file": page_text(source, c_source(model, **asked), scene, sliders)}
 
 
 def _wheel(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -53,15 +53,25 @@ def _wheel(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
     return dict(wheel_files(c_source(model, **request)))
 
 
+def _numba(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
+    from ..export.numba_file import numba_text
+    from ..export.refusals import refuse_contacts_of_files
+    from ..export.simulator import c_source
+
+    refuse_contacts_of_files(model)
+    return {"file": numba_text(c_source(model, **request))}
+
+
 KINDS: dict[str, Callable[[CompiledModel, Mapping[str, Any]], dict[str, Any]]] = {
     "c": _c,
     "fmu": _fmu,
     "page": _page,
     "wheel": _wheel,
+    "numba": _numba,
 }
 """Kinds of exports: from a model and what was asked for to the contents of files by their names."""
 
-ENDINGS = {"fmu": ".fmu", "page": ".html"}
+ENDINGS = {"fmu": ".fmu", "page": ".html", "numba": ".py", "jax": ".py"}
 """Kinds that are one file, and how its name ends; others are folders."""
 
 
@@ -141,7 +151,7 @@ def export(
 
         model.export("pendulum", initial={theta: 1, theta.diff(): 0}, parameters={m: 1, l: 1, g: 9.81})
     """
-    from ..export.folder import path_of, refuse_other_files, refuse_others, write_archive, write_folder, write_page
+    from ..export.folder import path_of, refuse_other_files, refuse_others, write_archive, write_file, write_folder
 
     asked: Any = kind
     if not isinstance(asked, str) or asked not in KINDS:
@@ -180,8 +190,8 @@ def export(
         elif value is not None:
             raise OptionError(f"{name} are those of the kind {of!r}, not of {kind!r}: leave them out")
     files = KINDS[kind](self, request)
-    if kind == "page":
-        return write_page(place, files["page"])
+    if "file" in files:
+        return write_file(place, files["file"])
     return write_folder(place, files) if ending is None else write_archive(place, files)
 
 

@@ -35,7 +35,7 @@ from .run_loops import RunLoop, explicit_loop_of, implicit_loop_of, taylor_loop_
 from .source import LoopSource
 from .workspace import workspace_of
 
-_STATUSES = (
+STATUSES = (
     Status.SUCCESS,
     Status.MAX_STEPS,
     Status.STEP_TOO_SMALL,
@@ -55,12 +55,13 @@ _PUBLIC = (
 )
 """Ends of the names of public functions."""
 
-_TEXTS = {
+STATUS_TEXTS = {
     Status.TIMES_IN_NO_ORDER: "The times are not finite, not sorted, or before the last step.",
     Status.INITIAL_STATE: "The initial values contradict a constraint: see the number of the check.",
     Status.ASSUMPTION: "A parameter or an initial value contradicts what its symbol was declared to be.",
     Status.SINGULAR_CONFIGURATION: "Constraints depend on each other at the start, or do not determine the motion.",
 }
+"""What statuses say of exported runs, where that is not their message."""
 
 
 class Simulator:
@@ -76,7 +77,7 @@ class Simulator:
         Members of a run, see `dalembert.codegen.c.run_loops.RunLoop`.
     """
 
-    statuses: ClassVar[tuple[Status, ...]] = _STATUSES
+    statuses: ClassVar[tuple[Status, ...]] = STATUSES
     """Statuses of its runs."""
 
     contact_states: ClassVar[tuple[str, ...]] = ()
@@ -280,7 +281,7 @@ class Simulator:
     def _text_variables(self, advance: str) -> dict[str, Any]:
         """Return the variables of ``c/texts.c.j2``; a function takes steps."""
         statuses = [
-            {"name": status.name, "text": quoted(_TEXTS.get(status, status.message))} for status in self.statuses
+            {"name": status.name, "text": quoted(STATUS_TEXTS.get(status, status.message))} for status in self.statuses
         ]
         return {
             "prefix": self.prefix,

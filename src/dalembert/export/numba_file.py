@@ -1,0 +1,188 @@
+"""One file of Python that simulates a scene with numba and NumPy alone."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import replace
+from typing import Any
+
+from ..codegen.c.descriptions import CSource, plain, readme_variables
+from ..codegen.c.run_loops import RunLoop, explicit_loop_of, implicit_loop_of, taylor_loop_of
+from ..codegen.c.simulator import STATUS_TEXTS, STATUSES
+from ..codegen.library import derivative_of
+from ..codegen.numba import texts
+from ..codegen.numba.run_memory import RunMemory
+from ..codegen.numba.specialised_loops import SpecialisedLoops
+from ..codegen.rendering import render
+from ..ir.kernel import Kernel
+from ..ir.program import coefficient_places
+from ..methods.status import RUNNING
+from ..options import MAX_STEPS
+from ..transforms.passes import EliminateDeadCode
+from ..transforms.periodic import angles_of
+from ..transforms.recurrences import recurrences
+from ..transforms.taylor import STEP_ARGUMENTS
+from ..version import __version__
+
+_PUBLIC = frozenset(
+    (
+        "simulate sweep start advance run_through run_cases new_run record row flat element fma square sqrt exp log"
+        " kernel constants initial_state admission locks expanded energies outputs is_finite"
+    ).split()
+)
+"""Names that functions of the integrator do not have."""
+
+
+_KERNEL = re.compile(r"@numba\.njit\(\*\*ENTRY\)(\ndef (\w+)\()")
+"""A function of a kernel as text."""
+
+
+def numba_text(source: CSource) -> str:
+    """Return the text of a simulator for numba."""
+    kernels, loop, names = _kernels(source)
+    loops = SpecialisedLoops(loop, names, _PUBLIC | frozenset(kernels))
+    calls = {"take_step": loops.entry(loop.step), "sample": loops.entry(loop.sample)}
+    memory = RunMemory(loop.arguments, loops.read | _set_by_runs(loop))
+    printed = texts.joined(*kernels.values())
+    digest = hashlib.sha256(printed.encode()).hexdigest()[:16]
+    return render(
+        "numba/simulator.py.j2",
+        {
+            **_descriptions(source),
+            **_numbers(source, loop),
+            **calls,
+            "prelude": texts.prelude(None).strip(),
+            "after_prelude": render("numba/simulator_prelude.py.j2", {"digest": digest}).strip(),
+            "tables": texts.table_definitions(printed).strip(),
+            "kernels": _KERNEL.sub(lambda found: f"@kernel{found[1]}" if found[2] in kernels else found[0], printed),
+            "constants": sorted(loops.constants.items()),
+            "loops": "\n\n".join(loops.texts),
+            "types": memory.types,
+            "resets": memory.resets,
+            "memory": "\n".join([memory.value[0], *(f"    {line}" for line in memory.value[1:])]),
+        },
+    )
+
+
+def _kernels(source: CSource) -> tuple[dict[str, str], RunLoop, dict[str, str]]:
+    """Return the texts of kernels, the loop, and the names of the kernels that it calls by their keys."""
+    program, layout = source.program, source.program.layout
+    printed: dict[str, str] = {}
+
+    def add(name: str, kernel: Kernel | None) -> bool:
+        if kernel is not None:
+            printed[name] = texts.kernel(name, kernel)
+        return kernel is not None
+
+    def of_program(name: str, key: str) -> bool:
+        return add(name, program.kernel(key) if key in program else None)
+
+    printed["constants"] = texts.kernel("constants", program.kernel("prepare"), 1, ("p", *STEP_ARGUMENTS[1:], "out"))
+    add("initial_state", source.start.kernel)
+    add("admission", source.admission)
+    of_program("expanded", "expand")
+    of_program("energies", "energy")
+    if layout.outputs:
+        of_program("outputs", "outputs")
+    if source.locks is not None and source.locking:
+        outputs = tuple(source.locks.outputs[group] for group in source.locking)
+        add("locks", EliminateDeadCode()(replace(source.locks, arguments=STEP_ARGUMENTS, outputs=outputs)))
+    has = {kind: of_program(f"project_{kind}", f"project_{kind}") for kind in ("position", "velocity")}
+    names = {kind: f"project_{kind}" for kind in has}
+    sizes = len(layout.state), len(program.kernel("prepare").outputs)
+    if source.method == "taylor":
+        known = recurrences(program.kernel("rhs"), step_growth_limited=program.nonanalytic)
+        printed["series"] = texts.taylor_step("series", known, source.order, dense=True)
+        has["step"], names["step"] = True, "series"
+        return printed, taylor_loop_of(sizes, source.order, source.tolerances, angles_of(program), has), names
+    has["rhs"], has["knots"] = of_program("rates", "rhs"), of_program("knots", "knots")
+    names |= {"rhs": "rates", "knots": "knots"}
+    if source.method == "radau":
+        made, derivative = derivative_of(program.kernel("rhs"))
+        has[made], names[made] = add(made, derivative), made
+        return printed, implicit_loop_of(sizes, source.tolerances, has), names
+    return printed, explicit_loop_of(source.method, sizes, source.tolerances, has), names
+
+
+def _places(loop: RunLoop) -> dict[str, str]:
+    """Return the members of a run that runs set and read, as Python has them."""
+    at = {key: value for key, value in loop.at.items() if key != "now"}
+    if at["direction"] == "run.settings[1]":
+        at["direction"] = "run.settings[0, 1]"
+    return at | {"row": f"{at['time'][:-1]}row"}
+
+
+def _set_by_runs(loop: RunLoop) -> set[str]:
+    """Return the dotted names of what runs set and read besides the functions of the loop."""
+    wanted = {re.sub(r"\[.*", "", value) for value in _places(loop).values()}
+    return wanted | {"sampled", "place"} | {name for name in loop.given if name != "run.limits.patience"}
+
+
+def _numbers(source: CSource, loop: RunLoop) -> dict[str, Any]:
+    """Return the places and sizes of what runs are given and write."""
+    program, layout, at = source.program, source.program.layout, _places(loop)
+    admission = 0 if source.admission is None else len(source.admission.outputs)
+    locks = len(source.locking) if source.locks is not None else 0
+    variables = len(program.kernel("expand").outputs)
+    given = {
+        "t0": "t0",
+        "t1": "t1",
+        "time": "t0",
+        "largest": "np.inf",
+        "attempts": str(MAX_STEPS),
+        "direction": "1.0 if t1 >= t0 else -1.0",
+    }
+    return {
+        "at": at,
+        "settings": [(at[key], value) for key, value in given.items()],
+        "after_step": [(name, "1") for name, _ in loop.after_step],
+        "status": {status.name: int(status) for status in STATUSES},
+        "running": RUNNING,
+        "n_initial": len(source.start.given),
+        "n_given": len(source.start.given) + len(source.parameters) + len(layout.inputs),
+        "n_found": max(len(source.start.kernel.outputs), 1),
+        "n_checks": len(source.start.labels),
+        "n_tests": max(admission, 1),
+        "n_admission": admission,
+        "dependent_tests": [(admission - 2, admission - 1)] if admission and source.dependent else [],
+        "n_locks": max(locks, 1),
+        "n_real_locks": locks,
+        "n_states": len(layout.state),
+        "n_parameters": max(len(layout.parameters), 1),
+        "n_variables": variables,
+        "n_outputs": len(layout.outputs),
+        "n_row": variables + len(layout.outputs) + 2,
+        "parameter_places": [layout.parameters.index(name) for name in source.parameters],
+        "input_places": list(coefficient_places(layout.parameters, layout.inputs)),
+        "forward_only": source.forward_only,
+    }
+
+
+def _descriptions(source: CSource) -> dict[str, Any]:
+    """Return the names of what a simulator takes and returns, as Python prints them, and its symbol table."""
+    layout, numbers, read = source.program.layout, source.numbers, readme_variables(source, "")
+
+    def known(names: tuple[str, ...], otherwise: float | None = None) -> str:
+        return ascii({name: float(numbers[name]) if name in numbers else otherwise for name in names})
+
+    names = [*layout.coordinates, *layout.rates, *layout.states, *layout.outputs, "kinetic", "potential"]
+    results = {"title": "Results", "rows": [{"name": plain(name), "value": ""} for name in names]}
+    titles = ("Initial values", "Parameters", "Inputs", "State")
+    return {
+        "scene": plain(source.program.name).replace("\\", "/"),
+        "first": plain(names[0]),
+        "example": plain([*source.parameters, *source.start.given][0]),
+        "steps": read["method"],
+        "rtol": read["rtol"],
+        "atol": read["atol"],
+        "formulation": source.program.formulation,
+        "groups": [*(group for group in read["groups"] if group["title"] in titles), results],
+        "version": __version__,
+        "initial": known(source.start.given),
+        "parameters": known(source.parameters),
+        "inputs": known(layout.inputs, 0.0),
+        "names": ascii(names),
+        "statuses": ascii({int(status): STATUS_TEXTS.get(status, status.message) for status in STATUSES}),
+        "checks": ascii([f"{kind}: {label}" for kind, label in source.start.labels]),
+    }
