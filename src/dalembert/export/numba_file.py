@@ -49,7 +49,7 @@ def numba_text(source: CSource) -> str:
     return render(
         "numba/simulator.py.j2",
         {
-            **_descriptions(source),
+            **descriptions(source),
             **_numbers(source, loop),
             **calls,
             "prelude": texts.prelude(None).strip(),
@@ -119,12 +119,26 @@ def _set_by_runs(loop: RunLoop) -> set[str]:
     return wanted | {"sampled", "place"} | {name for name in loop.given if name != "run.limits.patience"}
 
 
+def start_numbers(source: CSource) -> dict[str, Any]:
+    """Return the sizes and places of what starts are given and test, and numbers of statuses."""
+    layout, tests = source.program.layout, 0 if source.admission is None else len(source.admission.outputs)
+    return {
+        "status": {status.name: int(status) for status in STATUSES},
+        "n_admission": tests,
+        "dependent_tests": [(tests - 2, tests - 1)] if tests and source.dependent else [],
+        "n_states": len(layout.state),
+        "n_outputs": len(layout.outputs),
+        "n_parameters": max(len(layout.parameters), 1),
+        "parameter_places": [layout.parameters.index(name) for name in source.parameters],
+        "forward_only": source.forward_only,
+    }
+
+
 def _numbers(source: CSource, loop: RunLoop) -> dict[str, Any]:
     """Return the places and sizes of what runs are given and write."""
     program, layout, at = source.program, source.program.layout, _places(loop)
-    admission = 0 if source.admission is None else len(source.admission.outputs)
     locks = len(source.locking) if source.locks is not None else 0
-    variables = len(program.kernel("expand").outputs)
+    variables, starts = len(program.kernel("expand").outputs), start_numbers(source)
     given = {
         "t0": "t0",
         "t1": "t1",
@@ -134,32 +148,25 @@ def _numbers(source: CSource, loop: RunLoop) -> dict[str, Any]:
         "direction": "1.0 if t1 >= t0 else -1.0",
     }
     return {
+        **starts,
         "at": at,
         "settings": [(at[key], value) for key, value in given.items()],
         "after_step": [(name, "1") for name, _ in loop.after_step],
-        "status": {status.name: int(status) for status in STATUSES},
         "running": RUNNING,
         "n_initial": len(source.start.given),
         "n_given": len(source.start.given) + len(source.parameters) + len(layout.inputs),
         "n_found": max(len(source.start.kernel.outputs), 1),
         "n_checks": len(source.start.labels),
-        "n_tests": max(admission, 1),
-        "n_admission": admission,
-        "dependent_tests": [(admission - 2, admission - 1)] if admission and source.dependent else [],
+        "n_tests": max(starts["n_admission"], 1),
         "n_locks": max(locks, 1),
         "n_real_locks": locks,
-        "n_states": len(layout.state),
-        "n_parameters": max(len(layout.parameters), 1),
         "n_variables": variables,
-        "n_outputs": len(layout.outputs),
         "n_row": variables + len(layout.outputs) + 2,
-        "parameter_places": [layout.parameters.index(name) for name in source.parameters],
         "input_places": list(coefficient_places(layout.parameters, layout.inputs)),
-        "forward_only": source.forward_only,
     }
 
 
-def _descriptions(source: CSource) -> dict[str, Any]:
+def descriptions(source: CSource) -> dict[str, Any]:
     """Return the names of what a simulator takes and returns, as Python prints them, and its symbol table."""
     layout, numbers, read = source.program.layout, source.numbers, readme_variables(source, "")
 

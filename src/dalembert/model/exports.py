@@ -62,12 +62,23 @@ def _numba(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
     return {"file": numba_text(c_source(model, **request))}
 
 
+def _jax(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
+    from ..export.jax_file import jax_text
+    from ..export.refusals import refuse_contacts_of_files
+    from ..export.simulator import c_source
+
+    refuse_contacts_of_files(model)
+    asked = {**request, "method": "dop853"} if request["method"] == "taylor" else request
+    return {"file": jax_text(c_source(model, **asked))}
+
+
 KINDS: dict[str, Callable[[CompiledModel, Mapping[str, Any]], dict[str, Any]]] = {
     "c": _c,
     "fmu": _fmu,
     "page": _page,
     "wheel": _wheel,
     "numba": _numba,
+    "jax": _jax,
 }
 """Kinds of exports: from a model and what was asked for to the contents of files by their names."""
 

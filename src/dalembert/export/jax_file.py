@@ -1,0 +1,127 @@
+"""One file of Python that simulates a scene with JAX alone."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+from typing import Any
+
+from ..codegen.c.descriptions import CSource
+from ..codegen.printers import JAX
+from ..codegen.rendering import render
+from ..errors import CapabilityError, OptionError
+from ..ir.kernel import Kernel, describe_counts
+from ..ir.program import coefficient_places
+from ..methods.pairs import PAIRS
+from ..methods.step_constants import (
+    LARGEST_GROWTH,
+    LARGEST_REDUCTION,
+    LINEAR_CORRECTIONS,
+    SAFETY,
+    SMALLEST_OF_TIME,
+)
+from ..options import MAX_STEPS
+from .numba_file import descriptions, start_numbers
+
+_NEWTON = 3
+"""Corrections of positions behind each step; an error of a step is so small that they converge."""
+
+
+def jax_text(source: CSource) -> str:
+    """Return the text of a simulator for JAX.
+
+    Raises
+    ------
+    CapabilityError
+        For tables, and angles that may lock.
+    OptionError
+        For another method than "dop853".
+    """
+    if source.method != "dop853":
+        raise OptionError(f'files for JAX take steps of "dop853", not of {source.method!r}: give method="dop853"')
+    _refuse(source)
+    tableau = PAIRS["dop853"].tableau
+    count = tableau.end + 1
+    kernels = [_variables(name, kernel) for name, kernel in _kernels(source)]
+    called = set(re.findall(r"fn\.(\w+)\(", "\n".join(line for kernel in kernels for line in kernel["lines"])))
+    for kernel in kernels:
+        kernel["lines"] = [re.sub(r"\bfn\.", "safe_", line) for line in kernel["lines"]]
+    return render(
+        "jax/simulator.py.j2",
+        {
+            **descriptions(source),
+            **start_numbers(source),
+            "functions": _functions(called),
+            "kernels": kernels,
+            "nodes": tableau.c[:count].tolist(),
+            "matrix": tableau.A[:count, :count].tolist(),
+            "errors": tableau.error[:, :count].tolist(),
+            "exponent": repr(1.0 / (tableau.error_order + 1)),
+            "safety": SAFETY,
+            "least": LARGEST_REDUCTION,
+            "most": LARGEST_GROWTH,
+            "smallest": SMALLEST_OF_TIME,
+            "max_steps": MAX_STEPS,
+            "corrections": [
+                (f"project_{kind}", tries)
+                for kind, tries in (("position", _NEWTON), ("velocity", LINEAR_CORRECTIONS))
+                if f"project_{kind}" in source.program
+            ],
+            "input_places": list(coefficient_places(source.program.layout.parameters, source.program.layout.inputs)),
+        },
+    )
+
+
+def _refuse(source: CSource) -> None:
+    if any(line.op in ("piece", "entry") for kernel in source.program for line in kernel.body):
+        raise CapabilityError(
+            f'files for JAX do not carry tables, and {source.program.name!r} has some: take kind="numba" or "c"'
+        )
+    if source.locking:
+        raise CapabilityError(
+            f"angles of {source.program.name!r} may lock, which files for JAX do not look for: take kind=\"numba\" or"
+            ' "c", or give the example (initial=, parameters=) if its motion is regular there'
+        )
+
+
+def _kernels(source: CSource) -> list[tuple[str, Kernel]]:
+    program = source.program
+    found = [("constants", program.kernel("prepare")), ("initial_state", source.start.kernel)]
+    if source.admission is not None:
+        found.append(("admission", source.admission))
+    named = {"rates": "rhs", "expanded": "expand", "energies": "energy"}
+    named |= {name: name for name in ("project_position", "project_velocity") if name in program}
+    named |= {"outputs": "outputs"} if program.layout.outputs else {}
+    return found + [(name, program.kernel(key)) for name, key in named.items()]
+
+
+def _variables(name: str, kernel: Kernel) -> dict[str, Any]:
+    arguments = ("p",) if name == "constants" else ("t", "y", "c")
+    return {
+        "name": name,
+        "arguments": ", ".join(arguments),
+        "doc": f"{len(kernel.outputs)} values, {describe_counts(kernel)}.",
+        "lines": JAX.lines(kernel),
+        "outputs": JAX.outputs(kernel),
+    }
+
+
+def _functions(called: set[str]) -> str:
+    """Return the source of functions of `dalembert.jax.functions` that kernels call, with names that no value has."""
+    text = (Path(__file__).parents[1] / "jax" / "functions.py").read_text(encoding="utf-8")
+    found = []
+    for node in ast.parse(text).body:
+        if isinstance(node, ast.FunctionDef) and node.name in called:
+            for argument in node.args.args:
+                argument.annotation = None
+            if node.args.vararg is not None:
+                node.args.vararg.annotation = None
+            node.returns, node.name = None, f"safe_{node.name}"
+            for inner in ast.walk(node):
+                if isinstance(inner, ast.FunctionDef) and inner is not node:
+                    inner.returns = None
+                    for argument in inner.args.args:
+                        argument.annotation = None
+            found.append(ast.unparse(node))
+    return "\n\n\n".join(found)
