@@ -80,7 +80,7 @@ def _refuse(source: CSource) -> None:
         )
     if source.locking:
         raise CapabilityError(
-            f"angles of {source.program.name!r} may lock, which files for JAX do not look for: take kind=\"numba\" or"
+            f'angles of {source.program.name!r} may lock, which files for JAX do not look for: take kind="numba" or'
             ' "c", or give the example (initial=, parameters=) if its motion is regular there'
         )
 

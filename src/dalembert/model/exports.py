@@ -110,15 +110,16 @@ def export(
     a functional mock-up unit for co-simulation around that source, with a binary for this machine where it has a C
     compiler. Kind "page" is one file of HTML that simulates in a browser without a network: that source as
     WebAssembly, sliders, curves, and the shapes of the scene in space. It needs the package ziglang (extra "export").
-    Kind "wheel" is a folder with a package for this machine that pip installs, and that needs NumPy alone.
+    Kind "wheel" is a folder with a package for this machine that pip installs, and that needs NumPy alone. Kinds
+    "numba" and "jax" are one file of Python each, to be read from top to bottom, that needs numba and NumPy, or JAX.
 
     Parameters
     ----------
     path : str or path
-        The folder, or a file that ends in ".fmu" or ".html". It must not exist, be empty, or be an earlier export as
-        it was written, whose place it takes.
+        The folder, or a file that ends in ".fmu", ".html" or ".py". It must not exist, be empty, or be an earlier
+        export as it was written, whose place it takes.
     kind : str
-        "c", "fmu", "page" or "wheel".
+        "c", "fmu", "page", "wheel", "numba" or "jax".
     initial : mapping of symbols or names to numbers, optional
         Initial values of the example, and start values of a unit or page. Their names are what the exported start
         takes; what the constraints fix may be left out. By default it takes all coordinates and rates, and the example
@@ -129,7 +130,8 @@ def export(
         Start and end of the example [s].
     method : str
         "taylor", a Runge-Kutta pair such as "dop853", or "radau" for stiff scenes; "auto" takes what a run
-        of the example takes, which is made for that; without an example, what takes runs that are not stiff.
+        of the example takes, which is made for that; without an example, what takes runs that are not stiff. Files
+        for JAX take "dop853" alone, also in place of "taylor".
     rtol, atol : float
         Tolerances, which the code is made for.
     fmi : str
@@ -150,7 +152,8 @@ def export(
     ------
     CapabilityError
         For what exports do not carry, with the remedy: contacts with many modes, sampled controllers, functions of time
-        with kinks, formulations other than "minimal", "projected" and "augmented".
+        with kinks, formulations other than "minimal", "projected" and "augmented"; in files of Python contacts that
+        change, and in those for JAX tables and angles that may lock.
     OptionError
         For an unknown kind, and a path at which something else is.
     InitialStateError, UnknownNameError, ValueInputError

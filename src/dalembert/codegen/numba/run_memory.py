@@ -72,7 +72,6 @@ class RunMemory:
             self.types.append(f'{made} = namedtuple("{made}", "{" ".join(fields)}")')
         return self._names[name, fields]
 
-
     def _record(self, path: str, numbers: dict[str, bool]) -> str:
         """Return a record of numbers, which are floats or integers."""
         floats = " ".join(name for name, is_float in numbers.items() if is_float)

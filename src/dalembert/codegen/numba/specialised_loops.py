@@ -70,7 +70,7 @@ class Part:
 @final
 @dataclass
 class _Made:
-    """A function that has been specialised: its name, the parameters that are left, and its result where it is known."""
+    """A specialised function: its name, the parameters that are left, and its result where that is known."""
 
     name: str
     kept: list[int]
@@ -104,7 +104,9 @@ class SpecialisedLoops:
     @property
     def read(self) -> set[str]:
         """Dotted names of the arguments that the functions read."""
-        named = {node.attr for text in self.texts for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Attribute)}
+        named = {
+            node.attr for text in self.texts for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Attribute)
+        }
         return {path for path in self.touched if path.split(".")[-1] in named}
 
     def entry(self, function: Any) -> str:
@@ -163,7 +165,7 @@ def _printed(name: str, arguments: list[str], body: list[ast.stmt]) -> str:
     made = ast.parse(f"def {name}({', '.join(arguments)}):\n    pass").body[0]
     assert isinstance(made, ast.FunctionDef)
     made.body = body
-    return "@numba.njit(**KERNEL)\n" + ast.unparse(ast.fix_missing_locations(made)) + "\n"
+    return "@numba.njit(**ENTRY)\n" + ast.unparse(ast.fix_missing_locations(made)) + "\n"
 
 
 def _without_unread(body: list[ast.stmt]) -> list[ast.stmt]:
@@ -345,11 +347,11 @@ class _Function:
             case ast.Tuple(elts=elements):
                 return ast.Tuple([self.value(item)[0] for item in elements], ast.Load()), None
             case ast.BinOp(left=left, op=op, right=right):
-                return self._folded(op, [left, right], lambda a, b: ast.BinOp(a, op, b))
+                return self._folded(op, [left, right], lambda a, b, op=op: ast.BinOp(a, op, b))
             case ast.UnaryOp(op=op, operand=operand):
-                return self._folded(op, [operand], lambda a: ast.UnaryOp(op, a))
+                return self._folded(op, [operand], lambda a, op=op: ast.UnaryOp(op, a))
             case ast.Compare(left=left, ops=[op], comparators=[right]):
-                return self._folded(op, [left, right], lambda a, b: ast.Compare(a, [op], [b]))
+                return self._folded(op, [left, right], lambda a, b, op=op: ast.Compare(a, [op], [b]))
             case ast.Compare(left=left, ops=ops, comparators=right):
                 return ast.Compare(self.value(left)[0], ops, [self.value(item)[0] for item in right]), None
             case ast.BoolOp(op=op, values=values):

@@ -1,0 +1,117 @@
+"""Files of Python for numba and JAX: alone in a process without dalembert, their runs are those of `simulate`."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import dalembert as da
+from dalembert.errors import CapabilityError, OptionError
+from hard_cases import hard_case
+from hard_cases.contacts import contact_motion
+
+START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
+NUMBERS = {"m": 1, "b": 0.3, "I_C": 0.5}
+TIMES = [0.0, 1.5, 4.0]
+PINNED = "pendulum, Cartesian (IFToMM A01)"
+
+NUMBA = """
+run = made.simulate({times})
+runs = made.sweep({times}, parameters={{"{name}": np.array([{value}, {value}, -1.0])}}, threads=2)
+found = {{"run": run, "runs": runs, "texts": made.STATUSES[int(runs["status"][2])]}}
+"""
+JAX = """
+import jax
+times = np.array({times})
+def end(b, steps=None):
+    return made.simulate(times, parameters={{"b": b}}, steps=steps)["x"][-1]
+found = {{
+    "run": jax.jit(made.simulate)(times),
+    "runs": {{"x": jax.vmap(end)(np.array([0.2, 0.3])), "status": made.simulate(times, {{"x_dot": 3.0}})["status"]}},
+    "slopes": {{"forward": jax.jacfwd(end)(0.3), "reverse": jax.grad(lambda b: end(b, 60))(0.3)}},
+}}
+"""
+PROCESS = """
+import importlib.util, json, sys
+import numpy as np
+sys.path[:] = [place for place in sys.path if "src" not in place]
+sys.modules["dalembert"] = None
+spec = importlib.util.spec_from_file_location("made", sys.argv[1])
+made = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(made)
+{0}
+print(json.dumps(found, default=lambda value: np.asarray(value).tolist()))
+"""
+
+
+@pytest.fixture(scope="module")
+def sleigh():
+    return da.compile_model(da.scenes.chaplygin_sleigh(), outputs=["Y"])
+
+
+def found_by(path, code, **names):
+    """Run code with a file in a process that cannot import dalembert; return what it finds."""
+    command = [sys.executable, "-c", PROCESS.format(code.format(**names)), path]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_runs_of_a_file_for_numba_are_those_of_simulate(tmp_path, method):
+    """Also of a state that is projected after each step."""
+    case = hard_case(PINNED)
+    model = case.compile("projected", backend="numba")
+    options = {"rtol": 1e-6, "atol": 1e-8, "method": method}
+    path = model.export(tmp_path / "pendulum.py", "numba", initial=case.initial, parameters=case.parameters, **options)
+    name, value = next((str(name), value) for name, value in case.parameters.items() if str(name) == "m")
+    found = found_by(path, NUMBA, times=TIMES, name=name, value=value)
+    run = model.simulate((0, 4), case.initial, case.parameters, t_eval=TIMES, **options)
+    for variable in model.layout.variables:
+        np.testing.assert_allclose(found["run"][variable], run[variable], rtol=1e-12, atol=1e-13, err_msg=variable)
+        assert found["runs"][variable][:2] == [found["run"][variable]] * 2
+    assert found["runs"]["status"][:2] == [0, 0] and found["runs"]["status"][2] != 0
+    assert "contradicts what its symbol was declared to be" in found["texts"]
+
+
+def test_runs_of_a_file_for_jax_are_those_of_simulate(tmp_path, sleigh):
+    pytest.importorskip("jax")
+    tight = {"rtol": 1e-10, "atol": 1e-12}
+    path = sleigh.export(tmp_path / "sleigh.py", "jax", initial=START, parameters=NUMBERS, **tight)
+    found = found_by(path, JAX, times=TIMES)
+
+    def end(b):
+        return sleigh.simulate((0, 4), START, {**NUMBERS, "b": b}, t_eval=TIMES, rtol=1e-13, atol=1e-15)
+
+    run = end(0.3)
+    for name in ("x", "theta_dot", "Y"):
+        np.testing.assert_allclose(found["run"][name], run[name], rtol=1e-9, atol=1e-9, err_msg=name)
+    energy = np.add(found["run"]["kinetic"], found["run"]["potential"])
+    np.testing.assert_allclose(energy, run["energy"], rtol=1e-9)
+    np.testing.assert_allclose(found["runs"]["x"], [end(0.2)["x"][-1], run["x"][-1]], rtol=1e-9)
+    slope = (end(0.3 + 1e-5)["x"][-1] - end(0.3 - 1e-5)["x"][-1]) / 2e-5
+    np.testing.assert_allclose(list(found["slopes"].values()), slope, rtol=1e-7)
+    assert found["run"]["status"] == 0
+
+
+def test_what_files_do_not_carry(tmp_path, sleigh):
+    case = contact_motion("bouncing ball").motion
+    model = case.compile("auto")
+    for kind in ("numba", "jax"):
+        with pytest.raises(CapabilityError, match=r"contacts that change .*files of Python do not carry.*mode"):
+            model.export(tmp_path / "a.py", kind)
+    with pytest.raises(OptionError, match='give method="dop853"'):
+        sleigh.export(tmp_path / "a.py", "jax", method="radau")
+    with pytest.raises(OptionError, match=r"ends in '\.py'"):
+        sleigh.export(tmp_path / "a", "numba")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_only_files_of_exports_are_replaced(tmp_path, sleigh):
+    path = sleigh.export(tmp_path / "a.py", "numba")
+    assert sleigh.export(path, "jax", method="dop853") == path and "import jax" in path.read_text()
+    path.write_text("thesis = 1\n")
+    with pytest.raises(OptionError, match="was not written by an export"):
+        sleigh.export(path, "numba")
