@@ -59,7 +59,9 @@ def found_by(path, code, **names):
     return json.loads(done.stdout)
 
 
-@pytest.mark.parametrize("method", ["taylor", "dop853"])
+@pytest.mark.parametrize(
+    "method", ["taylor", *(pytest.param(m, marks=pytest.mark.matrix) for m in ("dop853", "radau"))]
+)
 def test_runs_of_a_file_for_numba_are_those_of_simulate(tmp_path, method):
     """Also of a state that is projected after each step."""
     case = hard_case(PINNED)
