@@ -8,13 +8,13 @@ from dataclasses import replace
 from typing import Any
 
 from ..codegen.c.descriptions import CSource, plain, readme_variables
-from ..codegen.c.run_loops import RunLoop, explicit_loop_of, implicit_loop_of, taylor_loop_of
+from ..codegen.c.run_loops import RunLoop, explicit_loop_of, taylor_loop_of
 from ..codegen.c.simulator import STATUS_TEXTS, STATUSES
-from ..codegen.library import derivative_of
 from ..codegen.numba import texts
 from ..codegen.numba.run_memory import RunMemory
 from ..codegen.numba.specialised_loops import SpecialisedLoops
 from ..codegen.rendering import render
+from ..errors import OptionError
 from ..ir.kernel import Kernel
 from ..ir.program import coefficient_places
 from ..methods.status import RUNNING
@@ -39,7 +39,18 @@ _KERNEL = re.compile(r"@numba\.njit\(\*\*ENTRY\)(\ndef (\w+)\()")
 
 
 def numba_text(source: CSource) -> str:
-    """Return the text of a simulator for numba."""
+    """Return the text of a simulator for numba.
+
+    Raises
+    ------
+    OptionError
+        For the method "radau".
+    """
+    if source.method == "radau":
+        raise OptionError(
+            'files for numba take Taylor steps and Runge-Kutta pairs, not "radau": give method="dop853", or take'
+            ' kind="c"'
+        )
     kernels, loop, names = _kernels(source)
     loops = SpecialisedLoops(loop, names, _PUBLIC | frozenset(kernels))
     calls = {"take_step": loops.entry(loop.step), "sample": loops.entry(loop.sample)}
@@ -98,10 +109,6 @@ def _kernels(source: CSource) -> tuple[dict[str, str], RunLoop, dict[str, str]]:
         return printed, taylor_loop_of(sizes, source.order, source.tolerances, angles_of(program), has), names
     has["rhs"], has["knots"] = of_program("rates", "rhs"), of_program("knots", "knots")
     names |= {"rhs": "rates", "knots": "knots"}
-    if source.method == "radau":
-        made, derivative = derivative_of(program.kernel("rhs"))
-        has[made], names[made] = add(made, derivative), made
-        return printed, implicit_loop_of(sizes, source.tolerances, has), names
     return printed, explicit_loop_of(source.method, sizes, source.tolerances, has), names
 
 
@@ -137,6 +144,7 @@ def start_numbers(source: CSource) -> dict[str, Any]:
 def _numbers(source: CSource, loop: RunLoop) -> dict[str, Any]:
     """Return the places and sizes of what runs are given and write."""
     program, layout, at = source.program, source.program.layout, _places(loop)
+    inputs, first = coefficient_places(layout.parameters, layout.inputs), len(source.start.given)
     locks = len(source.locking) if source.locks is not None else 0
     variables, starts = len(program.kernel("expand").outputs), start_numbers(source)
     given = {
@@ -153,7 +161,9 @@ def _numbers(source: CSource, loop: RunLoop) -> dict[str, Any]:
         "settings": [(at[key], value) for key, value in given.items()],
         "after_step": [(name, "1") for name, _ in loop.after_step],
         "running": RUNNING,
-        "n_initial": len(source.start.given),
+        "parameter_pairs": [(place, first + k) for k, place in enumerate(starts["parameter_places"])],
+        "input_pairs": [(place, first + len(source.parameters) + k) for k, place in enumerate(inputs)],
+        "first_energy": variables + len(layout.outputs),
         "n_given": len(source.start.given) + len(source.parameters) + len(layout.inputs),
         "n_found": max(len(source.start.kernel.outputs), 1),
         "n_checks": len(source.start.labels),
@@ -162,7 +172,6 @@ def _numbers(source: CSource, loop: RunLoop) -> dict[str, Any]:
         "n_real_locks": locks,
         "n_variables": variables,
         "n_row": variables + len(layout.outputs) + 2,
-        "input_places": list(coefficient_places(layout.parameters, layout.inputs)),
     }
 
 

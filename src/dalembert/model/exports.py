@@ -68,7 +68,7 @@ def _jax(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
     from ..export.simulator import c_source
 
     refuse_contacts_of_files(model)
-    asked = {**request, "method": "dop853"} if request["method"] == "taylor" else request
+    asked = {**request, "method": "dop853"} if request["method"] in ("auto", "taylor") else request
     return {"file": jax_text(c_source(model, **asked))}
 
 
