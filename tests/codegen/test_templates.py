@@ -32,6 +32,8 @@ from dalembert.codegen.printers import JAX, NUMPY
 from dalembert.codegen.rendering import program_variables, render, template_directory
 from dalembert.export import page, wheel
 from dalembert.export.fmu import fmu_files
+from dalembert.export.jax_file import jax_text
+from dalembert.export.numba_file import numba_text
 from dalembert.export.simulator import c_source
 from dalembert.ir.kernel import Assignment, Kernel, Load
 from dalembert.lanes.sweep_arguments import SweepKernels
@@ -121,11 +123,15 @@ def render_c():
                     "",
                 }
                 fmu_files(source)
+            if method == "taylor":
+                numba_text(source)
             nothing = {"shared_library": lambda compiler, texts: b"", "c_compiler": lambda: ["cc"]}
             with mock.patch.multiple(wheel, **nothing):
                 wheel.wheel_files(source)
             with mock.patch.object(page, "web_assembly", lambda texts, exported: b""):
                 page.page_text(source, source, scene, None)
+    sleigh = da.compile_model(da.scenes.chaplygin_sleigh(), outputs=["Y"])
+    jax_text(c_source(sleigh, None, {}, "dop853", (1e-8, 1e-10), (0.0, 1.0)))
     render_contacts()
 
 

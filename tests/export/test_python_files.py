@@ -6,9 +6,12 @@ import sys
 
 import numpy as np
 import pytest
+from sympy import symbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.errors import CapabilityError, OptionError
+from dalembert.methods.status import Status
 from hard_cases import hard_case
 from hard_cases.contacts import contact_motion
 
@@ -29,7 +32,7 @@ def end(b, steps=None):
     return made.simulate(times, parameters={{"b": b}}, steps=steps)["x"][-1]
 found = {{
     "run": jax.jit(made.simulate)(times),
-    "runs": {{"x": jax.vmap(end)(np.array([0.2, 0.3])), "status": made.simulate(times, {{"x_dot": 3.0}})["status"]}},
+    "runs": {{"x": jax.vmap(end)(np.array([0.2, 0.3]))}},
     "slopes": {{"forward": jax.jacfwd(end)(0.3), "reverse": jax.grad(lambda b: end(b, 60))(0.3)}},
 }}
 """
@@ -59,11 +62,17 @@ def found_by(path, code, **names):
     return json.loads(done.stdout)
 
 
-@pytest.mark.parametrize("method", ["taylor", *(pytest.param(m, marks=pytest.mark.matrix) for m in ("dop853",))])
-def test_runs_of_a_file_for_numba_are_those_of_simulate(tmp_path, method):
+@pytest.mark.parametrize(
+    ("name", "formulation", "method"),
+    [
+        ("sleigh through theta = pi/2", "minimal", "taylor"),
+        *(pytest.param(PINNED, "projected", method, marks=pytest.mark.matrix) for method in ("taylor", "dop853")),
+    ],
+)
+def test_runs_of_a_file_for_numba_are_those_of_simulate(tmp_path, name, formulation, method):
     """Also of a state that is projected after each step."""
-    case = hard_case(PINNED)
-    model = case.compile("projected", backend="numba")
+    case = hard_case(name)
+    model = case.compile(formulation, backend="numba")
     options = {"rtol": 1e-6, "atol": 1e-8, "method": method}
     path = model.export(tmp_path / "pendulum.py", "numba", initial=case.initial, parameters=case.parameters, **options)
     name, value = next((str(name), value) for name, value in case.parameters.items() if str(name) == "m")
@@ -74,6 +83,51 @@ def test_runs_of_a_file_for_numba_are_those_of_simulate(tmp_path, method):
         assert found["runs"][variable][:2] == [found["run"][variable]] * 2
     assert found["runs"]["status"][:2] == [0, 0] and found["runs"]["status"][2] != 0
     assert "contradicts what its symbol was declared to be" in found["texts"]
+
+
+def cart(force):
+    """Return the model of a cart that an input pushes against a force."""
+    z, u, N, O = *dynamicsymbols("z u"), ReferenceFrame("N"), Point("O")
+    scene = da.Scene("cart", frame=N, origin=O, coordinates=[z])
+    scene.add_bodies(Particle("cart", O.locatenew("P", z * N.x), symbols("m", positive=True)))
+    scene.add_inputs(u)
+    scene.add_loads((scene.bodies[0].masscenter, (u - force(z)) * N.x))
+    return da.compile_model(scene, outputs=["z_ddot"])
+
+
+def smooth(z):
+    return z + z**3 / 9
+
+
+def tabulated(z):
+    return da.table(z, [-9, -1, 1, 9], [-9, -1, 2, 12], kind="cubic")
+
+
+@pytest.mark.matrix
+@pytest.mark.parametrize(
+    ("kind", "method", "force"),
+    [
+        ("numba", "dop853", smooth),
+        ("numba", "taylor", tabulated),
+        ("jax", "auto", smooth),
+    ],
+)
+def test_inputs_tables_and_time_that_runs_back(tmp_path, kind, method, force):
+    pytest.importorskip(kind)
+    model, options = cart(force), {"rtol": 1e-9, "atol": 1e-11}
+    start, numbers = {"z": 0.5, "z_dot": 1.0}, {"m": 2.0}
+    given = {"initial": start, "parameters": numbers, "inputs": {"u": 0.3}}
+    path = model.export(tmp_path / "cart.py", kind, method=method, **given, **options)
+    code = """
+found = {{"forth": made.simulate(np.array({times})), "back": made.simulate(-np.array({times}), inputs={{"u": -0.2}})}}
+"""
+    found = found_by(path, code, times=TIMES)
+    for way, sign, u in (("forth", 1, 0.3), ("back", -1, -0.2)):
+        times = [sign * t for t in TIMES]
+        run = model.simulate((0, times[-1]), start, numbers, t_eval=times, inputs={"u": u}, rtol=1e-12, atol=1e-14)
+        for variable in (*model.layout.variables, "z_ddot"):
+            np.testing.assert_allclose(found[way][variable], run[variable], rtol=1e-7, atol=1e-7, err_msg=variable)
+        assert not np.any(found[way].get("status", 0))
 
 
 def test_runs_of_a_file_for_jax_are_those_of_simulate(tmp_path, sleigh):
@@ -96,16 +150,40 @@ def test_runs_of_a_file_for_jax_are_those_of_simulate(tmp_path, sleigh):
     assert found["run"]["status"] == 0
 
 
+def test_positions_are_corrected_in_a_file_for_jax_until_nothing_is_left(tmp_path):
+    pytest.importorskip("jax")
+    case = hard_case(PINNED)
+    model = case.compile("projected")
+    options = {"rtol": 1e-9, "atol": 1e-11}
+    path = model.export(tmp_path / "a.py", "jax", initial=case.initial, parameters=case.parameters, **options)
+    code = """
+corrected = made.simulate(np.array({times}))
+apart = made.simulate(np.array({times}), {{"x": 2.0}})["status"]
+made.project_position = lambda t, y, c: 1e-4 * made.jnp.ones_like(y)
+found = {{"run": corrected, "apart": apart, "others": made.simulate(np.array({times}))["status"]}}
+"""
+    found = found_by(path, code, times=TIMES)
+    run = model.simulate((0, 4), case.initial, case.parameters, t_eval=TIMES, rtol=1e-12, atol=1e-14)
+    assert found["run"]["status"] == 0
+    for variable in model.layout.variables:
+        np.testing.assert_allclose(found["run"][variable], run[variable], rtol=1e-7, atol=1e-7, err_msg=variable)
+    assert (found["apart"], found["others"]) == (Status.INITIAL_STATE, Status.STEP_TOO_SMALL)
+
+
 def test_what_files_do_not_carry(tmp_path, sleigh):
     case = contact_motion("bouncing ball").motion
     model = case.compile("auto")
     for kind in ("numba", "jax"):
         with pytest.raises(CapabilityError, match=r"contacts that change .*files of Python do not carry.*mode"):
             model.export(tmp_path / "a.py", kind)
-    with pytest.raises(OptionError, match='give method="dop853"'):
-        sleigh.export(tmp_path / "a.py", "jax", method="radau")
+    for method in ("radau", "taylor"):
+        with pytest.raises(OptionError, match='give method="dop853"'):
+            sleigh.export(tmp_path / "a.py", "jax", method=method)
     with pytest.raises(OptionError, match=r'not "radau": give method="dop853"'):
         sleigh.export(tmp_path / "a.py", "numba", method="radau")
+    for kind, message in (("numba", 'Taylor steps alone, .*give method="taylor"'), ("jax", "do not carry tables")):
+        with pytest.raises(CapabilityError, match=message):
+            cart(tabulated).export(tmp_path / "a.py", kind, method="dop853")
     with pytest.raises(OptionError, match=r"ends in '\.py'"):
         sleigh.export(tmp_path / "a", "numba")
     assert list(tmp_path.iterdir()) == []

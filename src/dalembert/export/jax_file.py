@@ -14,6 +14,7 @@ from ..errors import CapabilityError, OptionError
 from ..ir.kernel import Kernel, describe_counts
 from ..ir.program import coefficient_places
 from ..methods.pairs import PAIRS
+from ..methods.status import Status
 from ..methods.step_constants import (
     LARGEST_GROWTH,
     LARGEST_REDUCTION,
@@ -22,10 +23,21 @@ from ..methods.step_constants import (
     SMALLEST_OF_TIME,
 )
 from ..options import MAX_STEPS
-from .numba_file import descriptions, start_numbers
+from .numba_file import descriptions, settings, start_numbers, statuses
 
 _NEWTON = 3
-"""Corrections of positions behind each step; an error of a step is so small that they converge."""
+"""Corrections of positions behind each step, of which the last must be below the tolerances."""
+
+_TESTED = (
+    Status.INITIAL_STATE,
+    Status.ASSUMPTION,
+    Status.MAX_STEPS,
+    Status.NON_FINITE,
+    Status.SINGULAR_CONFIGURATION,
+    Status.STEP_TOO_SMALL,
+    Status.TIMES_IN_NO_ORDER,
+)
+"""Statuses that the file gives."""
 
 
 def jax_text(source: CSource) -> str:
@@ -47,30 +59,34 @@ def jax_text(source: CSource) -> str:
     called = set(re.findall(r"fn\.(\w+)\(", "\n".join(line for kernel in kernels for line in kernel["lines"])))
     for kernel in kernels:
         kernel["lines"] = [re.sub(r"\bfn\.", "safe_", line) for line in kernel["lines"]]
-    return render(
-        "jax/simulator.py.j2",
-        {
-            **descriptions(source),
-            **start_numbers(source),
-            "functions": _functions(called),
-            "kernels": kernels,
-            "nodes": tableau.c[:count].tolist(),
-            "matrix": tableau.A[:count, :count].tolist(),
-            "errors": tableau.error[:, :count].tolist(),
-            "exponent": repr(1.0 / (tableau.error_order + 1)),
-            "safety": SAFETY,
-            "least": LARGEST_REDUCTION,
-            "most": LARGEST_GROWTH,
-            "smallest": SMALLEST_OF_TIME,
-            "max_steps": MAX_STEPS,
-            "corrections": [
-                (f"project_{kind}", tries)
-                for kind, tries in (("position", _NEWTON), ("velocity", LINEAR_CORRECTIONS))
-                if f"project_{kind}" in source.program
-            ],
-            "input_places": list(coefficient_places(source.program.layout.parameters, source.program.layout.inputs)),
-        },
-    )
+    tolerances = {"rtol": repr(source.tolerances[0]), "atol": repr(source.tolerances[1])}
+    runs = {
+        **tolerances,
+        **start_numbers(source),
+        "status": statuses(_TESTED),
+        "kernels": kernels,
+        "nodes": repr(tableau.c[:count].tolist()),
+        "matrix": repr(tableau.A[:count, :count].tolist()),
+        "errors": repr(tableau.error[:, :count].tolist()),
+        "exponent": repr(1.0 / (tableau.error_order + 1)),
+        "safety": repr(SAFETY),
+        "least": repr(LARGEST_REDUCTION),
+        "most": repr(LARGEST_GROWTH),
+        "smallest": repr(SMALLEST_OF_TIME),
+        "max_steps": MAX_STEPS,
+        "corrections": [
+            (f"project_{kind}", tries)
+            for kind, tries in (("position", _NEWTON), ("velocity", LINEAR_CORRECTIONS))
+            if f"project_{kind}" in source.program
+        ],
+        "input_places": list(coefficient_places(source.program.layout.parameters, source.program.layout.inputs)),
+    }
+    parts = [
+        render("jax/simulator_head.py.j2", descriptions(source) | settings(source)),
+        *(["# Functions whose derivatives are finite.", *_functions(called)] if called else []),
+        render("jax/simulator.py.j2", runs),
+    ]
+    return "\n\n\n".join(part.strip() for part in parts) + "\n"
 
 
 def _refuse(source: CSource) -> None:
@@ -107,10 +123,10 @@ def _variables(name: str, kernel: Kernel) -> dict[str, Any]:
     }
 
 
-def _functions(called: set[str]) -> str:
+def _functions(called: set[str]) -> list[str]:
     """Return the source of functions of `dalembert.jax.functions` that kernels call, with names that no value has."""
     text = (Path(__file__).parents[1] / "jax" / "functions.py").read_text(encoding="utf-8")
-    found = []
+    found = list[str]()
     for node in ast.parse(text).body:
         if isinstance(node, ast.FunctionDef) and node.name in called:
             for argument in node.args.args:
@@ -124,4 +140,4 @@ def _functions(called: set[str]) -> str:
                     for argument in inner.args.args:
                         argument.annotation = None
             found.append(ast.unparse(node))
-    return "\n\n\n".join(found)
+    return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -14,10 +15,10 @@ from ..codegen.numba import texts
 from ..codegen.numba.run_memory import RunMemory
 from ..codegen.numba.specialised_loops import SpecialisedLoops
 from ..codegen.rendering import render
-from ..errors import OptionError
+from ..errors import CapabilityError, OptionError
 from ..ir.kernel import Kernel
 from ..ir.program import coefficient_places
-from ..methods.status import RUNNING
+from ..methods.status import RUNNING, Status
 from ..options import MAX_STEPS
 from ..transforms.passes import EliminateDeadCode
 from ..transforms.periodic import angles_of
@@ -43,6 +44,8 @@ def numba_text(source: CSource) -> str:
 
     Raises
     ------
+    CapabilityError
+        For Runge-Kutta pairs and tables.
     OptionError
         For the method "radau".
     """
@@ -51,29 +54,45 @@ def numba_text(source: CSource) -> str:
             'files for numba take Taylor steps and Runge-Kutta pairs, not "radau": give method="dop853", or take'
             ' kind="c"'
         )
+    if source.method != "taylor" and "knots" in source.program:
+        raise CapabilityError(
+            f"files for numba carry tables with Taylor steps alone, and {source.program.name!r} has some: give"
+            ' method="taylor", or take kind="c"'
+        )
     kernels, loop, names = _kernels(source)
     loops = SpecialisedLoops(loop, names, _PUBLIC | frozenset(kernels))
     calls = {"take_step": loops.entry(loop.step), "sample": loops.entry(loop.sample)}
     memory = RunMemory(loop.arguments, loops.read | _set_by_runs(loop))
     printed = texts.joined(*kernels.values())
     digest = hashlib.sha256(printed.encode()).hexdigest()[:16]
-    return render(
-        "numba/simulator.py.j2",
-        {
-            **descriptions(source),
-            **_numbers(source, loop),
-            **calls,
-            "prelude": texts.prelude(None).strip(),
-            "after_prelude": render("numba/simulator_prelude.py.j2", {"digest": digest}).strip(),
-            "tables": texts.table_definitions(printed).strip(),
-            "kernels": _KERNEL.sub(lambda found: f"@kernel{found[1]}" if found[2] in kernels else found[0], printed),
-            "constants": sorted(loops.constants.items()),
-            "loops": "\n\n".join(loops.texts),
-            "types": memory.types,
-            "resets": memory.resets,
-            "memory": "\n".join([memory.value[0], *(f"    {line}" for line in memory.value[1:])]),
-        },
-    )
+    steps = readme_variables(source, "")["method"]
+    example = plain([*source.parameters, *source.start.given][0])
+    tables = texts.table_definitions(printed).strip()
+    equations = _KERNEL.sub(lambda found: f"@kernel{found[1]}" if found[2] in kernels else found[0], printed)
+    constants = [f"{name} = {value}" for name, value in sorted(loops.constants.items())]
+    runs = {
+        **settings(source),
+        **_numbers(source, loop),
+        **calls,
+        "checks": ascii([f"{kind}: {label}" for kind, label in source.start.labels]),
+        "status": statuses(_TESTED),
+        "types": memory.types,
+        "resets": memory.resets,
+        "memory": memory.value,
+    }
+    parts = [
+        render("numba/simulator_head.py.j2", {**descriptions(source), "example": example, "steps": steps}),
+        texts.prelude(None),
+        render("numba/simulator_prelude.py.j2", {"digest": digest}),
+        *(["# Tables.", tables] if tables else []),
+        "# Equations of the scene.",
+        equations,
+        "# The integrator: one step, and the state within it.",
+        "\n".join(constants),
+        *loops.texts,
+        render("numba/simulator.py.j2", runs),
+    ]
+    return "\n\n\n".join(part.strip() for part in parts) + "\n"
 
 
 def _kernels(source: CSource) -> tuple[dict[str, str], RunLoop, dict[str, str]]:
@@ -107,9 +126,24 @@ def _kernels(source: CSource) -> tuple[dict[str, str], RunLoop, dict[str, str]]:
         printed["series"] = texts.taylor_step("series", known, source.order, dense=True)
         has["step"], names["step"] = True, "series"
         return printed, taylor_loop_of(sizes, source.order, source.tolerances, angles_of(program), has), names
-    has["rhs"], has["knots"] = of_program("rates", "rhs"), of_program("knots", "knots")
-    names |= {"rhs": "rates", "knots": "knots"}
+    has["rhs"], names["rhs"] = of_program("rates", "rhs"), "rates"
     return printed, explicit_loop_of(source.method, sizes, source.tolerances, has), names
+
+
+_TESTED = (
+    Status.INITIAL_STATE,
+    Status.ASSUMPTION,
+    Status.NON_FINITE,
+    Status.SINGULAR_CONFIGURATION,
+    Status.SINGULAR_COORDINATES,
+    Status.TIMES_IN_NO_ORDER,
+)
+"""Statuses of starts, times and angles, which the file gives by itself."""
+
+
+def statuses(given: Iterable[Status]) -> dict[str, int]:
+    """Return the numbers of statuses by their names."""
+    return {status.name: int(status) for status in given}
 
 
 def _places(loop: RunLoop) -> dict[str, str]:
@@ -130,7 +164,6 @@ def start_numbers(source: CSource) -> dict[str, Any]:
     """Return the sizes and places of what starts are given and test, and numbers of statuses."""
     layout, tests = source.program.layout, 0 if source.admission is None else len(source.admission.outputs)
     return {
-        "status": {status.name: int(status) for status in STATUSES},
         "n_admission": tests,
         "dependent_tests": [(tests - 2, tests - 1)] if tests and source.dependent else [],
         "n_states": len(layout.state),
@@ -147,6 +180,7 @@ def _numbers(source: CSource, loop: RunLoop) -> dict[str, Any]:
     inputs, first = coefficient_places(layout.parameters, layout.inputs), len(source.start.given)
     locks = len(source.locking) if source.locks is not None else 0
     variables, starts = len(program.kernel("expand").outputs), start_numbers(source)
+    parameters = enumerate(starts.pop("parameter_places"))
     given = {
         "t0": "t0",
         "t1": "t1",
@@ -157,11 +191,11 @@ def _numbers(source: CSource, loop: RunLoop) -> dict[str, Any]:
     }
     return {
         **starts,
-        "at": at,
+        "at": {name: at[name] for name in ("constants", "row", "state", "time")},
         "settings": [(at[key], value) for key, value in given.items()],
         "after_step": [(name, "1") for name, _ in loop.after_step],
         "running": RUNNING,
-        "parameter_pairs": [(place, first + k) for k, place in enumerate(starts["parameter_places"])],
+        "parameter_pairs": [(place, first + k) for k, place in parameters],
         "input_pairs": [(place, first + len(source.parameters) + k) for k, place in enumerate(inputs)],
         "first_energy": variables + len(layout.outputs),
         "n_given": len(source.start.given) + len(source.parameters) + len(layout.inputs),
@@ -175,30 +209,43 @@ def _numbers(source: CSource, loop: RunLoop) -> dict[str, Any]:
     }
 
 
-def descriptions(source: CSource) -> dict[str, Any]:
-    """Return the names of what a simulator takes and returns, as Python prints them, and its symbol table."""
-    layout, numbers, read = source.program.layout, source.numbers, readme_variables(source, "")
+def settings(source: CSource) -> dict[str, Any]:
+    """Return what a simulator takes and returns by default, as Python prints it."""
+    layout, numbers = source.program.layout, source.numbers
 
     def known(names: tuple[str, ...], otherwise: float | None = None) -> str:
         return ascii({name: float(numbers[name]) if name in numbers else otherwise for name in names})
 
-    names = [*layout.coordinates, *layout.rates, *layout.states, *layout.outputs, "kinetic", "potential"]
-    results = {"title": "Results", "rows": [{"name": plain(name), "value": ""} for name in names]}
-    titles = ("Initial values", "Parameters", "Inputs", "State")
     return {
-        "scene": plain(source.program.name).replace("\\", "/"),
-        "first": plain(names[0]),
-        "example": plain([*source.parameters, *source.start.given][0]),
-        "steps": read["method"],
-        "rtol": read["rtol"],
-        "atol": read["atol"],
-        "formulation": source.program.formulation,
-        "groups": [*(group for group in read["groups"] if group["title"] in titles), results],
-        "version": __version__,
         "initial": known(source.start.given),
         "parameters": known(source.parameters),
         "inputs": known(layout.inputs, 0.0),
-        "names": ascii(names),
+        "names": ascii(_results(source)),
         "statuses": ascii({int(status): STATUS_TEXTS.get(status, status.message) for status in STATUSES}),
-        "checks": ascii([f"{kind}: {label}" for kind, label in source.start.labels]),
+    }
+
+
+def _results(source: CSource) -> list[str]:
+    """Return the names of results, in the order of their rows."""
+    layout = source.program.layout
+    return [*layout.coordinates, *layout.rates, *layout.states, *layout.outputs, "kinetic", "potential"]
+
+
+def descriptions(source: CSource) -> dict[str, Any]:
+    """Return the symbol table of a simulator, and what stands at its head besides."""
+    read, names = readme_variables(source, ""), _results(source)
+    titles = ("Initial values", "Parameters", "Inputs", "State")
+    shown = [(group["title"], group["rows"]) for group in read["groups"] if group["title"] in titles]
+    shown.append(("Results", [{"name": plain(name), "value": ""} for name in names]))
+    return {
+        "scene": plain(source.program.name).replace("\\", "/"),
+        "first": plain(names[0]),
+        "rtol": read["rtol"],
+        "atol": read["atol"],
+        "formulation": source.program.formulation,
+        "groups": [
+            {"title": title, "rows": [{"name": row["name"], "value": row["value"]} for row in rows]}
+            for title, rows in shown
+        ],
+        "version": __version__,
     }

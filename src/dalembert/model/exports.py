@@ -68,8 +68,7 @@ def _jax(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
     from ..export.simulator import c_source
 
     refuse_contacts_of_files(model)
-    asked = {**request, "method": "dop853"} if request["method"] in ("auto", "taylor") else request
-    return {"file": jax_text(c_source(model, **asked))}
+    return {"file": jax_text(c_source(model, **request))}
 
 
 KINDS: dict[str, Callable[[CompiledModel, Mapping[str, Any]], dict[str, Any]]] = {
@@ -81,6 +80,9 @@ KINDS: dict[str, Callable[[CompiledModel, Mapping[str, Any]], dict[str, Any]]] =
     "jax": _jax,
 }
 """Kinds of exports: from a model and what was asked for to the contents of files by their names."""
+
+INSTEAD = {("jax", "auto"): "dop853", ("jax", "taylor"): "dop853"}
+"""Methods of kinds in place of those that "auto" finds."""
 
 ENDINGS = {"fmu": ".fmu", "page": ".html", "numba": ".py", "jax": ".py"}
 """Kinds that are one file, and how its name ends; others are folders."""
@@ -131,7 +133,7 @@ def export(
     method : str
         "taylor", a Runge-Kutta pair such as "dop853", or "radau" for stiff scenes; "auto" takes what a run
         of the example takes, which is made for that; without an example, what takes runs that are not stiff. Files
-        for JAX take "dop853" alone, also in place of "taylor".
+        for JAX take "dop853" alone, those for numba no "radau": where "auto" finds a stiff scene, that is an error.
     rtol, atol : float
         Tolerances, which the code is made for.
     fmi : str
@@ -189,8 +191,10 @@ def export(
     if parameters is not None:
         numbers |= self.read_parameters({**dict.fromkeys(_hidden(self), 0.0), **parameters})
     numbers |= _input_values(self, inputs)
-    if method == "auto" and _complete(self, numbers, given):
-        method = _method_of_example(self, (initial, parameters, inputs), t_span, rtol, atol)
+    if method == "auto":
+        if _complete(self, numbers, given):
+            method = _method_of_example(self, (initial, parameters, inputs), t_span, rtol, atol)
+        method = INSTEAD.get((kind, method), method)
     request: dict[str, Any] = {
         "initial": given,
         "numbers": numbers,
