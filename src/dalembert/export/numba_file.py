@@ -66,7 +66,7 @@ def numba_text(source: CSource) -> str:
     printed = texts.joined(*kernels.values())
     digest = hashlib.sha256(printed.encode()).hexdigest()[:16]
     steps = readme_variables(source, "")["method"]
-    example = plain([*source.parameters, *source.start.given][0])
+    kind, varied = ("parameters", source.parameters) if source.parameters else ("initial", source.start.given)
     tables = texts.table_definitions(printed).strip()
     equations = _KERNEL.sub(lambda found: f"@kernel{found[1]}" if found[2] in kernels else found[0], printed)
     constants = [f"{name} = {value}" for name, value in sorted(loops.constants.items())]
@@ -80,8 +80,9 @@ def numba_text(source: CSource) -> str:
         "resets": memory.resets,
         "memory": memory.value,
     }
+    head = {**descriptions(source), "kind": kind, "example": plain(varied[0]), "steps": steps}
     parts = [
-        render("numba/simulator_head.py.j2", {**descriptions(source), "example": example, "steps": steps}),
+        render("numba/simulator_head.py.j2", head),
         texts.prelude(None),
         render("numba/simulator_prelude.py.j2", {"digest": digest}),
         *(["# Tables.", tables] if tables else []),
