@@ -125,7 +125,7 @@ def available():
     return found
 
 
-def test_source_is_byte_identical_in_five_processes():
+def test_source_is_byte_identical_in_three_processes():
     """The program and its plain text in all of them, and in two, which import them, what other backends make of it."""
     backends = available()
     runs = [
@@ -138,14 +138,14 @@ def test_source_is_byte_identical_in_five_processes():
         for seed, printed in (
             ("0", backends),
             ("4294967295", backends),
-            *((seed, ["numpy"]) for seed in ("1", "2", "31")),
+            ("31", ["numpy"]),
         )
     ]
     outputs = [run.communicate()[0].splitlines() for run in runs]
-    assert [run.returncode for run in runs] == [0] * 5
+    assert [run.returncode for run in runs] == [0] * 3
     assert outputs[0] == outputs[1]
     plain = [line for line in outputs[0] if line.split()[2] in ("program", "numpy")]
-    assert outputs[2] == outputs[3] == outputs[4] == plain
+    assert outputs[2] == plain
     found = {tuple(line.split()[:3]) for line in outputs[0]}
     assert {(scene, "auto", backend) for scene in READY for backend in backends} <= found
     assert {(scene, "projected", "llvm") for scene in READY} <= found
