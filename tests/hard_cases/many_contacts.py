@@ -7,7 +7,16 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, 
 
 import dalembert as da
 
-__all__ = ["boxes", "boxes_at_rest", "feet", "feet_at_rest", "standing", "standing_at_rest"]
+__all__ = [
+    "boxes",
+    "boxes_at_rest",
+    "feet",
+    "feet_at_rest",
+    "standing",
+    "standing_at_rest",
+    "turning",
+    "turning_at_rest",
+]
 
 TIME = dynamicsymbols._t
 
@@ -87,6 +96,38 @@ def standing_at_rest(count: int = 4) -> tuple[dict[str, float], dict[str, float]
     start |= {f"x{i}": 0.4 * (-1) ** i + 0.01 * (i + 1) for i in range(count)}
     start |= {f"y{i}": 0.4 * (-1) ** (i // 2) - 0.01 * i**2 for i in range(count)}
     return start, p
+
+
+def turning() -> da.Scene:
+    """Return a body that a quaternion turns, on four sprung legs whose feet have masses, on a rough floor in space."""
+    m, M, J, g, mu, k, c, l, w = sp.symbols("m M J g mu k c l w", positive=True)
+    push, N, O = sp.Symbol("push", real=True), ReferenceFrame("N"), Point("O")
+    whole, e = dynamicsymbols("x y z"), dynamicsymbols("e0:4")
+    places = [dynamicsymbols(f"x{i} y{i} z{i}") for i in range(4)]
+    coordinates = [*whole, *e, *(q for place in places for q in place)]
+    scene = da.Scene("turning body on 4 legs", frame=N, origin=O, coordinates=coordinates)
+    B, C = ReferenceFrame("B"), O.locatenew("C", sum((q * axis for q, axis in zip(whole, N, strict=True)), 0 * N.x))
+    B.orient(N, "Quaternion", e)
+    scene.add_holonomic_constraints(sum(each**2 for each in e) - 1)
+    scene.add_bodies(RigidBody("trunk", C, B, M, (inertia(B, J, 2 * J, 3 * J), C)))
+    for i, (a, b, h) in enumerate(places):
+        foot = O.locatenew(f"P{i}", a * N.x + b * N.y + h * N.z)
+        hip = C.locatenew(f"H{i}", w * ((-1) ** i * B.x + (-1) ** (i // 2) * B.y))
+        scene.add_bodies(Particle(f"foot{i}", foot, m))
+        _rough_floor(scene, f"c{i}", f"foot{i}", foot, h, (N.x, N.y), mu)
+        leg = hip.pos_from(foot)
+        force = k * (l * N.z - leg) - c * leg.diff(TIME, N)
+        scene.add_loads((hip, force), (foot, -force))
+    scene.add_loads((C, push * (sp.sin(3 * TIME) * N.x + sp.cos(2 * TIME) * N.y)))
+    scene.apply_uniform_gravity(-g * N.z)
+    return scene
+
+
+def turning_at_rest() -> tuple[dict[str, float], dict[str, float]]:
+    """Return a start and parameters of the body that a quaternion turns."""
+    start, p = standing_at_rest()
+    turned = {"e0": 0.96, "e1": 0.0, "e2": 0.0, "e3": 0.28}
+    return start | turned | {f"{name}_dot": 0.0 for name in turned}, p | {"J": 0.1}
 
 
 def boxes(count: int) -> da.Scene:

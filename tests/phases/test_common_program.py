@@ -12,7 +12,16 @@ from dalembert.contacts.coupled_slips import coupled_slips
 from dalembert.contacts.switched_modes import why_unswitched
 from dalembert.methods.status import Status
 from dalembert.phases import mode_models
-from hard_cases.many_contacts import boxes, boxes_at_rest, feet, feet_at_rest, standing, standing_at_rest
+from hard_cases.many_contacts import (
+    boxes,
+    boxes_at_rest,
+    feet,
+    feet_at_rest,
+    standing,
+    standing_at_rest,
+    turning,
+    turning_at_rest,
+)
 
 FINE = {"rtol": 1e-10, "atol": 1e-12}
 
@@ -79,6 +88,19 @@ def test_friction_in_a_plane_by_one_program_as_by_one_a_mode(monkeypatch):
     run, other = (model.simulate((0.0, 0.6), start, p, **FINE) for model in (common, apart))
     agree(run, other, outputs, of_outputs=1e-5)
     assert len(run.phases) > 3 and programs(common) == 1
+
+
+def test_the_length_of_a_quaternion_holds_in_one_program_as_in_one_a_mode(monkeypatch):
+    """The body turns, and its feet slip, stick and, after a jolt, lift."""
+    outputs = ["N_c0", "F0_c0", "F1_c2"]
+    common, apart = both(monkeypatch, turning(), outputs=outputs)
+    start, p = turning_at_rest()
+    start |= {"z_dot": -1.0, "e3_dot": 0.48, "e0_dot": -0.14}
+    run, other = (model.simulate((0.0, 0.1), start, p, **FINE) for model in (common, apart))
+    agree(run, other, outputs, of_outputs=1e-5)
+    assert len(run.phases) > 3 and programs(common) == 1
+    assert np.abs(np.sum(run.q[:, 3:7] ** 2, axis=1) - 1.0).max() < 1e-14
+    assert np.ptp(run["e3"]) > 0.005
 
 
 def test_boxes_share_loads_by_one_program_as_by_one_a_mode(monkeypatch):

@@ -3,8 +3,10 @@
 The reactions x of all contacts satisfy (S W S + I - S) x = S (b - J a), with W = J M^-1 P, where J are the rows of gaps
 and slip velocities, b what these demand, P the power coefficients of the reactions, with friction -kappa N in the
 columns of the normal reactions, and a the accelerations without contacts. S is diagonal, 1 where a row holds in a mode
-and 0 where it does not; there x is 0. Entering a mode sets these switches. The program has no constraints: reactions
-are given forces, and Newton corrections by the same matrix without friction project each step onto the rows that hold.
+and 0 where it does not; there x is 0. Entering a mode sets these switches. The program has no constraints but the
+lengths of quaternions, which are rows that always hold: reactions are given forces, and Newton corrections by the same
+matrix without friction project each step onto the rows that hold. Where M is singular without the lengths L, M + L^T L
+takes its place.
 
 Rows that hold in a mode may come to depend on each other where a motion passes. Without friction the pivots of the
 matrix are guarded, as those of constraints are (`dalembert.reduction.saddle`). With friction they are not: reactions
@@ -45,7 +47,7 @@ def why_unswitched(equations: EquationsOfMotion) -> str:
         return "there is friction without a contact"
     if any(contact.regularization is not None for contact in contacts):
         return "there are smooth laws of friction"
-    if len(equations.constraints) > len(contacts):
+    if len(equations.constraints) - len(unit_lengths(equations)) > len(contacts):
         return "there are constraints that always hold"
     if CONDITION_TIME in equations.symbols.parameters:
         decided = equations.graph.input(CONDITION_TIME).deps
@@ -56,6 +58,13 @@ def why_unswitched(equations: EquationsOfMotion) -> str:
     if len(equations.symbols.unknowns) > sum(1 + len(contact.tangential) for contact in contacts):
         return "there are reactions besides those of the contacts"
     return ""
+
+
+def unit_lengths(equations: EquationsOfMotion) -> list[ConstraintRow]:
+    """Return the constraints that make the lengths of quaternions one, which hold in all modes."""
+    labels = {group.norm for group in equations.groups if group.norm}
+    opening = {contact.constraint for contact in equations.contacts}
+    return [row for i, row in enumerate(equations.constraints) if row.label in labels and i not in opening]
 
 
 def _names(contact: ContactRow) -> list[str]:
@@ -90,10 +99,13 @@ def switched_guards(contacts: Sequence[ContactRow], mode: Mode, sharing: Mapping
 @final
 @dataclass(frozen=True)
 class _Row:
-    """A row of a gap or slip velocity, the number of the reaction along it, and its switch."""
+    """A row of a gap, slip velocity or length of a quaternion, its switch, and the number of the reaction along it.
+
+    The reaction of a length is a multiplier, which has no number.
+    """
 
     row: ConstraintRow
-    unknown: int
+    unknown: int | None
     switch: Node
     gap: bool
 
@@ -107,13 +119,14 @@ class _Switched:
         self.laws = ContactLaws(equations)
         names = zip(*map(_names, self.contacts), strict=True)
         self.closed, self.slips, self.sticks, self.holds = ([self.graph.input(name) for name in row] for row in names)
-        self.rows: list[_Row] = []
+        self.lengths = unit_lengths(equations)
+        self.rows = [_Row(row, None, self.graph.one, gap=True) for row in self.lengths]
         for i, contact in enumerate(self.contacts):
             assert contact.constraint is not None
             self.rows.append(_Row(equations.constraints[contact.constraint], contact.normal, self.closed[i], True))
             slips = zip(contact.slips, contact.tangential, strict=True)
             self.rows += [_Row(row, unknown, self.holds[i], False) for row, unknown in slips]
-        self.inertia = SaddlePoint.of(replace(equations, constraints=()), guarded=False).mass
+        self.inertia = SaddlePoint.of(replace(equations, constraints=tuple(self.lengths)), guarded=False).mass
 
     def along(self, i: int, a: Sequence[Node]) -> Node:
         """Return the acceleration along a row."""
@@ -138,7 +151,11 @@ class _Switched:
 
     def columns(self) -> Matrix:
         """Return the power coefficients of the reactions along the rows."""
-        return [[row[each.unknown] for row in self.whole.reactions] for each in self.rows]
+        reactions = self.whole.reactions
+        return [
+            list(each.row.jacobian) if each.unknown is None else [row[each.unknown] for row in reactions]
+            for each in self.rows
+        ]
 
     def sharing(self, b: int, d: int) -> Node:
         """Return 1 where contact d shares the friction force of b, else 0."""
@@ -149,7 +166,7 @@ def switched_equations(equations: EquationsOfMotion) -> EquationsOfMotion:
     """Return the equations of a scene in all modes of its contacts, with parameters as switches."""
     switched, graph = _Switched(equations), equations.graph
     laws, contacts, columns = switched.laws, equations.contacts, switched.columns()
-    places = {each.unknown: i for i, each in enumerate(switched.rows)}
+    places = {each.unknown: i for i, each in enumerate(switched.rows) if each.unknown is not None}
     rough = any(contact.tangential for contact in contacts)
     plain, pushing = switched.eliminated(columns, guarded=not rough), [list(column) for column in columns]
     factors: dict[int, Node] = {}
@@ -163,15 +180,16 @@ def switched_equations(equations: EquationsOfMotion) -> EquationsOfMotion:
     free = switched.inertia.solve(equations.forcing)
     x = factored.solve([r.switch * (r.row.bias - switched.along(i, free)) for i, r in enumerate(switched.rows)])
     forcing = list(equations.forcing)
-    for column, value in zip(pushing, x, strict=True):
-        forcing = [f + c * value for f, c in zip(forcing, column, strict=True)]
+    for each, column, value in zip(switched.rows, pushing, x, strict=True):
+        if each.unknown is not None:
+            forcing = [f + c * value for f, c in zip(forcing, column, strict=True)]
     unique = graph.one
     for a, b in zip(factored.pivots, plain.pivots, strict=True):
         unique = unique if a is b else unique * (a / b)
-    along = {each.unknown: value for each, value in zip(switched.rows, x, strict=True)}
+    along = {unknown: x[i] for unknown, i in places.items()}
     coupled = coupled_slips(equations)
     kept = [pivot.args[0] if pivot.op == "select" else graph.one for pivot in factored.pivots]
-    held = {unknown: value + (graph.one - each) for (unknown, value), each in zip(along.items(), kept, strict=True)}
+    held = {unknown: x[i] + (graph.one - kept[i]) for unknown, i in places.items()}
     guards = [*_guards(switched, held, coupled), (Guard("uniqueness of reactions", -1, "paradox"), unique)]
     gaps: dict[str, Node] = {}
     for contact in contacts:
@@ -184,7 +202,7 @@ def switched_equations(equations: EquationsOfMotion) -> EquationsOfMotion:
         equations,
         symbols=replace(equations.symbols, parameters=(*equations.symbols.parameters, *added)),
         forcing=tuple(forcing),
-        constraints=(),
+        constraints=tuple(switched.lengths),
         outputs={**equations.outputs, **dict((guard.output, node) for guard, node in guards), **gaps},
         defaults={**equations.defaults, **added},
         guards=tuple(guard for guard, _ in guards),

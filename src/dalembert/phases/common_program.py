@@ -13,7 +13,7 @@ from ..contacts.automaton import NUMBERS
 from ..contacts.contact_laws import OPEN, STICK, Mode
 from ..contacts.coupled_slips import DEPENDENT, coupled_slips, dependences, jacobians, slip_rows
 from ..contacts.mode_candidates import FEW_CONTACTS
-from ..contacts.switched_modes import why_unswitched
+from ..contacts.switched_modes import unit_lengths, why_unswitched
 from ..once import derived_property
 
 if TYPE_CHECKING:
@@ -75,6 +75,8 @@ class CommonProgram:
 
     def _shared(self, mode: Mode, t: FloatArray, x: FloatArray, p: FloatArray) -> dict[int, int] | None:
         """Return the contacts that share friction forces in a mode; None for other dependences."""
+        lengths = {row.label for row in unit_lengths(self.equations)}
+        always = [i for i, row in enumerate(self.equations.constraints) if row.label in lengths]
         normals, slips = list[int](), list[int]()
         for contact, state, own in zip(self.equations.contacts, mode, slip_rows(self.equations), strict=True):
             normals += [contact.constraint] if state != OPEN and contact.constraint is not None else []
@@ -84,7 +86,7 @@ class CommonProgram:
             rows = jacobians(self.equations, self.values(t, each, p))[0]
             if not np.isfinite(rows).all():
                 return None
-            dependent = dependences(rows, [*normals, *slips])
+            dependent = dependences(rows, [*always, *normals, *slips])
             alike = self._alike(dependent, weigh=place == 0 or place > _PROBES)
             if alike is None or (place > 0 and alike != found):
                 return None

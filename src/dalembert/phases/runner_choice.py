@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,19 @@ from ..options import StepOptions
 from ..runs.case_blocks import fitted
 from ..runs.case_settings import CaseSettings
 from ..runs.cases import Cases
-from ..runs.sweep import runs_unchecked
+from ..runs.sampling import DivergenceCheck
 from .host_runners import HostMode
 from .mode_models import ModeModels
 from .mode_runners import FEWEST_ROWS, GatheredRows, ModeRunner
 from .output_values import PhaseReductions
+
+if TYPE_CHECKING:
+    from ..model.model import CompiledModel
+
+
+def runs_unchecked(model: CompiledModel) -> bool:
+    """Whether no results of a model are checked, but for divergence under controllers, which `CaseRuns` marks."""
+    return bool(model.layout.state) and all(isinstance(check, DivergenceCheck) for check in model.checks)
 
 
 @final

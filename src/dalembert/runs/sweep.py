@@ -313,8 +313,3 @@ def _results(
         warn_of_motion(model.layout.assumptions, model.derived.signed, run.t, run._final)
     watch = settings.watch
     return run if watch is None else run.with_events(watch.labels, done.happened, list(watch.plan), done.totals)
-
-
-def runs_unchecked(model: CompiledModel) -> bool:
-    """Whether a sweep is nothing but a run of the engine: no choice at the start, no check of the results."""
-    return bool(model.layout.state) and not model.checks
