@@ -12,26 +12,25 @@ LONG_SCRIPTS = "a14", "a21", "a24", "a28", "a29", "a30", "a32", "a34", "a35", "a
 """Scripts of the gallery that take more than a few seconds."""
 
 REPEATED = (
-    # of four and more programs on two devices, runs with events have all kinds of sharding
+    # of programs on two devices, kinds of runs stay; their gradients run in make test-all alone
     ("jax_backend/test_jax_devices.py", "test_runs_and_gradients_over_two_devices[[]inputs]"),
     ("jax_backend/test_jax_devices.py", "test_runs_and_gradients_over_two_devices[[]meshes]"),
     ("jax_backend/test_jax_devices.py", "test_runs_and_gradients_over_two_devices[[]what cases share]"),
     ("jax_backend/test_jax_devices.py", "test_runs_and_gradients_over_two_devices[[]implicit steps]"),
+    ("jax_backend/test_jax_devices.py", "test_runs_and_gradients_over_two_devices[[]events]"),
     # both modes of differentiation, alone and in batches: by Taylor steps
     ("jax_backend/test_jax_pure.py", "test_both_modes*[[]tsit5-projected]"),
-    # sweeps of traced loops: those of taylor, dopri8 and kvaerno5 with minimal coordinates, of tsit5 with both
+    # sweeps of traced loops: by Taylor steps in minimal coordinates, and by tsit5 with projection
     ("jax_backend/test_jax_lanes.py", "test_sweeps_are_those_of_numba[[]taylor-projected]"),
     ("jax_backend/test_jax_plain.py", "test_traced_loops_agree_with_diffrax[[]kvaerno5-projected]"),
     ("jax_backend/test_jax_plain.py", "test_plain_diffrax_gives_the_same[[]dopri8]"),
-    # gradients of batches over two devices: those of kinds of runs
-    ("jax_backend/test_jax_devices.py", "test_runs_and_gradients_over_two_devices[[]events]"),
     # derivatives by complex steps: of the sleigh, and of the sphere in minimal coordinates
     ("jax_backend/test_jax_derivatives.py", "test_derivatives_are_those_of_complex_steps[[]edge_plate-*"),
     ("jax_backend/test_jax_derivatives.py", "test_derivatives_are_those_of_complex_steps[[]corner_plate-*"),
     ("jax_backend/test_jax_derivatives.py", "test_derivatives_are_those_of_complex_steps[[]rolling_sphere-projected-*"),
     # branches that are not taken: test_vector_fields_with_singular_branches, and the guarded functions
     ("jax_backend/test_jax_derivatives.py", "test_singular_branches_that_are_not_taken_give_no_nan"),
-    # traced runs by one explicit method, one implicit and Taylor steps
+    # traced runs: by tsit5, kvaerno5 and Taylor steps; those of diffrax in minimal coordinates
     ("jax_backend/test_jax_pure.py", "test_solve_gives_what_simulate_gives[[]dopri8]"),
     ("jax_backend/test_jax_pure.py", "test_times_that_are_all_the_first_have_derivatives[[]0]"),
     ("jax_backend/test_jax_lanes.py", "test_sweeps_are_those_of_numba[[]dopri8-*"),

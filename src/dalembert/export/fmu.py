@@ -18,7 +18,7 @@ from ..version import __version__
 from .compilers import c_compiler, foreign_library, shared_library
 
 if TYPE_CHECKING:
-    from ..model.model import CompiledModel
+    pass
 
 _TARGETS = {
     "linux64": ("x86_64-linux-gnu.2.17", "so"),
@@ -65,22 +65,6 @@ def fmu_files(source: CSource, platforms: Sequence[str] | None = None) -> dict[s
         folder, suffix = where
         files[f"binaries/{folder}/{prefix}.{suffix}"] = shared_library(compiler, simulator)
     return files
-
-
-def refuse_contacts(model: CompiledModel) -> None:
-    """Reject models whose contacts change.
-
-    Raises
-    ------
-    CapabilityError
-        With the contacts, and the remedy.
-    """
-    if model.modes is not None:
-        raise CapabilityError(
-            f"{model.name!r} has contacts that change ({list_names(model.contacts)}), and a run with them ends at its"
-            " end, where units continue behind each communication step: export one mode, model.mode(...).export(...),"
-            ' or take kind="c", "page" or "wheel"'
-        )
 
 
 def checked_platforms(platforms: Any) -> list[str]:

@@ -115,7 +115,7 @@ _GENERATOR = '<meta name="generator" content="dalembert '
 """By which a page is known among its first lines."""
 
 _WRITTEN = "# Written by dalembert "
-"""How the first line of a file of Python begins."""
+"""Beginning of the first line of a file of Python."""
 
 
 def refuse_other_files(path: Path) -> None:
@@ -128,14 +128,14 @@ def refuse_other_files(path: Path) -> None:
     if not path.exists() and not path.is_symlink():
         return
     try:
-        if not path.is_symlink() and (_is_page(path) or _is_archive(path)):
+        if not path.is_symlink() and (_is_page_or_file(path) or _is_archive(path)):
             return
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
         pass
     raise OptionError(f"{str(path)!r} exists, and was not written by an export: give another path, or remove it")
 
 
-def _is_page(path: Path) -> bool:
+def _is_page_or_file(path: Path) -> bool:
     with path.open("rb") as file:
         beginning = file.read(500)
     return _GENERATOR.encode() in beginning or beginning.startswith(_WRITTEN.encode())

@@ -23,7 +23,7 @@ from ..methods.step_constants import (
     SMALLEST_OF_TIME,
 )
 from ..options import MAX_STEPS
-from .numba_file import descriptions, settings, start_numbers, statuses
+from .python_files import descriptions, parameter_places, settings, start_numbers, statuses
 
 _NEWTON = 3
 """Corrections of positions behind each step, of which the last must be below the tolerances."""
@@ -63,6 +63,7 @@ def jax_text(source: CSource) -> str:
     runs = {
         **tolerances,
         **start_numbers(source),
+        "parameter_places": parameter_places(source),
         "status": statuses(_TESTED),
         "kernels": kernels,
         "nodes": repr(tableau.c[:count].tolist()),

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 from ..codegen.c.descriptions import CSource, plain, readme_variables
 from ..codegen.c.run_loops import RunLoop, explicit_loop_of, taylor_loop_of
-from ..codegen.c.simulator import STATUS_TEXTS, STATUSES
 from ..codegen.numba import texts
 from ..codegen.numba.run_memory import RunMemory
 from ..codegen.numba.specialised_loops import SpecialisedLoops
@@ -24,7 +22,7 @@ from ..transforms.passes import EliminateDeadCode
 from ..transforms.periodic import angles_of
 from ..transforms.recurrences import recurrences
 from ..transforms.taylor import STEP_ARGUMENTS
-from ..version import __version__
+from .python_files import descriptions, parameter_places, settings, start_numbers, statuses
 
 _PUBLIC = frozenset(
     (
@@ -142,11 +140,6 @@ _TESTED = (
 """Statuses of starts, times and angles, which the file gives by itself."""
 
 
-def statuses(given: Iterable[Status]) -> dict[str, int]:
-    """Return the numbers of statuses by their names."""
-    return {status.name: int(status) for status in given}
-
-
 def _places(loop: RunLoop) -> dict[str, str]:
     """Return the members of a run that runs set and read, as Python has them."""
     at = {key: value for key, value in loop.at.items() if key != "now"}
@@ -161,27 +154,12 @@ def _set_by_runs(loop: RunLoop) -> set[str]:
     return wanted | {"sampled", "place"} | {name for name in loop.given if name != "run.limits.patience"}
 
 
-def start_numbers(source: CSource) -> dict[str, Any]:
-    """Return the sizes and places of what starts are given and test, and numbers of statuses."""
-    layout, tests = source.program.layout, 0 if source.admission is None else len(source.admission.outputs)
-    return {
-        "n_admission": tests,
-        "dependent_tests": [(tests - 2, tests - 1)] if tests and source.dependent else [],
-        "n_states": len(layout.state),
-        "n_outputs": len(layout.outputs),
-        "n_parameters": max(len(layout.parameters), 1),
-        "parameter_places": [layout.parameters.index(name) for name in source.parameters],
-        "forward_only": source.forward_only,
-    }
-
-
 def _numbers(source: CSource, loop: RunLoop) -> dict[str, Any]:
     """Return the places and sizes of what runs are given and write."""
     program, layout, at = source.program, source.program.layout, _places(loop)
     inputs, first = coefficient_places(layout.parameters, layout.inputs), len(source.start.given)
     locks = len(source.locking) if source.locks is not None else 0
     variables, starts = len(program.kernel("expand").outputs), start_numbers(source)
-    parameters = enumerate(starts.pop("parameter_places"))
     given = {
         "t0": "t0",
         "t1": "t1",
@@ -196,7 +174,7 @@ def _numbers(source: CSource, loop: RunLoop) -> dict[str, Any]:
         "settings": [(at[key], value) for key, value in given.items()],
         "after_step": [(name, "1") for name, _ in loop.after_step],
         "running": RUNNING,
-        "parameter_pairs": [(place, first + k) for k, place in parameters],
+        "parameter_pairs": [(place, first + k) for k, place in enumerate(parameter_places(source))],
         "input_pairs": [(place, first + len(source.parameters) + k) for k, place in enumerate(inputs)],
         "first_energy": variables + len(layout.outputs),
         "n_given": len(source.start.given) + len(source.parameters) + len(layout.inputs),
@@ -207,46 +185,4 @@ def _numbers(source: CSource, loop: RunLoop) -> dict[str, Any]:
         "n_real_locks": locks,
         "n_variables": variables,
         "n_row": variables + len(layout.outputs) + 2,
-    }
-
-
-def settings(source: CSource) -> dict[str, Any]:
-    """Return what a simulator takes and returns by default, as Python prints it."""
-    layout, numbers = source.program.layout, source.numbers
-
-    def known(names: tuple[str, ...], otherwise: float | None = None) -> str:
-        return ascii({name: float(numbers[name]) if name in numbers else otherwise for name in names})
-
-    return {
-        "initial": known(source.start.given),
-        "parameters": known(source.parameters),
-        "inputs": known(layout.inputs, 0.0),
-        "names": ascii(_results(source)),
-        "statuses": ascii({int(status): STATUS_TEXTS.get(status, status.message) for status in STATUSES}),
-    }
-
-
-def _results(source: CSource) -> list[str]:
-    """Return the names of results, in the order of their rows."""
-    layout = source.program.layout
-    return [*layout.coordinates, *layout.rates, *layout.states, *layout.outputs, "kinetic", "potential"]
-
-
-def descriptions(source: CSource) -> dict[str, Any]:
-    """Return the symbol table of a simulator, and what stands at its head besides."""
-    read, names = readme_variables(source, ""), _results(source)
-    titles = ("Initial values", "Parameters", "Inputs", "State")
-    shown = [(group["title"], group["rows"]) for group in read["groups"] if group["title"] in titles]
-    shown.append(("Results", [{"name": plain(name), "value": ""} for name in names]))
-    return {
-        "scene": plain(source.program.name).replace("\\", "/"),
-        "first": plain(names[0]),
-        "rtol": read["rtol"],
-        "atol": read["atol"],
-        "formulation": source.program.formulation,
-        "groups": [
-            {"title": title, "rows": [{"name": row["name"], "value": row["value"]} for row in rows]}
-            for title, rows in shown
-        ],
-        "version": __version__,
     }

@@ -25,10 +25,11 @@ def _c(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _fmu(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
-    from ..export.fmu import fmu_files, refuse_contacts
+    from ..export.fmu import fmu_files
+    from ..export.refusals import refuse_contacts_of_units
     from ..export.simulator import c_source
 
-    refuse_contacts(model)
+    refuse_contacts_of_units(model)
     asked = dict(request)
     platforms = asked.pop("platforms")
     return fmu_files(c_source(model, **asked), platforms)

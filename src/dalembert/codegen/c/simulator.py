@@ -61,7 +61,7 @@ STATUS_TEXTS = {
     Status.ASSUMPTION: "A parameter or an initial value contradicts what its symbol was declared to be.",
     Status.SINGULAR_CONFIGURATION: "Constraints depend on each other at the start, or do not determine the motion.",
 }
-"""What statuses say of exported runs, where that is not their message."""
+"""Texts of statuses of exported runs that differ from their messages."""
 
 
 class Simulator:

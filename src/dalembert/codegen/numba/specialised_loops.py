@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
+from ...naming import Namer
 from ..c.run_loops import RunLoop
 from .specialised_functions import Known, Part, SpecialisedFunction, is_docstring
 
@@ -50,7 +51,7 @@ class SpecialisedLoops:
         self.constants: dict[str, int | float] = {}
         self.touched: set[str] = set()
         self._made: dict[Any, _Made] = {}
-        self._taken = set(taken)
+        self._name = Namer(taken)
 
     @property
     def read(self) -> set[str]:
@@ -79,7 +80,7 @@ class SpecialisedLoops:
             result = one.returned if len(code) == 1 and isinstance(code[0], ast.Return) else None
             used = {node.id for line in code for node in ast.walk(line) if isinstance(node, ast.Name)}
             kept = [i for i, name in enumerate(names) if name in used or (i == 0 and given[0] == self._whole)]
-            made = _Made(self._named(function.__name__), kept, result, not code)
+            made = _Made(self._name(function.__name__.lower()), kept, result, not code)
             if code and result is None:
                 arguments = [names[i] for i in kept]
                 self.texts.append(_printed(made.name, arguments, body))
@@ -93,15 +94,6 @@ class SpecialisedLoops:
     def kernel(self, number: int) -> str:
         """Return the function that stands at an address."""
         return self._names[number]
-
-    def _named(self, wish: str) -> str:
-        wish = wish.strip("_").lower()
-        name, count = wish, 1
-        while name in self._taken:
-            count += 1
-            name = f"{wish}_{count}"
-        self._taken.add(name)
-        return name
 
 
 def _key(value: Known | Part | None) -> Any:
