@@ -67,6 +67,8 @@ class _Comparison:
         self.initial = {key: value for key, value in description.start.items() if key not in description.left_out}
         self.parameters = dict(description.parameters)
         self.span = description.span
+        self.motion_of: Any = None
+        """The first model that runs: others that end early are judged by its motion."""
 
     def timed(self, part: str, function: Any) -> Any:
         """Return what a function returns; its seconds are added to those of a part."""
@@ -140,11 +142,12 @@ class _Comparison:
         else:
             self.report.add(path, "FALSE REFUSAL", text)
 
-    def _passes_singular(self, model: Any) -> bool:
-        """Whether a motion, which a single run has, passes a configuration where the reference finds a rank lost.
+    def _singular_time(self) -> float | None:
+        """Return when a motion, which a single run has, passes a configuration where the reference finds a rank lost.
 
         Steps of a single run may jump over the place; derivatives are without bound there.
         """
+        model = self.motion_of
         run = model.simulate(self.span, self.initial, self.parameters, rtol=RTOL, atol=ATOL, max_steps=200_000)
         place = np.argsort(self._order(model))
         times = np.linspace(*self.span, 201)
@@ -156,7 +159,7 @@ class _Comparison:
         best = int(np.argmin([gap(t) for t in times]))
         low, high = times[max(best - 1, 0)], times[min(best + 1, 200)]
         found = minimize_scalar(gap, bounds=(low, high), method="bounded", options={"xatol": 1e-9})
-        return float(found.fun) < 1e-5
+        return float(found.x) if float(found.fun) < 1e-5 else None
 
     def _jumps(self) -> bool:
         return any(kink.jumps or kink.time_jumps for kink in self.judge.kinks)
@@ -208,8 +211,9 @@ class _Comparison:
             self.span, self.initial, self.parameters, t_eval=self.judge.times, rtol=RTOL, atol=ATOL, max_steps=200_000
         )
         if not run.success:
-            self._ended(path, run.status, run.message, float(run.t[-1]) if len(run.t) else self.span[0])
+            self._ended(path, run.status, run.message, float(run.t_end))
             return None
+        self.motion_of = self.motion_of or model
         if not self._comparable(path, "SUCCESS"):
             return None
         keys = [*self.description.coordinates, *(f"{name}_dot" for name in self.description.coordinates)]
@@ -265,8 +269,15 @@ class _Comparison:
         text = f"{status.name} at t = {t:.6g}: {message[:100]}"
         if self.verdict.kind not in SOLVABLE:
             self._refused(path, text)
-        elif self._comparable(path, text):
+        elif not self._comparable(path, text):
+            pass
+        elif status.name == "SINGULAR_CONFIGURATION" and self.motion_of and self._near(t, self._singular_time()):
+            self.report.add(path, "refused rightly", f"the motion passes a singular configuration: {text}")
+        else:
             self.report.add(path, "FALSE REFUSAL", f"{text} (on the way: {self._worst()})")
+
+    def _near(self, t: float, other: float | None) -> bool:
+        return other is not None and abs(t - other) < 0.02 * abs(self.span[1] - self.span[0])
 
     def _error(self, ours: Any, truth: Any) -> float:
         """Return the largest error of states (..., 2 n), relative to their size."""
@@ -350,7 +361,10 @@ class _Comparison:
             rtol=RTOL, atol=ATOL, max_steps=200_000,
         )  # fmt: skip
         if not found.success:
-            lost = found.status.name in ("PROJECTION_FAILED", "SINGULAR_CONFIGURATION") and self._passes_singular(model)
+            lost = (
+                found.status.name in ("PROJECTION_FAILED", "SINGULAR_CONFIGURATION")
+                and self._singular_time() is not None
+            )
             text = f"{found.status.name}: the motion passes a singular configuration" if lost else found.status.name
             self.report.add(path, "refused rightly" if lost else "FALSE REFUSAL", text)
             return

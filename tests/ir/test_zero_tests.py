@@ -154,3 +154,13 @@ def test_terms_of_a_pivot(g, x, y):
     from dalembert.transforms.lower_kernels import lower_kernel
 
     assert lower_kernel(g, "k", [at], {}, arguments=()).outputs == (6.0 + 3.0 * 2.0 / 4.0,)
+
+
+def test_a_difference_that_turns_out_to_be_a_number_keeps_the_size_of_its_decimals(g, x):
+    """The slope of the first form is zero exactly; what is left of both constants is rounding."""
+    first, second = g.decimal(1.48) * x - g.decimal(0.13 * 1.48), x - g.decimal(0.13)
+    left = first - g.decimal(1.48) * second
+    assert left.number is None or left.number != 0
+    constant = g.substitute([left], {x: g.zero})[0]
+    assert constant.number is not None and not constant.is_zero
+    assert vanishes(constant) and vanishes(left)

@@ -19,7 +19,7 @@ from sympy.physics.mechanics import (
 )
 
 import dalembert as da
-from dalembert.errors import SceneError
+from dalembert.errors import ConstraintError, SceneError
 from dalembert.ir.graph import Graph
 from dalembert.ir.zero_tests import agree
 from dalembert.scene.identity import equal, vanishes
@@ -189,3 +189,21 @@ def test_slip_velocity_is_compared_where_the_constraints_hold():
     for wrong in (-along, 2 * along, x.diff() * cos(theta), along + 1e-5 * theta.diff()):
         with pytest.raises(SceneError, match="not the one that F_Q has power on"):
             da.compile_model(plate(wrong), backend="numpy")
+
+
+@pytest.mark.parametrize("factor", [1.48, 0.7, 3.3])
+def test_multiples_of_a_linear_constraint_in_decimals_are_repetitions(factor):
+    """What is left of the constants is their rounding, 1e-17."""
+    a, b = dynamicsymbols("a b")
+    N, O = ReferenceFrame("N"), Point("O")
+    place = O.locatenew("P", a * N.x + b * N.y)
+    scene = da.Scene("guided", frame=N, origin=O, coordinates=[a, b])
+    scene.add_bodies(Particle("bead", place, 1))
+    scene.add_holonomic_constraints(a - sp.Float(0.5) * b - sp.Float(0.13))
+    scene.add_holonomic_constraints(sp.Float(factor) * a - sp.Float(0.5 * factor) * b - sp.Float(0.13 * factor))
+    model = da.compile_model(scene, backend="numpy")
+    assert model.simulate((0, 0.1), {"b": 0.2, "b_dot": 1.0}, {}).success
+    with pytest.raises(ConstraintError, match="contradicts"):
+        other = sp.Float(factor) * (a - sp.Float(0.5) * b - sp.Float(0.1301))
+        scene.add_holonomic_constraints(other)
+        da.compile_model(scene, backend="numpy")

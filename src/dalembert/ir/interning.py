@@ -141,6 +141,9 @@ class Interning:
             return known
         if known.op != "const":  # the value is known to be a number since
             known.op, known.args, known.payload, known.cost, known.deps = "const", (), _kept(value), 0.0, 0
+            if size:
+                self.decimals[known.index] = size
+            return known
         before = self.decimals.get(known.index, 0.0)
         if size < before:
             self.decimals[known.index] = size

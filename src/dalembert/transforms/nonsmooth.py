@@ -192,14 +192,18 @@ def _jumping_pieces(kernel: Kernel) -> set[Operand]:
 
 
 def decisions(program: Program) -> Kernel | None:
-    """Return the kernel of the quantities in the rates that jump with state or time; None where there are none."""
+    """Return the kernel of the quantities in the rates that jump with state or time; None where there are none.
+
+    Without what sets pivots aside where constraints depend on each other: on its branch a motion passes there smoothly.
+    """
     rhs = program.kernel("rhs")
+    guards = pivot_comparisons(rhs)
     moving = {load.target for load in rhs.loads if load.array in ("t", "y")}
     found, jumping = [], _jumping_pieces(rhs)
     for line in rhs.body:
         if any(arg in moving for arg in line.args):
             moving.add(line.target)
-            if line.op in JUMPING or line.target in jumping:
+            if (line.op in JUMPING and line.target not in guards) or line.target in jumping:
                 found.append(line.target)
     return replace(rhs, name="decisions", outputs=tuple(found)) if found else None
 
@@ -278,9 +282,14 @@ def left_to_control(
     return {name: what for name, what in hidden.items() if name not in known}
 
 
+def pivot_comparisons(kernel: Kernel) -> set[Operand]:
+    """Return the comparisons that set a pivot aside where constraints depend on each other."""
+    return {line.args[0] for line in kernel.body if line.op == "select" and SET_ASIDE in line.args[1:]}
+
+
 def _guards(kernel: Kernel) -> set[Operand]:
     """Return the comparisons that only guard pivots of dependent constraints."""
-    guards = {line.args[0] for line in kernel.body if line.op == "select" and SET_ASIDE in line.args[1:]}
+    guards = pivot_comparisons(kernel)
     others = {
         arg
         for line in kernel.body

@@ -45,6 +45,8 @@ class Report:
     doubt: float = 0.0
     phases: int = 0
     tie: bool = False
+    differs_from: float | None = None
+    """Time of the first sample that differs from the references."""
 
     def wrong(self, text: str) -> None:
         """Note a defect."""
@@ -73,6 +75,7 @@ def examine(case: Case, steps: int = STEPS) -> Report:
     if run.success:
         problem = which.system, p, q, v, case.span
         compare_states(report, run, case.span, lambda count: integrated(*problem, SAMPLES, count)[:2], steps)
+        _set_aside_where_several(report, case, p, run)
         compare_phases(report, runs)
         _compare_sweep(report, model, case, parameters, run)
     return report
@@ -87,6 +90,22 @@ def _refusal(report: Report, name: str, p: Array, run: Any) -> None:
     if not report.found:
         report.outcome = "refused rightly" if sure else "FALSE REFUSAL"
     report.found.append(f"{run.status.name} at {run.t_end:.6g}, trial finds {words}: {run.message[-200:]}")
+
+
+def _set_aside_where_several(report: Report, case: Case, p: Array, run: Any) -> None:
+    """Set a difference to the references aside where, in a phase before it, the laws allow a second motion.
+
+    What rests stays at rest as long as the laws allow that; time stepping may leave for the other motion before.
+    """
+    if report.differs_from is None or report.found[1:]:
+        return
+    for t in np.linspace(0.0, report.differs_from, 401)[1:]:
+        at = run(np.array([t]))
+        several = motions(case.scene, p, float(t), at.q[0], at.qdot[0])
+        if several is not None and len(several) > 1:
+            report.outcome = "set aside"
+            report.found.append(f"from {t:.4g} on the laws allow {[modes for modes, _ in several]}")
+            return
 
 
 def _run(model: Any, case: Case, parameters: dict[str, float], rtol: float) -> Any:
@@ -113,6 +132,7 @@ def compare_states(report: Report, run: Any, span: float, reference: Reference, 
         text, sure = _difference(report, ours, times, coarse, fine)
     if text is not None:
         report.wrong(text)
+        report.differs_from = float(times[sure])
     elif report.outcome == "agree" and not (settled and sure == SAMPLES):
         report.outcome = "set aside"
         where = f"after {sure} of {SAMPLES} samples" if settled else f"from one with {4 * each} steps a sample"

@@ -157,3 +157,14 @@ def test_trial_of_modes_knows_the_paradoxes_of_a_rod():
             found = motions("rod on floor", p, 0.0, q, v)
             sinks, away = 1 + 3 * c * (c - mu * s) < 0, l * omega**2 * s > g
             assert len(found) == (1 if not sinks else 2 if away else 0)
+
+
+@pytest.mark.parametrize("t, expected", [(1.44, [("stick",)]), (1.46, [("slip",), ("stick",)]), (1.48, [("slip",)])])
+def test_a_jammed_rod_may_rest_or_slip_for_a_while_before_it_must_slip(t, expected):
+    """In both slots; it may from 1.4527 s on, where it slips with an acceleration that jumps, and must from 1.47527."""
+    theta, l = 1.5538416456, 0.304
+    p = np.array([1.778, l, 10.0, 9.238, 2.639, 0.18, 0.214])
+    q = np.array([l * math.cos(theta), -l * math.sin(theta), theta])
+    found = motions("trammel", p, t, q, np.zeros(3))
+    resting = [("stick",) if np.max(np.abs(x)) < 1e-6 else ("slip",) for _, x in found]
+    assert sorted(resting) == expected
