@@ -9,7 +9,7 @@ with the arguments of switches, tables and steep functions free: what such funct
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 from operator import or_
@@ -23,6 +23,7 @@ from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph
 from ..ir.kernel import Kernel
 from ..ir.node import Node
+from ..ir.zero_tests import terms_of
 from ..mechanics.equations import EquationsOfMotion
 from ..transforms.derivatives import tangents
 from ..transforms.linear import matvec
@@ -168,24 +169,20 @@ def candidates(equations: EquationsOfMotion) -> InvariantCandidates:
     states = graph.adopt(equations.states)
     time, decided = graph.input(symbols.time), graph.input(CONDITION_TIME)
     second = [graph.input(f"{name} of {name}_dot") for name in symbols.coordinates]
-    found = _found(equations, graph, [(time, graph.one), *zip(q, qdot, strict=True)])
+    along = {time: graph.one, **dict(zip(q, qdot, strict=True))}
+    found = _found(equations, graph, along)
     nodes = [each.value for each in found]
-    directions = [{time: graph.one}]
-    directions += [{x: rate} for x, rate in zip((*q, *qdot), (*qdot, *second), strict=True)]
-    terms = [tangents(graph, nodes, direction) for direction in directions]
-    rates, sizes = _rates_and_sizes(graph, [[row[k] for row in terms] for k in range(len(nodes))])
+    rates = tangents(graph, nodes, along | dict(zip(qdot, second, strict=True)))
     certain = [each.certain for each in found]
     direct = [each.direct for each in found]
     if CONDITION_TIME in symbols.parameters:  # conditions on time change the equations at their breaks
         for k, node in enumerate(nodes):
             if graph.freed_of(node, [decided]) is None:
-                certain[k], direct[k] = False, (graph.one,)
+                certain[k], direct[k] = False, graph.one
     variables = reduce(or_, (node.deps for node in (*q, *qdot, *states, time, decided)))
     unclear = has_branches(graph, _equations(equations, graph), variables)
-    shown = [((graph.one,) if unclear else ()) if each is None else each for each in direct]
-    freed, free = free_arguments(graph, [term for each in shown for term in each], variables)
-    parts = iter(freed)
-    branches = _rates_and_sizes(graph, [[next(parts) for _ in each] for each in shown])
+    shown = [(graph.one if unclear else graph.zero) if each is None else each for each in direct]
+    branches, free = free_arguments(graph, shown, variables)
     inputs: dict[Node, tuple[str, int | None]] = {time: ("t", None)}
     inputs |= {graph.input(name): ("c", i) for i, name in enumerate(symbols.parameters)}
 
@@ -197,8 +194,8 @@ def candidates(equations: EquationsOfMotion) -> InvariantCandidates:
         tuple(each.name for each in found),
         tuple(certain),
         kernel("invariants", nodes),
-        kernel("changes", [*rates, *sizes], *second),
-        kernel("branches", [*branches[0], *branches[1]], *(node for node, _ in free)),
+        kernel("changes", [*rates, *_sizes(graph, rates)], *second),
+        kernel("branches", [*branches, *_sizes(graph, branches)], *(node for node, _ in free)),
         tuple(where for _, where in free),
     )
 
@@ -206,19 +203,19 @@ def candidates(equations: EquationsOfMotion) -> InvariantCandidates:
 @final
 @dataclass(frozen=True)
 class _Candidate:
-    """A function, and the terms of its rate without reactions; None where reactions may contribute to it."""
+    """A function, and its rate without reactions; None where reactions may contribute to it."""
 
     name: str
     value: Node
-    direct: tuple[Node, ...] | None
+    direct: Node | None
 
     @property
     def certain(self) -> bool:
-        return self.direct is not None and self.value.graph.sum(self.direct).is_zero
+        return self.direct is not None and self.direct.is_zero
 
 
-def _found(equations: EquationsOfMotion, graph: Graph, flow: Sequence[tuple[Node, Node]]) -> list[_Candidate]:
-    """Return the energy, and the momenta that are not zero; `flow` are time and coordinates with their rates."""
+def _found(equations: EquationsOfMotion, graph: Graph, along: Mapping[Node, Node]) -> list[_Candidate]:
+    """Return the energy, and the momenta that are not zero; `along` has the rates of time and coordinates."""
     qdot, forcing = graph.adopt(equations.qdot), graph.adopt(equations.forcing)
     mass = [graph.adopt(row) for row in equations.mass_matrix]
     jacobian = [graph.adopt(row.jacobian) for row in equations.constraints]
@@ -227,16 +224,15 @@ def _found(equations: EquationsOfMotion, graph: Graph, flow: Sequence[tuple[Node
     momenta = [tangents(graph, [kinetic], {rate: graph.one})[0] for rate in qdot]
     plain = all((a - b).is_zero for a, b in zip(momenta, matvec(graph, mass, qdot), strict=True))
 
-    def along(node: Node) -> list[Node]:
-        return [tangents(graph, [node], {x: rate})[0] for x, rate in flow]
-
     energy = kinetic + potential
-    work = [*(a * b for a, b in zip(forcing, qdot, strict=True)), *along(energy)]
-    found = [_Candidate("energy", energy, tuple(work) if plain and all(drift.is_zero for drift in drifts) else None)]
+    ideal = plain and all(drift.is_zero for drift in drifts)
+    changes = tangents(graph, [energy, *momenta], along)
+    power = graph.sum(a * b for a, b in zip(forcing, qdot, strict=True))
+    found = [_Candidate("energy", energy, power + changes[0] if ideal else None)]
     for i, (name, momentum) in enumerate(zip(equations.symbols.coordinates, momenta, strict=True)):
         if not momentum.is_zero:
             silent = plain and all(row[i].is_zero for row in jacobian)
-            found.append(_Candidate(f"p_{name}", momentum, (forcing[i], *along(momentum)) if silent else None))
+            found.append(_Candidate(f"p_{name}", momentum, forcing[i] + changes[i + 1] if silent else None))
     return found
 
 
@@ -251,12 +247,9 @@ def _equations(equations: EquationsOfMotion, graph: Graph) -> list[Node]:
     return [*graph.adopt(nodes), *equations.energies(graph)]
 
 
-def _rates_and_sizes(graph: Graph, terms: Sequence[Sequence[Node]]) -> tuple[list[Node], list[Node]]:
-    """Return the sum of each row of terms, and the sum of their sizes."""
-    return (
-        [graph.sum(row) for row in terms],
-        [graph.sum(graph.call("abs", term) for term in row) for row in terms],
-    )
+def _sizes(graph: Graph, rates: Sequence[Node]) -> list[Node]:
+    """Return what the rounding of each rate is relative to: 1e-16 of it is the error of a sum of its terms."""
+    return [terms_of(graph, rate) for rate in rates]
 
 
 def integrals(equations: EquationsOfMotion) -> dict[str, Node]:
