@@ -2,18 +2,25 @@
 
 Needs the package mujoco, which the library's own environments do not have:
 
-    python benchmarks/robots_mujoco.py                 # the models of tests/interop/robot_texts.py
-    python benchmarks/robots_mujoco.py model.xml ...   # others; what a scene has no part for is skipped
-    python benchmarks/robots_mujoco.py --references    # writes what the tests compare with
+    python benchmarks/robots_mujoco.py                     # the models of tests/interop/robot_texts.py
+    python benchmarks/robots_mujoco.py model.xml ...       # others; what a scene has no part for is skipped
+    python benchmarks/robots_mujoco.py --references        # writes what the tests compare with
+    pip install --no-deps dm_control gymnasium robosuite
+    python benchmarks/robots_mujoco.py --packages --write  # models of these packages; the table of docs/robots.md
 
-Actuators and equalities are among the forces of neither, as far as the scene does not have them.
+Equalities are among the forces of neither, nor is what a scene has no part for: tendons, a fluid, other actuators.
+Controls and forces are not clipped in MuJoCo, as they are not in a scene. Models of more than `MOST` coordinates are
+read and not compared.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import json
+import re
 import sys
 import tempfile
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +33,18 @@ from interop.robot_texts import CRANE, PUCK
 
 MODELS = {"crane": CRANE, "puck": PUCK}
 STATES = 5
+MOST = 45
+PAGE = ROOT / "docs" / "robots.md"
+BEGIN, END = (
+    "<!-- table of models: benchmarks/robots_mujoco.py --packages --write -->",
+    "<!-- end of the table of models -->",
+)
+PACKAGES = {
+    "dm_control": ("suite", "locomotion/walkers/assets", "third_party"),
+    "gymnasium": ("envs/mujoco/assets",),
+    "robosuite": ("models/assets/robots", "models/assets/grippers"),
+}
+"""Packages whose models are read, and their folders."""
 
 
 class Reference:
@@ -36,7 +55,28 @@ class Reference:
 
         self.mujoco, self.model = mujoco, mujoco.MjModel.from_xml_path(str(path))
         self.data = mujoco.MjData(self.model)
-        self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+        self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
+        self.model.actuator_forcelimited[:], self.model.jnt_actfrclimited[:] = 0, 0
+
+    def leave_out(self, scene: da.Scene) -> None:
+        """Turn off what a scene has no part for: tendons, a fluid, and actuators that are not among its inputs."""
+        model = self.model
+        model.opt.density = model.opt.viscosity = 0.0
+        model.tendon_stiffness[:], model.tendon_damping[:] = 0.0, 0.0
+        served = {str(u.func.__name__) for u in scene.inputs}
+        for place, name in enumerate(self.inputs()):
+            if name not in served:
+                model.actuator_gainprm[place], model.actuator_biasprm[place] = 0.0, 0.0
+
+    def inputs(self) -> list[str]:
+        """Return the names that inputs of a scene have for the actuators, in their order."""
+        mujoco, model = self.mujoco, self.model
+
+        def name(i: int) -> str:
+            own = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i)
+            return own or mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, model.actuator_trnid[i, 0])
+
+        return [f"ctrl_{name(i)}" for i in range(model.nu)]
 
     def state(self, rng: Any) -> dict[str, list[float]]:
         """Return positions, velocities, controls and accelerations of a random state."""
@@ -90,23 +130,96 @@ def spun(e: np.ndarray) -> np.ndarray:
 
 def compared(path: Path) -> float:
     """Return the largest difference of accelerations relative to the largest acceleration."""
-    scene = da.Scene.from_mjcf(path, joint_loads="damping", skip=list(SKIPPABLE))
+    return differences(path, da.Scene.from_mjcf(path, joint_loads="damping", skip=list(SKIPPABLE)))
+
+
+def differences(path: Path, scene: da.Scene) -> float:
+    """Return the same for a scene that was read."""
     equalities = {id(row) for row, _ in scene.constraint_names}
     scene.holonomic_constraints = tuple(row for row in scene.holonomic_constraints if id(row) not in equalities)
     reference, model = Reference(path), da.compile_model(scene, cache=False)
+    reference.leave_out(scene)
     rng, errors = np.random.default_rng(5), []
     for _ in range(STATES):
         case = reference.state(rng)
         tables = reference.named(case, scene)
         q, rates, second = (np.array([table[name] for name in model.layout.coordinates]) for table in tables)
-        controls = dict(zip(model.layout.inputs, case["ctrl"], strict=True))
+        given = dict(zip(reference.inputs(), case["ctrl"], strict=True))
+        controls = {name: given[name] for name in model.layout.inputs}
         found = model.accelerations(0.0, q, rates, {}, inputs=controls)
         errors.append(np.max(np.abs(found - second)) / np.max(np.abs(second)))
     return float(max(errors))
 
 
+def packaged() -> dict[str, Path]:
+    """Return the models of packages: files whose outermost element is <mujoco> and that have bodies of their own."""
+    found: dict[str, Path] = {}
+    for package, folders in PACKAGES.items():
+        spec = importlib.util.find_spec(package)
+        if spec is None or not spec.submodule_search_locations:
+            raise SystemExit(f"{package} is not installed: pip install --no-deps {' '.join(PACKAGES)}")
+        top = Path(spec.submodule_search_locations[0])
+        for path in sorted(path for folder in folders for path in (top / folder).rglob("*.xml")):
+            text = path.read_text()
+            if "<mujoco" in text and "<mujocoinclude" not in text and ("<joint" in text or "<include" in text):
+                found[f"{package}/{path.relative_to(top).with_suffix('')}"] = path
+    return found
+
+
+def read_and_compared(path: Path) -> tuple[int, str]:
+    """Return the number of coordinates and the difference of a model, or 0 and why it is refused."""
+    try:
+        scene = da.Scene.from_mjcf(path, joint_loads="damping", skip=list(SKIPPABLE))
+    except da.errors.DalembertError as reason:
+        faults = [fault.strip() for fault in str(reason).split("\n  - ")[1:]]
+        return 0, re.sub(r"^line \d+( of '[^']*')?: ", "", faults[0])
+    count = len(scene.coordinates)
+    if count > MOST:
+        return count, ""
+    try:
+        return count, f"{differences(path, scene):.0e}"
+    except ValueError as reason:  # MuJoCo refuses some of these files
+        return count, f"MuJoCo: {str(reason).splitlines()[0][:60]}"
+
+
+def table(rows: dict[str, tuple[int, str]]) -> str:
+    """Return models as a table, and why the others are refused, with counts."""
+    read = {name: row for name, row in rows.items() if row[0]}
+    compared = {name: float(text) for name, (_, text) in read.items() if text[:1].isdigit()}
+    reasons = Counter(text.replace("'", "`") for count, text in rows.values() if not count)
+    lines = [
+        f"{len(rows)} models: {len(read)} are read, {len(rows) - len(read)} raise an error with the reason. Of"
+        f" {len(compared)} the accelerations were compared: the largest difference is"
+        f" {max(compared.values()):.0e} of the largest acceleration.",
+        "",
+        "| model | coordinates | difference |",
+        "|---|--:|--:|",
+        *(f"| {name} | {count} | {text if text[:1].isdigit() else ''} |" for name, (count, text) in read.items()),
+        "",
+        *(f"- {count} {'models' if count > 1 else 'model'}: {text}" for text, count in reasons.most_common()),
+    ]
+    return "\n".join(lines)
+
+
+def measure_packages(write: bool) -> None:
+    """Print the table of models of packages; write it to its page."""
+    rows = {}
+    for name, path in packaged().items():
+        rows[name] = read_and_compared(path)
+        print(name, *rows[name], flush=True)
+    text = table(rows)
+    print(text)
+    if write:
+        before, _, rest = PAGE.read_text().partition(BEGIN)
+        after = rest.partition(END)[2]
+        PAGE.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{after}")
+
+
 def main(arguments: list[str]) -> None:
     """Compare models, or write what the tests compare with."""
+    if "--packages" in arguments:
+        measure_packages("--write" in arguments)
+        return
     with tempfile.TemporaryDirectory() as folder:
         paths = {name: Path(name) for name in arguments if not name.startswith("--")}
         if not paths:

@@ -15,7 +15,8 @@ import numpy as np
 from ..errors import OptionError, list_names
 from ..values import listed
 from .mjcf_actions import add_actions, read_actions
-from .mjcf_values import Angles, Defaults, inertia_of_geoms, mesh_assets, visual_of
+from .mjcf_settings import LIMITED, Settings, check_attributes
+from .mjcf_values import Defaults, inertia_of_geoms, mesh_assets, visual_of
 from .robot_description import Description, Inertia, JointItem, Placement, in_tree_order
 from .robot_files import Element, FileReader
 from .robot_options import RobotOptions
@@ -38,8 +39,7 @@ SKIPPABLE = {
 _IGNORED = ("asset", "visual", "statistic", "size", "sensor", "keyframe", "custom", "deformable", "extension")
 _KNOWN = ("compiler", "option", "default", "worldbody", "contact", "equality", "tendon", "actuator", *_IGNORED)
 _IN_BODIES = ("body", "joint", "freejoint", "inertial", "geom", "site", "frame", "camera", "light")
-_UNSERVED = ("include", "replicate", "composite", "flexcomp", "attach", "plugin", "model")
-_LIMITED = {"true": True, "1": True, "false": False, "0": False}
+_UNSERVED = ("replicate", "composite", "flexcomp", "attach", "plugin", "model")
 _KINDS = {"hinge": "revolute", "slide": "prismatic", "ball": "ball", "free": "floating"}
 
 
@@ -50,7 +50,9 @@ def scene_from_mjcf(path: str | PathLike[str], *, skip: Any, **options: Any) -> 
     unknown = [name for name in left_out if name not in SKIPPABLE]
     if unknown:
         raise OptionError(f"skip: {list_names(map(repr, unknown))} cannot be left out; known: {list_names(SKIPPABLE)}")
-    reader = MjcfReader(FileReader(path, "mujoco"), tuple(left_out))
+    file = FileReader(path, "mujoco")
+    file.include("include")
+    reader = MjcfReader(file, tuple(left_out))
     robot, actions = reader.description(), read_actions(reader)
     reader.raise_faults()
     robot = replace(robot, skipped=tuple(SKIPPABLE[kind] for kind in reader.unserved))
@@ -81,7 +83,7 @@ class MjcfReader:
     ----------
     file : FileReader
     defaults : Defaults
-    angles : Angles
+    settings : Settings
     bodies : dict of str to str
         Links by the names of the bodies; "world" is the root.
     sites : dict of str to (str, Placement)
@@ -94,19 +96,12 @@ class MjcfReader:
         self.file, self.root, self.skip = file, file.root, skip
         self.unserved: dict[str, list[tuple[int, str]]] = {}
         self.defaults = Defaults(file)
-        compiler: dict[str, str] = {}
-        for element in self.root.all("compiler"):
-            compiler |= element.attributes
-        sequence = compiler.get("eulerseq", "xyz")
-        if len(sequence) != 3 or not set(sequence) <= set("xyzXYZ"):
-            file.fault(self.root, f"eulerseq={sequence!r} of <compiler> must be three of the letters x, y, z, X, Y, Z")
-            sequence = "xyz"
-        self.angles = Angles(compiler.get("angle", "degree") != "radian", sequence)
-        self.by_geoms = compiler.get("inertiafromgeom", "auto")
-        self.autolimits = _LIMITED.get(compiler.get("autolimits", "true"), True)
-        for name in ("boundmass", "boundinertia", "settotalmass", "balanceinertia"):
-            if compiler.get(name, "0") not in ("0", "false", "-1"):
-                self.leave_out("sizes", self.root.all("compiler")[0], f"{name}= of <compiler>")
+        self.settings = Settings.of(file)
+        self.angles = self.settings.angles
+        for compiler in self.root.all("compiler"):
+            for name in ("boundmass", "boundinertia", "balanceinertia"):
+                if compiler.attributes.get(name, "0") not in ("0", "false"):
+                    self.leave_out("sizes", compiler, f"{name}= of <compiler>")
         self.links: dict[str, Inertia] = {"world": Inertia()}
         self.bodies: dict[str, str] = {"world": "world"}
         self.sites: dict[str, tuple[str, Placement]] = {}
@@ -144,13 +139,11 @@ class MjcfReader:
         """Return the robot; faults are recorded."""
         self.file.misspelt(self.root, _KNOWN)
         self._refuse_unserved(self.root)
-        gravity = (0.0, 0.0, -9.81)
         for option in self.root.all("option"):
-            x, y, z = self.file.numbers(option, "gravity", 3, gravity)
-            gravity = float(x), float(y), float(z)
             if any(self.file.number(option, what, 0.0) for what in ("density", "viscosity")):
                 self.leave_out("fluid", option, "density= or viscosity= of <option>")
-        for pair in (pair for contact in self.root.all("contact") for pair in contact.all("pair")):
+        pairs = () if "contact" in self.settings.disabled else self.root.all("contact")
+        for pair in (pair for contact in pairs for pair in contact.all("pair")):
             self.leave_out("contacts", pair, "<pair>")
         for tendon in (each for tendons in self.root.all("tendon") for each in tendons):
             self.leave_out("tendons", tendon, f"tendon {self.file.named(tendon)}")
@@ -158,7 +151,8 @@ class MjcfReader:
             self._inside(world, _Around("world", Placement(), "main"))
         name = self.root.attributes.get("model", "").strip() or self.file.path.stem
         joints = in_tree_order("world", self._edges)
-        return Description(name, "world", self.links, joints, gravity, (), self.labels, has_actuators=True)
+        links = self.settings.scaled(self.links)
+        return Description(name, "world", links, joints, self.settings.gravity, (), self.labels, has_actuators=True)
 
     @property
     def visuals(self) -> dict[str, tuple[Visual, ...]]:
@@ -182,6 +176,7 @@ class MjcfReader:
         within = element.attributes.get("childclass", around.within)
         for child in element:
             if child.tag == "frame":
+                check_attributes(self.file, child)
                 place = around.place.then(self.angles.placement(self.file, child))
                 self._inside(child, _Around(around.link, place, within))
             elif child.tag == "body":
@@ -197,11 +192,15 @@ class MjcfReader:
                 self._geoms.append((around, geom))
 
     def _collision(self, geom: Element) -> None:
+        check_attributes(self.file, geom)
+        if "contact" in self.settings.disabled:
+            return
         if any(self.file.number(geom, what, 1.0) for what in ("contype", "conaffinity")):
             self.leave_out("contacts", geom, f"a <geom> with contype= or conaffinity=, {self.file.named(geom)}")
 
     def _body(self, element: Element, around: _Around) -> None:
         file = self.file
+        check_attributes(file, element)
         name = element.attributes.get("name", "").strip() or f"body_{len(self.bodies)}"
         if name in self.bodies:
             file.fault(element, f"a second <body> is called {name!r}")
@@ -228,6 +227,7 @@ class MjcfReader:
         file, given = self.file, [child for child in element if child.tag in ("joint", "freejoint")]
         for number, child in enumerate(given, 1):
             joint = self.defaults.applied(child, within) if child.tag == "joint" else child
+            check_attributes(file, joint)
             kind = "free" if child.tag == "freejoint" else joint.attributes.get("type", "hinge")
             if kind not in _KINDS:
                 file.fault(child, f"type={kind!r} of <joint>: known are {list_names(_KINDS)}")
@@ -253,7 +253,11 @@ class MjcfReader:
 
     def _joint(self, joint: Element, name: str, kind: str, ends: tuple[str, str], place: Placement) -> JointItem:
         file, turns = self.file, kind in ("hinge", "ball")
-        losses = {what: file.number(joint, what, 0.0) for what in ("damping", "frictionloss", "stiffness", "armature")}
+        off = self.settings.disabled
+        losses = {
+            what: 0.0 if flag in off else file.number(joint, what, 0.0)
+            for what, flag in (("damping", "damper"), ("frictionloss",) * 2, ("stiffness", "spring"), ("armature", ""))
+        }
         if kind in ("ball", "free"):
             for what, value in losses.items():
                 if value and (kind, what) != ("ball", "damping"):
@@ -266,7 +270,8 @@ class MjcfReader:
             file.fault(joint, f"the axis of joint {name!r} has no direction: 0 0 0")
             axis = np.array([0.0, 0.0, 1.0])
         in_angles = (lambda x: float(self.angles.radians(np.array(x)))) if turns else float
-        limited = _LIMITED.get(joint.attributes.get("limited", "auto"), self.autolimits and "range" in joint.attributes)
+        by_range = self.settings.autolimits and "range" in joint.attributes
+        limited = LIMITED.get(joint.attributes.get("limited", "auto"), by_range) and "limit" not in off
         lower, upper = file.numbers(joint, "range", 2, (0.0, 0.0)) if kind in ("hinge", "slide") else (0.0, 0.0)
         return JointItem(
             name,
@@ -289,10 +294,11 @@ class MjcfReader:
     def _inertia(self, body: Element, within: str) -> Inertia:
         """Return the inertia of a body on its axes, given or from its geoms."""
         file, element = self.file, self.file.only(body, "inertial")
-        if self.by_geoms == "true" or (element is None and self.by_geoms == "auto"):
+        if self.settings.by_geoms == "true" or (element is None and self.settings.by_geoms == "auto"):
             return self._from_geoms(body, within, Placement())
         if element is None:
             return Inertia()
+        check_attributes(file, element)
         mass = file.number(element, "mass", None)
         if mass < 0.0:
             file.fault(element, f"the mass of body {file.named(body)} is {mass:g} kg; it may not be less than 0")
@@ -304,7 +310,9 @@ class MjcfReader:
         return Inertia(mass, np.zeros(3), matrix).on(self.angles.placement(file, element))
 
     def _from_geoms(self, element: Element, within: str, place: Placement) -> Inertia:
+        first, last = self.settings.groups
         geoms = [self.defaults.applied(geom, within) for geom in element.all("geom")]
+        geoms = [geom for geom in geoms if first <= self.file.number(geom, "group", 0.0) <= last]
         total = inertia_of_geoms(self.file, geoms, self.angles).on(place)
         for frame in element.all("frame"):
             there = place.then(self.angles.placement(self.file, frame))

@@ -19,6 +19,7 @@ from ..arrays import FloatArray
 from ..errors import SceneError, list_names, unknown_name
 from ..scene.closures import Closure
 from ..scene.joint_parts import add_constraints
+from .mjcf_settings import unread
 from .mjcf_values import from_quaternion
 from .robot_description import Placement
 from .robot_files import Element
@@ -85,8 +86,10 @@ class Actions:
 
 def read_actions(reader: MjcfReader) -> Actions:
     """Return the actuators and equalities of a file; faults are recorded."""
-    actuators = [_actuator(reader, each) for group in reader.root.all("actuator") for each in group]
-    equalities = [each for group in reader.root.all("equality") for each in group]
+    off = reader.settings.disabled
+    groups = [] if "actuation" in off else reader.root.all("actuator")
+    actuators = [_actuator(reader, each) for group in groups for each in group]
+    equalities = [each for group in ([] if "equality" in off else reader.root.all("equality")) for each in group]
     together: list[Together] = []
     coupled: list[Coupled] = []
     for place, element in enumerate(equalities, 1):
@@ -108,9 +111,9 @@ def _actuator(reader: MjcfReader, given: Element) -> Actuator | None:
     file, element = reader.file, reader.defaults.applied(given, "main")
     attributes = element.attributes
     joint = attributes.get("joint", attributes.get("jointinparent", ""))
-    name = attributes.get("name", "").strip() or joint or f"actuator_{given.line}"
+    name = attributes.get("name", "").strip() or joint or f"actuator_{int(given.line)}"
     what = f"<{given.tag}> {name!r}"
-    special = [key for key in ("dampratio", "timeconst", "actdim", "actearly") if key in attributes]
+    special = given.tag in _ACTUATORS and unread(element)
     dynamic = attributes.get("dyntype", "none") != "none" or attributes.get("gaintype", "fixed") != "fixed"
     bias_kind = attributes.get("biastype", "none")
     if given.tag not in _ACTUATORS or not joint or special or dynamic or bias_kind not in ("none", "affine"):

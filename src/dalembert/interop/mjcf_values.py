@@ -21,6 +21,12 @@ ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 PRIMITIVES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3}
 """Types of geoms that are solids, and how many sizes they have."""
 
+ACTUATORS = ("general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion")
+"""Tags of actuators: in MuJoCo, defaults of one are defaults of all."""
+
+GAINS = ("kp", "kv", "gainprm", "biasprm", "biastype", "gaintype", "dyntype")
+"""Attributes of actuators by which defaults of one tag mean another thing for another tag."""
+
 DENSITY = 1000.0
 """Default density of geoms [kg/m^3]."""
 
@@ -56,11 +62,25 @@ class Defaults:
         if name not in self._classes:
             self.file.fault(element, f"class={name!r} of <{element.tag}> is no default class of the file")
             return element
-        given = {**self._classes[name].get(element.tag, {}), **element.attributes}
+        tables = self._classes[name]
+        given = {**tables.get(element.tag, {}), **element.attributes}
+        if element.tag in ACTUATORS:
+            given = {**self._shared(tables, element), **given}
         for what in ORIENTATIONS:  # an orientation of the element takes the place of that of its class
             if what in element.attributes:
                 given = {key: value for key, value in given.items() if key == what or key not in ORIENTATIONS}
         return Element(element.tag, given, element.line, element.children)
+
+    def _shared(self, tables: dict[str, dict[str, str]], actuator: Element) -> dict[str, str]:
+        """Return the defaults of all kinds of actuators, without gains; those that others have are a fault."""
+        gains = [tag for tag in ACTUATORS if tag != actuator.tag and tables.get(tag, {}).keys() & set(GAINS)]
+        if gains and actuator.tag != "motor":
+            self.file.fault(
+                actuator,
+                f"<{actuator.tag}> {self.file.named(actuator)} has gains of the defaults of <{gains[0]}>, which is not"
+                " supported: put them in a class of their own",
+            )
+        return {key: value for tag in ACTUATORS for key, value in tables.get(tag, {}).items() if key not in GAINS}
 
 
 @final
@@ -152,6 +172,8 @@ def _inertia_of_geom(file: FileReader, geom: Element, angles: Angles) -> Inertia
         file.fault(geom, f"the mass of a body would follow from a geom of type {kind!r}; give the body an <inertial>")
         return Inertia()
     size, place = primitive_of(file, geom, angles)
+    if geom.attributes.get("shellinertia", "false") == "true":
+        file.fault(geom, "the mass of a body would follow from a geom with shellinertia=; give the body an <inertial>")
     if not size:
         return Inertia()
     volume, moments = _solid(kind, size)

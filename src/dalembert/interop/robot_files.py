@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any, final
@@ -18,6 +19,25 @@ from ..errors import OptionError, SceneError, list_names
 
 
 @final
+class IncludedLine(int):
+    """A line of a file that another one includes; its text names the file."""
+
+    file: str
+
+    @classmethod
+    def of(cls, file: str, line: int) -> IncludedLine:
+        """Return a line of a file, from 1."""
+        made = cls(line)
+        made.file = file
+        return made
+
+    def __str__(self) -> str:
+        return f"{int(self)} of {self.file!r}"
+
+    __format__ = object.__format__
+
+
+@final
 @dataclass(eq=False)
 class Element:
     """An XML element.
@@ -27,7 +47,7 @@ class Element:
     tag : str
     attributes : dict of str to str
     line : int
-        Line of the file, from 1.
+        Line of the file, from 1; an `IncludedLine` in included files.
     children : list of Element
     text : str
         Between its tags.
@@ -75,16 +95,43 @@ class FileReader:
             data = self.path.read_bytes()
         except OSError as reason:
             raise OptionError(f"{self.path.name!r} cannot be read: {reason.strerror or reason}") from None
-        self.root = self._parsed(data)
+        self.root = self._parsed(data, int)
         if self.root.tag != root:
             self.fault(self.root, f"the outermost element is <{self.root.tag}>; expected <{root}>")
             self.raise_faults()
 
-    def _parsed(self, data: bytes) -> Element:
+    def include(self, tag: str) -> None:
+        """Replace elements with a tag by what stands in the outermost element of their ``file=``.
+
+        Files are looked for beside the first file, then beside the one that includes them; each is included once.
+        """
+        self._include(self.root, tag, self.path, {self.path.resolve()})
+
+    def _include(self, element: Element, tag: str, within: Path, known: set[Path]) -> None:
+        children, element.children = element.children, []
+        for child in children:
+            if child.tag != tag:
+                self._include(child, tag, within, known)
+                element.children.append(child)
+                continue
+            name = self.text(child, "file")
+            path = next((p for p in (self.path.parent / name, within.parent / name) if name and p.is_file()), None)
+            if path is None:
+                if name:
+                    self.fault(child, f"<{tag}> of {name!r}: there is no such file beside {within.name!r}")
+            elif path.resolve() in known:
+                self.fault(child, f"<{tag}> of {name!r}: a file is included once, and may not include itself")
+            else:
+                known.add(path.resolve())
+                root = self._parsed(path.read_bytes(), partial(IncludedLine.of, name))
+                self._include(root, tag, path, known)
+                element.children += root.children
+
+    def _parsed(self, data: bytes, line_of: Callable[[int], int]) -> Element:
         parser, open_elements = expat.ParserCreate(), [Element("", {}, 0)]
 
         def start(tag: str, attributes: dict[str, str]) -> None:
-            element = Element(tag, attributes, parser.CurrentLineNumber)
+            element = Element(tag, attributes, line_of(parser.CurrentLineNumber))
             open_elements[-1].children.append(element)
             open_elements.append(element)
             texts.append([])
@@ -99,7 +146,7 @@ class FileReader:
         try:
             parser.Parse(data, True)
         except expat.ExpatError as reason:
-            self._faults.append((reason.lineno, f"the file is no well-formed XML: {expat.ErrorString(reason.code)}"))
+            self.fault(line_of(reason.lineno), f"the file is no well-formed XML: {expat.ErrorString(reason.code)}")
             self.raise_faults()
         return open_elements[0].children[0]
 
