@@ -8,18 +8,31 @@ BIN    := $(VENV)/bin
 export MPLBACKEND ?= Agg
 
 # What the processor decides: all of it, and the parts that `make test` runs for the least instruction set and for
-# those between it and the processor's own.
+# those between it and the processor's own, without rows that run no code that was compiled for an instruction set.
 LANES     := tests/lanes/test_lanes.py tests/runs/test_interrupted_sweeps.py tests/system/test_outputs.py \
              tests/codegen/test_vector_functions.py tests/codegen/test_advance_lanes.py
+SINGULAR  := projected_runs_pass_through_on_their_branch projected_runs_pass_on_their_branch_or_say_that_they_cannot \
+             cases_of_a_projected_sweep_do_not_change_their_branch_and_succeed \
+             rows_that_vanish_do_not_lead_to_another_branch \
+             runs_past_lost_ranks_that_succeed_keep_their_energy_in_all_units \
+             neighbours_of_cases_that_end_there_keep_their_bits \
+             cases_of_a_sweep_that_are_redundant_otherwise_than_the_first_are_not_run
+TAYLOR    := loops_and_unrolled_code_agree a_loop_over_the_orders_gives_the_bits_of_unrolled_code
 SUBSET    := $(LANES) tests/methods/test_methods.py tests/steps/test_radau.py \
-             tests/system/test_singular.py tests/system/test_contact_rounding.py tests/system/test_kinks.py \
+             $(addprefix tests/system/test_singular.py::test_,$(SINGULAR)) \
+             tests/system/test_contact_rounding.py tests/system/test_kinks.py \
              tests/system/test_sleigh_exact.py tests/system/test_sphere_exact.py tests/system/test_energy.py \
-             tests/hard_cases/test_long_runs.py tests/transforms/test_taylor.py tests/codegen/test_check_inputs.py
-NUMERICAL := $(SUBSET) tests/codegen/test_loops.py tests/hard_cases tests/methods tests/steps tests/lanes tests/loops \
-             tests/events tests/system tests/results tests/runs/test_sweep.py
+             tests/hard_cases/test_long_runs.py $(addprefix tests/transforms/test_taylor.py::test_,$(TAYLOR)) \
+             tests/codegen/test_check_inputs.py
+OTHERS    := not numpy and not scipy and not numba and not jax
+NUMERICAL := $(LANES) tests/codegen/test_check_inputs.py tests/codegen/test_loops.py tests/transforms/test_taylor.py \
+             tests/hard_cases tests/methods tests/steps tests/lanes tests/loops tests/events tests/system \
+             tests/results tests/runs/test_sweep.py
 
 # What runs with the newest releases: where the package meets them, the first test of each file for its first case.
-PART      := --first 1 $(addprefix tests/,codegen jax_backend methods model results runs store)
+# All tests render templates, and compile for the processor.
+PART      := --first 1 $(addprefix tests/,codegen jax_backend methods model results runs store) \
+             $(addprefix --deselect tests/codegen/,test_target.py test_templates.py)
 
 # Processes that tests start find the bytecode of the package, whatever the environment says.
 unexport PYTHONDONTWRITEBYTECODE
@@ -68,8 +81,8 @@ lint: $(VENV)/.installed-dev
 test: lint
 	@echo "==> pytest"
 	@$(BIN)/python -m pytest -n 2
-	@$(BIN)/python tests/targets.py least -n 2 $(SUBSET)
-	@$(BIN)/python tests/targets.py between -n 2 $(LANES)
+	@$(BIN)/python tests/targets.py least -n 2 -k "$(OTHERS)" $(SUBSET)
+	@$(BIN)/python tests/targets.py between -n 2 -k "$(OTHERS)" $(LANES)
 
 test-all: test
 	@echo "==> pytest: more random scenes, and the whole matrix of scenes"

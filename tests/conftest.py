@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from quick_kernels import compiled_quickly
 from repeated_rows import repeats
 
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -63,6 +64,27 @@ LONG = (
 
 
 @pytest.fixture(scope="module")
+def quick_kernels():
+    """Compile the kernels of a file faster, to slower code of the same bits (`quick_kernels.compiled_quickly`).
+
+    For ``pytest.mark.usefixtures``, where a file compiles much and runs little. Runs for another instruction set, which
+    are there for the code generator, have usual options.
+    """
+    if "DALEMBERT_TARGET" in os.environ:
+        yield
+    else:
+        with compiled_quickly():
+            yield
+
+
+@pytest.fixture
+def small_heap():
+    """Leave all that there is out of searches for garbage, for tests that start some: each takes a second or two."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(scope="module")
 def quick_xla():
     """Compile the JAX programs of a file in a fraction of the time, to code that is slower (`jax_backend.jax_options`).
 
@@ -70,11 +92,11 @@ def quick_xla():
     eager or foreign leave XLA the options that users have.
     """
     try:
-        from jax_backend.jax_options import compiled_quickly
+        from jax_backend.jax_options import compiled_quickly as programs_compiled_quickly
     except pytest.skip.Exception:  # there is no JAX
         yield
     else:
-        with compiled_quickly():
+        with programs_compiled_quickly():
             yield
 
 

@@ -24,7 +24,7 @@ def test_runs_end_by_name(tmp_path, kind):
     settings = settings.replace(LIMIT, "faulthandler_timeout = 2") if kind == "hang" else settings
     (tmp_path / "pyproject.toml").write_text(settings)
     (tmp_path / "tests").mkdir()
-    for name in ("conftest.py", "repeated_rows.py"):
+    for name in ("conftest.py", "quick_kernels.py", "repeated_rows.py"):
         shutil.copy(HERE / name, tmp_path / "tests")
     for name, does in TESTS[kind].items():
         (tmp_path / "tests" / f"test_{name}.py").write_text(f"def test_{name}(): {does}\n")

@@ -22,6 +22,8 @@ from dalembert.errors import CacheWarning
 from dalembert.methods.status import Status
 from dalembert.model import derived
 
+pytestmark = pytest.mark.usefixtures("small_heap")
+
 START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 PARAMETERS = {"m": 1, "b": 0.3, "I_C": 0.5}
 

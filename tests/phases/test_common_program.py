@@ -23,6 +23,8 @@ from hard_cases.many_contacts import (
     turning_at_rest,
 )
 
+pytestmark = pytest.mark.usefixtures("quick_kernels")
+
 FINE = {"rtol": 1e-10, "atol": 1e-12}
 
 
@@ -38,6 +40,13 @@ def both(monkeypatch, scene, **options):
     apart = da.compile_model(scene, **options)
     assert apart.modes.common is None
     return common, apart
+
+
+@cache
+def feet_by_both():
+    """Return both models of a body on four feet, which several tests run."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        return both(monkeypatch, feet(4), outputs=["N_c0", "N_c1", "F0_c0", "F0_c3"])
 
 
 def agree(run, other, outputs=(), atol=1e-9, of_outputs=1e-7):
@@ -59,9 +68,9 @@ def programs(model):
     return len({*model.modes.compiled} - {model.modes.open_mode})
 
 
-def test_feet_slip_and_stick_by_one_program_as_by_one_a_mode(monkeypatch):
+def test_feet_slip_and_stick_by_one_program_as_by_one_a_mode():
     outputs = ["N_c0", "F0_c0", "F0_c3"]
-    common, apart = both(monkeypatch, feet(4), outputs=outputs)
+    common, apart = feet_by_both()
     start, p = feet_at_rest(4)
     run, other = (model.simulate((0.0, 1.0), start, p, **FINE) for model in (common, apart))
     agree(run, other, outputs)
@@ -70,15 +79,16 @@ def test_feet_slip_and_stick_by_one_program_as_by_one_a_mode(monkeypatch):
     assert run.constraint_violation.shape[1] == other.constraint_violation.shape[1] == 4
 
 
-def test_feet_that_land_and_lift_by_one_program_as_by_one_a_mode(monkeypatch):
+def test_feet_that_land_and_lift_by_one_program_as_by_one_a_mode():
     """The body is dropped: feet open and close with impacts."""
-    common, apart = both(monkeypatch, feet(4), outputs=["N_c1"])
+    common, apart = feet_by_both()
     start, p = feet_at_rest(4)
     start |= {"z": 0.9, "z_dot": -1.5, "x_dot": 0.6} | {f"z{i}": 0.1 + 0.02 * i for i in range(4)}
     run, other = (model.simulate((0.0, 0.6), start, p | {"push": 0.0}, **FINE) for model in (common, apart))
     agree(run, other, ["N_c1"], of_outputs=1e-6)
     states = {phase.modes["c1"] for phase in run.phases}
     assert "open" in states and len(states) > 1
+    assert programs(common) == 1 < programs(apart)
 
 
 def test_friction_in_a_plane_by_one_program_as_by_one_a_mode(monkeypatch):
@@ -126,8 +136,8 @@ def test_a_stack_of_twelve_contacts_tilts():
     assert run.constraint_violation.max() < 1e-12
 
 
-def test_sweeps_samples_and_prepared_runs_by_one_program(monkeypatch):
-    common, apart = both(monkeypatch, feet(4), outputs=["N_c0"])
+def test_sweeps_samples_and_prepared_runs_by_one_program():
+    common, apart = feet_by_both()
     start, p = feet_at_rest(4)
     times, mu = np.linspace(0.0, 0.5, 11), np.linspace(0.4, 0.6, 5)
     kept = {"load": da.maximum("N_c0"), "share": da.mean("N_c0")}
@@ -157,12 +167,11 @@ def test_python_runs_modes_of_the_common_program(backend):
     assert len(runs[0].phases) > 2
 
 
-def test_events_end_and_map_motions_by_one_program(monkeypatch):
-    models = both(monkeypatch, feet(4))
+def test_events_end_and_map_motions_by_one_program():
     start, p = feet_at_rest(4)
     x = dynamicsymbols("x")
     hop = da.Event(x - 0.01, apply={x.diff(): 0.5 * x.diff()}, name="hop")
-    runs = [model.simulate((0.0, 0.4), start, p, events=[hop], **FINE) for model in models]
+    runs = [model.simulate((0.0, 0.4), start, p, events=[hop], **FINE) for model in feet_by_both()]
     agree(*runs)
     assert len(runs[0].events["hop"]) == len(runs[1].events["hop"]) > 0
     np.testing.assert_allclose(runs[0].events["hop"].t, runs[1].events["hop"].t, atol=1e-9)

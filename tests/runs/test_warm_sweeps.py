@@ -150,6 +150,7 @@ def test_results_and_arguments_are_not_aliased(sleigh):
     assert sleigh.sweep((0.0, 1.0), {**SLEIGH, "x": x}, SLEIGH_VALUES).parameters["m"] == 1.0
 
 
+@pytest.mark.usefixtures("small_heap")
 def test_no_results_are_kept():
     model = da.compile_model(da.scenes.chaplygin_sleigh())
     for _ in range(2):

@@ -18,17 +18,17 @@ from fuzz.driven.equations import PREFIX
 
 FIXED = {
     "particle": (3, 44, 56, 73),
-    "stack": (17, 21, 37, 1004),
+    "stack": (21, 17, 37, 1004),
     "rod on floor": (1, 21, 36),
     "rod in corner": (2, 21, 49, 61, 167),
-    "plate": (1, 41, 46, 58, 136),
+    "plate": (41, 1, 46, 58, 136),
     "wheel": (0, 9, 25, 64),
     "slot": (26, 37, 49),
     "chain": (3, 8, 27, 38, 42, 56, 87, 172, 4005),
     "disc": (5, 8, 32, 39, 5135, 5280),
     "pendulum": (1, 32, 41, 48, 53, 127, 4047),
 }
-KEPT = 2
+KEPT = 1
 """Seeds of each family that run in `make test`; the others are matrix."""
 
 PARTICLE = ("m", "g_x", "g_y", "k", "c", "x_0", "A", "omega", "phi", "B", "C", "nu", "belt", "mu", "mu_s", "e")
