@@ -411,3 +411,8 @@ def test_motion_without_a_state_is_watched_to_its_end(backend):
     stopped = driven.simulate((0, 20), {}, {m: 1}, events=[da.Event(x + sp.Rational(1, 2), terminal=True)])
     assert stopped.status is Status.EVENT and stopped.t[-1] == pytest.approx(7 * np.pi / 6, rel=1e-13)
     assert driven.prepare((0, 1))(driven.state({}, {m: 1}), driven.parameter_vector({m: 1})).shape == (0,)
+
+
+def test_a_python_function_is_no_event():
+    with pytest.raises(ExpressionError, match="a Python function is not called: write it in the symbols of the scene"):
+        drop([lambda t, y: y[0]])

@@ -78,6 +78,8 @@ def test_results_of_sweeps_name_what_they_have(model):
         sweep.reduced["least"]
     with pytest.raises(UnknownNameError, match=r"unknown output 'most'.*sweep\.reduced\['most'\]"):
         sweep["most"]
+    with pytest.raises(UnknownNameError, match=r"'x_ddot'.* It is an acceleration; request it with compile_model"):
+        sweep["x_ddot"]
     copy = pickle.loads(pickle.dumps(sweep.reduced))
     np.testing.assert_array_equal(copy["most"], sweep.reduced["most"])
     assert list(copy) == ["most"] and type(copy) is type(sweep.reduced)

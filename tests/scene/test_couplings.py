@@ -132,6 +132,27 @@ def test_a_housing_that_turns():
     assert run["gear.torque"] == pytest.approx(0.2 * of_b @ second, abs=1e-12)
 
 
+def test_a_planet_inside_of_a_fixed_ring():
+    """The ring is the fixed frame: b = c - n c, that is, b turns -n times as fast relative to the carrier."""
+    scene, _ = shafts(Ia, Ib, Ic)
+    scene.add_loads((scene.bodies[2].frame, 2 * tau * N.z))
+    scene.add_joints(da.Gear("ring", None, "B", axis=N.z, ratio=n, housing="C"))
+    model = compiled(scene, ["ring.torque"])
+    assert "ring" in model.explain()
+    start = {"a": 0, "b": 0, "c": 0, "a_dot": 0, "c_dot": 0}
+    run = model.simulate((0, 1), start, {**GEARED, Ic: 0.7}, rtol=1e-10)
+    rate = 3.0 / (0.7 + 4 * 0.2)
+    assert [run["b"][-1], run["c"][-1]] == pytest.approx([-rate, rate / 2], abs=1e-9)
+    assert run["ring.torque"] == pytest.approx(-2 * 0.2 * rate, abs=1e-12)
+
+
+def test_a_rope_that_a_drum_winds():
+    """The tension of a rope of length l - n a turns the drum, too, which a rope between two points does not."""
+    scene, (a,) = shafts(Ia)
+    with pytest.raises(SceneError, match=r"the length .* depends on a, .* write the constraint and two joints"):
+        scene.add_joints(da.Rope("rope", None, "A", parent_point=O, child_point=O, length=l - n * a))
+
+
 def test_faults_of_gears():
     scene, (a, b) = shafts(Ia, Ib)
     good = {"name": "gear", "parent": "A", "child": "B", "axis": N.z, "ratio": n}
@@ -139,7 +160,8 @@ def test_faults_of_gears():
         ({"ratio": 0}, "its ratio must be a number or an expression of parameters, and not zero"),
         ({"axis": scene.bodies[0].frame.x}, "the axis A.x is not fixed in the fixed frame"),
         ({"axis": 1}, "axis must be a Vector such as N.z, not 1"),
-        ({"child": None}, "its child must be a RigidBody of the scene"),
+        ({"child": None}, "which can turn; a fixed wheel is the parent, with a housing= that turns"),
+        ({"parent": None}, "its parent must be a RigidBody of the scene"),
         ({"housing": "B"}, "its bodies must be three"),
         ({"angles": (b, a)}, "angles= are not those of the bodies about its axes"),
         ({"angles": a}, "angles must be those of parent and child, two expressions"),

@@ -257,6 +257,11 @@ def test_outputs_are_names_expressions_or_points(wrong):
         da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy", outputs=wrong)
 
 
+def test_a_mapping_among_named_outputs_is_merged():
+    with pytest.raises(OptionError, match=r"'blade' is a mapping; of a mapping of outputs, .* take its entries"):
+        da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy", outputs={"blade": {"push": "X"}})
+
+
 def test_one_output_may_be_given_alone():
     scene = da.scenes.chaplygin_sleigh()
     for alone in ("X", x.diff() ** 2, scene.origin):

@@ -12,6 +12,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..errors import MissingExtraError, OptionError, UnknownNameError, unknown_name
 from ..ir.program import Layout
+from ..naming import acceleration_name
 from ..options import atol_attribute
 from ..stops.segments import Segments, constants_at
 from ..version import __version__
@@ -157,11 +158,11 @@ def with_units(
     return dataset
 
 
-def reaction_hint(layout: Layout, name: str) -> str:
-    """Return the advice to request a reaction as an output; empty for other names."""
-    if name not in layout.unknowns:
-        return ""
-    return f" It is a reaction of the scene; request it with compile_model(scene, outputs=[{name!r}])."
+def request_hint(layout: Layout, name: str) -> str:
+    """Return the advice to request a reaction or an acceleration as an output; empty for other names."""
+    accelerations = map(acceleration_name, layout.coordinates)
+    kind = "a reaction of the scene" if name in layout.unknowns else "an acceleration" if name in accelerations else ""
+    return f" It is {kind}; request it with compile_model(scene, outputs=[{name!r}])." if kind else ""
 
 
 def xarray_package() -> Any:

@@ -20,7 +20,7 @@ from .labels import (
     flags,
     given_name,
     ranges,
-    reaction_hint,
+    request_hint,
     summary,
     to_dataframe,
     value_name,
@@ -138,7 +138,7 @@ class Sweep(Estimated):
             return text
         known = unknown_name("output", text, dict.fromkeys(names))
         hint = f" It is a reduction: sweep.reduced[{text!r}]." if text in self.reduced else ""
-        raise UnknownNameError(known + hint + reaction_hint(self._layout, text))
+        raise UnknownNameError(known + hint + request_hint(self._layout, text))
 
     def __len__(self) -> int:
         return len(self.t)

@@ -212,7 +212,7 @@ class Trajectory(Estimated):
         if not self.phases or not {name, text}.isdisjoint(self.names):
             found = self._joined(lambda part: part.named(text))
         if found is None:
-            raise UnknownNameError(unknown_name("output", text, self.names) + labels.reaction_hint(self._layout, name))
+            raise UnknownNameError(unknown_name("output", text, self.names) + labels.request_hint(self._layout, name))
         return found
 
     @property

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
+from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame
 from sympy.physics.vector import Vector
 
@@ -292,6 +293,14 @@ def _ends_faults(scene: Scene, closure: Closure, bodies: tuple[Any, ...]) -> lis
     """Return the faults of the bodies, points, axes and frames of a closure in its scene."""
     faults = []
     kind, points = KINDS[closure.kind], Tree(scene.origin, "_pos_dict")
+    moving = sp.sympify(closure.distance).atoms(AppliedUndef) & {*scene.coordinates} if closure.distance else ()
+    if moving:
+        names = list_names(sorted(q.func.__name__ for q in moving))
+        faults.append(
+            f"the length {closure.distance} depends on {names}, so that its tension does not act at its ends"
+            " alone. For a rope that a drum winds, write the constraint and two joints, da.Joint: the tension on the"
+            " body at its end, and the torque of the tension on the drum"
+        )
     if bodies[0] is bodies[1]:
         faults.append("its two bodies are the same")
     sides = (("parent", closure.parent, bodies[0]), ("child", closure.child, bodies[1]))

@@ -89,7 +89,8 @@ class ContentReader(GeometryReader):
         if mass.deps & self._moving():
             self.faults.append(
                 f"the mass of {place} changes along the motion; it must be constant, because equations of a mass that"
-                " is lost or gained depend on the velocity with which it leaves or comes"
+                " is lost or gained depend on the velocity with which it leaves or comes. For a single particle, take"
+                " the mass 1 and divide its loads, thrust among them, by the mass"
             )
         return mass
 

@@ -79,6 +79,8 @@ class Gear:
     ----------
     name : str
     parent, child : str or RigidBody
+        A parent None is a wheel fixed in the fixed frame, such as the ring of a planetary gear; `housing` is then the
+        carrier.
     axis : Vector
         About which the parent turns, fixed in the housing; a unit vector.
     child_axis : Vector, optional
@@ -195,11 +197,12 @@ def add_gear(scene: Scene, gear: Gear) -> None:
     torque = unknown(f"{gear.name}.torque")
     actions = (
         ActionPair(child, housing, child.masscenter, torque=torque * axes[1]),
-        ActionPair(parent, housing, parent.masscenter, torque=-ratio * torque * axes[0]),
+        ActionPair(parent, housing, parent.masscenter, torque=-ratio * torque * axes[0])
+        if parent is not None
+        else ActionPair(housing, None, housing.masscenter, torque=ratio * torque * axes[0]),
     )
-    text = (
-        f"gear between {str(parent.name)!r} and {str(child.name)!r}: 1 {'holonomic ' if gear.angles else ''}constraint"
-    )
+    wheel = "the fixed frame" if parent is None else repr(str(parent.name))
+    text = f"gear between {wheel} and {str(child.name)!r}: 1 {'holonomic ' if gear.angles else ''}constraint"
     scene.connections += (
         Connection(
             gear.name, actions, {f"{gear.name}.torque": torque}, None, None, closes=True, source=gear, text=text
@@ -218,8 +221,11 @@ def _gear_faults(scene: Scene, gear: Gear, bodies: tuple[Any, Any, Any]) -> list
     parent, child, housing = bodies
     faults = []
     for side, body in (("parent", parent), ("child", child)):
+        if body is None and side == "parent" and housing is not None:
+            continue  # a fixed wheel, such as the ring of a planetary gear
         if body is None or not hasattr(body, "frame") or not has_body(scene, body):
-            faults.append(f"its {side} must be a RigidBody of the scene, which can turn")
+            fixed = "; a fixed wheel is the parent, with a housing= that turns" if body is None else ""
+            faults.append(f"its {side} must be a RigidBody of the scene, which can turn{fixed}")
     if len({id(body) for body in bodies}) < 3:
         faults.append("its bodies must be three: parent, child and housing")
     for name in ("axis", "child_axis"):

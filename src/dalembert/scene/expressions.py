@@ -110,7 +110,8 @@ class ExpressionReader:
         except (sp.SympifyError, TypeError, ValueError, AttributeError, RecursionError):
             e = None
         if not isinstance(e, sp.Basic):
-            return self.fault(f"{expression!r} is not a SymPy expression")
+            written = "; a Python function is not called: write it in the symbols of the scene"
+            return self.fault(f"{expression!r} is not a SymPy expression{written if callable(expression) else ''}")
         if self.clock is not None:
             e = self._elapsed(e, self.clock)
         self.graph.written = True

@@ -200,5 +200,7 @@ def _named(name: Any, output: Any) -> Sequence[NamedOutput]:
         values = [Place(output, axis) if isinstance(output, Point) else Component(output, axis) for axis in range(3)]
         return [NamedOutput(f"{name}_{'xyz'[axis]}", value) for axis, value in enumerate(values)]
     if not isinstance(output, str | Basic):
-        raise OptionError(f"outputs are {_ALLOWED}, but {name!r} is {output!r}")
+        merged = "; of a mapping of outputs, such as scene.reaction(...), take its entries: {**outputs, **mapping}"
+        given = f"a mapping{merged}" if isinstance(output, Mapping) else repr(output)
+        raise OptionError(f"outputs are {_ALLOWED}, but {name!r} is {given}")
     return [NamedOutput(name, output)]
