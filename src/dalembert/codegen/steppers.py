@@ -12,7 +12,7 @@ from ..arrays import FloatArray
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..lanes.row_steps import ImplicitSteps
-from ..lanes.workspace import POINT_LANES, EventKernels, no_events
+from ..lanes.workspace import POINT_LANES, SLOPE_LANES, EventKernels, no_events
 from ..methods.pairs import PAIRS
 from ..methods.step_constants import SMALLEST_SCALE
 from ..once import BoundedTable, computed_once, once_property
@@ -65,7 +65,7 @@ def event_kernels(
     from ..events.reductions import KINDS
     from ..transforms.step_bounds import StepShape, series_signs_kernel, step_bounds_kernel, step_signs_kernel
 
-    values = code.watch.values
+    values, slopes = code.watch.values, code.watch.slopes
     jumps = [NO_CODE if jump is None else compiled(jump, 1) for jump in code.jumps]
     n, degree, memory = sizes
     step = StepShape(degree, n + with_series, n + with_series + 2 + memory, in_time=memory == 0)
@@ -81,6 +81,9 @@ def event_kernels(
         values=compiled(values, POINT_LANES),
         value=compiled(values, 1),
         begins=compiled(code.watch.begins, 1),
+        slopes=NO_CODE if slopes is None else compiled(slopes.kernel, SLOPE_LANES),
+        varying=np.array([] if slopes is None else slopes.varying, np.int64),
+        residuals=0 if slopes is None else slopes.residuals,
         start=compiled(code.start.kernel, 1) if any(jump is not None for jump in code.jumps) else NO_CODE,
         refill=refill,
         given=len(code.start.given),
