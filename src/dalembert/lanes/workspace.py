@@ -171,6 +171,9 @@ class EventKernels(NamedTuple):
 
     ``slopes`` are derivatives along directions, one for each of `SLOPE_LANES`, or 0; ``varying`` the places of a
     direction that count, and ``residuals`` the number of constraints whose residuals do.
+
+    Where ``step_points`` is not 0, it gives `POINT_LANES` points of the step of every lane, ``step_values`` the
+    expressions at one of them, and ``step_signs`` the signs from these values.
     """
 
     step_signs: Address
@@ -199,6 +202,8 @@ class EventKernels(NamedTuple):
     exact: int = 0
     slopes: Address = NO_CODE
     residuals: int = 0
+    step_points: Address = NO_CODE
+    step_values: Address = NO_CODE
 
 
 @once
@@ -273,6 +278,8 @@ class EventWorkspace(NamedTuple):
     spread: Matrix
     slopes: Matrix
     sizes: Matrix
+    step_points: Matrix
+    step_values: Matrix
     occurrences: Matrix
     carried: Matrix
     low: Matrix
@@ -320,6 +327,8 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         spread=aligned(1 + count, SLOPE_LANES) if events.slopes else nothing,
         slopes=aligned(k + r, SLOPE_LANES) if events.slopes else nothing,
         sizes=aligned(1, k + r) if events.slopes else nothing,
+        step_points=aligned(POINT_LANES * (1 + n) if events.step_points else 0, lanes),
+        step_values=aligned(POINT_LANES * k if events.step_points else 0, lanes),
         occurrences=np.zeros((0, OCCURRENCE)),
         carried=np.zeros((0, k)),
         low=np.zeros((0, lanes)),
