@@ -14,7 +14,7 @@ from ..arrays import FloatArray
 from ..lanes.workspace import BEND, DOUBT, LIMIT, RATE, EventKernels, EventWorkspace
 from ..methods.chebyshev import POINTS
 from ..methods.step_constants import BUDGET, COARSE, DEEP, DEEPEST, EPSILON, ROOT_PRECISION, ROOT_TRIES, TIME_NOISE
-from ..subset.compiled_subset import call_code, compiled_subset, row, square
+from ..subset.compiled_subset import compiled_subset, square
 from .event_begins import take_begins
 from .event_intervals import push_halves, resolved_piece, sample, simple_piece, state_at
 from .event_rules import (

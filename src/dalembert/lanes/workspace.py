@@ -228,8 +228,8 @@ class EventWorkspace(NamedTuple):
     ``jumped`` are when the state of each lane last jumped, how many jumps in a row came too soon, and 1 where its step
     begins behind a stop, at which expressions may change their signs without a zero.
 
-    ``known`` are the values of ``EventKernels.begins`` where there are ``slopes``, ``direction`` the state and a direction
-    for each lane of these, ``spread`` time and constants for these lanes, and ``sizes`` what they add up to.
+    ``known`` are the values of ``EventKernels.begins`` where there are ``slopes``, ``direction`` the state and a
+    direction for each lane of these, ``spread`` time and constants for these lanes, and ``sizes`` what they add up to.
 
     ``own`` (lanes, n_c) are the constants of each lane in a row, ``constants`` (lanes * n_c, 8) for eight points.
 
