@@ -75,11 +75,11 @@ def test_slip_on_a_curve_begins_along_the_force_and_turns_with_it(rtol):
     assert run.phases[1].t0 == pytest.approx(1, abs=1e-12)
     along, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
     growth, turning = along @ [3, 2], across @ [3, 2]
-    for s in (1e-3, 2e-3):
+    for s in (0.02, 0.05):
         at = run(1 + s)
         w = np.array([at["x_dot"], at["y_dot"]])
-        assert along @ w == pytest.approx(growth * s**2 / 2, rel=5 * s)
-        assert (across @ w) / (along @ w) == pytest.approx(turning * s / 5, rel=10 * s)
+        assert along @ w == pytest.approx(growth * s**2 / 2, rel=0.05 * s)
+        assert (across @ w) / (along @ w) == pytest.approx(turning * s / 5, rel=1.2 * s)
 
 
 def test_slip_that_begins_slowly_takes_few_steps_whatever_its_direction():

@@ -99,7 +99,7 @@ def contact_cases(
         t=t,
         x=x,
         p=p,
-        added=np.tile([1.0, 0.0, 1.0, 1.0], (k, contacts)),
+        added=np.tile([1.0, 0.0, 1.0, -1.0], (k, contacts)),
         speeds=nothing[0],
         approach=nothing[1],
         flight=nothing[2],
