@@ -58,8 +58,8 @@ def attempt_assembly(
         attempt = attempt_kernel(rhs, tableau, dense=dense, carried=carried, knots=knots, weighted=weighted)
         start = start_kernel(rhs, tableau, carried=carried, weighted=weighted)
         return assembly([("attempt", attempt), ("start", start)], lanes)
-    attempt = attempt_pieces(rhs, tableau, dense=dense, carried=carried, knots=knots, weighted=weighted)
-    return _calls_assembly((attempt, start_pieces(rhs, tableau, carried=carried, weighted=weighted)), lanes)
+    pieces = attempt_pieces(rhs, tableau, dense=dense, carried=carried, knots=knots, weighted=weighted)
+    return _calls_assembly((pieces, start_pieces(rhs, tableau, carried=carried, weighted=weighted)), lanes)
 
 
 def _calls_assembly(parts: Sequence[AttemptPieces], lanes: int) -> str:
