@@ -1,13 +1,15 @@
 """Friction and contacts: steps a second of sweeps and runs with modes, and the cost of a decision by contacts.
 
 ``python benchmarks/contact_speed.py`` prints the tables: a scene with friction against the same without; decisions of 2
-to 12 contacts with the search for a mode against trying every combination; and first and later runs of scenes of 4 to
-12 contacts, whose modes one program serves, against one program for each mode.
+to 12 contacts with the search for a mode against trying every combination; first and later runs of scenes of 4 to 12
+contacts, whose modes one program serves, against one program for each mode; and first and later runs against the number
+of contacts. ``python benchmarks/contact_speed.py counts`` prints the last table alone.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -26,10 +28,19 @@ from dalembert.methods.status import Status
 from dalembert.phases import mode_models
 from dalembert.phases.decisions import LOOP
 from hard_cases.contacts import corner_plate
-from hard_cases.many_contacts import boxes, boxes_at_rest, feet, feet_at_rest, standing, standing_at_rest
+from hard_cases.many_contacts import (
+    boxes,
+    boxes_at_rest,
+    feet,
+    feet_at_rest,
+    legged,
+    legged_at_rest,
+    standing,
+    standing_at_rest,
+)
 
 __all__ = ["HEAD", "contacts_rows", "contacts_text", "decisions_text", "measure_contacts", "measure_decisions", "tasks"]
-__all__ += ["measure_programs", "programs_text"]
+__all__ += ["counts_text", "measure_counts", "measure_programs", "programs_text"]
 
 Record = dict[str, Any]
 TIME = dynamicsymbols._t
@@ -240,7 +251,49 @@ def programs_text(records: Sequence[Record]) -> str:
     return "\n".join(lines)
 
 
-if __name__ == "__main__":
+SPRUNG, LEGGED = "point on sprung legs in space", "trunk on legs of three joints"
+
+
+def measure_counts(
+    sprung: Sequence[int] = (1, 2, 3, 4, 6, 8, 12), legged_by: Sequence[int] = (1, 2, 4)
+) -> list[Record]:
+    """Return records of first and second runs against the number of contacts, in seconds of the processor.
+
+    Points on sprung legs are pushed to and fro for 0.3 s, so that feet slip; trunks that move freely stand for 0.1 s on
+    legs of three joints, whose torques a controller sets 500 times a second. All feet are rough.
+    """
+    start, p = standing_at_rest(1)
+    da.compile_model(standing(1), cache=False).simulate((0.0, 0.01), start, p)  # loops that belong to no scene
+    tasks: list[tuple[str, int, Callable[[int], da.Scene], tuple[Any, Any], float]] = []
+    tasks += [(SPRUNG, count, standing, standing_at_rest(count), 0.3) for count in sprung]
+    tasks += [(LEGGED, count, legged, legged_at_rest(count), 0.1) for count in legged_by]
+    records = []
+    for name, count, make, (start, p), end in tasks:
+        begin = time.process_time()
+        model = da.compile_model(make(count), cache=False)
+        run, first = model.simulate((0.0, end), start, p, rtol=1e-6, atol=1e-8), time.process_time() - begin
+        begin = time.process_time()
+        model.simulate((0.0, end), start, p, rtol=1e-6, atol=1e-8)
+        second = time.process_time() - begin
+        about = {"scene": name, "contacts": count, "phases": len(run.phases), "steps": run.stats.steps}
+        records.append({**about, "status": run.status.name, "first": first, "second": second})
+        print(records[-1], file=sys.stderr, flush=True)
+    return records
+
+
+def counts_text(records: Sequence[Record]) -> str:
+    """Return the table of runs against the number of contacts as text."""
+    lines = [f"{'':<32}{'contacts':>9}{'phases':>8}{'steps':>7}{'s, first run':>14}{'ms, second':>12}  status"]
+    for r in records:
+        counts = f"{r['contacts']:>9}{r['phases']:>8}{r['steps']:>7}"
+        lines.append(f"{r['scene']:<32}{counts}{r['first']:>14.1f}{1e3 * r['second']:>12.0f}  {r['status']}")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__" and sys.argv[1:] == ["counts"]:
+    print(counts_text(measure_counts()))
+elif __name__ == "__main__":
     print(contacts_text(measure_contacts(10_000, 5)))
     print(decisions_text(measure_decisions()))
     print(programs_text(measure_programs()))
+    print(counts_text(measure_counts()))

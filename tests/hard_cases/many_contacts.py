@@ -1,5 +1,6 @@
 """Scenes of many contacts: bodies on sprung legs, and stacks of boxes, with values and states at rest."""
 
+import math
 from collections.abc import Mapping
 
 import sympy as sp
@@ -12,6 +13,8 @@ __all__ = [
     "boxes_at_rest",
     "feet",
     "feet_at_rest",
+    "legged",
+    "legged_at_rest",
     "standing",
     "standing_at_rest",
     "turning",
@@ -128,6 +131,63 @@ def turning_at_rest() -> tuple[dict[str, float], dict[str, float]]:
     start, p = standing_at_rest()
     turned = {"e0": 0.96, "e1": 0.0, "e2": 0.0, "e3": 0.28}
     return start | turned | {f"{name}_dot": 0.0 for name in turned}, p | {"J": 0.1}
+
+
+_PARTS = {"hip": (0.5, 5e-4), "thigh": (0.8, 3e-3), "shank": (0.15, 6e-4)}
+"""Mass and moment of inertia of the bodies of a leg."""
+
+
+def legged(count: int = 4, period: float = 0.002) -> da.Scene:
+    """Return a trunk that moves freely on legs of three joints, which a controller holds, with rough point feet.
+
+    Pairs of legs stand one behind the other, a left and a right one each.
+    """
+    g, mu, push, N, O = *sp.symbols("g mu push"), ReferenceFrame("N"), Point("O")
+    T, place, e = ReferenceFrame("T"), dynamicsymbols("x y z"), dynamicsymbols("e0:4")
+    angles = [dynamicsymbols(f"hip{i} thigh{i} knee{i}") for i in range(count)]
+    torques = [dynamicsymbols(f"tau{i}_1:4") for i in range(count)]
+    T.orient(N, "Quaternion", e)
+    C = O.locatenew("C", sum((q * axis for q, axis in zip(place, N, strict=True)), 0 * N.x))
+    coordinates = [*place, *e, *(q for leg in angles for q in leg)]
+    scene = da.Scene(f"trunk on {count} legs", frame=N, origin=O, coordinates=coordinates)
+    scene.add_holonomic_constraints(sum(each**2 for each in e) - 1)
+    scene.add_bodies(RigidBody("trunk", C, T, 8, (inertia(T, 0.05, 0.2, 0.22), C)))
+    scene.add_inputs(*(tau for leg in torques for tau in leg))
+    scene.add_loads((C, push * N.y))
+    scene.apply_uniform_gravity(-g * N.z)
+    law, pairs = {}, (count + 1) // 2
+    for i in range(count):
+        side, last = (-1) ** i, T
+        ahead = 0.4 * (sp.Rational(1, 2) - sp.Rational(i // 2, pairs - 1)) if pairs > 1 else 0
+        start = C.locatenew(f"H{i}", ahead * T.x + 0.05 * side * T.y)
+        for part, q, tau, letter in zip(_PARTS, angles[i], torques[i], "xyy", strict=True):
+            axis, (m, J) = getattr(last, letter), _PARTS[part]
+            S = last.orientnew(f"{part}{i}", "Axis", (q, axis))
+            torque = (tau - 0.2 * q.diff(TIME)) * axis
+            scene.add_loads((S, torque), (last, -torque))
+            way = 0.08 * side * S.y if part == "hip" else -0.2 * S.z
+            G = start.locatenew(f"G_{part}{i}", way / 2)
+            about = inertia(S, J, J, J if part == "hip" else J / 10)
+            scene.add_bodies(RigidBody(f"{part}{i}", G, S, m, (about, G)))
+            start, last = start.locatenew(f"{part}_{i}", way), S
+        floor = {"point": start, "plane": (O, N.z), "friction": mu}
+        scene.add_contacts(da.PointPlane(f"foot{i}", body=f"shank{i}", **floor))
+        for q, tau, angle in zip(angles[i], torques[i], _BENT, strict=True):
+            law[tau] = 300 * (angle - q) - 1.5 * q.diff(TIME)
+    scene.add_controllers(da.Controller("legs", period=period, inputs=law))
+    return scene
+
+
+_BENT = 0, 0.7, -1.4
+
+
+def legged_at_rest(count: int = 4) -> tuple[dict[str, float], dict[str, float]]:
+    """Return a start and parameters of a trunk on legs, whose feet touch the floor."""
+    legs = {
+        f"{part}{i}": angle for i in range(count) for part, angle in zip(("hip", "thigh", "knee"), _BENT, strict=True)
+    }
+    start = {"x": 0.0, "y": 0.0, "z": 0.4 * math.cos(0.7), "e0": 1.0, "e1": 0.0, "e2": 0.0, "e3": 0.0} | legs
+    return start | {f"{name}_dot": 0.0 for name in start}, {"g": 9.81, "mu": 0.6, "push": 0.0}
 
 
 def boxes(count: int) -> da.Scene:

@@ -144,7 +144,7 @@ class KernelLibrary(ABC):
         return attempt, start
 
     def beginning(self, tableau: Tableau, lanes: int, *, weighted: bool) -> OwnedAddress:
-        """Return the address of what precedes the first attempt."""
+        """Return the address of what precedes the first attempt, where no attempt is made."""
         return self.attempt(tableau, lanes, dense=False, weighted=weighted)[1]
 
     def kernel(self, name: str, lanes: int = 1) -> OwnedAddress:

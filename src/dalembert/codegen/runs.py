@@ -198,7 +198,7 @@ class HostedRuns:
     state : tuple of str
         Names of the state; those of coordinates, rates and outputs follow it in the runner's columns.
     watched : (Kernel, Kernel) or None
-        Values of the expressions of events, and those with their rates (see `EventFunctions`); None where there are
+        Values and rates of the expressions of events (see `EventFunctions`); None where there are
         contacts.
     terminal : tuple of bool
         Whether each event may end a run.

@@ -12,7 +12,7 @@ from ..arrays import FloatArray
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..lanes.row_steps import ImplicitSteps
-from ..lanes.workspace import POINT_LANES, EventKernels, no_events
+from ..lanes.workspace import POINT_LANES, SLOPE_LANES, EventKernels, no_events
 from ..methods.pairs import PAIRS
 from ..methods.step_constants import SMALLEST_SCALE
 from ..once import BoundedTable, computed_once, once_property
@@ -63,15 +63,26 @@ def event_kernels(
         Whether polynomials of steps have no error that counts.
     """
     from ..events.reductions import KINDS
-    from ..transforms.step_bounds import StepShape, series_signs_kernel, step_bounds_kernel, step_signs_kernel
+    from ..transforms.step_bounds import (
+        LONGEST_REPEATED,
+        StepShape,
+        point_signs_kernel,
+        series_signs_kernel,
+        step_bounds_kernel,
+        step_points_kernel,
+        step_signs_kernel,
+    )
 
-    values = code.watch.values
+    values, slopes = code.watch.values, code.watch.slopes
     jumps = [NO_CODE if jump is None else compiled(jump, 1) for jump in code.jumps]
     n, degree, memory = sizes
     step = StepShape(degree, n + with_series, n + with_series + 2 + memory, in_time=memory == 0)
-    signs, running, bounds = NO_CODE, code.running, NO_CODE
+    signs, running, bounds, points, at_points = NO_CODE, code.running, NO_CODE, NO_CODE, NO_CODE
     if tested and with_series:
         signs = compiled(series_signs_kernel(with_series, n + with_series, degree), lanes)
+    elif tested and len(values.body) > LONGEST_REPEATED:
+        points, at_points = compiled(step_points_kernel(values, step, n), lanes), compiled(values, lanes)
+        signs = compiled(point_signs_kernel(len(values.outputs), code.oscillating), lanes)
     elif tested:
         signs = compiled(step_signs_kernel(values, step, code.oscillating), lanes)
     if code.kinds:
@@ -81,6 +92,11 @@ def event_kernels(
         values=compiled(values, POINT_LANES),
         value=compiled(values, 1),
         begins=compiled(code.watch.begins, 1),
+        step_points=points,
+        step_values=at_points,
+        slopes=NO_CODE if slopes is None else compiled(slopes.kernel, SLOPE_LANES),
+        varying=np.array([] if slopes is None else slopes.varying, np.int64),
+        residuals=0 if slopes is None else slopes.residuals,
         start=compiled(code.start.kernel, 1) if any(jump is not None for jump in code.jumps) else NO_CODE,
         refill=refill,
         given=len(code.start.given),

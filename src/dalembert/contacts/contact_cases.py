@@ -10,7 +10,7 @@ from ..arrays import FloatArray
 from ..subset.arguments import IntMatrix, IntVector, Matrix, Vector
 from ..subset.compiled_subset import compiled_subset, sqrt
 from .contact_laws import STATES
-from .contact_system import ContactSystem, drift, terms
+from .contact_system import SLIP, ContactSystem, drift, terms
 
 UNDECIDED = -1
 """Mode of a contact, and of a case, before the first decision, and `ContactCases.after` without an impact."""
@@ -99,7 +99,7 @@ def contact_cases(
         t=t,
         x=x,
         p=p,
-        added=np.tile([1.0, 0.0, 1.0, 1.0], (k, contacts)),
+        added=np.tile([1.0, 0.0, 1.0, -1.0], (k, contacts)),
         speeds=nothing[0],
         approach=nothing[1],
         flight=nothing[2],
@@ -168,6 +168,15 @@ def position_terms(system: ContactSystem, x: FloatArray, row: int, total: float)
         size = 1.0 if system.angle[j] != 0 else length
         total += abs(system.jacobian[row, j]) * max(abs(x[j]), size)
     return total
+
+
+@compiled_subset
+def slip_begins(cases: ContactCases, case: int) -> bool:
+    """Return whether slip in a plane begins in the phase of a case: it turns fast there, and friction is stiff."""
+    for i in range(cases.modes.shape[1]):
+        if cases.modes[case, i] == SLIP and cases.added[case, ADDED * i + REST] > 0.0:
+            return True
+    return False
 
 
 @compiled_subset

@@ -46,10 +46,16 @@ def mode_parameters(contact: ContactRow, state: str = SLIP) -> tuple[str, str, s
 
 @final
 class ContactLaws:
-    """Laws of the contacts of a scene."""
+    """Laws of the contacts of a scene.
+
+    Attributes
+    ----------
+    behind_guards : list of Node
+        Values in the factors of friction so far that `EquationsOfMotion.behind_guards` is to have.
+    """
 
     def __init__(self, equations: EquationsOfMotion) -> None:
-        self.whole = equations
+        self.whole, self.behind_guards = equations, list[Node]()
         self.graph: Graph = equations.graph
 
     def factors(self, contact: ContactRow, state: str, free: Node, slips_now: Node | None = None) -> list[Node]:
@@ -79,9 +85,11 @@ class ContactLaws:
         # A step that continues beyond the end of slip, where w reverses, has the same friction as before it; where slip
         # begins at rest, what goes backwards within the margin of the guard has friction as if it went forwards.
         forward, speed = graph.sum(w * d for w, d in zip(slips, held, strict=True)), graph.sum(w * w for w in slips)
-        back = graph.call("less", 4 * forward * graph.call("abs", forward) + speed, graph.zero)
+        reversed_by = 4 * forward * graph.call("abs", forward) + speed
+        back = graph.call("less", reversed_by, graph.zero)
         sign = graph.call("select", begins, graph.one, graph.call("select", back, graph.const(-1), graph.one))
         backwards = graph.call("select", begins, forward, graph.zero)
+        self.behind_guards += [forward, reversed_by, backwards]
         backwards = graph.call("select", graph.call("less", backwards, graph.zero), backwards, graph.zero)
         ahead = onset * graph.call("exp", -speed / (onset * onset)) - 2 * backwards
         along = [sign * w + ahead * d for w, d in zip(slips, held, strict=True)]

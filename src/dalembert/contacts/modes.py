@@ -141,6 +141,7 @@ class _ModeEquations:
             mode_reactions={str(node.payload): value for node, value in known.items()},
             minimum_norm=bool(self.groups),
             cones=self._cones() if self.groups else (),
+            behind_guards=tuple(self.laws.behind_guards),
         )
 
     def _cones(self) -> tuple[list[Node], ...]:

@@ -16,7 +16,7 @@ from ..methods.status import RUNNING, Status
 from ..subset.arguments import place_of
 from ..subset.compiled_subset import call_code, call_test, compiled_subset, row, take
 from ..threads import STOPPED
-from .contact_cases import UNDECIDED
+from .contact_cases import UNDECIDED, slip_begins
 from .phase_ends import count_phase, ended, may_meet
 from .phase_stops import begin_stops, goes_to, load_case, pass_stops
 from .phase_tables import (
@@ -133,9 +133,10 @@ def _decide(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace) -> None:
 
 @compiled_subset
 def _runner(plan: PhasePlan, table: CaseTable, i: int) -> int:
-    """Return the runner of the mode of a case; -1 where there is none."""
+    """Return the runner of the mode and phase of a case; -1 where there is none."""
+    begins = 1 if slip_begins(table.cases, i) else 0
     for runner in range(plan.runners.mode.size):
-        if plan.runners.mode[runner] == table.cases.number[i]:
+        if plan.runners.mode[runner] == table.cases.number[i] and plan.runners.begins[runner] != 1 - begins:
             return runner
     return NO_RUNNER
 

@@ -14,6 +14,9 @@ NO_RUNNER, NOT_STARTED, JUMPS = -1, -2, -3
 """In place of the number of a runner: the mode has none yet; the case starts, and its mode is to be selected; an event
 of a user has occurred that maps the state, after which the mode is to be selected."""
 
+ANY_PHASE = -1
+"""In place of a kind of phases (`RunnerTable.begins`): all phases of a mode."""
+
 
 class CaseNumbers(NamedTuple):
     """Integers of the cases.
@@ -65,6 +68,8 @@ class RunnerTable(NamedTuple):
         Code of coordinates and rates; 0 where these are the state.
     inside : (n,)
         1 where it records samples inside its runs; those of others end at samples.
+    begins : (n,)
+        1 where it serves phases in which slip in a plane begins, 0 for all others of its mode, -1 for all.
     """
 
     mode: IntVector
@@ -74,6 +79,7 @@ class RunnerTable(NamedTuple):
     first_guard: IntVector
     expand: AddressVector
     inside: IntVector
+    begins: IntVector
 
 
 class PhasePlan(NamedTuple):

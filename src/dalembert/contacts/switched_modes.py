@@ -208,6 +208,7 @@ def switched_equations(equations: EquationsOfMotion) -> EquationsOfMotion:
         guards=tuple(guard for guard, _ in guards),
         reaction_values=_reactions(switched, along, factors, coupled),
         cones=_cones(switched) if coupled else (),
+        behind_guards=tuple(laws.behind_guards),
     )
 
 

@@ -11,6 +11,7 @@ from ..methods.status import RUNNING, Status
 from ..methods.step_constants import RESIDUAL, TOGETHER
 from ..subset.arguments import Matrix, Record, Vector
 from ..subset.compiled_subset import call_code, compiled_subset, row
+from .event_begins import take_begins
 from .event_rules import accumulates, carried_sign, change_counts, start_sign, too_soon
 from .event_search import NOTHING, count_occurrence, occur, scan
 from .event_series import happens_alone
@@ -27,9 +28,8 @@ def _take_signs(
     events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, c: int, armed: bool
 ) -> None:
     """Record the signs that expressions have, or are about to have; armed events have theirs if ``armed``."""
-    space.one_clock[0, 0] = t
     if events.begins != 0:
-        call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), c, 0, row(space.one_out, 0))
+        take_begins(events, space, lane, c, t)
     for e in range(events.directions.size):
         value, rate, noise = (
             space.one_out[0, 3 * e],
@@ -113,8 +113,7 @@ def resolve(
     """
     if events.events_with_series > 0 and theta < 1.0 and happens_alone(events, space, theta):
         return Status.EVENT
-    space.one_clock[0, 0] = t
-    call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), one, 0, row(space.one_out, 0))
+    take_begins(events, space, lane, one, t)
     _count_together(events, space, lane, t, direction, happened, case)
     ended, jumps, seen = False, False, True
     share = 0.0 if theta == 0.0 and space.jumped[lane, 2] != 0.0 else RESIDUAL

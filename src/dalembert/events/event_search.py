@@ -14,7 +14,8 @@ from ..arrays import FloatArray
 from ..lanes.workspace import BEND, DOUBT, LIMIT, RATE, EventKernels, EventWorkspace
 from ..methods.chebyshev import POINTS
 from ..methods.step_constants import BUDGET, COARSE, DEEP, DEEPEST, EPSILON, ROOT_PRECISION, ROOT_TRIES, TIME_NOISE
-from ..subset.compiled_subset import call_code, compiled_subset, row, square
+from ..subset.compiled_subset import compiled_subset, square
+from .event_begins import take_begins
 from .event_intervals import push_halves, resolved_piece, sample, simple_piece, state_at
 from .event_rules import (
     bend_from_rates,
@@ -167,8 +168,7 @@ def _begin_step(events: EventKernels, space: EventWorkspace, lane: int, one: int
     if events.events_with_series == 0:
         for m in range(space.series.shape[0]):
             space.one_point[0, m] = space.series[m, 0]
-        space.one_clock[0, 0] = t
-        call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), one, 0, row(space.one_out, 0))
+        take_begins(events, space, lane, one, t)
     for e in range(events.directions.size):
         rate, noise = 0.0, space.start_noise[lane, e]
         if events.events_with_series > 0:
@@ -219,7 +219,7 @@ def scan(
             if simple and finite and events.oscillating != 0 and depth < deepest and high - low > least:
                 simple = resolved_piece(events, space, lane, many, t, h, low, high - low, fresh and low == 0.0)
             if not simple and fresh and low == 0.0 and _wants_bends(events, space):
-                _find_bends(events, space, one, t, h)
+                _find_bends(events, space, lane, one, t, h)
                 height += 1  # the same piece once more
                 continue
         budget -= 1 if depth >= DEEP else 0
@@ -252,7 +252,7 @@ def _wants_bends(events: EventKernels, space: EventWorkspace) -> bool:
 
 
 @compiled_subset
-def _find_bends(events: EventKernels, space: EventWorkspace, one: int, t: float, h: float) -> None:
+def _find_bends(events: EventKernels, space: EventWorkspace, lane: int, one: int, t: float, h: float) -> None:
     """Find the bends of expressions where a step begins, without the errors of its polynomials; -inf is not known."""
     if events.events_with_series > 0:
         for e in range(events.directions.size):
@@ -262,8 +262,7 @@ def _find_bends(events: EventKernels, space: EventWorkspace, one: int, t: float,
     for part in range(3):
         theta = share * (2.0 - part)
         state_at(space, space.series.shape[0], theta, 0)
-        space.one_clock[0, 0] = t + theta * h
-        call_code(events.begins, row(space.one_clock, 0), row(space.one_point, 0), one, 0, row(space.one_out, 0))
+        take_begins(events, space, lane, one, t + theta * h)
         for e in range(events.directions.size):
             value, rate, slope = space.one_out[0, 3 * e], space.one_out[0, 3 * e + 1] * h, space.rates[RATE, e] * h
             if part == 0:

@@ -8,7 +8,7 @@ from ..lanes.lane_steps import next_record, project_marked
 from ..lanes.lane_stops import end_of_case
 from ..lanes.step_records import drop_compensation, record_end
 from ..lanes.sweep_arguments import SweepArguments
-from ..lanes.workspace import ATTEMPTS, BEFORE, END, FIRST, NEXT, NOW, POINT_LANES
+from ..lanes.workspace import ATTEMPTS, BEFORE, END, FIRST, NEXT, NOW, POINT_LANES, EventKernels, EventWorkspace
 from ..methods.status import RUNNING, Status
 from ..steps.projection import FAILED, NONE, PENDING, end_polynomial
 from ..steps.step_control import largest_step, status_after
@@ -43,12 +43,28 @@ def watch_case(arguments: SweepArguments, lane: int) -> None:
 
 
 @compiled_subset
+def find_step_signs(
+    events: EventKernels, space: EventWorkspace, time: int, states: int, constants: int, settings: int
+) -> None:
+    """Write the signs of expressions over the steps of all lanes; the arguments are addresses."""
+    if events.step_points == 0:
+        call_code(events.step_signs, time, states, constants, settings, row(space.step_signs, 0))
+        return
+    width, count = 1 + space.series.shape[0], events.directions.size
+    call_code(events.step_points, time, states, constants, settings, row(space.step_points, 0))
+    for point in range(POINT_LANES):
+        clock, state = row(space.step_points, point * width), row(space.step_points, point * width + 1)
+        call_code(events.step_values, clock, state, constants, 0, row(space.step_values, point * count))
+    call_code(events.step_signs, time, row(space.step_values, 0), constants, settings, row(space.step_signs, 0))
+
+
+@compiled_subset
 def hold_for_events(arguments: SweepArguments) -> None:
     """Mark the lanes in whose last step an expression may change its sign."""
     state, space = arguments.state, arguments.workspace
     new = state.states.shape[0] // 2 - state.progress.old
     time, constants, settings = row(state.clock, 0), row(state.constants, 0), row(state.settings, 0)
-    call_code(arguments.events.step_signs, time, row(state.states, new), constants, settings, row(space.step_signs, 0))
+    find_step_signs(arguments.events, space, time, row(state.states, new), constants, settings)
     for lane in range(state.clock.shape[1]):
         state.numbers.mark[lane], state.clock[NEXT, lane] = NONE, next_record(arguments, lane)
         if state.numbers.fresh[lane] != 0 or not keeps_signs(space, lane):
@@ -64,7 +80,7 @@ def test_steps(arguments: SweepArguments) -> None:
     time, states, constants = row(space.step_begins, 0), row(state.states, state.progress.old), row(state.constants, 0)
     settings = row(state.settings, 0)
     if space.step_signs.shape[0] > 0 and arguments.kernels.advance == 0:
-        call_code(events.step_signs, time, states, constants, settings, row(space.step_signs, 0))
+        find_step_signs(events, space, time, states, constants, settings)
     if space.step_bounds.shape[0] > 0:
         call_code(events.step_bounds, time, states, constants, settings, row(space.step_bounds, 0))
 

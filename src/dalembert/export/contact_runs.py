@@ -16,6 +16,7 @@ from ..codegen.c.library import CFunctions, CLibrary
 from ..codegen.c.printing import prefix_of
 from ..codegen.compiled_engine import CompiledEngine
 from ..contacts.contact_laws import Mode
+from ..contacts.phase_tables import ANY_PHASE
 from ..errors import CapabilityError, ConstraintError, SingularMassMatrixError
 from ..lanes.sweep_arguments import SweepArguments
 from ..options import PrepareOptions
@@ -156,6 +157,7 @@ def contact_loop(
     runners = [runner for runner in found if runner is not None]
     choice.runners += runners
     choice.served = np.array([runner.number for runner in runners], np.int64)
+    choice.begins = np.full(len(runners), ANY_PHASE)
     phases, decision, lanes = CaseRuns(choice, t_eval=np.full(1, np.nan)).executor.arguments_alone()
     layout, automaton = modes.layout, modes.automaton
     return ContactLoop(

@@ -111,7 +111,7 @@ class HostedChanges(FirstOrder):
         At the knot of a record it has no derivative, as the expression may jump or have a kink there.
         """
         assert self.solve.hosted.watched is not None
-        values, begins = (stacked(compile_kernel(kernel, JAX)) for kernel in self.solve.hosted.watched)
+        values, rates = (stacked(compile_kernel(kernel, JAX)) for kernel in self.solve.hosted.watched)
 
         @jax.custom_jvp
         def zero(t: Any, y: Any, p: Any) -> Any:
@@ -121,7 +121,7 @@ class HostedChanges(FirstOrder):
         def _(at: Any, changes: Any) -> Any:
             t, y, p = at
             change = jax.jvp(lambda y, p: values(t, y, p)[event], (y, p), changes[1:])[1]
-            rate = begins(t, y, p)[3 * event + 1]
+            rate = rates(t, y, p)[event]
             slope = jnp.where((rate != 0.0) & ~at_knot, -1.0 / rate, jnp.nan)
             return t, apply(Sloped(), slope, change)
 

@@ -14,6 +14,7 @@ from ..subset.addresses import NO_CODE, AddressTable
 from ..subset.arguments import Address, AddressVector, IntVector, Matrix, Record, constant_group
 
 POINT_LANES = 8
+SLOPE_LANES = 4
 BOUNDS = 7
 """Outputs of the bounds of each expression over a step, see `dalembert.transforms.step_bounds.step_bounds_kernel`."""
 
@@ -153,7 +154,8 @@ class EventKernels(NamedTuple):
     ``step_signs`` gives the sign of each expression over a step of every lane, 0 where it may change; it is 0 where all
     steps are searched. ``values`` are
     the watched expressions (n) at `POINT_LANES` points, all others take one point: ``value`` the same expressions,
-    ``begins`` value, rate and noise of each (3 n), ``jumps`` (n) coordinates and rates after a jump or 0, ``start`` the
+    ``begins`` value, rate and noise of each (3 n), or with ``slopes`` what `dalembert.events.event_begins` makes them
+    of, ``jumps`` (n) coordinates and rates after a jump or 0, ``start`` the
     state from them with its checks, and with the direction of time behind them where it depends on that, ``refill``
     what a step remembers at its start, or 0. ``used`` are the components of the state that the expressions read,
     ``given`` and ``checks`` the sizes around ``start``.
@@ -166,6 +168,12 @@ class EventKernels(NamedTuple):
     too. ``oscillating`` is 1 where expressions may oscillate within a step, however smooth the motion is, and
     ``running_oscillates`` where those of minima and maxima may. ``position`` and ``velocity`` are projections, onto
     whose states zeros are located; ``exact`` is 1 where polynomials of steps have no error that counts.
+
+    ``slopes`` are derivatives along directions, one for each of `SLOPE_LANES`, or 0; ``varying`` the places of a
+    direction that count, and ``residuals`` the number of constraints whose residuals do.
+
+    Where ``step_points`` is not 0, it gives `POINT_LANES` points of the step of every lane, ``step_values`` the
+    expressions at one of them, and ``step_signs`` the signs from these values.
     """
 
     step_signs: Address
@@ -185,12 +193,17 @@ class EventKernels(NamedTuple):
     at: Address
     kinds: IntVector
     read: IntVector
+    varying: IntVector
     events_with_series: int = 0
     oscillating: int = 0
     running_oscillates: int = 0
     position: Address = NO_CODE
     velocity: Address = NO_CODE
     exact: int = 0
+    slopes: Address = NO_CODE
+    residuals: int = 0
+    step_points: Address = NO_CODE
+    step_values: Address = NO_CODE
 
 
 @once
@@ -198,7 +211,7 @@ def no_events() -> EventKernels:
     """Return empty fields, for loops without events."""
     nothing = np.zeros(0, np.int64)
     tables = AddressTable(), *(nothing,) * 3
-    return constant_group(EventKernels(*(NO_CODE,) * 6, 0, 0, *tables, *(NO_CODE,) * 3, *(nothing,) * 2))
+    return constant_group(EventKernels(*(NO_CODE,) * 6, 0, 0, *tables, *(NO_CODE,) * 3, *(nothing,) * 3))
 
 
 class EventWorkspace(NamedTuple):
@@ -214,6 +227,9 @@ class EventWorkspace(NamedTuple):
 
     ``jumped`` are when the state of each lane last jumped, how many jumps in a row came too soon, and 1 where its step
     begins behind a stop, at which expressions may change their signs without a zero.
+
+    ``known`` are the values of ``EventKernels.begins`` where there are ``slopes``, ``direction`` the state and a
+    direction for each lane of these, ``spread`` time and constants for these lanes, and ``sizes`` what they add up to.
 
     ``own`` (lanes, n_c) are the constants of each lane in a row, ``constants`` (lanes * n_c, 8) for eight points.
 
@@ -257,6 +273,13 @@ class EventWorkspace(NamedTuple):
     rates: Matrix
     may_change: Matrix
     powers: Matrix
+    known: Matrix
+    direction: Matrix
+    spread: Matrix
+    slopes: Matrix
+    sizes: Matrix
+    step_points: Matrix
+    step_values: Matrix
     occurrences: Matrix
     carried: Matrix
     low: Matrix
@@ -266,6 +289,7 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
     """Return the arrays to watch cases of n components and n_c constants, by polynomials of a degree, in lanes."""
     k, count = max(events.directions.size, events.kinds.size, 1), max(n_c, 1)
     size = max(3 * k, events.given, n + events.checks, 2 * n + 8)
+    r, nothing = events.residuals, np.zeros((0, SLOPE_LANES))
     return EventWorkspace(
         own=aligned(lanes, count),
         constants=aligned(lanes * count, POINT_LANES),
@@ -298,6 +322,13 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         rates=aligned(4, k),
         may_change=np.ones((1, k)),
         powers=aligned(1, degree + 1),
+        known=aligned(1, 2 * k + (1 + r) * n) if events.slopes else nothing,
+        direction=aligned(2 * n + 1, SLOPE_LANES) if events.slopes else nothing,
+        spread=aligned(1 + count, SLOPE_LANES) if events.slopes else nothing,
+        slopes=aligned(k + r, SLOPE_LANES) if events.slopes else nothing,
+        sizes=aligned(1, k + r) if events.slopes else nothing,
+        step_points=aligned(POINT_LANES * (1 + n) if events.step_points else 0, lanes),
+        step_values=aligned(POINT_LANES * k if events.step_points else 0, lanes),
         occurrences=np.zeros((0, OCCURRENCE)),
         carried=np.zeros((0, k)),
         low=np.zeros((0, lanes)),

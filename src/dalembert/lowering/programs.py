@@ -51,7 +51,9 @@ def lower(system: ReducedSystem, records: list[PassRecord] | None = None) -> Pro
     on_state, on_scene = _values_on_state(system), _values_on_scene(system, residuals)
     still = [node for node, rate in zip(system.inputs, system.rhs, strict=True) if rate.is_zero]
     kernels = [lower_kernel(graph, "rhs", system.rhs, state, fixed=(*parameters, *still), records=records)]
-    limits = step_limits(graph, system.rhs, system.inputs, equations.time, equations.symbols.parameters)
+    moved = dict(zip((*equations.q, *equations.qdot), (*system.coordinates, *system.rates), strict=True))
+    aside = graph.substitute(equations.behind_guards, {a: b for a, b in moved.items() if a is not b})
+    limits = step_limits(graph, system.rhs, system.inputs, equations.time, equations.symbols.parameters, aside)
     if limits is not None:
         on_state["knots"] = limits
     kernels += knot_sides(system, state, records)

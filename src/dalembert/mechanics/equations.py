@@ -253,6 +253,9 @@ class EquationsOfMotion:
         Compliances of unknown reactions, by which they share loads that the balances of bodies leave undetermined.
     tree : InertiaTree or None
         The bodies, where they are so many that the mass matrix is long.
+    behind_guards : tuple of Node
+        Values on which kinks of the laws of friction depend, and which pass zero only where a guard has ended the mode,
+        or within its margin: no step needs to end there.
     """
 
     name: str
@@ -293,6 +296,7 @@ class EquationsOfMotion:
     mode_reactions: Mapping[str, Node] = field(default_factory=dict)
     compliances: Mapping[str, Node] = field(default_factory=dict)
     tree: InertiaTree | None = None
+    behind_guards: tuple[Node, ...] = ()
 
     @cached_property
     def mass_matrix(self) -> Matrix:

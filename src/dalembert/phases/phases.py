@@ -273,7 +273,7 @@ class PhaseExecutor:
         return PhasePlan(
             contact_data=modes.engine().code(modes.automaton.contact_data)[0],
             decide=loop_named(LOOP).entry,
-            runners=RunnerTable(choice.served, lines[0], lines[1], lines[2], lines[3], expand, lines[4]),
+            runners=RunnerTable(choice.served, lines[0], lines[1], lines[2], lines[3], expand, lines[4], choice.begins),
             columns=columns,
             guards=np.array(guards, np.int64).reshape(len(guards), 3),
             terminal=np.array([int(event.terminal) for event in watched], np.int64),

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contacts.contact_laws import Mode
-from ..contacts.phase_tables import NO_RUNNER, CaseTable
+from ..contacts.contact_cases import slip_begins
+from ..contacts.contact_laws import SLIP, Mode
+from ..contacts.phase_tables import ANY_PHASE, NO_RUNNER, CaseTable
 from ..errors import ValueInputError
 from ..options import StepOptions
 from ..runs.case_blocks import fitted
@@ -30,6 +31,10 @@ if TYPE_CHECKING:
 def runs_unchecked(model: CompiledModel) -> bool:
     """Whether no results of a model are checked, but for divergence under controllers, which `CaseRuns` marks."""
     return bool(model.layout.state) and all(isinstance(check, DivergenceCheck) for check in model.checks)
+
+
+def _by_phase(item: tuple[tuple[int, int], int]) -> int:
+    return -item[0][1]
 
 
 @final
@@ -55,6 +60,8 @@ class RunnerChoice:
     runners : list of ModeRunner or HostRunner
     served : ndarray (n_runners,) of int
         Number of the mode that each serves; `NO_RUNNER` where another does.
+    begins : ndarray (n_runners,) of int
+        Which phases of the mode it serves (`RunnerTable.begins`).
     rows : int
         Least number of records of steps, and of what occurs, that a recorded run has room for; 0 records nothing.
     gathered : GatheredRows
@@ -75,23 +82,24 @@ class RunnerChoice:
         self.rows = FEWEST_ROWS if recorded else 0
         self.gathered = GatheredRows.of(modes.layout, modes.equations.contacts)
         self.runners: list[ModeRunner | HostMode] = []
-        self.served = np.zeros(0, np.int64)
+        self.served, self.begins = np.zeros(0, np.int64), np.zeros(0, np.int64)
         self.parallel, self.compile_seconds = modes.engine().parallel, 0.0
         self._requested = [
             replace(event, name=event.label, terminal=1 if event.apply else int(event.terminal), apply=None)
             for event in reductions.events
         ]
         self._first_step: float | None = None
-        self._places: dict[tuple[int, str, bool], int] = {}
-        self._serving: dict[int, int] = {}
+        self._places: dict[tuple[int, str, bool, int], int] = {}
+        self._serving: dict[tuple[int, int], int] = {}
         self._left: dict[int, tuple[float, dict[str, float]]] = {}
+        self._fitted: dict[str, str] = {}
         self._fits, self._chosen = fits and options.automatic, chosen
 
     @property
     def methods(self) -> dict[int, str]:
-        """Method of each mode that has been run, by its number."""
+        """Method of each mode that has been run, by its number: that of phases in which no slip begins, if any."""
         found = {runner.number: runner.taken or runner.method for runner in self.runners}
-        serving = ((number, self.runners[place]) for number, place in self._serving.items())
+        serving = ((key[0], self.runners[place]) for key, place in sorted(self._serving.items(), key=_by_phase))
         return found | {number: runner.taken or runner.method for number, runner in serving}
 
     def begin(self, first_step: float | None) -> None:
@@ -104,6 +112,7 @@ class RunnerChoice:
         if self._fits or first_step is not None:
             self._serve({})
         self.compile_seconds, self._first_step = 0.0, first_step
+        self._fitted.clear()
 
     def _take_first_step(self) -> float | None:
         """Return the size of the first step; what comes after its phase is run as if it had not been given."""
@@ -112,40 +121,49 @@ class RunnerChoice:
             self._serve({})
         return step
 
-    def _serve(self, serving: dict[int, int]) -> None:
-        """Let modes, by number, be served by these runners, by their places, and by no others."""
+    def _serve(self, serving: dict[tuple[int, int], int]) -> None:
+        """Let phases, by number of the mode and kind, be served by these runners, by their places, and by no others."""
         self._serving = serving
         self.served[:] = NO_RUNNER
-        for number, place in serving.items():
-            self.served[place] = number
+        for (number, begins), place in serving.items():
+            self.served[place], self.begins[place] = number, begins
 
     def place(self, table: CaseTable, some: NDArray[np.intp]) -> None:
         """Give cases without a runner the one of their mode."""
         serving, modes = dict(self._serving), table.cases.number[some]
-        for number in np.unique(modes).tolist():
-            here, begin = some[modes == number], time.perf_counter()
+        implicit = self.parallel and self.options.automatic
+        kinds = [int(slip_begins(table.cases, i)) if implicit else ANY_PHASE for i in some.tolist()]
+        for number, begins in sorted({*zip(modes.tolist(), kinds, strict=True)}):
+            here, begin = some[(modes == number) & (np.array(kinds) == begins)], time.perf_counter()
             mode, first = self.modes.automaton.mode(number), here[:1]
             self.modes.settle(mode, table.cases.t[first], table.cases.x[first], table.cases.p[first])
             self.modes.serving(mode)
             self.compile_seconds += time.perf_counter() - begin
-            if number not in serving:
-                serving[number] = self._runner(number, table, here)
-            table.numbers.runner[here] = serving[number]
+            if (number, begins) not in serving:
+                serving[number, begins] = self._runner(number, begins, table, here)
+            table.numbers.runner[here] = serving[number, begins]
         if len(self.served) != len(self.runners):
-            self.served = np.zeros(len(self.runners), np.int64)
+            self.served, self.begins = np.zeros((2, len(self.runners)), np.int64)
         self._serve(serving)
 
-    def _runner(self, number: int, table: CaseTable, some: NDArray[np.intp]) -> int:
-        """Return the place of the runner of a mode, some cases of which are to be run."""
+    def _runner(self, number: int, begins: int, table: CaseTable, some: NDArray[np.intp]) -> int:
+        """Return the place of the runner of a mode, some cases of which are to be run.
+
+        Slip in a plane that begins decays towards its direction at the rate of friction over its speed, which is near
+        zero: explicit steps are held there at that time scale.
+        """
         mode = self.modes.automaton.mode(number)
         model, switched = self.modes.serving(mode), self.modes.switched(mode)
         compiled = self.parallel and self._first_step is None and self.modes.impulses(mode) is None
         known = {*self.gathered.parameters, *switched}
         compiled = compiled and runs_unchecked(model) and {*model.layout.parameters} <= known
         cases = self._first_cases(mode, table, some)
-        method = self._method(number, cases, compiled=compiled and cases is not None)
+        if begins == 1 and compiled:
+            method = "radau"
+        else:
+            method = self._method(number, cases, compiled=compiled and cases is not None)
         compiled = compiled and method != "auto"
-        key = number, method, compiled
+        key = number, method, compiled, begins
         if key not in self._places:
             self._places[key] = len(self.runners)
             events = (*self._requested, *self.modes.events(mode))
@@ -160,7 +178,11 @@ class RunnerChoice:
         return self._places[key]
 
     def _method(self, number: int, cases: Cases | None, *, compiled: bool) -> str:
-        """Return the method of a mode: "auto" where each run by Python is to find one that fits."""
+        """Return the method of a mode: "auto" where each run by Python is to find one that fits.
+
+        Modes of the common program differ in what contacts hold: the first one in which contacts slip decides for all
+        of these, the first one without slip for the others.
+        """
         own, model = self.options, self.modes.serving(self.modes.automaton.mode(number))
         if self.recorded and not compiled:
             return own.method
@@ -169,9 +191,13 @@ class RunnerChoice:
             return self._chosen(number, method)
         if not self._fits or cases is None:
             return method if compiled else own.method
-        limits = own.rtol, own.atol, own.max_step, own.max_steps
-        settings = CaseSettings(None, method, *limits, threads=1, progress=False)
-        return fitted(model.engine, cases, settings, model.derived.quick_start).method
+        mode = self.modes.automaton.mode(number)
+        alike = str(SLIP in mode if self.modes.switched(mode) else number)
+        if alike not in self._fitted:
+            limits = own.rtol, own.atol, own.max_step, own.max_steps
+            settings = CaseSettings(None, method, *limits, threads=1, progress=False)
+            self._fitted[alike] = fitted(model.engine, cases, settings, model.derived.quick_start).method
+        return self._fitted[alike]
 
     def _first_cases(self, mode: Mode, table: CaseTable, some: NDArray[np.intp]) -> Cases | None:
         """Return the first, the middle and the last of some cases; None where a symbol excludes a value of theirs."""

@@ -24,9 +24,9 @@ from ..scene.symbols import RESERVED_OUTPUTS, symbol_reader_of
 from ..transforms.derivatives import tangents
 from ..transforms.lower_kernels import lower_kernel
 from .base import ReducedSystem
-from .state_noise import summands, terms
+from .state_noise import Slopes, slopes, summands, terms
 
-_ROUNDINGS = 64 * EPSILON
+ROUNDINGS = 64 * EPSILON
 _AT_LIMIT = 1024 * EPSILON
 """Share of a friction force and its limit up to which their difference counts as zero: what rounding leaves of it in
 the series of a step that touches the limit, and in one that ends just behind a knot of a table."""
@@ -49,17 +49,54 @@ class EventFunctions:
     begins : Kernel
         For each expression its value, its rate along the motion, and what rounding of the state may make of the
         value where it should be zero (3 k,). That of a friction force at its limit follows from these two: they
-        may stay equal, and depend on nothing but parameters.
+        may stay equal, and depend on nothing but parameters. With `slopes`, what these need instead: the values (k,),
+        what rounding makes of forces at their limits (k,), the rates of the state (n_y,), and the direction (n_y,) of
+        each residual.
+    slopes : DirectionalSlopes or None
+        Where the partial derivatives by all components of the state would be long.
     """
 
     values: Kernel
     begins: Kernel
+    slopes: DirectionalSlopes | None
     _join: Callable[[], Kernel]
+    _rate: Callable[[], Kernel]
 
     @once_property
     def joint(self) -> Kernel:
         """Kernel of the right-hand side of the system followed by the values; they share subexpressions."""
         return self._join()
+
+    @once_property
+    def rates(self) -> Kernel:
+        """Kernel of the rates of the expressions along the motion (k,)."""
+        return self._rate()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class DirectionalSlopes:
+    """Derivatives of k expressions along a direction, evaluated once for each component of the state.
+
+    Attributes
+    ----------
+    kernel : Kernel
+        Of (t, y, c), where y is the state (n_y,), a direction in it (n_y,) and one in time. It gives the derivatives of
+        the expressions, then of the residuals of the constraints that steps end on.
+    varying : tuple of int
+        Places in the direction on which they depend; n_y is time.
+    residuals : int
+        Number of residuals.
+    """
+
+    kernel: Kernel
+    varying: tuple[int, ...]
+    residuals: int
+
+
+_LONGEST = 40_000
+"""Operations of the expressions times components of the state up to which all partial derivatives are written out: one
+to two seconds of compilation there (measured on legs in a plane and in space)."""
 
 
 def event_functions(
@@ -106,21 +143,30 @@ def event_functions(
                 " coordinates, rates, outputs or time"
             )
     flow = dict(zip(y, graph.adopt(system.rhs), strict=True)) | {time: graph.one}
-    rates = tangents(graph, nodes, flow)
     products = {guard.output: _PRODUCTS[guard.kind] for guard in system.equations.guards if guard.kind in _PRODUCTS}
-    summed = [
-        summands(graph, node, products[expression]) if expression in products else graph.zero
+    at_limit = [
+        graph.node(_AT_LIMIT) * summands(graph, node, products[expression]) if expression in products else graph.zero
         for expression, node in zip(expressions, nodes, strict=True)
     ]
-    sizes = zip(terms(system, graph, y, time, nodes), summed, strict=True)
-    noise = [graph.node(_ROUNDINGS) * size + graph.node(_AT_LIMIT) * own for size, own in sizes]
-    begins = [node for row in zip(nodes, rates, noise, strict=True) for node in row]
+    if len(y) * sum(node.op not in ("input", "const") for node in graph.topological(nodes)) > _LONGEST:
+        found = slopes(system, graph, y, time, nodes)
+        rhs = [flow[place] if i in found.varying else graph.zero for i, place in enumerate(y)]
+        begins = [*nodes, *at_limit, *rhs, *(entry for change in found.changes for entry in change)]
+        directional = reader.slopes(found)
+    else:
+        sizes = terms(system, graph, y, time, nodes)
+        noise = [graph.node(ROUNDINGS) * size + own for size, own in zip(sizes, at_limit, strict=True)]
+        rates = tangents(graph, nodes, flow)
+        begins = [node for row in zip(nodes, rates, noise, strict=True) for node in row]
+        directional = None
     still = [place for place in y if flow[place].is_zero]
     rhs = [flow[place] for place in y]
     return EventFunctions(
         reader.kernel("watch", nodes),
         reader.kernel("watch_begins", begins),
+        directional,
         lambda: reader.along([*rhs, *nodes], still),
+        lambda: reader.kernel("watch_rates", tangents(graph, nodes, flow)),
     )
 
 
@@ -265,11 +311,16 @@ class _Reader:
             why += " A parameter that only events and reductions contain is given to the run with the others"
         return why
 
-    def kernel(self, name: str, nodes: Sequence[Node]) -> Kernel:
-        """Return the kernel of nodes that `read` returned."""
+    def kernel(self, name: str, nodes: Sequence[Node], behind: Sequence[Node] = ()) -> Kernel:
+        """Return the kernel of nodes that `read` returned; further inputs are `behind` the state."""
         inputs = {self.time: ("t", None), **self.parameters}
-        inputs |= {node: ("y", i) for i, node in enumerate(self.inputs)}
+        inputs |= {node: ("y", i) for i, node in enumerate((*self.inputs, *behind))}
         return lower_kernel(self.graph, name, nodes, inputs, arguments=_ARGUMENTS)
+
+    def slopes(self, found: Slopes) -> DirectionalSlopes:
+        """Return the kernel of derivatives along a direction."""
+        kernel = self.kernel("watch_slopes", found.along, found.direction)
+        return DirectionalSlopes(kernel, found.varying, len(found.changes))
 
     def along(self, nodes: Sequence[Node], still: Sequence[Node]) -> Kernel:
         """Return a kernel of nodes for series expansion, with few products of varying values; `still` does not vary."""

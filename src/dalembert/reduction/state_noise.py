@@ -7,7 +7,8 @@ arithmetic is then off by the rounding of the others.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import final
 
 from ..ir.graph import Graph
 from ..ir.node import Node
@@ -33,17 +34,57 @@ def terms(system: ReducedSystem, graph: Graph, y: Sequence[Node], time: Node, no
     nodes : sequence of Node
         The values.
     """
-    residuals, changes = _residuals(system) if _is_projected(system) else ([], [])
-    values = [*nodes, *graph.adopt(residuals)]
+    residuals, changes = _residuals(system, graph)
+    values = [*nodes, *residuals]
     sizes = [graph.zero for _ in values]
     for place in (*y, time):
         slopes = tangents(graph, values, {place: graph.one})
         sizes = [size + graph.call("abs", slope * place) for size, slope in zip(sizes, slopes, strict=True)]
     found, of_residuals = sizes[: len(nodes)], sizes[len(nodes) :]
     for residual, change in zip(of_residuals, changes, strict=True):
-        slopes = tangents(graph, nodes, dict(zip(y, graph.adopt(change), strict=False)))
+        slopes = tangents(graph, nodes, dict(zip(y, change, strict=False)))
         found = [size + graph.call("abs", slope) * residual for size, slope in zip(found, slopes, strict=True)]
     return found
+
+
+@final
+@dataclass(frozen=True)
+class Slopes:
+    """Derivatives of values along one direction, from which the sizes of `terms` follow by evaluation alone.
+
+    Attributes
+    ----------
+    direction : tuple of Node
+        Inputs: the direction in the state (n_y,), then in time.
+    along : tuple of Node
+        Derivatives of the values, then of the residuals of the constraints (k + n_residuals,).
+    changes : tuple of tuple of Node
+        For each residual the direction in the state (n_y,) by which it changes by 1, the others by 0.
+    varying : tuple of int
+        Places in the direction on which any derivative depends.
+    """
+
+    direction: tuple[Node, ...]
+    along: tuple[Node, ...]
+    changes: tuple[tuple[Node, ...], ...]
+    varying: tuple[int, ...]
+
+
+def slopes(system: ReducedSystem, graph: Graph, y: Sequence[Node], time: Node, nodes: Sequence[Node]) -> Slopes:
+    """Return the derivatives along a direction for values as in `terms`.
+
+    They are a few times as long as the values, where those by each component of the state are so many times longer.
+    """
+    residuals, changes = _residuals(system, graph)
+    values, places = [*nodes, *residuals], [*y, time]
+    direction = [graph.input(f"direction {i}") for i in range(len(places))]
+    used = 0
+    for node in values:
+        used |= node.deps
+    varying = [i for i, place in enumerate(places) if place.deps & used]
+    along = tangents(graph, values, {places[i]: direction[i] for i in varying})
+    padded = [(*change, *[graph.zero] * (len(y) - len(change))) for change in changes]
+    return Slopes(tuple(direction), tuple(along), tuple(padded), tuple(varying))
 
 
 def summands(graph: Graph, node: Node, products: int = 0) -> Node:
@@ -66,8 +107,13 @@ def _is_projected(system: ReducedSystem) -> bool:
     return system.formulation == "projected" and bool(system.equations.constraints)
 
 
-def _residuals(system: ReducedSystem) -> tuple[list[Node], list[list[Node]]]:
-    """Return the residuals of positions and velocities, and the changes of q and q_dot that change one of each by 1."""
+def _residuals(system: ReducedSystem, graph: Graph) -> tuple[list[Node], list[list[Node]]]:
+    """Return the residuals of positions and velocities, and the changes of q and q_dot that change one of each by 1.
+
+    There are none where steps do not end on constraints.
+    """
+    if not _is_projected(system):
+        return [], []
     whole = system.equations
     kept = tuple(row for i, row in enumerate(whole.constraints) if i not in system.left_out)
     redundancy = system.redundancy
@@ -77,7 +123,8 @@ def _residuals(system: ReducedSystem) -> tuple[list[Node], list[list[Node]]]:
     positions = [row.position for row in equations.constraints if row.position is not None]
     moves = [[*change, *nothing] for change in _changes(saddle, len(positions), equations.name)]
     rates = [[*nothing, *change] for change in _changes(saddle, len(equations.constraints), equations.name)]
-    return [*positions, *velocity_residuals(equations)], [*moves, *rates]
+    residuals = graph.adopt([*positions, *velocity_residuals(equations)])
+    return residuals, [graph.adopt(change) for change in (*moves, *rates)]
 
 
 def _changes(saddle: SaddlePoint, count: int, scene: str) -> list[list[Node]]:

@@ -243,7 +243,7 @@ def hosted_runs(
         code = model.derived.events(events, reduce)
         if code is None:
             return None
-        watched = code.watch.values, code.watch.begins
+        watched = code.watch.values, code.watch.rates
     twin = model.variants.on_backend(_BACKEND)
     runner = HostRuns(
         twin,

@@ -57,6 +57,29 @@ def step_signs_kernel(values: Kernel, shape: StepShape, oscillating: bool) -> Ke
     return _over_step("step_signs", values, shape, finish)
 
 
+LONGEST_REPEATED = 2500
+"""Operations of expressions up to which kernels over a step repeat them at each of its points; longer ones are called
+there, in a quarter of the time of compilation (measured on a robot of 13 bodies with four contacts)."""
+
+
+def step_points_kernel(values: Kernel, shape: StepShape, size: int) -> Kernel:
+    """Return the kernel of a step's outputs that gives its points: for each the time, then the state (size,)."""
+    lines, loads, series, h = _polynomials(values, shape)
+    outputs: list[Operand] = []
+    for theta in map(float, POINTS):
+        outputs += [lines.fma(h, theta, "t_"), *_state_at(lines, series, theta, size)]
+    return STEP_PASSES(Kernel("step_points", _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs)))
+
+
+def point_signs_kernel(count: int, oscillating: bool) -> Kernel:
+    """Return the kernel that gives the results of `step_signs_kernel` from expressions (count,) at each point."""
+    lines = Lines()
+    names = [[f"value_{point}_{e}_" for e in range(count)] for point in range(len(POINTS))]
+    loads = [Load(name, "y", place) for place, name in enumerate(name for row in names for name in row)]
+    outputs = [_sign(lines, _series(lines, COEFFICIENTS, list(row)), oscillating) for row in zip(*names, strict=True)]
+    return STEP_PASSES(Kernel("point_signs", _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs)))
+
+
 def series_signs_kernel(count: int, size: int, degree: int) -> Kernel:
     """Return the kernel of a step's outputs with the results of `step_signs_kernel`, from series of the expressions.
 
@@ -110,6 +133,21 @@ def _over_step(
     name: str, values: Kernel, shape: StepShape, finish: Callable[[Lines, list[Operand]], list[Operand]]
 ) -> Kernel:
     """Return a kernel of a step's outputs; `finish` computes its outputs from the values at the points."""
+    lines, loads, series, h = _polynomials(values, shape)
+    evaluate = inlined(lines, values)
+    width = max(series, default=-1) + 1
+    rows: list[list[Operand]] = []
+    for theta in map(float, POINTS):
+        rows.append(evaluate(lines.fma(h, theta, "t_"), _state_at(lines, series, theta, width)))
+    outputs = [output for column in zip(*rows, strict=True) for output in finish(lines, list(column))]
+    constants = sorted({load.index or 0 for load in values.loads if load.array == "c"})
+    loads += [Load(f"c_{index}_", "c", index) for index in constants]
+    kernel = Kernel(name, _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs))
+    return STEP_PASSES(kernel)
+
+
+def _polynomials(values: Kernel, shape: StepShape) -> tuple[Lines, list[Load], dict[int, list[Operand]], Operand]:
+    """Return lines and loads of the polynomials of the components that values read, these, and the signed step."""
     lines = Lines()
     used = sorted({load.index or 0 for load in values.loads if load.array == "y"})
     loads = [Load("t_", "t", None), Load("size_", "y", shape.size), Load("direction_", "s", 1)]
@@ -120,22 +158,18 @@ def _over_step(
         loads += [Load(name, "y", shape.first + m * (shape.degree + 1) + k) for k, name in enumerate(names)]
         loads.append(Load(f"end_{m}_", "y", m))
         series[m] = _ended_in_state(lines, list(names), h if shape.in_time else 1.0, f"end_{m}_")
-    evaluate = inlined(lines, values)
-    width = max(used, default=-1) + 1
-    rows: list[list[Operand]] = []
-    for theta in map(float, POINTS):
-        state: list[Operand] = [0.0] * width
-        for m, terms in series.items():
-            total = terms[-1]
-            for term in terms[-2::-1]:
-                total = lines.fma(total, theta, term)
-            state[m] = total
-        rows.append(evaluate(lines.fma(h, theta, "t_"), state))
-    outputs = [output for column in zip(*rows, strict=True) for output in finish(lines, list(column))]
-    constants = sorted({load.index or 0 for load in values.loads if load.array == "c"})
-    loads += [Load(f"c_{index}_", "c", index) for index in constants]
-    kernel = Kernel(name, _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs))
-    return STEP_PASSES(kernel)
+    return lines, loads, series, h
+
+
+def _state_at(lines: Lines, series: dict[int, list[Operand]], theta: float, size: int) -> list[Operand]:
+    """Return the state (size,) at a fraction of the step, 0 for components without polynomials."""
+    state: list[Operand] = [0.0] * size
+    for m, terms in series.items():
+        total = terms[-1]
+        for term in terms[-2::-1]:
+            total = lines.fma(total, theta, term)
+        state[m] = total
+    return state
 
 
 def _ended_in_state(lines: Lines, terms: list[Operand], scale: Operand, end: Operand) -> list[Operand]:

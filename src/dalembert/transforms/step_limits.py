@@ -7,7 +7,7 @@ step ends the farther before it. A step may pass the knot when that is short: th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import final
 
 from ..ir.graph import Graph
@@ -155,13 +155,13 @@ _FAR, _SMALLEST = 1e30, 1e-300
 
 
 def switch_limits(
-    graph: Graph, rates: Sequence[Node], state: Sequence[Node], time: Node, moving: int
+    graph: Graph, rates: Sequence[Node], state: Sequence[Node], time: Node, moving: int, aside: Collection[Node] = ()
 ) -> tuple[Node, Node] | None:
     """Return the largest size of the next step, forward and backward in time; None where nothing limits it.
 
-    Parameters are those of `knot_limits`.
+    Parameters are those of `knot_limits`, and the values `aside`, whose zeros set no limit.
     """
-    gaps = _distances(graph, rates, moving)
+    gaps = [gap for gap in _distances(graph, rates, moving) if gap not in aside and -gap not in aside]
     if not gaps:
         return None
     flow = dict(zip(state, rates, strict=True)) | {time: graph.one}
@@ -274,7 +274,12 @@ def _vanishing(graph: Graph, rates: Sequence[Node]) -> list[Node]:
 
 
 def step_limits(
-    graph: Graph, rates: Sequence[Node], state: Sequence[Node], time: Node, parameters: Sequence[str]
+    graph: Graph,
+    rates: Sequence[Node],
+    state: Sequence[Node],
+    time: Node,
+    parameters: Sequence[str],
+    aside: Collection[Node] = (),
 ) -> tuple[Node, ...] | None:
     """Return the largest size of a step, forward and backward in time; None where nothing limits it.
 
@@ -288,10 +293,13 @@ def step_limits(
         The time.
     parameters : sequence of str
         Names of all inputs that do not change along a motion.
+    aside : collection of Node
+        Values at whose zeros kinks and jumps set no limit.
     """
     own, moving = (rates, state, time), ~graph.mask(parameters)
     inputs = graph.mask(str(node.payload) for node in state)
-    found = [knot_limits(graph, *own, moving), zero_limits(graph, *own, inputs), switch_limits(graph, *own, moving)]
+    found = [knot_limits(graph, *own, moving), zero_limits(graph, *own, inputs)]
+    found.append(switch_limits(graph, *own, moving, aside))
     least: tuple[Node, ...] | None = None
     for limits in found:
         if least is None or limits is None:

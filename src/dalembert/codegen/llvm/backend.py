@@ -6,13 +6,14 @@ it is first needed, for one lane or as many as a vector register has.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, final
 
 from ...ir.kernel import Kernel
 from ...ir.program import Program
 from ...methods.tableau import Tableau
+from ...subset.addresses import OwnedAddress
 from ...transforms.order_pass import LEAST_ORDER
 from ...transforms.recurrences import Recurrences
 from ...transforms.runge_kutta import AttemptPieces, attempt_kernel, attempt_pieces, start_kernel, start_pieces
@@ -57,10 +58,12 @@ def attempt_assembly(
         attempt = attempt_kernel(rhs, tableau, dense=dense, carried=carried, knots=knots, weighted=weighted)
         start = start_kernel(rhs, tableau, carried=carried, weighted=weighted)
         return assembly([("attempt", attempt), ("start", start)], lanes)
-    parts = (
-        attempt_pieces(rhs, tableau, dense=dense, carried=carried, knots=knots, weighted=weighted),
-        start_pieces(rhs, tableau, carried=carried, weighted=weighted),
-    )
+    pieces = attempt_pieces(rhs, tableau, dense=dense, carried=carried, knots=knots, weighted=weighted)
+    return _calls_assembly((pieces, start_pieces(rhs, tableau, carried=carried, weighted=weighted)), lanes)
+
+
+def _calls_assembly(parts: Sequence[AttemptPieces], lanes: int) -> str:
+    """Return a module of functions that call a right-hand side."""
     kernels = [parts[0].rhs, *(kernel for pieces in parts for _, kernel in pieces.stages)]
     kernels += [pieces.finish for pieces in parts]
     kernels += [pieces.knots for pieces in parts if pieces.knots is not None]
@@ -70,7 +73,7 @@ def attempt_assembly(
         "vector": vector(lanes),
         "kernels": [function for functions in printed for function in functions.straight],
         "stack_alignment": stack_alignment(lanes),
-        "chains": [_chain_variables(pieces, len(rhs.outputs)) for pieces in parts],
+        "chains": [_chain_variables(pieces, len(pieces.rhs.outputs)) for pieces in parts],
     }
     return render("llvm/attempt_calls.ll.j2", variables) + piece_calls(printed)
 
@@ -147,6 +150,18 @@ class LLVMLibrary(KernelLibrary):
         """See `KernelLibrary.attempt_text`."""
         rhs, about = self._program.kernel("rhs"), {"dense": dense, "carried": self.carried, "weighted": weighted}
         return with_tables(attempt_assembly(rhs, tableau, lanes, knots=self.knots, **about))
+
+    def beginning(self, tableau: Tableau, lanes: int, *, weighted: bool) -> OwnedAddress:
+        """See `KernelLibrary.beginning`: of a long right-hand side the attempt is not compiled."""
+        rhs = self._program.kernel("rhs")
+        if len(rhs.body) <= LARGEST_INLINED:
+            return super().beginning(tableau, lanes, weighted=weighted)
+
+        def text() -> str:
+            pieces = start_pieces(rhs, tableau, carried=self.carried, weighted=weighted)
+            return with_tables(_calls_assembly((pieces,), lanes))
+
+        return self._entry(f"{tableau.name}_start{'_weighted' * weighted}", lanes, text, "start")
 
     def _load(self, name: str, lanes: int, text: Callable[[], str], functions: tuple[str, ...]) -> Code:
         """See `KernelLibrary._load`."""
