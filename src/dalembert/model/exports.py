@@ -31,8 +31,8 @@ def _fmu(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
 
     refuse_contacts_of_units(model)
     asked = dict(request)
-    platforms = asked.pop("platforms")
-    return fmu_files(c_source(model, **asked), platforms)
+    platforms, version = asked.pop("platforms"), asked.pop("fmi")
+    return fmu_files(c_source(model, **asked), platforms, version)
 
 
 def _page(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -89,6 +89,10 @@ ENDINGS = {"fmu": ".fmu", "page": ".html", "numba": ".py", "jax": ".py"}
 """Kinds that are one file, and how its name ends; others are folders."""
 
 
+FMI_VERSIONS = ("2.0", "3.0")
+"""Versions of the standard of units, the one by default first."""
+
+
 @nesting_named
 def export(
     self: CompiledModel,
@@ -138,7 +142,7 @@ def export(
     rtol, atol : float
         Tolerances, which the code is made for.
     fmi : str
-        Version of a unit: "2.0".
+        Version of the standard of a unit: "2.0" or "3.0".
     platforms : sequence of str, optional
         Platforms that a unit has binaries for, by the compiler of ziglang (extra "export"): "linux64", "win64",
         "darwin64", and for arm64 "aarch64-linux", "aarch64-darwin". By default this machine, by its own C compiler.
@@ -180,8 +184,8 @@ def export(
         raise OptionError(f"the path of this kind of export ends in {ending!r}: give {str(place) + ending!r}")
     else:
         refuse_other_files(place)
-    if fmi != "2.0":
-        raise OptionError(f"fmi is {fmi!r}: exports are units of FMI '2.0'")
+    if not isinstance(fmi, str) or fmi not in FMI_VERSIONS:
+        raise OptionError(f"fmi is {fmi!r}: exports are units of FMI {list_names(map(repr, FMI_VERSIONS))}")
     rtol, atol = tolerances(rtol, atol)
     if isinstance(atol, NamedTolerances):
         raise OptionError("exports take one atol for the whole state, and not tolerances by name: give a number")
@@ -203,10 +207,15 @@ def export(
         "tolerances": (rtol, atol),
         "span": span_of(t_span),
     }
-    for name, of, value in (("sliders", "page", sliders), ("platforms", "fmu", platforms)):
+    of_kinds = (
+        ("sliders", "page", sliders, None),
+        ("platforms", "fmu", platforms, None),
+        ("fmi", "fmu", fmi, FMI_VERSIONS[0]),
+    )
+    for name, of, value, default in of_kinds:
         if kind == of:
             request[name] = _sliders(self, given, sliders) if name == "sliders" else value
-        elif value is not None:
+        elif value != default:
             raise OptionError(f"{name} are those of the kind {of!r}, not of {kind!r}: leave them out")
     files = KINDS[kind](self, request)
     if "file" in files:
