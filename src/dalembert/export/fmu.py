@@ -25,7 +25,7 @@ _TARGETS = {
     "aarch64-linux": ("aarch64-linux-gnu.2.17", "so", "aarch64-linux"),
     "aarch64-darwin": ("aarch64-macos", "dylib", "aarch64-darwin"),
 }
-"""Targets of ziglang, suffixes of libraries and folders of FMI 3.0, by names of platforms: of FMI 2.0 where it has one."""
+"""Targets of ziglang, suffixes of libraries and folders of FMI 3.0, by names of platforms: those of FMI 2.0, if any."""
 
 _PLATFORMS = {
     ("Linux", "x86_64"): "linux64",
@@ -76,7 +76,7 @@ def fmu_files(source: CSource, platforms: Sequence[str] | None = None, version: 
         files["sources/buildDescription.xml"] = render("fmi/build_description.xml.j2", described)
     files["documentation/README.md"] = simulator.files["README.md"]
     for name, library in _libraries(texts, platforms, version).items():
-        target, suffix, folder = _TARGETS[name]
+        _, suffix, folder = _TARGETS[name]
         files[f"binaries/{name if version == '2.0' else folder}/{prefix}.{suffix}"] = library
     return files
 
@@ -171,7 +171,9 @@ class UnitVariables:
         """Keep names for variables to come."""
         self._taken |= {*names}
 
-    def add(self, name: str, text: str, number: int, causality: str, *, own: bool = False, **further: Any) -> UnitVariable:
+    def add(
+        self, name: str, text: str, number: int, causality: str, *, own: bool = False, **further: Any
+    ) -> UnitVariable:
         """Add a variable; one whose name is our `own` gives way to others."""
         while own and name in self._taken:
             name += "_"
@@ -290,10 +292,12 @@ def _description(simulator: UnitSimulator, variables: UnitVariables) -> dict[str
     source = simulator.source
     outputs = [variable for variable in variables.all if variable.causality == "output"]
     unknowns = {variable.place: variable for variable in (*outputs, *variables.states, *variables.rates)}
+    text = f"scene {source.program.name}, formulation {source.program.formulation}"
+    text += "" if simulator.exchanged else "; for co-simulation alone, because rates of the state jump"
     return {
         "model": escape(source.program.name),
         "prefix": simulator.prefix,
-        "description": escape(f"scene {source.program.name}, formulation {source.program.formulation}"),
+        "description": escape(text),
         "tool": f"dalembert {__version__}",
         "kinds": [*(["ModelExchange"] if simulator.exchanged else []), "CoSimulation"],
         "differentiated": simulator.n_knowns > 0,

@@ -24,7 +24,6 @@ from ..subset.compiled_subset import compiled_subset
 from .prepared_loop import RECORDED_LOOP, PreparedArguments
 from .taylor_runs import LARGEST_WINDING, TURN, turns_to_take, unwound
 
-
 _SPARE_ROW = 2
 """Row of the states of a run of Taylor steps that has none, of its three."""
 

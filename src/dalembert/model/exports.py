@@ -114,9 +114,10 @@ def export(
 
     Kind "c" is a folder with a header, a source in C99 without allocation and globals, an example ``main.c``, a
     Makefile and a README with all names. It takes the steps of `simulate`, from the same initial values. Kind "fmu" is
-    a functional mock-up unit for co-simulation around that source, with a binary for this machine where it has a C
-    compiler. Kind "page" is one file of HTML that simulates in a browser without a network: that source as
-    WebAssembly, sliders, curves, and the shapes of the scene in space. It needs the package ziglang (extra "export").
+    a functional mock-up unit for co-simulation and model exchange around that source, with a binary for this machine
+    where it has a C compiler. Kind "page" is one file of HTML that simulates in a browser without a network: that
+    source as WebAssembly, sliders, curves, and the shapes of the scene in space. It needs the package ziglang (extra
+    "export").
     Kind "wheel" is a folder with a package for this machine that pip installs, and that needs NumPy alone. Kinds
     "numba" and "jax" are one file of Python each, to be read from top to bottom, that needs numba and NumPy, or JAX.
 
@@ -207,16 +208,16 @@ def export(
         "tolerances": (rtol, atol),
         "span": span_of(t_span),
     }
-    of_kinds = (
-        ("sliders", "page", sliders, None),
-        ("platforms", "fmu", platforms, None),
-        ("fmi", "fmu", fmi, FMI_VERSIONS[0]),
-    )
-    for name, of, value, default in of_kinds:
-        if kind == of:
-            request[name] = _sliders(self, given, sliders) if name == "sliders" else value
-        elif value != default:
-            raise OptionError(f"{name} are those of the kind {of!r}, not of {kind!r}: leave them out")
+    if kind == "page":
+        request["sliders"] = _sliders(self, given, sliders)
+    elif sliders is not None:
+        raise OptionError(f"sliders are those of the kind 'page', not of {kind!r}: leave them out")
+    if kind == "fmu":
+        request |= {"platforms": platforms, "fmi": fmi}
+    elif platforms is not None:
+        raise OptionError(f"platforms are those of the kind 'fmu', not of {kind!r}: leave them out")
+    elif fmi != FMI_VERSIONS[0]:
+        raise OptionError(f"fmi is the version of the kind 'fmu', not of {kind!r}: leave it out")
     files = KINDS[kind](self, request)
     if "file" in files:
         return write_file(place, files["file"])

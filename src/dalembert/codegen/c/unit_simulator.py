@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 from ...ir.kernel import Kernel
 from ...ir.program import coefficient_places
+from ...transforms.nonsmooth import decisions
 from ...transforms.partials import tangent_kernel
 from ...transforms.taylor import STEP_ARGUMENTS
 from .descriptions import CSource
@@ -33,7 +34,7 @@ class UnitSimulator(Simulator):
     template: ClassVar[str] = "fmi/simulator.c.j2"
 
     def __init__(self, source: CSource) -> None:
-        self.exchanged = not source.forward_only
+        self.exchanged = decisions(source.program) is None
         corrections = ("project_position", "project_velocity")
         self.corrected = self.exchanged and any(name in source.program for name in corrections)
         super().__init__(source)
