@@ -185,7 +185,7 @@ def export(
         raise OptionError(f"the path of this kind of export ends in {ending!r}: give {str(place) + ending!r}")
     else:
         refuse_other_files(place)
-    if not isinstance(fmi, str) or fmi not in FMI_VERSIONS:
+    if fmi not in FMI_VERSIONS:
         raise OptionError(f"fmi is {fmi!r}: exports are units of FMI {list_names(map(repr, FMI_VERSIONS))}")
     rtol, atol = tolerances(rtol, atol)
     if isinstance(atol, NamedTolerances):
