@@ -6,6 +6,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.errors import CapabilityError, InitialStateError, OptionError
+from system.singular_scenes import bars
 
 SLEIGH = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 
@@ -127,3 +128,12 @@ def test_a_motion_that_is_prescribed_is_refused(tmp_path):
     scene.add_holonomic_constraints(x - dynamicsymbols._t)
     with pytest.raises(CapabilityError, match="there is nothing to simulate"):
         da.compile_model(scene).export(tmp_path / "a")
+
+
+def test_constraints_that_depend_on_each_other_at_the_start_are_refused_where_the_example_shows_it(tmp_path):
+    """Three parallel cranks, of which two would do; `simulate` leaves one of them out."""
+    model = da.compile_model(bars())
+    start = {"a": 0.3, "b": -0.3, "a_dot": -0.6, "b_dot": 0.6}
+    assert model.simulate((0, 0.1), start, {"F": 0.1}).success
+    with pytest.raises(CapabilityError, match="depend on each other at this start; simulate leaves out those that"):
+        model.export(tmp_path / "bars", initial=start, parameters={"F": 0.1})

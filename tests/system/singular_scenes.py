@@ -127,3 +127,18 @@ def carried(length):
             scene.add_holonomic_constraints(gap.dot(N.x), gap.dot(N.y))
     scene.apply_uniform_gravity(-g * N.y)
     return scene
+
+
+def bars(parallel=False):
+    """A bar on three parallel cranks, two of which are lengths alone; `parallel`: the bar only shifts."""
+    a, b = dynamicsymbols("a b")
+    N, O = ReferenceFrame("N"), Point("O")
+    A, B = N.orientnew("A", "Axis", (a, N.z)), N.orientnew("B", "Axis", (0 if parallel else a + b, N.z))
+    tip = O.locatenew("tip", sp.Rational(4, 5) * A.x)
+    scene = da.Scene("bars", frame=N, origin=O, coordinates=[a] if parallel else [a, b])
+    scene.add_bodies(RigidBody("bar", tip, B, 1, (inertia(B, 0, 0, 1), tip)))
+    scene.add_loads((tip, sp.Symbol("F") * N.y))
+    for name, at in () if parallel else (("middle", sp.Rational(7, 5)), ("end", sp.Rational(14, 5))):
+        gap = tip.locatenew(name, at * B.x).pos_from(O.locatenew(f"foot_{name}", at * N.x))
+        scene.add_holonomic_constraints(gap.dot(gap) - sp.Rational(16, 25))
+    return scene

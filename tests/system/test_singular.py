@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from scipy.integrate import solve_ivp
-from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.methods.status import Status
@@ -14,7 +14,7 @@ from dalembert.reduction.variational import variational
 from dalembert.transforms.nonsmooth import decisions
 from dalembert.transforms.recurrences import recurrences
 from scene.scaled import Units
-from system.singular_scenes import carried, folding_crank, parallelogram, platform, windows
+from system.singular_scenes import bars, carried, folding_crank, parallelogram, platform, windows
 
 pytestmark = pytest.mark.usefixtures("quick_kernels")
 
@@ -523,7 +523,7 @@ def tip_of(run):
 
 def test_what_sets_pivots_aside_is_no_jump_of_the_rates():
     """Derivatives pass a configuration at which all constraints vanish, whether or not a sampled time lies in it."""
-    model, single = bars(), bars(parallel=True)
+    model, single = da.compile_model(bars()), da.compile_model(bars(parallel=True))
     assert decisions(variational(model.stages.reduced, ("a",), ("F",))) is None
     options = {"wrt": ["F"], "of": ["a"], "rtol": 1e-10, "atol": 1e-12}
     start = {"a": 0.3, "a_dot": -0.6}
@@ -531,18 +531,3 @@ def test_what_sets_pivots_aside_is_no_jump_of_the_rates():
     assert expected.values[-1, 0] < 0.0
     found = model.sensitivity((0, 0.6), start | {"b": -0.3, "b_dot": 0.6}, {"F": 0.1}, **options)
     assert found.success and found.jacobians[-1] == pytest.approx(expected.jacobians[-1], rel=1e-9)
-
-
-def bars(parallel=False):
-    """A bar on three parallel cranks, two of which are lengths alone; `parallel`: the bar only shifts."""
-    a, b = dynamicsymbols("a b")
-    N, O = ReferenceFrame("N"), Point("O")
-    A, B = N.orientnew("A", "Axis", (a, N.z)), N.orientnew("B", "Axis", (0 if parallel else a + b, N.z))
-    tip = O.locatenew("tip", sp.Rational(4, 5) * A.x)
-    scene = da.Scene("bars", frame=N, origin=O, coordinates=[a] if parallel else [a, b])
-    scene.add_bodies(RigidBody("bar", tip, B, 1, (inertia(B, 0, 0, 1), tip)))
-    scene.add_loads((tip, sp.Symbol("F") * N.y))
-    for name, at in () if parallel else (("middle", sp.Rational(7, 5)), ("end", sp.Rational(14, 5))):
-        gap = tip.locatenew(name, at * B.x).pos_from(O.locatenew(f"foot_{name}", at * N.x))
-        scene.add_holonomic_constraints(gap.dot(gap) - sp.Rational(16, 25))
-    return da.compile_model(scene)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from ..arrays import FloatArray
 from ..errors import CapabilityError, list_names
 from ..ir.calls import function_of
 from ..ir.conditions import CONDITION_TIME
@@ -12,6 +13,7 @@ from ..ir.kernel import calls_in
 from ..ir.program import WIDTH, Program, coefficient_places
 from ..reduction.starting import Start
 from ..runs.capabilities import WITHOUT
+from ..runs.prepare import dependent_at_start
 from ..scene.model import ControllerModel
 
 if TYPE_CHECKING:
@@ -78,6 +80,21 @@ def refuse_scene(model: CompiledModel) -> None:
         )
     if not program.layout.state:
         raise CapabilityError(f"the constraints of {program.name!r} prescribe its motion: there is nothing to simulate")
+
+
+def refuse_dependent(model: CompiledModel, state: FloatArray, p: FloatArray, span: tuple[float, float]) -> None:
+    """Reject an example that starts where constraints depend on each other: a state (n_y,) with parameters (n_p,).
+
+    Raises
+    ------
+    CapabilityError
+    """
+    start = model.derived.dependence
+    if start is not None and dependent_at_start(model, start, span, state, p):
+        raise CapabilityError(
+            f"constraints of {model.name!r} depend on each other at this start; simulate leaves out those that follow"
+            " from others there, and exports do not: remove the constraints that are not needed"
+        )
 
 
 def refuse_inputs(model: CompiledModel, start: Start) -> None:

@@ -197,8 +197,14 @@ def export(
     if parameters is not None:
         numbers |= self.read_parameters({**dict.fromkeys(_hidden(self), 0.0), **parameters})
     numbers |= _input_values(self, inputs)
+    span, complete = span_of(t_span), _complete(self, numbers, given)
+    if complete and not self.layout.inputs:
+        from ..export.refusals import refuse_dependent
+
+        state = self.state(initial or {}, parameters or {}, t=span[0])
+        refuse_dependent(self, state, self.parameter_vector(parameters or {}), span)
     if method == "auto":
-        if _complete(self, numbers, given):
+        if complete:
             method = _method_of_example(self, (initial, parameters, inputs), t_span, rtol, atol)
         method = INSTEAD.get((kind, method), method)
     request: dict[str, Any] = {
@@ -206,7 +212,7 @@ def export(
         "numbers": numbers,
         "method": method,
         "tolerances": (rtol, atol),
-        "span": span_of(t_span),
+        "span": span,
     }
     if kind == "page":
         request["sliders"] = _sliders(self, given, sliders)

@@ -161,14 +161,14 @@ def runs_from_dependent(
         return None
 
     def run(state: FloatArray, p: FloatArray) -> Final | None:
-        if not _dependent(model, start, t_span, state, p):
+        if not dependent_at_start(model, start, t_span, state, p):
             return None
         return simulated(model, t_span, state, p, method, options)
 
     return run
 
 
-def _dependent(
+def dependent_at_start(
     model: CompiledModel, start: Start, t_span: tuple[float, float], state: FloatArray, p: FloatArray
 ) -> bool:
     """Return whether constraints depend on each other at a state (n_y,), at the start of a span."""
