@@ -27,6 +27,7 @@ LONG_SCRIPTS = (
     "a41",
     "a42",
     "a43",
+    "a44",
 )
 """Scripts of the gallery that take more than a few seconds."""
 
