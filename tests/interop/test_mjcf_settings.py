@@ -110,6 +110,9 @@ def test_defaults_of_actuators_are_those_of_all_kinds(tmp_path):
     model = compiled(tmp_path, arm(defaults=defaults, actuator='<motor name="m" joint="turn"/>'))
     pushed, free = acceleration(model, 0.1, 0.5, 1.0), acceleration(model, 0.1, 0.5)
     assert pushed - free == pytest.approx(5.0 / inertia(), rel=1e-12)
+    defaults = '<default><motor gear="2"/><general gear="6"/></default>\n'
+    last = compiled(tmp_path, arm(defaults=defaults, actuator='<motor name="m" joint="turn"/>'))
+    assert acceleration(last, 0.1, 0.5, 1.0) - free == pytest.approx(6.0 / inertia(), rel=1e-12)
     defaults = '<default><position kp="7"/></default>\n'
     motor = compiled(tmp_path, arm(defaults=defaults))
     assert acceleration(motor, 0.1, 0.5, 1.0) - free == pytest.approx(3.0 / inertia(), rel=1e-12)

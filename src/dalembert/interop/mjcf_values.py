@@ -52,6 +52,9 @@ class Defaults:
         for child in element:
             if child.tag != "default":
                 table[child.tag] = {**table.get(child.tag, {}), **child.attributes}
+            if child.tag in ACTUATORS:
+                shared = {key: value for key, value in child.attributes.items() if key not in GAINS}
+                table["actuator"] = {**table.get("actuator", {}), **shared}
         self._classes[name] = table
         for child in element.all("default"):
             self._read(child, self.file.text(child, "class"), table)
@@ -65,14 +68,14 @@ class Defaults:
         tables = self._classes[name]
         given = {**tables.get(element.tag, {}), **element.attributes}
         if element.tag in ACTUATORS:
-            given = {**self._shared(tables, element), **given}
+            self._refuse_gains_of_others(tables, element)
+            given |= {**tables.get("actuator", {}), **element.attributes}
         for what in ORIENTATIONS:  # an orientation of the element takes the place of that of its class
             if what in element.attributes:
                 given = {key: value for key, value in given.items() if key == what or key not in ORIENTATIONS}
         return Element(element.tag, given, element.line, element.children)
 
-    def _shared(self, tables: dict[str, dict[str, str]], actuator: Element) -> dict[str, str]:
-        """Return the defaults of all kinds of actuators, without gains; those that others have are a fault."""
+    def _refuse_gains_of_others(self, tables: dict[str, dict[str, str]], actuator: Element) -> None:
         gains = [tag for tag in ACTUATORS if tag != actuator.tag and tables.get(tag, {}).keys() & set(GAINS)]
         if gains and actuator.tag != "motor":
             self.file.fault(
@@ -80,7 +83,6 @@ class Defaults:
                 f"<{actuator.tag}> {self.file.named(actuator)} has gains of the defaults of <{gains[0]}>, which is not"
                 " supported: put them in a class of their own",
             )
-        return {key: value for tag in ACTUATORS for key, value in tables.get(tag, {}).items() if key not in GAINS}
 
 
 @final
