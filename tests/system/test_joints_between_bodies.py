@@ -283,8 +283,7 @@ def test_forces_that_only_open_loops_tell_apart():
 def test_pin_that_cannot_hold_the_loop():
     scene = four_bar()
     scene.joints = (da.Joint("closing", body="rocker", other="coupler", at=scene.joints[0].at, force=R_x * N.x),)
-    text = r"no joint exerts the reaction of holonomic constraint 2, .* Declare these by a da\.Joint"
-    with pytest.raises(ConstraintError, match=text):
+    with pytest.raises(ConstraintError, match=r"no joint exerts the reaction of holonomic constraint 2, .*Give"):
         da.compile_model(scene, backend="numpy", outputs=["R_x"])
 
 

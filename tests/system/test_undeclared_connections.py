@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from sympy import cos, sin, symbols
-from sympy.physics.mechanics import Particle, PinJoint, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
 from dalembert.errors import ConstraintError
@@ -71,7 +71,7 @@ def rack(joints, *, rigid, constrained, first="wheel"):
 def test_mesh_of_a_rack_that_the_ground_may_carry_too(rigid, constrained, first):
     for joints in (["axle", "mesh"], ["mesh"]):
         scene = rack(joints, rigid=rigid, constrained=constrained, first=first)
-        undetermined(scene, ["T"], r"T depends on .*'rack' and the fixed frame.*, which no joint declares")
+        undetermined(scene, ["T"], r"T would be another .*'rack' and the fixed frame.*, which no joint declares")
         undetermined(scene, ["F", "T"], "'rack' and the fixed frame")
     (found,) = values_of(rack(["axle", "mesh"], rigid=rigid, constrained=constrained, first=first), ["F"])
     push = -0.7 * 0.25 / (0.3 + 0.6 * 0.25**2)  # acceleration of the rack
@@ -82,8 +82,8 @@ def test_mesh_of_a_rack_that_the_ground_may_carry_too(rigid, constrained, first)
 def test_guide_of_a_rack_that_teeth_may_press(rigid):
     """The force of inclined teeth has a component along the guide's."""
     scene = rack(["axle", "guide"], rigid=rigid, constrained=False)
-    undetermined(scene, ["V"], "V depends on .* between 'rack' and 'wheel'")
-    undetermined(scene, ["Y"], "Y depends on .* between 'rack' and 'wheel'")
+    undetermined(scene, ["V"], "V would be another .* between 'rack' and 'wheel'")
+    undetermined(scene, ["Y"], "Y would be another .* between 'rack' and 'wheel'")
     undetermined(
         rack(["axle", "tooth", "guide"], rigid=rigid, constrained=True), ["V"], "only a combination of V with Y"
     )
@@ -184,7 +184,7 @@ def test_axles_of_gears_without_their_mesh():
         da.Joint("second", body="two", at=D, force=X_2 * N.x + Y_2 * N.y),
     ]
     scene = scene_of([phi], [body("one", O, A), body("two", D, W, M)], joints)
-    undetermined(scene, ["X"], "X depends on .* between 'two' and 'one'")
+    undetermined(scene, ["X"], "X would be another .* between 'two' and 'one'")
     scene.add_loads((A, 0.7 * N.z))
     push = 0.35 / 0.25  # half of the torque accelerates the second
     assert values_of(scene, ["Y", "Y_2"]) == pytest.approx([0.6 * 9.81 + push, 2 * 9.81 - push], rel=1e-12)
@@ -208,66 +208,3 @@ def test_a_wheel_that_rolls_beside_a_cart_has_a_contact():
         da.compile_model(pulled, outputs=["Y"])
     mass = VALUES[m] + VALUES[J] / VALUES[r] ** 2
     assert values_of(pulled, ["X"]) == pytest.approx([5 * mass / (VALUES[M] + mass)], rel=1e-12)
-
-
-# -- rods that close loops -----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("declared", [True, False])
-def test_bearings_of_bodies_that_a_rod_couples(declared):
-    """A crank about z and a rocker about x, coupled by a rod: nothing else connects them."""
-    ground = RigidBody("ground", masscenter=O, frame=N)
-    rocker = RigidBody("rocker", mass=M)
-    rocker.central_inertia = inertia(rocker.frame, J, J, J)
-    crank = body("crank", O.locatenew("G", l * A.x), A)
-    scene = scene_of([phi], [crank], [])
-    if declared:
-        everything = {"force": X * N.x + Y * N.y + V * N.z, "torque": T * N.x + T_2 * N.y}
-        scene.add_joints(da.Joint("bearing", body="crank", at=O, **everything))
-    hinge = PinJoint("hinge", ground, rocker, psi, None, N.x, -l * rocker.y, joint_axis=N.x)
-    end = rocker.masscenter.locatenew("Q", l * rocker.y)
-    scene.add_joints(hinge, da.Rod(crank.masscenter, end, name="rod", parent="crank", child="rocker", length=1.3))
-    outputs = {"tension": "rod.force", "P": crank.masscenter, "Q": end} | scene.reaction("hinge", frame=N)
-    outputs |= {"a": crank.masscenter.pos_from(O).dt(N).dt(N), "b": rocker.masscenter.pos_from(O).dt(N).dt(N)}
-    outputs = {name: value for name, value in outputs.items() if "torque" not in name}
-    model = da.compile_model(scene, backend="numpy", outputs={**outputs, **({"X": "X", "Y": "Y"} if declared else {})})
-    known = {m: 0.6, M: 2.0, J: 0.3, g: 9.81, l: 0.7}
-    start = model.assemble({phi: 0.3, psi: 0.8}, known, fixed=[phi])
-    run = model.simulate((0, 0.1), {**start, phi.diff(): 0.5}, known, t_eval=[0, 0.1])
-    pull = run["tension"][0] * np.array([run[f"P_{k}"][0] - run[f"Q_{k}"][0] for k in "xyz"]) / 1.3
-    force = np.array([run[f"hinge.force_{k} on N"][0] for k in "xyz"])
-    acceleration = np.array([run[f"b_{k}"][0] for k in "xyz"])
-    assert force + pull - [0, 2.0 * 9.81, 0] == pytest.approx(2.0 * acceleration, rel=1e-10, abs=1e-10)
-    assert abs(run["tension"][0]) > 1
-    if declared:
-        held = [run["X"][0] - pull[0], run["Y"][0] - pull[1] - 0.6 * 9.81]
-        assert held == pytest.approx([0.6 * run["a_x"][0], 0.6 * run["a_y"][0]], rel=1e-10)
-
-
-def test_bearing_of_a_four_bar_whose_rocker_is_a_rod():
-    """A rod from the fixed frame to the coupler, which the crank carries."""
-    ground, crank, coupler = (
-        RigidBody("ground", masscenter=O, frame=N),
-        RigidBody("crank", mass=m),
-        RigidBody("k", mass=m),
-    )
-    for link in (crank, coupler):
-        link.central_inertia = inertia(link.frame, 0, 0, J)
-    scene = da.Scene("four_bar", frame=N, origin=O)
-    scene.add_joints(
-        PinJoint("A", ground, crank, phi, None, None, -0.15 * crank.x, joint_axis=N.z),
-        PinJoint("B", crank, coupler, psi, None, 0.15 * crank.x, -0.5 * coupler.x, joint_axis=N.z),
-    )
-    end = coupler.masscenter.locatenew("Q", 0.5 * coupler.x)
-    scene.add_joints(da.Rod(O.locatenew("D", 0.9 * N.x), end, name="rod", parent=None, child="k", length=0.8))
-    scene.apply_uniform_gravity(-g * N.y)
-    momentum = crank.masscenter.pos_from(O) + coupler.masscenter.pos_from(O)
-    outputs = {"X": "A.force_x", "Y": "A.force_y", "T": "rod.force", "Q": end, "a": momentum.dt(N).dt(N)}
-    model = da.compile_model(scene, backend="numpy", outputs=outputs)
-    known = {m: 0.6, J: 0.02, g: 9.81}
-    start = model.assemble({phi: 1, psi: -0.5}, known, fixed=[phi])
-    run = model.simulate((0, 0.1), {**start, phi.diff(): 6}, known, t_eval=[0, 0.1])
-    along = run["T"] / 0.8 * np.array([0.9 - run["Q_x"], -run["Q_y"]])
-    assert run["X"] + along[0] == pytest.approx(0.6 * run["a_x"], rel=1e-10)
-    assert run["Y"] + along[1] - 1.2 * 9.81 == pytest.approx(0.6 * run["a_y"], rel=1e-10)
-    assert np.all(abs(run["T"]) > 1)

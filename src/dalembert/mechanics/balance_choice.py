@@ -114,10 +114,11 @@ class BodySystem:
         self.shared |= {*group}
         self.rigid |= dict.fromkeys(beside)
 
-    def fault(self, why: str, lost: Sequence[str] = ()) -> ConstraintError:
-        """Return the error for the wanted reactions, or for those of them that are lost."""
-        names = list_names(lost or self.wanted)
-        return ConstraintError(f"scene {self.equations.name!r}: the reactions {names} are not determined: {why}")
+    def fault(self, why: str) -> ConstraintError:
+        """Return the error for the wanted reactions."""
+        return ConstraintError(
+            f"scene {self.equations.name!r}: the reactions {list_names(self.wanted)} are not determined: {why}"
+        )
 
     def has(self, joint: Declared, wanted: Collection[str]) -> bool:
         """Whether some of the wanted unknowns are those of a joint."""

@@ -102,14 +102,11 @@ class Connections:
     def __init__(self, balances: BodyBalances, joints: Sequence[Declared], sample: BodySample) -> None:
         self.balances, self.joints, self.sample = balances, joints, sample
         self.size = len(balances.poses)
-        self.loops: set[Pair] = set()
         self.by_pair: dict[Pair, list[Declared]] = {}
         for joint in joints:
             self.by_pair.setdefault(joint.pair, []).append(joint)
         self.complete = {pair: self._declared_rest(pair) for pair in self.by_pair}
         self.structure = [(pair_of(parent, b), b) for b in range(self.size) for parent in self._parents(b)]
-        self.loops = {pair for pair in self.by_pair if not self._connected(pair)}
-        self.complete |= {pair: (self._across(pair), True) for pair in self.loops}
 
     # -- wrenches between two bodies -------------------------------------------------------------
 
@@ -162,18 +159,9 @@ class Connections:
         all that the coordinates leave out, such as the axle of a wheel beside a contact at its rim, there is another
         connection, which may carry every ideal wrench.
         """
-        joints = self.by_pair[pair]
-        declared = np.hstack([self._columns(joint) for joint in joints])
-        found, ideal = self._across(pair), self.ideal(pair, self.place(joints[0]))
-        known = np.hstack([declared, found])
-        if rank(np.hstack([known, ideal])) == rank(known):
-            return found, True
-        return ideal, False
-
-    def _across(self, pair: Pair) -> FloatArray:
-        """Return the ideal forces and couples across to the declared ones, at the points of joints of two bodies."""
         joints, (_, b) = self.by_pair[pair], pair
-        own = np.hstack([self._columns(joint) for joint in joints])[6 * b : 6 * b + 6]
+        declared = np.hstack([self._columns(joint) for joint in joints])
+        own = declared[6 * b : 6 * b + 6]
         couples = own[3:] @ null_space(own[:3])
         rest = []
         for joint in joints:
@@ -182,20 +170,11 @@ class Connections:
             rest.append(forces @ null_space(np.vstack([own[:3].T, self.sample.twists.T @ forces])))
             if turns.shape[1]:
                 rest.append(turns @ null_space(np.vstack([couples.T, self.sample.twists.T @ turns])))
-        return np.hstack(rest)
-
-    def _connected(self, pair: Pair) -> bool:
-        """Whether the coordinates connect two bodies: one is carried by the other, or both move with one coordinate.
-
-        Other bodies are connected by their joints alone, such as by a rod that closes a loop.
-        """
-        if pair in dict(self.structure):
-            return True
-        moved: dict[int, set[int]] = {}
-        for own, body in self.structure:
-            moved.setdefault(body, set()).update(self.moved_by(own))
-        a, b = pair
-        return a is not None and bool(moved.get(a, set()) & moved.get(b, set()))
+        found, ideal = np.hstack(rest), self.ideal(pair, self.place(joints[0]))
+        known = np.hstack([declared, found])
+        if rank(np.hstack([known, ideal])) == rank(known):
+            return found, True
+        return ideal, False
 
     def place(self, joint: Declared) -> FloatArray:
         """Return the position of the point of a joint."""
@@ -226,7 +205,7 @@ class Connections:
 
     def _explained(self, pair: Pair) -> bool:
         """Whether a joint holds all that the coordinates leave out between two bodies, at a point that rests on one."""
-        if pair not in self.by_pair or pair in self.loops or not self.complete[pair][1]:
+        if pair not in self.by_pair or not self.complete[pair][1]:
             return False
         points = [self.balances.model.actions[joint.action].at for joint in self.by_pair[pair]]
         ends = [end for end in pair if end is not None]

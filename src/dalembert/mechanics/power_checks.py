@@ -48,8 +48,8 @@ def require_reactions_of_constraints(model: SceneModel, equations: EquationsOfMo
             raise ConstraintError(
                 f"scene {equations.name!r}: the joint {joint!r} cannot exert the reactions of any constraint, because"
                 f" {list_names(mine)} would have power on motions that the constraints allow. Give it the unknown force"
-                " or torque component that holds its constraint (a wrong sign in either has this effect, too), add that"
-                " constraint if it is missing, or give a force that drives the motion as a load (scene.add_loads)"
+                " or torque component that holds its constraint, add that constraint if it is missing, or give a force"
+                " that drives the motion as a load (scene.add_loads)"
             )
 
 

@@ -198,7 +198,7 @@ class _Search:
                 continue
             lost = [name for name, i in zip(self.system.wanted, self.system.targets, strict=True) if moved[i]]
             others = [name for name, m in zip(names, moved, strict=False) if m and name not in lost]
-            raise self.system.fault(self._why(lost, others, involved), lost)
+            raise self.system.fault(self._why(lost, others, involved))
 
     def _why(self, hidden: Sequence[str], others: Sequence[str], pairs: Sequence[Pair]) -> str:
         bare = [name for name in (*hidden, *others) if name not in self.system.equations.compliances]
@@ -207,23 +207,21 @@ class _Search:
             return (
                 f"only a combination of {list_names(hidden)}{rest} appears in the balances of the bodies. How elastic"
                 f" supports share the load follows from compliances of {list_names(bare)}, such as"
-                f" scene.add_compliances({{{bare[0]!r}: c}}). Outputs that are determined need"
-                " none: request those alone"
+                f" scene.add_compliances({{{bare[0]!r}: c}})"
             )
-        own, lost = self.system.connections[0], f"{list_names(hidden)} depend{'s' if len(hidden) == 1 else ''}"
+        own, lost = self.system.connections[0], list_names(hidden)
         labels = [self.system.equations.constraints[i].label for i in own.unheld()]
         if labels:
             return (
-                f"no joint exerts the reaction of {'; '.join(labels)}, and {lost} on the bodies and the point that"
-                " it acts on. Declare these by a da.Joint with the unknown force or torque component that holds the"
-                " constraint"
+                f"no joint exerts the reaction of {'; '.join(labels)}, and {lost} would be another with another place"
+                " of it. Give a joint the unknown force or torque component that holds the constraint"
             )
         structure = [pair for pair in pairs if pair in dict(own.structure)] or list(pairs)
         said = "; ".join(f"{self._body(b)} and {self._body(a)}" for a, b in structure)
         tied = [pair_of(*tie) for tie in self.system.balances.ties]
         load = " A load acts at what belongs to both: write it as (body, point, force)." if set(pairs) & {*tied} else ""
         return (
-            f"{lost} on the force or torque between {said}, which no joint declares.{load}"
+            f"{lost} would be another with another force or torque between {said}, which no joint declares.{load}"
             " Declare it, scene.add_joints(da.Joint(name, body, other=..., at=..., force=..., torque=...)), with all"
             " unknown components that this connection has"
         )
