@@ -166,13 +166,23 @@ class Simulator:
 
     def _state_kernels(self) -> None:
         """Print the kernels of what follows from the state alone."""
-        source = self.source
-        if source.locks is not None and source.locking:
-            outputs = tuple(source.locks.outputs[group] for group in source.locking)
-            locks = EliminateDeadCode()(replace(source.locks, arguments=STEP_ARGUMENTS, outputs=outputs))
+        locks = self._locks()
+        if locks is not None:
             self._print("locks", locks, "Determinants of angles, which vanish where they lock")
         if self.layout.outputs:
             self._program_kernel("output", "outputs", "Outputs from the state")
+
+    def _locks(self) -> Kernel | None:
+        """Return the kernel of the determinants of angles at whose change of sign a run ends, None without any."""
+        source = self.source
+        if source.locks is None or not source.locking:
+            return None
+        outputs = tuple(source.locks.outputs[group] for group in source.locking)
+        return EliminateDeadCode()(replace(source.locks, arguments=STEP_ARGUMENTS, outputs=outputs))
+
+    def _further_calls(self, loop: RunLoop, code: LoopSource) -> dict[str, str]:
+        """Translate functions of the loop that further public functions call; return the calls."""
+        return {}
 
     # -- variables --------------------------------------------------------------------------
 
@@ -192,10 +202,11 @@ class Simulator:
         code = LoopSource(space, self.prefix, "fused", self._taken())
         kind = type(loop.arguments)
         calls = {"take_step": code.entry(loop.step, kind), "sample": code.entry(loop.sample, kind, "t")}
+        calls |= self._further_calls(loop, code)
         renew = [] if loop.renew is None or not self.layout.inputs else [code.entry(loop.renew, kind)]
         printed = render("c/kernels.c.j2", {"kernels": self.kernels}) + "".join(self.order_loops)
         self._finish(printed, code)
-        n_locks = len(source.locking) if source.locks is not None else 0
+        n_locks = len(source.locking)
         members = space.members_used(code.text, {*loop.at.values(), "sampled", "place"})
         functions = {
             **self._function_variables(),
@@ -244,6 +255,7 @@ class Simulator:
             "n_further": len(self.layout.states),
             "n_locks": 0,
             "contact_states": self.contact_states,
+            **dict.fromkeys(("n_values", "n_knowns", "exchanged", "corrected"), 0),
         }
 
     def _function_variables(self) -> dict[str, Any]:
