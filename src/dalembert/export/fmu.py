@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -16,7 +16,8 @@ from ..errors import CapabilityError, OptionError, list_names, unknown_name
 from ..values import listed
 from ..version import __version__
 from .compilers import c_compiler, foreign_library, shared_library
-from .unit_variables import UnitVariables, nominal_of, unit_variables
+from .unit_functions import absent_functions
+from .unit_variables import UnitVariable, UnitVariables, nominal_of, unit_variables
 
 _TARGETS = {
     "linux64": ("x86_64-linux-gnu.2.17", "so", "x86_64-linux"),
@@ -68,12 +69,15 @@ def fmu_files(source: CSource, platforms: Sequence[str] | None = None, version: 
     guid = hashlib.sha256("".join(texts.values()).encode()).hexdigest()[:32]
     variables = unit_variables(simulator, independent=version != "2.0")
     functions = _functions(simulator, variables, version) | {"guid": guid}
-    texts[f"fmi{digit}.c"] = render("fmi/unit.c.j2", functions) + render(f"fmi/fmi{digit}.c.j2", functions)
-    described = _description(simulator, variables) | {"guid": guid, "sources": [f"{prefix}.c", f"fmi{digit}.c"]}
+    texts[f"fmi{digit}.c"] = render("fmi/unit.c.j2", functions) + _interface(simulator, functions, digit)
+    sources = [f"{prefix}.c", f"fmi{digit}.c"]
+    described = _description(simulator, variables, digit, sources) | {"guid": guid}
     files: dict[str, str | bytes] = {"modelDescription.xml": render(f"fmi/fmi{digit}.xml.j2", described)}
     files |= {f"sources/{name}": text for name, text in texts.items()}
     if version != "2.0":
-        files["sources/buildDescription.xml"] = render("fmi/build_description.xml.j2", described)
+        files["sources/buildDescription.xml"] = render(
+            "fmi/build_description.xml.j2", {"prefix": prefix, "sources": sources}
+        )
     files["documentation/README.md"] = simulator.files["README.md"]
     for name, library in _libraries(texts, platforms, version).items():
         _, suffix, folder = _TARGETS[name]
@@ -142,21 +146,41 @@ def _functions(simulator: UnitSimulator, variables: UnitVariables, version: str)
         "first_input": len(wanted) - len(layout.inputs),
         "starts": rows_of([double(float(source.numbers.get(name, 0.0))) for name in wanted] or ["0.0"]),
         "state_references": ", ".join(str(variable.number) for variable in variables.states),
-        "rtol": double(source.tolerances[0]),
+        "rtol": double(source.tolerances[0]) if simulator.corrected else "",
         "nominal": double(nominal_of(source.tolerances)),
         "inputs": len(layout.inputs),
-        "other_types": _OTHER_TYPES[version],
+        "first_lock": simulator.n_values - len(variables.indicators) if variables.indicators else 0,
+        "n_all": simulator.n_values + 1,
+        "n_references": len(wanted) + simulator.n_values,
+        "n_known_states": simulator.n_knowns - len(layout.inputs),
     }
 
 
-def _description(simulator: UnitSimulator, variables: UnitVariables) -> dict[str, Any]:
-    """Return the variables of the templates of descriptions."""
-    source = simulator.source
+def _interface(simulator: UnitSimulator, functions: Mapping[str, Any], digit: str) -> str:
+    """Return the functions of a version of the standard."""
+    if digit == "2":
+        names = ("exchanged", "first_input", "n_wanted", "prefix", "upper")
+        given = {name: functions[name] for name in names} | {"other_types": _OTHER_TYPES["2.0"]}
+    else:
+        given = {name: functions[name] for name in ("exchanged", "n_locks", "n_states", "prefix")}
+        given["absent"] = absent_functions(_OTHER_TYPES["3.0"], simulator.exchanged)
+    return render(f"fmi/fmi{digit}.c.j2", given)
+
+
+def _description(simulator: UnitSimulator, variables: UnitVariables, digit: str, sources: list[str]) -> dict[str, Any]:
+    """Return the variables of the template of a description."""
+    source, place = simulator.source, "place" if digit == "2" else "number"
     outputs = [variable for variable in variables.all if variable.causality == "output"]
     unknowns = {variable.place: variable for variable in (*outputs, *variables.states, *variables.rates)}
     text = f"scene {source.program.name}, formulation {source.program.formulation}"
     text += "" if simulator.exchanged else "; for co-simulation alone, because rates of the state jump"
-    return {
+
+    def references(some: Iterable[UnitVariable]) -> list[dict[str, int]]:
+        return [{place: getattr(variable, place)} for variable in some]
+
+    fields = ["name", "number", "text", "causality", "variability", "initial", "start", "nominal"]
+    fields += [] if digit == "2" else ["unit"]
+    found = {
         "model": escape(source.program.name),
         "prefix": simulator.prefix,
         "description": escape(text),
@@ -167,9 +191,15 @@ def _description(simulator: UnitSimulator, variables: UnitVariables) -> dict[str
         "begin": repr(float(source.span[0])),
         "end": repr(float(source.span[1])),
         "rtol": repr(source.tolerances[0]),
-        "variables": variables.all,
-        "outputs": outputs,
-        "rates": variables.rates,
-        "indicators": variables.indicators,
-        "unknowns": [unknowns[place] for place in sorted(unknowns)],
+        "variables": [
+            {name: getattr(each, name) for name in fields}
+            | {"derivative": "" if each.state is None else str(getattr(each.state, place))}
+            for each in variables.all
+        ],
+        "outputs": references(outputs),
+        "rates": references(variables.rates),
+        "unknowns": references(unknowns[number] for number in sorted(unknowns)),
     }
+    if digit == "2":
+        return found | {"n_indicators": len(variables.indicators), "sources": sources}
+    return found | {"indicators": references(variables.indicators)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -98,11 +98,16 @@ class Simulator:
             f"{prefix}.c": self.source_code
             + render("c/starts.c.j2", variables["starts"])
             + render(self.template, variables["functions"])
+            + self._further_functions(variables)
             + render("c/texts.c.j2", variables["texts"]),
             "main.c": render("c/main.c.j2", variables["main"]),
             "Makefile": render("c/Makefile.j2", {"prefix": prefix}),
             "README.md": render("c/README.md.j2", variables["readme"]),
         }
+
+    def _further_functions(self, variables: Mapping[str, Any]) -> str:
+        """Return the text of public functions besides those of every simulator."""
+        return ""
 
     # -- kernels ----------------------------------------------------------------------------
 
@@ -202,7 +207,7 @@ class Simulator:
         code = LoopSource(space, self.prefix, "fused", self._taken())
         kind = type(loop.arguments)
         calls = {"take_step": code.entry(loop.step, kind), "sample": code.entry(loop.sample, kind, "t")}
-        calls |= self._further_calls(loop, code)
+        further = self._further_calls(loop, code)
         renew = [] if loop.renew is None or not self.layout.inputs else [code.entry(loop.renew, kind)]
         printed = render("c/kernels.c.j2", {"kernels": self.kernels}) + "".join(self.order_loops)
         self._finish(printed, code)
@@ -221,7 +226,12 @@ class Simulator:
             "n_variables": len(self.program.kernel("expand").outputs),
         }
         header = self._header_variables(members) | {"n_locks": n_locks}
-        return {"header": header, "functions": functions, **self._further_variables(space.beginning, "advance")}
+        return {
+            "header": header,
+            "functions": functions,
+            "calls": further,
+            **self._further_variables(space.beginning, "advance"),
+        }
 
     def _further_variables(self, beginning: Sequence[tuple[str, str]], advance: str) -> dict[str, dict[str, Any]]:
         """Return the variables of what all simulators have; members begin so, and a function takes steps."""

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 from ...ir.kernel import Kernel
 from ...ir.program import coefficient_places
 from ...transforms.nonsmooth import decisions
 from ...transforms.partials import tangent_kernel
 from ...transforms.taylor import STEP_ARGUMENTS
+from ..rendering import render
 from .descriptions import CSource
 from .run_loops import RunLoop
 from .simulator import Simulator
@@ -30,8 +31,6 @@ class UnitSimulator(Simulator):
     corrected : bool
         Whether such a run is projected onto constraints.
     """
-
-    template: ClassVar[str] = "fmi/simulator.c.j2"
 
     def __init__(self, source: CSource) -> None:
         self.exchanged = decisions(source.program) is None
@@ -84,15 +83,25 @@ class UnitSimulator(Simulator):
         """See `Simulator`."""
         return super()._taken() | {self._name(what) for what in _PUBLIC}
 
-    def _function_variables(self) -> dict[str, Any]:
+    def _further_functions(self, variables: Mapping[str, Any]) -> str:
         """See `Simulator`."""
-        return {
-            **super()._function_variables(),
-            "n_computed": self.n_computed,
-            "n_knowns": self.n_knowns,
-            "exchanged": self.exchanged,
-            "corrected": self.corrected,
-        }
+        known, n_states = variables["functions"], len(self.layout.state)
+        first = self.n_computed + n_states
+        names = ("prefix", "n_states", "n_outputs", "n_variables")
+        return render(
+            "fmi/simulator.c.j2",
+            {
+                **{name: known[name] for name in names},
+                **variables["calls"],
+                "at": {"constants": self.at["constants"]},
+                "n_computed": self.n_computed,
+                "n_knowns": self.n_knowns,
+                "n_along": n_states + self.n_knowns,
+                "first_rate": first,
+                "first_lock": first + n_states if known["n_locks"] else 0,
+                "exchanged": self.exchanged,
+            },
+        )
 
     def _header_variables(self, members: list[str]) -> dict[str, Any]:
         """See `Simulator`."""
