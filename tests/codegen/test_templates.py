@@ -122,7 +122,8 @@ def render_c():
                     "README.md",
                     "",
                 }
-                fmu_files(source)
+                for version in ("2.0", "3.0"):
+                    fmu_files(source, version=version)
             if method == "taylor":
                 numba_text(source)
             nothing = {"shared_library": lambda compiler, texts: b"", "c_compiler": lambda: ["cc"]}

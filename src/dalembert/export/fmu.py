@@ -1,39 +1,54 @@
-"""Functional mock-up units: the simulator in C with the functions of FMI 2.0, its description, and a binary."""
+"""Functional mock-up units: the simulator in C with the functions of FMI, its description, and binaries."""
 
 from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ..codegen.c.contact_simulator import c_files
 from ..codegen.c.descriptions import CSource
-from ..codegen.c.printing import double, prefix_of, rows_of
+from ..codegen.c.printing import double, rows_of
+from ..codegen.c.unit_simulator import UnitSimulator
 from ..codegen.rendering import render
 from ..errors import CapabilityError, OptionError, list_names, unknown_name
 from ..values import listed
 from ..version import __version__
 from .compilers import c_compiler, foreign_library, shared_library
-
-if TYPE_CHECKING:
-    pass
+from .unit_functions import absent_functions
+from .unit_variables import UnitVariable, UnitVariables, nominal_of, unit_variables
 
 _TARGETS = {
-    "linux64": ("x86_64-linux-gnu.2.17", "so"),
-    "win64": ("x86_64-windows-gnu", "dll"),
-    "darwin64": ("x86_64-macos", "dylib"),
-    "aarch64-linux": ("aarch64-linux-gnu.2.17", "so"),
-    "aarch64-darwin": ("aarch64-macos", "dylib"),
+    "linux64": ("x86_64-linux-gnu.2.17", "so", "x86_64-linux"),
+    "win64": ("x86_64-windows-gnu", "dll", "x86_64-windows"),
+    "darwin64": ("x86_64-macos", "dylib", "x86_64-darwin"),
+    "aarch64-linux": ("aarch64-linux-gnu.2.17", "so", "aarch64-linux"),
+    "aarch64-darwin": ("aarch64-macos", "dylib", "aarch64-darwin"),
 }
-"""Targets of ziglang and suffixes of libraries, by names of platforms: of FMI 2.0, and for arm64 of FMI 3.0."""
+"""Targets of ziglang, suffixes of libraries and folders of FMI 3.0, by names of platforms: those of FMI 2.0, if any."""
 
-_PLATFORMS = {("Linux", "x86_64"): ("linux64", "so"), ("Darwin", "x86_64"): ("darwin64", "dylib")}
-"""Names of platforms in FMI 2.0, and suffixes of their libraries."""
+_PLATFORMS = {
+    ("Linux", "x86_64"): "linux64",
+    ("Darwin", "x86_64"): "darwin64",
+    ("Linux", "aarch64"): "aarch64-linux",
+    ("Darwin", "arm64"): "aarch64-darwin",
+}
+"""Names of the platforms of machines; those for arm64 have none in FMI 2.0."""
+
+_OTHER_TYPES = {
+    "2.0": [("Integer", "integers"), ("Boolean", "booleans"), ("String", "strings")],
+    "3.0": [
+        ("Float32", "numbers of 32 bits"),
+        *((f"{sign}Int{bits}", "integers") for bits in (8, 16, 32, 64) for sign in ("", "U")),
+        ("Boolean", "booleans"),
+        ("String", "strings"),
+    ],
+}
+"""Types of variables that no unit has, by versions, and what to call them."""
 
 
-def fmu_files(source: CSource, platforms: Sequence[str] | None = None) -> dict[str, str | bytes]:
+def fmu_files(source: CSource, platforms: Sequence[str] | None = None, version: str = "2.0") -> dict[str, str | bytes]:
     """Return the files of a unit by their names in the archive.
 
     Binaries are for some platforms, by default for this machine where it has a C compiler.
@@ -48,23 +63,36 @@ def fmu_files(source: CSource, platforms: Sequence[str] | None = None) -> dict[s
         Where the compiler fails.
     """
     refuse_missing(source, "a unit")
-    prefix, texts = prefix_of(source.program.name), c_files(source)
-    simulator = {name: texts[name] for name in (f"{prefix}.c", f"{prefix}.h")}
-    guid = hashlib.sha256("".join(simulator.values()).encode()).hexdigest()[:32]
-    simulator["fmi2.c"] = render("fmi/fmi2.c.j2", _functions(source, prefix, guid))
-    files: dict[str, str | bytes] = {"modelDescription.xml": _description(source, prefix, guid)}
-    files |= {f"sources/{name}": text for name, text in simulator.items()}
-    files["documentation/README.md"] = texts["README.md"]
-    if platforms is not None:
-        for name in checked_platforms(platforms):
-            target, suffix = _TARGETS[name]
-            files[f"binaries/{name}/{prefix}.{suffix}"] = foreign_library(target, simulator)
-        return files
-    where, compiler = _PLATFORMS.get((platform.system(), platform.machine())), c_compiler()
-    if where is not None and compiler is not None:
-        folder, suffix = where
-        files[f"binaries/{folder}/{prefix}.{suffix}"] = shared_library(compiler, simulator)
+    simulator = UnitSimulator(source)
+    prefix, digit = simulator.prefix, version[0]
+    texts = {name: simulator.files[name] for name in (f"{prefix}.c", f"{prefix}.h")}
+    guid = hashlib.sha256("".join(texts.values()).encode()).hexdigest()[:32]
+    variables = unit_variables(simulator, independent=version != "2.0")
+    functions = _functions(simulator, variables, version) | {"guid": guid}
+    texts[f"fmi{digit}.c"] = render("fmi/unit.c.j2", functions) + _interface(simulator, functions, digit)
+    sources = [f"{prefix}.c", f"fmi{digit}.c"]
+    described = _description(simulator, variables, digit, sources) | {"guid": guid}
+    files: dict[str, str | bytes] = {"modelDescription.xml": render(f"fmi/fmi{digit}.xml.j2", described)}
+    files |= {f"sources/{name}": text for name, text in texts.items()}
+    if version != "2.0":
+        files["sources/buildDescription.xml"] = render(
+            "fmi/build_description.xml.j2", {"prefix": prefix, "sources": sources}
+        )
+    files["documentation/README.md"] = simulator.files["README.md"]
+    for name, library in _libraries(texts, platforms, version).items():
+        _, suffix, folder = _TARGETS[name]
+        files[f"binaries/{name if version == '2.0' else folder}/{prefix}.{suffix}"] = library
     return files
+
+
+def _libraries(texts: Mapping[str, str], platforms: Sequence[str] | None, version: str) -> dict[str, bytes]:
+    """Return binaries by names of platforms."""
+    if platforms is not None:
+        return {name: foreign_library(_TARGETS[name][0], texts) for name in checked_platforms(platforms)}
+    here, compiler = _PLATFORMS.get((platform.system(), platform.machine())), c_compiler()
+    if here is None or compiler is None or (version == "2.0" and here.startswith("aarch64")):
+        return {}
+    return {here: shared_library(compiler, texts)}
 
 
 def checked_platforms(platforms: Any) -> list[str]:
@@ -98,77 +126,80 @@ def refuse_missing(source: CSource, what: str) -> None:
         )
 
 
-def _wanted(source: CSource) -> list[str]:
-    return [*source.start.given, *source.parameters, *source.program.layout.inputs]
-
-
-def _functions(source: CSource, prefix: str, guid: str) -> dict[str, Any]:
-    """Return the variables of ``fmi/fmi2.c.j2``."""
-    layout, wanted = source.program.layout, _wanted(source)
-    variables = len(source.program.kernel("expand").outputs)
+def _functions(simulator: UnitSimulator, variables: UnitVariables, version: str) -> dict[str, Any]:
+    """Return the variables of the templates of the functions of a unit."""
+    source, layout = simulator.source, simulator.layout
+    wanted = [*source.start.given, *source.parameters, *layout.inputs]
     return {
-        "prefix": prefix,
-        "upper": prefix.upper(),
-        "guid": guid,
+        "version": version,
+        "prefix": simulator.prefix,
+        "upper": simulator.prefix.upper(),
+        "exchanged": simulator.exchanged,
+        "corrected": simulator.corrected,
         "n_given": max(len(wanted), 1),
         "n_wanted": len(wanted),
         "n_slopes": max(len(layout.inputs), 1),
         "n_states": len(layout.state),
-        "n_variables": variables,
-        "n_values": variables + len(layout.outputs),
-        "n_references": len(wanted) + variables + len(layout.outputs),
+        "n_values": simulator.n_values,
+        "n_knowns": simulator.n_knowns,
+        "n_locks": len(variables.indicators),
         "first_input": len(wanted) - len(layout.inputs),
         "starts": rows_of([double(float(source.numbers.get(name, 0.0))) for name in wanted] or ["0.0"]),
+        "state_references": ", ".join(str(variable.number) for variable in variables.states),
+        "rtol": double(source.tolerances[0]) if simulator.corrected else "",
+        "nominal": double(nominal_of(source.tolerances)),
         "inputs": len(layout.inputs),
-        "outputs": len(layout.outputs),
+        "first_lock": simulator.n_values - len(variables.indicators) if variables.indicators else 0,
+        "n_all": simulator.n_values + 1,
+        "n_references": len(wanted) + simulator.n_values,
+        "n_known_states": simulator.n_knowns - len(layout.inputs),
     }
 
 
-def _description(source: CSource, prefix: str, guid: str) -> str:
-    """Return the description of a unit; the numbers of variables are their value references."""
-    layout, numbers = source.program.layout, source.numbers
-    computed = [*layout.coordinates, *layout.rates, *layout.states, *layout.outputs]
-    taken, given = {*computed, *source.parameters, *layout.inputs}, list[dict[str, Any]]()
-    for name in source.start.given:
-        own = f"{name}_start"
-        while own in taken:
-            own += "_"
-        taken.add(own)
-        given.append(_variable(own, f"initial value of {name}", "parameter", "fixed", "exact", numbers[name]))
-    given += [_variable(name, "", "parameter", "fixed", "exact", numbers[name]) for name in source.parameters]
-    given += [_variable(name, "", "input", "continuous", "", numbers.get(name, 0.0)) for name in layout.inputs]
-    given = [{**variable, "number": number} for number, variable in enumerate(given)]
-    named = {*layout.inputs}  # models have them among their outputs, too, and perhaps coordinates
-    outputs = []
-    for number, name in enumerate(computed):
-        if name not in named:
-            outputs.append({"name": escape(name), "number": len(given) + number, "text": ""})
-            named.add(name)
-    variables = {
+def _interface(simulator: UnitSimulator, functions: Mapping[str, Any], digit: str) -> str:
+    """Return the functions of a version of the standard."""
+    if digit == "2":
+        names = ("exchanged", "first_input", "n_wanted", "prefix", "upper")
+        given = {name: functions[name] for name in names} | {"other_types": _OTHER_TYPES["2.0"]}
+    else:
+        given = {name: functions[name] for name in ("exchanged", "n_locks", "n_states", "prefix")}
+        given["absent"] = absent_functions(_OTHER_TYPES["3.0"], simulator.exchanged)
+    return render(f"fmi/fmi{digit}.c.j2", given)
+
+
+def _description(simulator: UnitSimulator, variables: UnitVariables, digit: str, sources: list[str]) -> dict[str, Any]:
+    """Return the variables of the template of a description."""
+    source, place = simulator.source, "place" if digit == "2" else "number"
+    outputs = [variable for variable in variables.all if variable.causality == "output"]
+    unknowns = {variable.place: variable for variable in (*outputs, *variables.states, *variables.rates)}
+    text = f"scene {source.program.name}, formulation {source.program.formulation}"
+    text += "" if simulator.exchanged else "; for co-simulation alone, because rates of the state jump"
+
+    def references(some: Iterable[UnitVariable]) -> list[dict[str, int]]:
+        return [{place: getattr(variable, place)} for variable in some]
+
+    fields = ["name", "number", "text", "causality", "variability", "initial", "start", "nominal"]
+    fields += [] if digit == "2" else ["unit"]
+    found = {
         "model": escape(source.program.name),
-        "prefix": prefix,
-        "guid": guid,
-        "description": escape(f"scene {source.program.name}, formulation {source.program.formulation}"),
+        "prefix": simulator.prefix,
+        "description": escape(text),
         "tool": f"dalembert {__version__}",
-        "sources": [f"{prefix}.c", "fmi2.c"],
+        "kinds": [*(["ModelExchange"] if simulator.exchanged else []), "CoSimulation"],
+        "differentiated": simulator.n_knowns > 0,
+        "needs_steps": simulator.corrected or bool(variables.indicators),
         "begin": repr(float(source.span[0])),
         "end": repr(float(source.span[1])),
         "rtol": repr(source.tolerances[0]),
-        "given": given,
-        "computed": outputs,
-        "places": [len(given) + 1 + number for number in range(len(outputs))],
+        "variables": [
+            {name: getattr(each, name) for name in fields}
+            | {"derivative": "" if each.state is None else str(getattr(each.state, place))}
+            for each in variables.all
+        ],
+        "outputs": references(outputs),
+        "rates": references(variables.rates),
+        "unknowns": references(unknowns[number] for number in sorted(unknowns)),
     }
-    return render("fmi/model_description.xml.j2", variables)
-
-
-def _variable(
-    name: str, text: str, causality: str, variability: str, initial: str, start: float
-) -> dict[str, str | int]:
-    return {
-        "name": escape(name),
-        "text": escape(text),
-        "causality": causality,
-        "variability": variability,
-        "initial": initial,
-        "start": repr(float(start)),
-    }
+    if digit == "2":
+        return found | {"n_indicators": len(variables.indicators), "sources": sources}
+    return found | {"indicators": references(variables.indicators)}

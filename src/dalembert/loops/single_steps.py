@@ -24,6 +24,9 @@ from ..subset.compiled_subset import compiled_subset
 from .prepared_loop import RECORDED_LOOP, PreparedArguments
 from .taylor_runs import LARGEST_WINDING, TURN, turns_to_take, unwound
 
+_SPARE_ROW = 2
+"""Row of the states of a run of Taylor steps that has none, of its three."""
+
 
 class StepPlace(Record):
     """Time at which the last step began; steps until turns are taken off angles, and how many there were before that.
@@ -130,6 +133,23 @@ def taylor_sample(arguments: TaylorSteps, t: float) -> int:
 
 
 @compiled_subset
+def taylor_correct(arguments: TaylorSteps, t: float) -> int:
+    """Project a state, `sampled`, of a run that has taken no steps onto the constraints; return the status."""
+    run, sampled, place = arguments.run, arguments.sampled, _SPARE_ROW
+    states, status = run.states, RUNNING
+    for m in range(run.n):
+        states[place, m] = sampled[m]
+    if not project_row(
+        run.kernels.position, run.kernels.velocity, t, run.clock, states, place, states, place, run.constants,
+        run.delta, run.mark, run.settings[0, 3], run.settings[0, 4],
+    ):  # fmt: skip
+        status = Status.PROJECTION_FAILED
+    for m in range(run.n):
+        sampled[m] = states[place, m]
+    return status
+
+
+@compiled_subset
 def _begin_step(settings: RunSettings, run: Run, place: StepPlace) -> None:
     """Make room for a step, set the time at which its polynomial is wanted, and before the first the tolerances."""
     progress = run.progress
@@ -162,6 +182,22 @@ def _sample(codes: RunCodes, settings: RunSettings, run: Run, place: StepPlace, 
 
 
 @compiled_subset
+def _correct(codes: RunCodes, settings: RunSettings, run: Run, sampled: FloatArray, t: float) -> int:
+    """Project a state onto the constraints; return the status."""
+    work, status = run.work, RUNNING
+    for m in range(settings.kept):
+        work[POINT, m] = sampled[m]
+    if not project_row(
+        codes.position, codes.velocity, t, run.clock, work, POINT, work, POINT, run.constants, run.delta, run.mark,
+        settings.rtol, settings.atol,
+    ):  # fmt: skip
+        status = Status.PROJECTION_FAILED
+    for m in range(settings.kept):
+        sampled[m] = work[POINT, m]
+    return status
+
+
+@compiled_subset
 def explicit_step(arguments: ExplicitSteps) -> int:
     """Take a step; return the status of the run."""
     _begin_step(arguments.run.settings, arguments.run.run, arguments.place)
@@ -173,6 +209,13 @@ def explicit_sample(arguments: ExplicitSteps, t: float) -> int:
     """Compute the state at a time within the last step, one that was wanted or lies behind it; return the status."""
     loop = arguments.run
     return _sample(loop.codes, loop.settings, loop.run, arguments.place, arguments.sampled, t)
+
+
+@compiled_subset
+def explicit_correct(arguments: ExplicitSteps, t: float) -> int:
+    """Project a state, `sampled`, of a run that has taken no steps onto the constraints; return the status."""
+    loop = arguments.run
+    return _correct(loop.codes, loop.settings, loop.run, arguments.sampled, t)
 
 
 @compiled_subset
@@ -194,6 +237,13 @@ def implicit_sample(arguments: ImplicitSteps, t: float) -> int:
     """Compute the state at a time within the last step, one that was wanted or lies behind it; return the status."""
     loop = arguments.run
     return _sample(loop.codes, loop.settings, loop.run, arguments.place, arguments.sampled, t)
+
+
+@compiled_subset
+def implicit_correct(arguments: ImplicitSteps, t: float) -> int:
+    """Project a state, `sampled`, of a run that has taken no steps onto the constraints; return the status."""
+    loop = arguments.run
+    return _correct(loop.codes, loop.settings, loop.run, arguments.sampled, t)
 
 
 @compiled_subset

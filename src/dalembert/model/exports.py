@@ -31,8 +31,8 @@ def _fmu(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
 
     refuse_contacts_of_units(model)
     asked = dict(request)
-    platforms = asked.pop("platforms")
-    return fmu_files(c_source(model, **asked), platforms)
+    platforms, version = asked.pop("platforms"), asked.pop("fmi")
+    return fmu_files(c_source(model, **asked), platforms, version)
 
 
 def _page(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -89,6 +89,10 @@ ENDINGS = {"fmu": ".fmu", "page": ".html", "numba": ".py", "jax": ".py"}
 """Kinds that are one file, and how its name ends; others are folders."""
 
 
+FMI_VERSIONS = ("2.0", "3.0")
+"""Versions of the standard of units, the one by default first."""
+
+
 @nesting_named
 def export(
     self: CompiledModel,
@@ -110,9 +114,10 @@ def export(
 
     Kind "c" is a folder with a header, a source in C99 without allocation and globals, an example ``main.c``, a
     Makefile and a README with all names. It takes the steps of `simulate`, from the same initial values. Kind "fmu" is
-    a functional mock-up unit for co-simulation around that source, with a binary for this machine where it has a C
-    compiler. Kind "page" is one file of HTML that simulates in a browser without a network: that source as
-    WebAssembly, sliders, curves, and the shapes of the scene in space. It needs the package ziglang (extra "export").
+    a functional mock-up unit for co-simulation and model exchange around that source, with a binary for this machine
+    where it has a C compiler. Kind "page" is one file of HTML that simulates in a browser without a network: that
+    source as WebAssembly, sliders, curves, and the shapes of the scene in space. It needs the package ziglang (extra
+    "export").
     Kind "wheel" is a folder with a package for this machine that pip installs, and that needs NumPy alone. Kinds
     "numba" and "jax" are one file of Python each, to be read from top to bottom, that needs numba and NumPy, or JAX.
 
@@ -138,7 +143,7 @@ def export(
     rtol, atol : float
         Tolerances, which the code is made for.
     fmi : str
-        Version of a unit: "2.0".
+        Version of the standard of a unit: "2.0" or "3.0".
     platforms : sequence of str, optional
         Platforms that a unit has binaries for, by the compiler of ziglang (extra "export"): "linux64", "win64",
         "darwin64", and for arm64 "aarch64-linux", "aarch64-darwin". By default this machine, by its own C compiler.
@@ -180,8 +185,8 @@ def export(
         raise OptionError(f"the path of this kind of export ends in {ending!r}: give {str(place) + ending!r}")
     else:
         refuse_other_files(place)
-    if fmi != "2.0":
-        raise OptionError(f"fmi is {fmi!r}: exports are units of FMI '2.0'")
+    if fmi not in FMI_VERSIONS:
+        raise OptionError(f"fmi is {fmi!r}: exports are units of FMI {list_names(map(repr, FMI_VERSIONS))}")
     rtol, atol = tolerances(rtol, atol)
     if isinstance(atol, NamedTolerances):
         raise OptionError("exports take one atol for the whole state, and not tolerances by name: give a number")
@@ -209,11 +214,16 @@ def export(
         "tolerances": (rtol, atol),
         "span": span,
     }
-    for name, of, value in (("sliders", "page", sliders), ("platforms", "fmu", platforms)):
-        if kind == of:
-            request[name] = _sliders(self, given, sliders) if name == "sliders" else value
-        elif value is not None:
-            raise OptionError(f"{name} are those of the kind {of!r}, not of {kind!r}: leave them out")
+    if kind == "page":
+        request["sliders"] = _sliders(self, given, sliders)
+    elif sliders is not None:
+        raise OptionError(f"sliders are those of the kind 'page', not of {kind!r}: leave them out")
+    if kind == "fmu":
+        request |= {"platforms": platforms, "fmi": fmi}
+    elif platforms is not None:
+        raise OptionError(f"platforms are those of the kind 'fmu', not of {kind!r}: leave them out")
+    elif fmi != FMI_VERSIONS[0]:
+        raise OptionError(f"fmi is the version of the kind 'fmu', not of {kind!r}: leave it out")
     files = KINDS[kind](self, request)
     if "file" in files:
         return write_file(place, files["file"])

@@ -43,16 +43,23 @@ def jacobian_kernel(kernel: Kernel, size: int, array: str = "y", *, exact: bool 
 
 
 def tangent_kernel(
-    kernel: Kernel, size: int, array: str = "y", count: int | None = None, *, exact: bool = True
+    kernel: Kernel,
+    size: int,
+    array: str = "y",
+    count: int | None = None,
+    *,
+    exact: bool = True,
+    further: Sequence[tuple[str, int]] = (),
 ) -> Kernel:
     """Return the kernel of one directional derivative of all outputs by the entries of an argument.
 
     It takes the state (size) and the direction (count, by default size), one behind the other, as ``y``, and costs
     some three evaluations whatever their length, where a Jacobian's length grows with it. For `exact` see
-    `jacobian_kernel`.
+    `jacobian_kernel`. The direction continues with the parts of `further` entries: arguments, and places there.
     """
     parsed = _parse(kernel)
-    seeds = {parsed.source(array, i): parsed.source("y", size + i) for i in range(size if count is None else count)}
+    entries = [*((array, i) for i in range(size if count is None else count)), *further]
+    seeds = {parsed.source(*entry): parsed.source("y", size + i) for i, entry in enumerate(entries)}
     return parsed.lower(
         f"{kernel.name}_along", tangents(parsed.graph, parsed.outputs, seeds, RULES if exact else APPROXIMATE)
     )

@@ -15,11 +15,14 @@ from ...loops.single_steps import (
     StepPlace,
     TaylorSteps,
     explicit_continue,
+    explicit_correct,
     explicit_sample,
     explicit_step,
     implicit_continue,
+    implicit_correct,
     implicit_sample,
     implicit_step,
+    taylor_correct,
     taylor_sample,
     taylor_step,
 )
@@ -53,6 +56,8 @@ class RunLoop:
         Takes a step; computes the state at a time. Both return a status.
     renew : function or None
         What follows where constants change between steps.
+    correct : function
+        Projects a state onto the constraints, in a run that has taken no steps; returns a status.
     at : mapping of str to str
         Members, as C has them, of what a run sets and reads.
     after_step, continuing : tuple of (str, str)
@@ -67,6 +72,7 @@ class RunLoop:
     step: Callable[..., Any]
     sample: Callable[..., Any]
     renew: Callable[..., Any] | None
+    correct: Callable[..., Any]
     at: Mapping[str, str]
     after_step: tuple[tuple[str, str], ...]
     continuing: tuple[tuple[str, str], ...]
@@ -140,6 +146,7 @@ def taylor_loop_of(
         step=taylor_step,
         sample=taylor_sample,
         renew=None,
+        correct=taylor_correct,
         at=at,
         after_step=(("run.limits.going", "true"),),
         continuing=(("run.progress.attempts", "0"),),
@@ -160,7 +167,7 @@ def explicit_loop_of(
     return _recorded_loop(
         arguments=ExplicitSteps(ExplicitArguments(codes, tableau, settings, run), np.zeros(n), StepPlace()),
         constant=frozenset(f"run.tableau.{name}" for name in ("nodes", "starts", "stages", "weights")),
-        functions=(explicit_step, explicit_sample, explicit_continue),
+        functions=(explicit_step, explicit_sample, explicit_continue, explicit_correct),
         width=shape[1],
         has=has,
     )
@@ -178,7 +185,7 @@ def implicit_loop_of(sizes: tuple[int, int], tolerances: tuple[float, float], ha
             ImplicitArguments(codes, settings, newton_workspace(n, n), run), np.zeros(n), StepPlace()
         ),
         constant=frozenset(),
-        functions=(implicit_step, implicit_sample, implicit_continue),
+        functions=(implicit_step, implicit_sample, implicit_continue, implicit_correct),
         width=n,
         has=has,
     )
@@ -215,7 +222,7 @@ def _recorded(
 def _recorded_loop(
     arguments: Any,
     constant: frozenset[str],
-    functions: tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]],
+    functions: tuple[Callable[..., Any], ...],
     width: int,
     has: Mapping[str, bool],
 ) -> RunLoop:
@@ -236,7 +243,7 @@ def _recorded_loop(
         "dense": "run.settings.dense",
         "evaluated": f"{progress}.evaluations",
     }
-    step, sample, renew = functions
+    step, sample, renew, correct = functions
     return RunLoop(
         arguments=arguments,
         given=frozenset(f"run.settings.{name}" for name in ("t0", "max_step", "max_steps", "dense")),
@@ -244,6 +251,7 @@ def _recorded_loop(
         step=step,
         sample=sample,
         renew=renew,
+        correct=correct,
         at=at,
         after_step=(),
         continuing=(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -98,11 +98,16 @@ class Simulator:
             f"{prefix}.c": self.source_code
             + render("c/starts.c.j2", variables["starts"])
             + render(self.template, variables["functions"])
+            + self._further_functions(variables)
             + render("c/texts.c.j2", variables["texts"]),
             "main.c": render("c/main.c.j2", variables["main"]),
             "Makefile": render("c/Makefile.j2", {"prefix": prefix}),
             "README.md": render("c/README.md.j2", variables["readme"]),
         }
+
+    def _further_functions(self, variables: Mapping[str, Any]) -> str:
+        """Return the text of public functions besides those of every simulator."""
+        return ""
 
     # -- kernels ----------------------------------------------------------------------------
 
@@ -166,13 +171,23 @@ class Simulator:
 
     def _state_kernels(self) -> None:
         """Print the kernels of what follows from the state alone."""
-        source = self.source
-        if source.locks is not None and source.locking:
-            outputs = tuple(source.locks.outputs[group] for group in source.locking)
-            locks = EliminateDeadCode()(replace(source.locks, arguments=STEP_ARGUMENTS, outputs=outputs))
+        locks = self._locks()
+        if locks is not None:
             self._print("locks", locks, "Determinants of angles, which vanish where they lock")
         if self.layout.outputs:
             self._program_kernel("output", "outputs", "Outputs from the state")
+
+    def _locks(self) -> Kernel | None:
+        """Return the kernel of the determinants of angles at whose change of sign a run ends, None without any."""
+        source = self.source
+        if source.locks is None or not source.locking:
+            return None
+        outputs = tuple(source.locks.outputs[group] for group in source.locking)
+        return EliminateDeadCode()(replace(source.locks, arguments=STEP_ARGUMENTS, outputs=outputs))
+
+    def _further_calls(self, loop: RunLoop, code: LoopSource) -> dict[str, str]:
+        """Translate functions of the loop that further public functions call; return the calls."""
+        return {}
 
     # -- variables --------------------------------------------------------------------------
 
@@ -192,10 +207,11 @@ class Simulator:
         code = LoopSource(space, self.prefix, "fused", self._taken())
         kind = type(loop.arguments)
         calls = {"take_step": code.entry(loop.step, kind), "sample": code.entry(loop.sample, kind, "t")}
+        further = self._further_calls(loop, code)
         renew = [] if loop.renew is None or not self.layout.inputs else [code.entry(loop.renew, kind)]
         printed = render("c/kernels.c.j2", {"kernels": self.kernels}) + "".join(self.order_loops)
         self._finish(printed, code)
-        n_locks = len(source.locking) if source.locks is not None else 0
+        n_locks = len(source.locking)
         members = space.members_used(code.text, {*loop.at.values(), "sampled", "place"})
         functions = {
             **self._function_variables(),
@@ -210,7 +226,12 @@ class Simulator:
             "n_variables": len(self.program.kernel("expand").outputs),
         }
         header = self._header_variables(members) | {"n_locks": n_locks}
-        return {"header": header, "functions": functions, **self._further_variables(space.beginning, "advance")}
+        return {
+            "header": header,
+            "functions": functions,
+            "calls": further,
+            **self._further_variables(space.beginning, "advance"),
+        }
 
     def _further_variables(self, beginning: Sequence[tuple[str, str]], advance: str) -> dict[str, dict[str, Any]]:
         """Return the variables of what all simulators have; members begin so, and a function takes steps."""
@@ -244,6 +265,7 @@ class Simulator:
             "n_further": len(self.layout.states),
             "n_locks": 0,
             "contact_states": self.contact_states,
+            **dict.fromkeys(("n_values", "n_knowns", "exchanged", "corrected"), 0),
         }
 
     def _function_variables(self) -> dict[str, Any]:

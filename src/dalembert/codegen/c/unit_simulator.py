@@ -1,0 +1,114 @@
+"""The simulator in C99 of a functional mock-up unit: that of any export, with values and derivatives besides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from ...ir.kernel import Kernel
+from ...ir.program import coefficient_places
+from ...transforms.nonsmooth import decisions
+from ...transforms.partials import tangent_kernel
+from ...transforms.taylor import STEP_ARGUMENTS
+from ..rendering import render
+from .descriptions import CSource
+from .run_loops import RunLoop
+from .simulator import Simulator
+from .source import LoopSource
+
+_PUBLIC = ("values", "directional", "rate", "correct")
+"""Ends of the names of public functions that only units have."""
+
+
+class UnitSimulator(Simulator):
+    """A simulator in C99 of a functional mock-up unit.
+
+    Attributes
+    ----------
+    exchanged : bool
+        Whether an integrator of the importer can run it, which needs rates without jumps.
+    corrected : bool
+        Whether such a run is projected onto constraints.
+    """
+
+    def __init__(self, source: CSource) -> None:
+        self.exchanged = decisions(source.program) is None
+        corrections = ("project_position", "project_velocity")
+        self.corrected = self.exchanged and any(name in source.program for name in corrections)
+        super().__init__(source)
+
+    @property
+    def n_computed(self) -> int:
+        """Number of coordinates, rates, first-order states and outputs."""
+        return len(self.program.kernel("expand").outputs) + len(self.layout.outputs)
+
+    @property
+    def n_values(self) -> int:
+        """Number of values: those that are computed, then the state, its rate and determinants of angles."""
+        return self.n_computed + (2 * len(self.layout.state) + len(self.source.locking) if self.exchanged else 0)
+
+    @property
+    def n_knowns(self) -> int:
+        """Number of values by which others are differentiated: the state and inputs."""
+        return (len(self.layout.state) if self.exchanged else 0) + len(self.layout.inputs)
+
+    def _state_kernels(self) -> None:
+        """See `Simulator`."""
+        super()._state_kernels()
+        known = {"expanded": "expand"} | ({"output": "outputs"} if self.layout.outputs else {})
+        kernels = {what: self.program.kernel(name) for what, name in known.items()}
+        if self.exchanged:
+            kernels["rates"] = self.program.kernel("rhs")
+            if self.source.method == "taylor":  # other loops print it
+                self._program_kernel("rates", "rhs", "Rate of the state")
+            locks = self._locks()
+            kernels |= {} if locks is None else {"locks": locks}
+        for what, kernel in kernels.items() if self.n_knowns else ():
+            self._print(f"{what}_along", self._tangent(kernel), f"Derivatives of {what} along a direction")
+
+    def _tangent(self, kernel: Kernel) -> Kernel:
+        """Return the derivative of a kernel along a direction: parts of the state, and of inputs."""
+        n_states = len(self.layout.state)
+        places = coefficient_places(self.layout.parameters, self.layout.inputs)
+        further: Sequence[tuple[str, int]] = [("c", first + 1) for first in places]  # the value behind the time
+        count = n_states if self.exchanged else 0
+        return replace(tangent_kernel(kernel, n_states, count=count, further=further), arguments=STEP_ARGUMENTS)
+
+    def _further_calls(self, loop: RunLoop, code: LoopSource) -> dict[str, str]:
+        """See `Simulator`."""
+        return {"correct": code.entry(loop.correct, type(loop.arguments), "t")} if self.corrected else {"correct": ""}
+
+    def _taken(self) -> frozenset[str]:
+        """See `Simulator`."""
+        return super()._taken() | {self._name(what) for what in _PUBLIC}
+
+    def _further_functions(self, variables: Mapping[str, Any]) -> str:
+        """See `Simulator`."""
+        known, n_states = variables["functions"], len(self.layout.state)
+        first = self.n_computed + n_states
+        names = ("prefix", "n_states", "n_outputs", "n_variables")
+        return render(
+            "fmi/simulator.c.j2",
+            {
+                **{name: known[name] for name in names},
+                **variables["calls"],
+                "at": {"constants": self.at["constants"]},
+                "n_computed": self.n_computed,
+                "n_knowns": self.n_knowns,
+                "n_along": n_states + self.n_knowns,
+                "first_rate": first,
+                "first_lock": first + n_states if known["n_locks"] else 0,
+                "exchanged": self.exchanged,
+            },
+        )
+
+    def _header_variables(self, members: list[str]) -> dict[str, Any]:
+        """See `Simulator`."""
+        return {
+            **super()._header_variables(members),
+            "n_values": self.n_values,
+            "n_knowns": self.n_knowns,
+            "exchanged": self.exchanged,
+            "corrected": self.corrected,
+        }

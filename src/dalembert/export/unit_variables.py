@@ -1,0 +1,148 @@
+"""Variables of functional mock-up units: their names, value references, and roles in the terms of the standard."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from html import escape
+from typing import Any, final
+
+from ..codegen.c.unit_simulator import UnitSimulator
+
+
+@final
+@dataclass(frozen=True)
+class UnitVariable:
+    """A variable of the description of a unit, in its terms.
+
+    Attributes
+    ----------
+    number, place : int
+        Its value reference, and its place among the variables, from 1 on.
+    start, nominal : str
+        Its start value and nominal value, empty where it has none.
+    state : UnitVariable or None
+        What it is the derivative of.
+    """
+
+    name: str
+    text: str
+    number: int
+    place: int
+    causality: str
+    variability: str = "continuous"
+    initial: str = ""
+    start: str = ""
+    nominal: str = ""
+    unit: str = ""
+    state: UnitVariable | None = None
+
+
+@final
+class UnitVariables:
+    """The variables of a unit, whose value references are places in what `unit_get` computes.
+
+    Attributes
+    ----------
+    all : list of UnitVariable
+        In the order of the description.
+    states, rates, indicators : list of UnitVariable
+        Components of the state, their derivatives, and determinants of angles.
+    """
+
+    def __init__(self) -> None:
+        self.all, self.rates, self.indicators = list[UnitVariable](), list[UnitVariable](), list[UnitVariable]()
+        self.states: list[UnitVariable] = []
+        self._taken: set[str] = set()
+
+    def reserve(self, names: Iterable[str]) -> None:
+        """Keep names for variables to come."""
+        self._taken |= {*names}
+
+    def add(
+        self, name: str, text: str, number: int, causality: str, *, own: bool = False, **further: Any
+    ) -> UnitVariable:
+        """Add a variable; a name that is not one of the scene's but the unit's `own` gets "_" where it is taken."""
+        while own and name in self._taken:
+            name += "_"
+        self._taken.add(name)
+        place = len(self.all) + 1
+        self.all.append(UnitVariable(escape(name), escape(text), number, place, causality, **further))
+        return self.all[-1]
+
+
+def unit_variables(simulator: UnitSimulator, *, independent: bool) -> UnitVariables:
+    """Return the variables of a unit; the time is one where `independent`."""
+    source, layout = simulator.source, simulator.layout
+    numbers, found = source.numbers, UnitVariables()
+    computed = [*layout.coordinates, *layout.rates, *layout.states, *layout.outputs]
+    found.reserve((*computed, *source.parameters, *layout.inputs, *layout.state))
+    fixed: dict[str, Any] = {"variability": "fixed", "initial": "exact"}
+    for number, name in enumerate(source.start.given):
+        start = repr(float(numbers[name]))
+        found.add(f"{name}_start", f"initial value of {name}", number, "parameter", own=True, start=start, **fixed)
+    for name in source.parameters:
+        found.add(name, "", len(found.all), "parameter", start=repr(float(numbers[name])), **fixed)
+    for name in layout.inputs:
+        found.add(name, "", len(found.all), "input", start=repr(float(numbers.get(name, 0.0))))
+    first = len(found.all)
+    copies = _copied_states(simulator)
+    nominal = repr(nominal_of(source.tolerances))
+    named = {*layout.inputs}  # models have them among their outputs, too, and perhaps coordinates
+    states: dict[int, UnitVariable] = {}
+    for number, name in enumerate(computed):
+        if name not in named:
+            place = copies.get(number)
+            given: dict[str, Any] = {"nominal": nominal} if place is not None else {}
+            variable = found.add(name, "", first + number, "output", initial="calculated", **given)
+            states |= {} if place is None else {place: variable}
+            named.add(name)
+    first += len(computed)
+    if simulator.exchanged:
+        _add_exchanged(found, simulator, states, first)
+    if independent:
+        found.add("time", "", first + simulator.n_values - len(computed), "independent", own=True, unit="s")
+    return found
+
+
+def _copied_states(simulator: UnitSimulator) -> dict[int, int]:
+    """Return the places in the state of those coordinates, rates and first-order states that are components of it."""
+    if not simulator.exchanged:
+        return {}
+    expand = simulator.program.kernel("expand")
+    loads = {load.target: load.index for load in expand.loads if load.array == "y"}
+    pairs = ((number, loads.get(output)) for number, output in enumerate(expand.outputs) if isinstance(output, str))
+    found: dict[int, int] = {}
+    for number, place in pairs:
+        if place is not None and place not in found.values():
+            found[number] = place
+    return found
+
+
+def _add_exchanged(
+    found: UnitVariables, simulator: UnitSimulator, states: Mapping[int, UnitVariable], first: int
+) -> None:
+    """Add components of the state that no variable has yet, their derivatives, and determinants of angles."""
+    names, nominal = simulator.layout.state, repr(nominal_of(simulator.source.tolerances))
+    calculated: dict[str, Any] = {"causality": "local", "initial": "calculated"}
+    for place, name in enumerate(names):
+        own = escape(name) in {variable.name for variable in found.all}
+        state = states.get(place) or found.add(
+            name, "component of the state", first + place, own=own, nominal=nominal, **calculated
+        )
+        found.states.append(state)
+    first += len(names)
+    for place, (name, state) in enumerate(zip(names, found.states, strict=True)):
+        found.rates.append(
+            found.add(f"der({name})", f"derivative of {name}", first + place, own=True, state=state, **calculated)
+        )
+    first += len(names)
+    for place in range(len(simulator.source.locking)):
+        text = "determinant of angles, which lock where it vanishes"
+        found.indicators.append(found.add(f"lock_{place + 1}", text, first + place, own=True, **calculated))
+
+
+def nominal_of(tolerances: tuple[float, float]) -> float:
+    """Return the nominal value of states: the absolute tolerance of the export relative to its relative one."""
+    rtol, atol = tolerances
+    return atol / rtol if rtol > 0.0 and atol > 0.0 else 1.0
