@@ -6,7 +6,7 @@ import pytest
 from hypothesis import settings
 
 from quick_kernels import compiled_quickly
-from repeated_rows import repeats
+from repeated_rows import repeated_in_products, repeats
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 # SymPy remembers a thousand results of each function, and derives a fifth faster where it remembers more.
@@ -60,6 +60,27 @@ LONG = (
     "codegen/test_target.py",
     "test_packaging.py",
     "system/test_passing_singular.py",
+)
+
+
+# Folders whose files compile much and run little: their kernels are compiled quickly (`quick_kernels`).
+QUICK = (
+    "analysis",
+    "contacts",
+    "events",
+    "fuzz",
+    "interop",
+    "mechanics",
+    "model",
+    "options",
+    "phases",
+    "reduction",
+    "results",
+    "runs",
+    "scene",
+    "starts",
+    "stops",
+    "store",
 )
 
 
@@ -130,11 +151,18 @@ def pytest_collection_modifyitems(config, items):
         config.hook.pytest_deselected(items=[item for item in items if item not in few])
         items[:] = few
     root = Path(__file__).parent
+    products = {}
     for item in items:
-        values = item.callspec.params.values() if hasattr(item, "callspec") else ()
-        if repeats(
-            item.path.relative_to(root).as_posix(), item.name, [value for value in values if isinstance(value, str)]
-        ):
+        if item.path.relative_to(root).parts[0] in QUICK:
+            item.add_marker(pytest.mark.usefixtures("quick_kernels"))
+        parameters = item.callspec.params if hasattr(item, "callspec") else {}
+        values = [value for value in parameters.values() if isinstance(value, str)]
+        if repeats(item.path.relative_to(root).as_posix(), item.name, values):
+            item.add_marker("matrix")
+        elif len(parameters) > 1 and not item.get_closest_marker("matrix"):
+            products.setdefault((item.path, item.originalname), {})[item] = parameters
+    for rows in products.values():
+        for item in repeated_in_products(rows):
             item.add_marker("matrix")
     places = {root / name: place for place, name in enumerate(LONG)}
     items.sort(key=lambda item: places.get(item.path, len(LONG)))

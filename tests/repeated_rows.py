@@ -3,6 +3,7 @@
 A row stands here beside the row that stays. Patterns are those of `fnmatch`, of a file and the name of a test.
 """
 
+from collections import Counter
 from fnmatch import fnmatchcase
 
 ROWS_OF_BACKENDS = {"numba": ("codegen", "jax_backend"), "jax": ("codegen", "jax_backend", "system")}
@@ -186,6 +187,28 @@ REPEATED = (
     ("system/test_equal_bits.py", "test_a_case_has_its_bits_whatever_stands_beside_it[[]numpy-projected-radau]"),
     ("system/test_sparse_series.py", "test_steps_end_before_terms*[[]fifth power and weight]"),
     ("system/test_units.py", "test_starts_are_accepted_and_refused_alike_in_all_units[[]*-projected]"),
+    # one row of each of these shows the same code
+    ("jax_backend/test_jax_foreign_batches.py", "test_sweeps_of_both_backends_take_the_same_steps[[]dopri8-*"),
+    ("jax_backend/test_jax_single.py", "test_everything_is_single_and_meets_the_tolerances[[]minimal-tsit5]"),
+    ("jax_backend/test_jax_inputs.py", "test_derivatives_by_values_are_differences[[]hold]"),
+    ("jax_backend/test_jax_jumps.py", "test_a_ramp_is_a_kink_whose_time_may_be_differentiated[[]reverse]"),
+    ("jax_backend/test_jax_jumps.py", "test_a_kink_in_the_state_is_no_jump[[]reverse]"),
+    ("jax_backend/test_jax_projection.py", "test_steps_whose_ends_cannot_be_projected_are_repeated[[]dopri8]"),
+    ("jax_backend/test_linear_maps.py", "test_nested_derivatives[[]kinds[345]]"),
+    ("codegen/test_numba_backend.py", "test_motions_agree_with_llvm[[]belt_oscillator-*"),
+    ("codegen/test_cache.py", "test_damaged_code_of_numba_is_rebuilt_with_a_warning[[]cut *"),
+    ("fuzz/contacts/test_random_contacts.py", "test_a_random_scene_agrees_with_the_reference[[]stack-21]"),
+    ("fuzz/contacts/test_random_contacts.py", "test_a_random_scene_agrees_with_the_reference[[]plate-41]"),
+    ("fuzz/contacts/test_closed_forms.py", "test_a_plate_rocks_to_rest[[]0.8]"),
+    *(("fuzz/test_fuzz.py", f"test_a_random_scene_agrees_with_the_reference[[]{seed}]") for seed in (39, 69, 447, 609)),
+    ("runs/test_interrupts.py", "test_ctrl_c_reaches_runs_that_do_not_end[[]*-a small sweep]"),
+    ("runs/test_sweep.py", "test_error_estimate_is_near_the_true_error[[]1e-06]"),
+    ("runs/test_sweep.py", "test_a_sweep_is_freed_with_its_last_reference[[]None]"),
+    ("system/test_singular.py", "test_sweeps_end_where_single_runs_do[[]1e-09-baumgarte]"),
+    ("system/test_forces_at_limits.py", "test_two_feet_stick_where_one_does[[]jump-1]"),
+    ("export/test_fmu.py", "test_sources_have_no_warnings[[]2.0]"),
+    ("export/test_fmu_exchange.py", "test_rates_that_jump_are_for_co_simulation_alone[[]2.0]"),
+    ("export/test_fmu_exchange.py", "test_angles_that_lock_end_a_run[[]2.0]"),
     # one lane without dense output, native lanes with it
     ("transforms/test_taylor.py", "test_loops_and_unrolled_code_agree[[]*-True-1]"),
     ("transforms/test_taylor.py", "test_loops_and_unrolled_code_agree[[]*-False-native]"),
@@ -201,3 +224,26 @@ def repeats(path, name, values):
     if any(backend in values and not path.startswith(folders) for backend, folders in ROWS_OF_BACKENDS.items()):
         return True
     return any(path == file and fnmatchcase(name, pattern) for file, pattern in REPEATED)
+
+
+def repeated_in_products(rows):
+    """Return the rows of a test with several parameters that `make test` leaves out.
+
+    Each value of each parameter stays in at least one row. Of rows with as many new values, that one stays whose values
+    were taken least often, so that formulations and methods take turns along the scenes.
+
+    Parameters
+    ----------
+    rows : dict of str to dict
+        Values of parameters by the name of the row.
+    """
+    values = {name: {(key, repr(value)) for key, value in row.items()} for name, row in rows.items()}
+    left = set().union(*values.values())
+    taken = Counter()
+    dropped = dict.fromkeys(rows)
+    while left:
+        best = min(dropped, key=lambda name: (-len(left & values[name]), sum(taken[each] for each in values[name])))
+        left -= values[best]
+        taken.update(values[best])
+        del dropped[best]
+    return list(dropped)

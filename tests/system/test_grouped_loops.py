@@ -101,6 +101,7 @@ def test_events_and_derivatives():
     np.testing.assert_allclose(found.jacobians, wanted.jacobians, rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.matrix
 @pytest.mark.parametrize("formulation", FORMULATIONS[:3])
 def test_a_ladder_that_locks_does_not_succeed(formulation):
     """Its last crank grows after a second."""
