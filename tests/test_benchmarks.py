@@ -86,6 +86,16 @@ def test_tables_mark_fewer_cases_and_read_times_at_equal_error():
     assert tables.fewer_cases(records[:1]) == []
 
 
+def test_a_program_is_one_line_by_its_fastest_method():
+    labels = {"dalembert llvm taylor": 2.0, "dalembert llvm tsit5": 4.0, "diffrax Tsit5": 12.0, "diffrax Dopri8": 8.0}
+    records = [record(label, 1e-6, 1e-6, us) for label, us in labels.items()]
+    lines = report.fastest_table(records, "sweep", "dalembert llvm taylor").splitlines()
+    assert [line.split(" | ")[:2] for line in lines[2:]] == [
+        ["| sleigh: dalembert llvm", "2.0 (1x)"],
+        ["| sleigh: diffrax", "8.0 (4x)"],
+    ]
+
+
 def test_pages_hold_the_markers_that_reports_fill():
     for page in ("docs/benchmarks.md", "docs/speed.md"):
         assert all((ROOT / page).read_text().count(marker) == 1 for marker in (report.BEGIN, report.END))
