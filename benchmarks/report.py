@@ -234,18 +234,21 @@ def _chains_in_short(derivation: Record) -> str:
     )
 
 
-def sleigh_table(result: Record) -> str:
-    """Return the times of the sleigh: one row for each solver, its fastest contender."""
-    works = (("one run", "precision", "trajectory", _OWN_RUN), ("a case of a sweep", "sweeps", "sweep", _OWN_SWEEP))
-    head, columns = ["sleigh"], []
-    for title, key, kind, reference in works:
-        head += [f"{title}, error {target:.0e}" for target in TARGETS]
-        columns.append([r for r in ratios(result[key], kind, reference) if r["scene"] == "sleigh"])
-    rows = [
-        [name, *(cell for found in columns for cell in _fastest(found, solver))]
-        for name, solver in (("dalembert", "dalembert llvm"), *((peer, peer) for peer in SETTINGS))
-    ]
-    return markdown_table(head, rows)
+def fastest_table(records: Sequence[Record], kind: str, reference: str) -> str:
+    """Return the times of each scene at equal errors: one row for each solver, its fastest contender."""
+    solvers = [*dict.fromkeys(_solver(r["label"]) for r in records if r["label"].startswith("dalembert ")), *SETTINGS]
+    found = ratios(records, kind, reference)
+    rows = []
+    for scene in dict.fromkeys(r["scene"] for r in found):
+        own = [r for r in found if r["scene"] == scene]
+        cells = {solver: _fastest(own, solver) for solver in solvers}
+        rows += [[f"{scene}: {solver}", *row] for solver, row in cells.items() if {*row} - {"-"}]
+    return markdown_table(EQUAL, rows)
+
+
+def _solver(label: str) -> str:
+    """Return the name of the package of a contender, for dalembert with the backend."""
+    return " ".join(label.split()[:2])
 
 
 def _fastest(found: Sequence[Record], solver: str) -> list[str]:
@@ -265,18 +268,14 @@ def benchmarks_section(result: Record) -> str:
     return "\n\n".join(
         [
             f"Measured on {describe_machine(result['machine'])}.",
-            "The sleigh in short: microseconds of one run of 10 s, and of a case of a sweep, at the same final error;"
-            " in brackets, the ratio to dalembert; each program by its fastest method:",
-            sleigh_table(result),
-            "Run time in microseconds for 10 s of motion, by `model.prepare()`, at the same final error; in brackets,"
-            " the ratio to dalembert:",
-            markdown_table(EQUAL, ratio_rows(_for_equal_error(result["precision"]), "trajectory", _OWN_RUN)),
+            "Run time in microseconds for 10 s of motion, by `model.prepare()`, at the same final error, each program"
+            " by its fastest method; in brackets, the ratio to the Taylor method on the backend llvm:",
+            fastest_table(_for_equal_error(result["precision"]), "trajectory", _OWN_RUN),
             _settings(SETTINGS, result["precision"]),
-            *_singles(result),
-            f"The whole call of `model.sweep()` with {_cases(result):,} cases, at the same largest error: microseconds"
-            " for each case; in brackets, the ratio to dalembert's Taylor method on two threads:",
-            markdown_table(EQUAL, ratio_rows(result["sweeps"], "sweep", _OWN_SWEEP)),
-            *fewer_cases(result["sweeps"]),
+            f"The whole call of `model.sweep()` with {_cases(result):,} cases (slow programs: fewer), at the same"
+            " largest error: microseconds for each case, by the fastest method; in brackets, the ratio to the Taylor"
+            " method on the backend llvm and two threads:",
+            fastest_table(result["sweeps"], "sweep", _OWN_SWEEP),
             _settings(SWEEP_SETTINGS, result["sweeps"]),
             _chains_in_short(result["derivation"]),
             "Seconds from the start of a process to the sleigh's first trajectory, or first sweep: with an empty cache,"

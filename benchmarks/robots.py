@@ -4,7 +4,7 @@ Needs the packages pin and example-robot-data, which the library's own environme
 
     pip install pin example-robot-data
     python benchmarks/robots.py            # prints the table
-    python benchmarks/robots.py --write    # writes it to docs/robots.md
+    python benchmarks/robots.py --write    # writes it to docs/robots_measured.md
     python benchmarks/robots.py panda ur5  # some robots
     python benchmarks/robots.py --all      # larger robots with a floating base, too, which takes half an hour
 
@@ -29,7 +29,7 @@ import dalembert as da
 STATES = 5
 MOST = 23
 """Coordinates of robots that are measured with a floating base, without --all."""
-PAGE = Path(__file__).parents[1] / "docs" / "robots.md"
+PAGE = Path(__file__).parents[1] / "docs" / "robots_measured.md"
 BEGIN, END = "<!-- table of robots: benchmarks/robots.py --write -->", "<!-- end of the table -->"
 
 
@@ -155,6 +155,14 @@ def first_fault(text: str) -> str:
     return (faults[0] if faults else head) + more
 
 
+def cells(fixed: dict[str, Any] | None, floating: dict[str, Any] | None) -> list[str]:
+    """Return the sizes of a robot with a fixed base, and pairs of what was measured with a fixed and a floating one."""
+    sizes = fixed or {"links": floating["links"], "bodies": floating["bodies"] - 1, "coordinates": 0}
+    formats = {"read": ".2f", "compile": ".2f", "error": ".0e", "residual": ".0e"}
+    pairs = [[format(row[key], form) if row else "-" for row in (fixed, floating)] for key, form in formats.items()]
+    return [*(str(sizes[key]) for key in ("links", "bodies", "coordinates")), *map(", ".join, pairs)]
+
+
 def table(rows: list[dict[str, Any]]) -> str:
     """Return the rows as a table, with counts above it."""
     loaded = [row for row in rows if "refused" not in row]
@@ -167,15 +175,13 @@ def table(rows: list[dict[str, Any]]) -> str:
         f" The largest difference from Pinocchio is {worst[0]:.0e} relative to the largest acceleration,"
         f" {worst[1]:.0e} by residual.",
         "",
-        "| robot | base | links | bodies | coordinates | read [s] | compile [s] | error | residual |",
-        "|---|---|--:|--:|--:|--:|--:|--:|--:|",
+        "| robot | links | bodies | coordinates | read [s] | compile [s] | error | residual |",
+        "|---|--:|--:|--:|--:|--:|--:|--:|",
     ]
-    for row in rows:
-        base = "floating" if row["floating"] else "fixed"
-        if "refused" not in row:
-            cells = [row["links"], row["bodies"], row["coordinates"], f"{row['read']:.2f}", f"{row['compile']:.2f}"]
-            cells += [f"{row['error']:.0e}", f"{row['residual']:.0e}"]
-            lines.append(f"| {row['name']} | {base} | {' | '.join(map(str, cells))} |")
+    for name in names:
+        bases = {row["floating"]: row for row in loaded if row["name"] == name}
+        if bases:
+            lines.append(f"| {name} | {' | '.join(cells(bases.get(False), bases.get(True)))} |")
     lines.append("")
     for row in rows:
         if "refused" in row:

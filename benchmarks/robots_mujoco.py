@@ -6,7 +6,7 @@ Needs the package mujoco, which the library's own environments do not have:
     python benchmarks/robots_mujoco.py model.xml ...       # others; what a scene has no part for is skipped
     python benchmarks/robots_mujoco.py --references        # writes what the tests compare with
     pip install --no-deps dm_control gymnasium robosuite
-    python benchmarks/robots_mujoco.py --packages --write  # models of these packages; the table of docs/robots.md
+    python benchmarks/robots_mujoco.py --packages --write  # their models; to docs/robots_measured.md
 
 Equalities are among the forces of neither, nor is what a scene has no part for: tendons, a fluid, other actuators.
 Controls and forces are not clipped in MuJoCo, as they are not in a scene. Models of more than `MOST` coordinates are
@@ -34,7 +34,7 @@ from interop.robot_texts import CRANE, PUCK
 MODELS = {"crane": CRANE, "puck": PUCK}
 STATES = 5
 MOST = 45
-PAGE = ROOT / "docs" / "robots.md"
+PAGE = ROOT / "docs" / "robots_measured.md"
 BEGIN, END = (
     "<!-- table of models: benchmarks/robots_mujoco.py --packages --write -->",
     "<!-- end of the table of models -->",

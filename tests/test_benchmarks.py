@@ -17,6 +17,8 @@ import before_after  # noqa: E402
 import hard_case_pages  # noqa: E402
 import overhead  # noqa: E402
 import report  # noqa: E402
+import robots  # noqa: E402
+import robots_mujoco  # noqa: E402
 import sweeps  # noqa: E402
 import tables  # noqa: E402
 from batches import BATCHES, SAMPLE, sample_states  # noqa: E402
@@ -84,10 +86,38 @@ def test_tables_mark_fewer_cases_and_read_times_at_equal_error():
     assert tables.fewer_cases(records[:1]) == []
 
 
+def test_a_program_is_one_line_by_its_fastest_method():
+    labels = {"dalembert llvm taylor": 2.0, "dalembert llvm tsit5": 4.0, "diffrax Tsit5": 12.0, "diffrax Dopri8": 8.0}
+    records = [record(label, 1e-6, 1e-6, us) for label, us in labels.items()]
+    lines = report.fastest_table(records, "sweep", "dalembert llvm taylor").splitlines()
+    assert [line.split(" | ")[:2] for line in lines[2:]] == [
+        ["| sleigh: dalembert llvm", "2.0 (1x)"],
+        ["| sleigh: diffrax", "8.0 (4x)"],
+    ]
+
+
 def test_pages_hold_the_markers_that_reports_fill():
     for page in ("docs/benchmarks.md", "docs/speed.md"):
         assert all((ROOT / page).read_text().count(marker) == 1 for marker in (report.BEGIN, report.END))
     assert all((ROOT / "docs/peer_settings.md").read_text().count(marker) == 1 for marker in MARKERS)
+
+
+def test_a_robot_is_one_line_with_pairs_of_a_fixed_and_a_floating_base():
+    fixed = {"name": "a", "floating": False, "links": 4, "bodies": 2, "coordinates": 2, "read": 0.1, "compile": 1.0}
+    fixed |= {"error": 1e-15, "residual": 2e-16}
+    floating = fixed | {"floating": True, "bodies": 3, "coordinates": 9, "compile": 2.0, "error": 3e-15}
+    alone = floating | {"name": "b", "bodies": 1, "coordinates": 7}
+    refused = {"name": "b", "floating": False, "refused": "nothing moves"}
+    count, *lines = robots.table([fixed, floating, refused, alone]).splitlines()
+    assert count.startswith("2 files: 2 load and compile, 0 raise") and "3e-15 relative" in count
+    assert lines[3:] == [
+        "| a | 4 | 2 | 2 | 0.10, 0.10 | 1.00, 2.00 | 1e-15, 3e-15 | 2e-16, 2e-16 |",
+        "| b | 4 | 0 | 0 | -, 0.10 | -, 2.00 | -, 3e-15 | -, 2e-16 |",
+        "",
+        "- b (fixed base): nothing moves",
+    ]
+    for script in (robots, robots_mujoco):
+        assert all(script.PAGE.read_text().count(marker) == 1 for marker in (script.BEGIN, script.END))
 
 
 def test_before_and_after_are_one_line_with_medians_minima_and_ratios():

@@ -27,21 +27,10 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *INSIDE]
 LINKED = [*PAGES, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs" / "examples").glob("*.md"))]
 DESIGN = ROOT / "docs" / "design.md"
 INDENTED = re.compile(r"^( +)```python\n(.*?)^ +```$", re.MULTILINE | re.DOTALL)
-START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 
 
 def blocks(page):
     return BLOCK.findall(page.read_text())
-
-
-def surroundings(page):
-    """Return the names that a page takes for known: those that it says in words, or has from a script beside it."""
-    if page.name != "jax.md":
-        return {}
-    scene = da.scenes.chaplygin_sleigh()
-    model = da.compile_model(scene, backend="numpy", outputs=["X"])
-    x, *_ = scene.coordinates
-    return {"model": model, "start": START, "p": {"m": 1, "b": 0.3, "I_C": 0.5}, "x": x, "times": [0, 5, 10]}
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)], ids=lambda page: page.name)
@@ -50,7 +39,7 @@ def test_code_runs_as_written(page):
         quoted = {line.strip() for block in blocks(page) for line in block.splitlines()}
         assert quoted <= {line.strip() for line in script.read_text().splitlines()}
         return
-    names = surroundings(page)
+    names = {}
     for number, block in enumerate(SHOWN.finditer(page.read_text()), 1):
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed):

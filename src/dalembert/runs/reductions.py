@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True)
 class Reduction:
-    """A number that comes of a motion: ``kind`` is "final", "minimum", "maximum", "mean" or "first crossing".
+    """A number computed from a motion: ``kind`` is "final", "minimum", "maximum", "mean" or "first crossing".
 
     Made by `dalembert.final`, `minimum`, `maximum`, `mean` and `first_crossing`.
     """
