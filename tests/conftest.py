@@ -63,35 +63,23 @@ LONG = (
 )
 
 
-# Folders whose files compile much and run little: their kernels are compiled quickly (`quick_kernels`).
-QUICK = (
-    "analysis",
-    "contacts",
-    "events",
-    "fuzz",
-    "interop",
-    "mechanics",
-    "model",
-    "options",
-    "phases",
-    "reduction",
-    "results",
-    "runs",
-    "scene",
-    "starts",
-    "stops",
-    "store",
-)
+# Folders whose kernels are compiled with the options that users have.
+USUAL = ("codegen", "corpus", "jax_backend", "lanes", "loops", "methods", "steps", "subset", "transforms")
 
 
-@pytest.fixture(scope="module")
-def quick_kernels():
+@pytest.fixture(scope="module", autouse=True)
+def quick_kernels(request):
     """Compile the kernels of a file faster, to slower code of the same bits (`quick_kernels.compiled_quickly`).
 
-    For ``pytest.mark.usefixtures``, where a file compiles much and runs little. Runs for another instruction set, which
-    are there for the code generator, have usual options.
+    Tests compile much and run little. Files that stand in no folder, and runs for another instruction set, which are
+    there for the code generator, have the usual options.
     """
-    if "DALEMBERT_TARGET" in os.environ:
+    root = Path(__file__).parent
+    if (
+        request.path.parent == root
+        or request.path.relative_to(root).parts[0] in USUAL
+        or "DALEMBERT_TARGET" in os.environ
+    ):
         yield
     else:
         with compiled_quickly():
@@ -153,8 +141,6 @@ def pytest_collection_modifyitems(config, items):
     root = Path(__file__).parent
     products = {}
     for item in items:
-        if item.path.relative_to(root).parts[0] in QUICK:
-            item.add_marker(pytest.mark.usefixtures("quick_kernels"))
         parameters = item.callspec.params if hasattr(item, "callspec") else {}
         values = [value for value in parameters.values() if isinstance(value, str)]
         if repeats(item.path.relative_to(root).as_posix(), item.name, values):

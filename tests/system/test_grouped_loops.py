@@ -10,7 +10,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, 
 import dalembert as da
 from dalembert.methods.status import Status
 
-pytestmark = pytest.mark.usefixtures("quick_kernels", "quick_xla")
+pytestmark = pytest.mark.usefixtures("quick_xla")
 
 m, L, g, b, J = sp.symbols("m L g b J", positive=True)
 x, y, theta, p, q = dynamicsymbols("x y theta p q")
