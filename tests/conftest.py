@@ -6,7 +6,7 @@ import pytest
 from hypothesis import settings
 
 from quick_kernels import compiled_quickly
-from repeated_rows import repeated_in_products, repeats
+from repeated_rows import WHOLE, repeated_in_products, repeats
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 # SymPy remembers a thousand results of each function, and derives a fifth faster where it remembers more.
@@ -143,9 +143,10 @@ def pytest_collection_modifyitems(config, items):
     for item in items:
         parameters = item.callspec.params if hasattr(item, "callspec") else {}
         values = [value for value in parameters.values() if isinstance(value, str)]
-        if repeats(item.path.relative_to(root).as_posix(), item.name, values):
+        path = item.path.relative_to(root).as_posix()
+        if repeats(path, item.name, values):
             item.add_marker("matrix")
-        elif len(parameters) > 1 and not item.get_closest_marker("matrix"):
+        elif len(parameters) > 1 and path not in WHOLE and not item.get_closest_marker("matrix"):
             products.setdefault((item.path, item.originalname), {})[item] = parameters
     for rows in products.values():
         for item in repeated_in_products(rows):

@@ -1,7 +1,7 @@
 """Rows of tests that protect what other rows protect, and take long: they are `matrix`, and run in ``make test-all``.
 
-Of a test with several parameters, `make test` runs each value of each, not each pair. `REPEATED` has further rows, beside
-the rows that stay. Patterns are those of `fnmatch`, of a file and the name of a test.
+Of a test with several parameters, `make test` runs each value of each, not each pair. `REPEATED` has further rows,
+beside the rows that stay. Patterns are those of `fnmatch`, of a file and the name of a test.
 """
 
 from collections import Counter
@@ -32,6 +32,9 @@ LONG_SCRIPTS = (
     "a44",
 )
 """Scripts of the gallery that take more than a few seconds."""
+
+WHOLE = ("hard_cases/test_motions.py",)
+"""Files whose products run whole: other tests there need the same runs."""
 
 REPEATED = (
     # derivatives by complex steps: of the sleigh, and of the sphere in minimal coordinates

@@ -23,7 +23,6 @@ from hard_cases.many_contacts import (
     turning_at_rest,
 )
 
-
 FINE = {"rtol": 1e-10, "atol": 1e-12}
 
 
