@@ -63,8 +63,8 @@ LONG = (
 )
 
 
-# Folders whose kernels are compiled with the options that users have.
-USUAL = ("codegen", "corpus", "jax_backend", "lanes", "loops", "methods", "steps", "subset", "transforms")
+# Folders whose kernels are compiled with the options that users have: of the compiler, and of long runs.
+USUAL = ("codegen", "corpus", "hard_cases", "jax_backend", "lanes", "loops", "methods", "steps", "subset", "transforms")
 
 
 @pytest.fixture(scope="module", autouse=True)
