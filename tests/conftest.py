@@ -6,7 +6,7 @@ import pytest
 from hypothesis import settings
 
 from quick_kernels import compiled_quickly
-from repeated_rows import repeats
+from repeated_rows import WHOLE, repeated_in_products, repeats
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 # SymPy remembers a thousand results of each function, and derives a fifth faster where it remembers more.
@@ -63,14 +63,23 @@ LONG = (
 )
 
 
-@pytest.fixture(scope="module")
-def quick_kernels():
+# Folders whose kernels are compiled with the options that users have: of the compiler, and of long runs.
+USUAL = ("codegen", "corpus", "hard_cases", "jax_backend", "lanes", "loops", "methods", "steps", "subset", "transforms")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick_kernels(request):
     """Compile the kernels of a file faster, to slower code of the same bits (`quick_kernels.compiled_quickly`).
 
-    For ``pytest.mark.usefixtures``, where a file compiles much and runs little. Runs for another instruction set, which
-    are there for the code generator, have usual options.
+    Tests compile much and run little. Files that stand in no folder, and runs for another instruction set, which are
+    there for the code generator, have the usual options.
     """
-    if "DALEMBERT_TARGET" in os.environ:
+    root = Path(__file__).parent
+    if (
+        request.path.parent == root
+        or request.path.relative_to(root).parts[0] in USUAL
+        or "DALEMBERT_TARGET" in os.environ
+    ):
         yield
     else:
         with compiled_quickly():
@@ -130,11 +139,17 @@ def pytest_collection_modifyitems(config, items):
         config.hook.pytest_deselected(items=[item for item in items if item not in few])
         items[:] = few
     root = Path(__file__).parent
+    products = {}
     for item in items:
-        values = item.callspec.params.values() if hasattr(item, "callspec") else ()
-        if repeats(
-            item.path.relative_to(root).as_posix(), item.name, [value for value in values if isinstance(value, str)]
-        ):
+        parameters = item.callspec.params if hasattr(item, "callspec") else {}
+        values = [value for value in parameters.values() if isinstance(value, str)]
+        path = item.path.relative_to(root).as_posix()
+        if repeats(path, item.name, values):
+            item.add_marker("matrix")
+        elif len(parameters) > 1 and path not in WHOLE and not item.get_closest_marker("matrix"):
+            products.setdefault((item.path, item.originalname), {})[item] = parameters
+    for rows in products.values():
+        for item in repeated_in_products(rows):
             item.add_marker("matrix")
     places = {root / name: place for place, name in enumerate(LONG)}
     items.sort(key=lambda item: places.get(item.path, len(LONG)))

@@ -1,8 +1,10 @@
 """Rows of tests that protect what other rows protect, and take long: they are `matrix`, and run in ``make test-all``.
 
-A row stands here beside the row that stays. Patterns are those of `fnmatch`, of a file and the name of a test.
+Of a test with several parameters, `make test` runs each value of each, not each pair. `REPEATED` has further rows,
+beside the rows that stay. Patterns are those of `fnmatch`, of a file and the name of a test.
 """
 
+from collections import Counter
 from fnmatch import fnmatchcase
 
 ROWS_OF_BACKENDS = {"numba": ("codegen", "jax_backend"), "jax": ("codegen", "jax_backend", "system")}
@@ -31,45 +33,27 @@ LONG_SCRIPTS = (
 )
 """Scripts of the gallery that take more than a few seconds."""
 
+WHOLE = ("hard_cases/test_motions.py",)
+"""Files whose products run whole: other tests there need the same runs."""
+
 REPEATED = (
-    # of programs on two devices, kinds of runs stay; their gradients run in make test-all alone
-    ("jax_backend/test_jax_devices.py", "test_runs_and_gradients_over_two_devices[[]inputs]"),
-    ("jax_backend/test_jax_devices.py", "test_runs_and_gradients_over_two_devices[[]meshes]"),
-    ("jax_backend/test_jax_devices.py", "test_runs_and_gradients_over_two_devices[[]what cases share]"),
-    ("jax_backend/test_jax_devices.py", "test_runs_and_gradients_over_two_devices[[]implicit steps]"),
-    ("jax_backend/test_jax_devices.py", "test_runs_and_gradients_over_two_devices[[]events]"),
-    # both modes of differentiation, alone and in batches: by Taylor steps
-    ("jax_backend/test_jax_pure.py", "test_both_modes*[[]tsit5-projected]"),
-    # sweeps of traced loops: by Taylor steps in minimal coordinates, and by tsit5 with projection
-    ("jax_backend/test_jax_lanes.py", "test_sweeps_are_those_of_numba[[]taylor-projected]"),
-    ("jax_backend/test_jax_plain.py", "test_traced_loops_agree_with_diffrax[[]kvaerno5-projected]"),
-    ("jax_backend/test_jax_plain.py", "test_plain_diffrax_gives_the_same[[]dopri8]"),
     # derivatives by complex steps: of the sleigh, and of the sphere in minimal coordinates
     ("jax_backend/test_jax_derivatives.py", "test_derivatives_are_those_of_complex_steps[[]edge_plate-*"),
     ("jax_backend/test_jax_derivatives.py", "test_derivatives_are_those_of_complex_steps[[]corner_plate-*"),
-    ("jax_backend/test_jax_derivatives.py", "test_derivatives_are_those_of_complex_steps[[]rolling_sphere-projected-*"),
     # branches that are not taken: test_vector_fields_with_singular_branches, and the guarded functions
     ("jax_backend/test_jax_derivatives.py", "test_singular_branches_that_are_not_taken_give_no_nan"),
     # traced runs: by tsit5, kvaerno5 and Taylor steps; those of diffrax in minimal coordinates
     ("jax_backend/test_jax_pure.py", "test_solve_gives_what_simulate_gives[[]dopri8]"),
-    ("jax_backend/test_jax_pure.py", "test_times_that_are_all_the_first_have_derivatives[[]0]"),
     ("jax_backend/test_jax_lanes.py", "test_sweeps_are_those_of_numba[[]dopri8-*"),
-    ("jax_backend/test_jax_lanes.py", "test_sweeps_are_those_of_numba[[]tsit5-minimal]"),
     ("jax_backend/test_jax_lanes.py", "test_sweeps_are_those_of_numba[[]kvaerno5-*"),
-    ("jax_backend/test_jax_plain.py", "test_traced_loops_agree_with_diffrax[[]*-projected]"),
-    ("jax_backend/test_jax_plain.py", "test_traced_loops_agree_with_diffrax[[]dopri8-*"),
-    ("jax_backend/test_jax_plain.py", "test_plain_diffrax_gives_the_same[[]kvaerno5]"),
-    ("jax_backend/test_jax_foreign.py", "test_calls_take_the_steps_of_traced_loops[[]tsit5-*"),
     ("jax_backend/test_jax_agreement.py", "test_motions_are_those_of_numba[[]edge_plate-*"),
     # derivatives by times, values and jumps: one kind of steps a mode
     ("jax_backend/test_jax_times.py", "test_derivatives_by_times_are_differences[[]tsit5-projected-reverse]"),
     ("jax_backend/test_jax_times.py", "test_derivatives_of_a_known_motion_alone_and_in_batches[[]kvaerno5-*"),
     ("jax_backend/test_jax_inputs.py", "test_derivatives_by_values_are_differences[[]cubic]"),
     ("jax_backend/test_jax_hosted_inputs.py", "test_an_event_at_a_jump_has_no_derivative_and_others_keep_theirs"),
-    ("jax_backend/test_jax_jumps.py", "test_a_short_pulse_alone_and_in_batches[[]tsit5-*"),
     ("jax_backend/test_jax_jumps.py", "test_derivatives_behind_a_jump_in_the_state*[[]taylor-*"),
     ("jax_backend/test_jax_foreign_batches.py", "test_gradients_of_batches_go_along_the_steps_of_its_cases[[]times]"),
-    ("jax_backend/test_jax_results.py", "test_dense_output_is_vectorised*[[]projected-*"),
     ("jax_backend/test_jax_second.py", "test_products_with_hessians[[]*"),  # in batches they stay
     ("system/test_switch_departures.py", "test_traced_runs"),
     ("system/test_rolling_resistance.py", "test_a_ball_slides_then_rolls_then_stops[[]jax-*"),
@@ -89,33 +73,20 @@ REPEATED = (
     ("jax_backend/test_jax_backend.py", "test_zero_tolerance_and_zero_state[[]kvaerno5]"),
     ("jax_backend/test_jax_lanes.py", "test_steps_that_run_out[[]kvaerno5]"),
     # SciPy's solvers, which are driven alike: dop853 and lsoda stay, and bdf where events are found
-    ("runs/test_component_tolerances.py", "test_components_of_very_different_sizes[[]numpy-radau]"),
     ("runs/test_component_tolerances.py", "test_components_of_very_different_sizes[[]numpy-bdf]"),
-    ("events/test_events.py", "test_pendulum_through_its_lowest_point[[]numpy-radau]"),
     ("events/test_events.py", "test_pendulum_through_its_lowest_point[[]numpy-rk45]"),
     # the search by NumPy: the same functions, whatever steps they search
     ("events/test_flat_functions.py", "test_extrema_and_means_end[[]numpy-dop853]"),
-    # derivatives by complex steps: a row for each scene, formulation and mode stays, at one of two places
-    ("jax_backend/test_jax_derivatives.py", "test_derivatives_are_those_of_complex_steps*-forward-somewhere]"),
-    # one implicit and one explicit method
-    ("runs/test_component_tolerances.py", "test_components_of_very_different_sizes[[]jax-kvaerno5]"),
-    ("runs/test_component_tolerances.py", "test_components_of_very_different_sizes[[]jax-dopri8]"),
-    ("system/test_surfaces.py", "test_motions_are_those_of_scipy[[]jax-taylor-cubic]"),
     ("system/test_knot_departures.py", "test_traced_runs"),  # test_switch_departures.py has such runs
     # the first use of a process by threads: with contacts, which has all that the others have
     ("runs/test_threads.py", "test_first_use_of_a_process_by_eight_threads[[]shared]"),
     ("runs/test_threads.py", "test_first_use_of_a_process_by_eight_threads[[]sweep]"),
-    # an interrupt reaches every loop by one counter, whatever the method
-    ("runs/test_interrupts.py", "test_ctrl_c_reaches_runs_that_do_not_end[[]dop853-*"),
     ("codegen/test_loops.py", "test_first_and_later_processes_do_without_numba_and_agree[[]sweeps]"),
     # motions of many contacts by one program and by one a mode: feet that slip, stick, land and lift
     ("phases/test_common_program.py", "test_boxes_share_loads_by_one_program_as_by_one_a_mode"),
     ("phases/test_controllers_with_contacts.py", "test_an_unstable_loop_on_a_floor_is_called_divergent[[]numpy]"),
     # long chains of constraints
     ("hard_cases/test_published.py", "test_forty_windows_whose_bars_do_not_turn[[]augmented]"),
-    ("system/test_grouped_loops.py", "test_a_ladder_that_locks_does_not_succeed[[]baumgarte]"),
-    ("system/test_grouped_loops.py", "test_a_blade_by_both_components_of_its_slip[[]*-True]"),
-    ("fuzz/loops/test_loops.py", "test_long_loops_move_as_derived_by_hand[[]*-1-*"),
     ("system/test_singular.py", "test_sweeps_end_where_single_runs_do[[]1e-05-*"),
     ("system/test_crossed_branches.py", "test_runs_into_the_crossing_end_by_name[[]*-1e-0[68]]"),
     # XLA compiles its sampler for half a minute; a13_parameter_fit.py and a36_record_fit.py go along gradients, too
@@ -128,25 +99,16 @@ REPEATED = (
     ("fuzz/contacts/test_closed_forms.py", "test_a_rod_lies_down_in_a_corner[[]0.2-0.3]"),
     ("fuzz/contacts/test_shared_loads.py", "test_shared_loads_lie_within_the_cones*[[]slope]"),
     ("fuzz/contacts/test_shared_loads.py", "test_shared_loads_lie_within_the_cones*[[]corner]"),
-    ("fuzz/loops/test_loops.py", "test_long_loops_move_as_derived_by_hand[[]two_sarrus-0-ggl]"),
-    ("fuzz/loops/test_loops.py", "test_long_loops_move_as_derived_by_hand[[]two_sarrus-0-baumgarte]"),
     # the formulation augmented: baumgarte has the same loops, and more drift
-    ("hard_cases/test_motions.py", "test_reference_values*-augmented]"),
-    ("hard_cases/test_motions.py", "test_first_integrals*-augmented]"),
     ("system/test_singular.py", "test_sweeps_end_where_single_runs_do[[]1e-09-augmented]"),
     ("system/test_singular.py", "test_cases_of_a_sweep_that_are_redundant*[[]augmented]"),
-    ("system/test_singular.py", "test_other_runs_end_there_and_say_where_and_why[[]1e-09-augmented]"),
-    ("system/test_grouped_loops.py", "test_a_ladder_that_locks_does_not_succeed[[]augmented]"),
-    ("system/test_crossed_branches.py", "test_runs_into_the_crossing_end_by_name[[]augmented-*"),
     ("system/test_crossed_branches.py", "test_no_run_that_succeeds_is_on_a_wrong_branch[[]augmented]"),
     ("system/test_redundant_loops.py", "test_mechanisms_that_lock_do_not_succeed[[]augmented]"),
-    ("system/test_grouped_loops.py", "test_a_long_ladder_swings_as_a_pendulum[[]ggl-0.4-1.0]"),
     # the search by NumPy on the backend of Python: the same functions, a hundred times slower
     ("system/test_long_steps.py", "test_thousands_of_events_in_one_step_are_all_found[[]numpy]"),
     # JAX beside other backends: where it is differentiated (test_jax_solves_and_differentiates,
     # test_pairs_of_jax_stop_at_knots_and_are_differentiated), and narrow pulses (test_jax_finds_it*)
     ("system/test_first_order_states.py", "test_every_backend[[]jax-crane]"),
-    ("system/test_tables.py", "test_motions_are_those_of_scipy_stopped_at_the_knots[[]jax-taylor-linear]"),
     ("system/test_short_passages.py", "test_short_passages_on_other_backends[[]jax-tsit5]"),
     # `make lint`, with which `make test` begins, checks the same
     ("test_prose.py", "test_the_project_has_none"),
@@ -179,20 +141,31 @@ REPEATED = (
     ("phases/test_common_program.py", "test_a_stack_of_twelve_contacts_tilts"),
     # the limit of friction: a jump and a rational law stay, by both numbers of feet
     ("system/test_forces_at_limits.py", "test_two_feet_stick_where_one_does[[]from a preload-*"),
-    ("system/test_forces_at_limits.py", "test_a_contact_sticks_at_its_limit[[]minimum-plane]"),
-    ("system/test_forces_at_limits.py", "test_a_contact_sticks_at_its_limit[[]piecewise-plane]"),
     ("system/test_forces_at_limits.py", "test_two_feet_stick_where_one_does[[]minimum-*"),
     ("system/test_forces_at_limits.py", "test_two_feet_stick_where_one_does[[]piecewise-*"),
-    ("system/test_equal_bits.py", "test_a_case_has_its_bits_whatever_stands_beside_it[[]numpy-projected-radau]"),
     ("system/test_sparse_series.py", "test_steps_end_before_terms*[[]fifth power and weight]"),
-    ("system/test_units.py", "test_starts_are_accepted_and_refused_alike_in_all_units[[]*-projected]"),
-    # one lane without dense output, native lanes with it
-    ("transforms/test_taylor.py", "test_loops_and_unrolled_code_agree[[]*-True-1]"),
-    ("transforms/test_taylor.py", "test_loops_and_unrolled_code_agree[[]*-False-native]"),
-    (
-        "transforms/test_taylor.py",
-        "test_a_loop_over_the_orders_gives_the_bits*[[]everything-20-1-[24]]",
-    ),
+    # one row of each of these shows the same code
+    ("jax_backend/test_jax_foreign_batches.py", "test_sweeps_of_both_backends_take_the_same_steps[[]dopri8-*"),
+    ("jax_backend/test_jax_single.py", "test_everything_is_single_and_meets_the_tolerances[[]minimal-tsit5]"),
+    ("jax_backend/test_jax_inputs.py", "test_derivatives_by_values_are_differences[[]hold]"),
+    ("jax_backend/test_jax_jumps.py", "test_a_ramp_is_a_kink_whose_time_may_be_differentiated[[]reverse]"),
+    ("jax_backend/test_jax_jumps.py", "test_a_kink_in_the_state_is_no_jump[[]reverse]"),
+    ("jax_backend/test_jax_projection.py", "test_steps_whose_ends_cannot_be_projected_are_repeated[[]dopri8]"),
+    ("jax_backend/test_linear_maps.py", "test_nested_derivatives[[]kinds[345]]"),
+    ("codegen/test_numba_backend.py", "test_motions_agree_with_llvm[[]belt_oscillator-*"),
+    ("codegen/test_cache.py", "test_damaged_code_of_numba_is_rebuilt_with_a_warning[[]cut *"),
+    ("fuzz/contacts/test_random_contacts.py", "test_a_random_scene_agrees_with_the_reference[[]stack-21]"),
+    ("fuzz/contacts/test_random_contacts.py", "test_a_random_scene_agrees_with_the_reference[[]plate-41]"),
+    ("fuzz/contacts/test_closed_forms.py", "test_a_plate_rocks_to_rest[[]0.8]"),
+    *(("fuzz/test_fuzz.py", f"test_a_random_scene_agrees_with_the_reference[[]{seed}]") for seed in (39, 69, 447, 609)),
+    ("runs/test_interrupts.py", "test_ctrl_c_reaches_runs_that_do_not_end[[]*-a small sweep]"),
+    ("runs/test_sweep.py", "test_error_estimate_is_near_the_true_error[[]1e-06]"),
+    ("runs/test_sweep.py", "test_a_sweep_is_freed_with_its_last_reference[[]None]"),
+    ("system/test_singular.py", "test_sweeps_end_where_single_runs_do[[]1e-09-baumgarte]"),
+    ("system/test_forces_at_limits.py", "test_two_feet_stick_where_one_does[[]jump-1]"),
+    ("export/test_fmu.py", "test_sources_have_no_warnings[[]2.0]"),
+    ("export/test_fmu_exchange.py", "test_rates_that_jump_are_for_co_simulation_alone[[]2.0]"),
+    ("export/test_fmu_exchange.py", "test_angles_that_lock_end_a_run[[]2.0]"),
 )
 
 
@@ -201,3 +174,26 @@ def repeats(path, name, values):
     if any(backend in values and not path.startswith(folders) for backend, folders in ROWS_OF_BACKENDS.items()):
         return True
     return any(path == file and fnmatchcase(name, pattern) for file, pattern in REPEATED)
+
+
+def repeated_in_products(rows):
+    """Return the rows of a test with several parameters that `make test` leaves out.
+
+    Each value of each parameter stays in at least one row. Of rows with as many new values, that one stays whose values
+    were taken least often, so that formulations and methods take turns along the scenes.
+
+    Parameters
+    ----------
+    rows : dict of str to dict
+        Values of parameters by the name of the row.
+    """
+    values = {name: {(key, repr(value)) for key, value in row.items()} for name, row in rows.items()}
+    left = set().union(*values.values())
+    taken = Counter()
+    dropped = dict.fromkeys(rows)
+    while left:
+        best = min(dropped, key=lambda name: (-len(left & values[name]), sum(taken[each] for each in values[name])))
+        left -= values[best]
+        taken.update(values[best])
+        del dropped[best]
+    return list(dropped)

@@ -91,6 +91,7 @@ def test_prepared_runs_sensitivities_and_linearisations_agree_with_llvm(models):
     np.testing.assert_allclose(found(models["numba"]), found(models["llvm"]), rtol=1e-11, atol=1e-12)
 
 
+@pytest.mark.matrix
 def test_loops_over_orders_and_calls_of_the_right_hand_side_change_little(models, monkeypatch):
     """What long right-hand sides take: the same numbers as code written out, up to rounding."""
     monkeypatch.setattr(texts, "_LARGEST_STRAIGHT", 0)

@@ -27,6 +27,7 @@ def in_parts(monkeypatch):
     return begin
 
 
+@pytest.mark.matrix
 @pytest.mark.parametrize("make, about", [(lambda: feet(4), feet_at_rest(4)), (turning, turning_at_rest())])
 @pytest.mark.parametrize("method", ["dop853", "taylor"])
 def test_phases_are_the_same_by_slopes_along_directions_and_by_all_derivatives(in_parts, make, about, method):
@@ -40,6 +41,7 @@ def test_phases_are_the_same_by_slopes_along_directions_and_by_all_derivatives(i
     assert again.q[-1] == pytest.approx(run.q[-1], abs=1e-10)
 
 
+@pytest.mark.matrix
 def test_guards_of_a_robot_are_a_small_multiple_of_their_values(monkeypatch):
     made, own = [], events.event_functions
     monkeypatch.setattr(events, "event_functions", lambda *a, **k: made.append(own(*a, **k)) or made[-1])

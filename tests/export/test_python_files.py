@@ -1,6 +1,7 @@
 """Files of Python for numba and JAX: alone in a process without dalembert, their runs are those of `simulate`."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -54,10 +55,20 @@ def sleigh():
     return da.compile_model(da.scenes.chaplygin_sleigh(), outputs=["Y"])
 
 
+def quickly():
+    """Return an environment in which JAX compiles quickly, to code that is slower."""
+    try:
+        from jax_backend.jax_options import QUICK
+    except pytest.skip.Exception:  # there is no JAX
+        QUICK = {}
+    flags = " ".join(f"--{name}={str(value).lower()}" for name, value in QUICK.items())
+    return {**os.environ, "XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {flags}"}
+
+
 def found_by(path, code, **names):
     """Run code with a file in a process that cannot import dalembert; return what it finds."""
     command = [sys.executable, "-c", PROCESS.format(code.format(**names)), path]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = subprocess.run(command, capture_output=True, text=True, env=quickly())
     assert done.returncode == 0, done.stderr[-3000:]
     return json.loads(done.stdout)
 

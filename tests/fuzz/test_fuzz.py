@@ -59,6 +59,7 @@ def test_a_scene_that_differs_a_little_is_wrong(monkeypatch):
     assert report.paths["auto"][0] == report.paths["auto accelerations"][0] == report.outcome == "WRONG"
 
 
+@pytest.mark.matrix
 @pytest.mark.parametrize("change, outcome", [(0.0, "agree"), (2e-5, "WRONG")])
 def test_derivatives_of_ill_conditioned_motions_are_judged(change, outcome, monkeypatch, ill_conditioned):
     """The load that is varied acts on a body that a constraint guides: all derivatives are zero."""

@@ -86,6 +86,7 @@ def _product(a, b):
     return np.array([a[0] * b[0] - a[1:] @ b[1:], *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))])
 
 
+@pytest.mark.matrix
 def test_forty_windows_up_to_the_first_singular_position():
     """At 0.7216 s the cranks lie down."""
     case = case_of(forty_windows)

@@ -138,6 +138,7 @@ check(jax.vmap(lambda y: solve(jnp.array([0.0, 0.2]), y, p).y[-1]), rows, ("chec
 """
 
 
+@pytest.mark.matrix
 @pytest.mark.parametrize(
     "program",
     [EVERYWHERE, KINDS, SHARED, INPUTS, EVENTS, IMPLICIT],

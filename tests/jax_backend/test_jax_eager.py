@@ -98,6 +98,7 @@ def test_memory_of_runs_does_not_grow_with_the_steps_allowed(model):
     assert bytes_of(10**6) == bytes_of(100)
 
 
+@pytest.mark.matrix
 def test_states_between_the_ends_are_those_of_runs_that_keep_all_steps(model):
     """Runs with derivatives keep all steps, others blocks of them; here there are ten blocks, some without a time."""
     times = np.linspace(0.0, 6.0, 9)[[0, 1, 1, 3, 7, 8]] * np.array([[1.0], [-1.0]])

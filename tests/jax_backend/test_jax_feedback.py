@@ -84,6 +84,7 @@ def test_gradients_by_weights_start_and_times_in_batches():
     np.testing.assert_allclose(by_t, differences(lambda t: np.asarray(value(flat, START["x"], t)), T), rtol=1e-6)
 
 
+@pytest.mark.matrix
 def test_functions_may_close_over_what_is_differentiated_and_stand_beside_samples():
     start, p = {"theta": 0.3, "theta_dot": -0.2}, {"m": 1.1, "ell": 0.7, "g": 9.81}
     solve, road = solve_fn("tsit5", driven, tuple(start)), da.samples(KNOTS, VALUES / 4.0, "cubic")
@@ -98,6 +99,7 @@ def test_functions_may_close_over_what_is_differentiated_and_stand_beside_sample
     np.testing.assert_allclose(gradient["bias"], (ahead - behind) / 2e-5, rtol=1e-6)
 
 
+@pytest.mark.matrix
 def test_rules_of_users_are_respected():
     solve = solve_fn("tsit5")
 
@@ -134,6 +136,7 @@ def test_rules_of_users_are_respected():
         assert slope(square, transform) == pytest.approx(factor * plain, rel=1e-6)
 
 
+@pytest.mark.matrix
 def test_a_module_of_equinox_is_a_function_and_a_tree_of_weights():
     equinox = pytest.importorskip("equinox")
 
@@ -186,6 +189,7 @@ def test_what_is_wrong_with_functions_is_named():
         da.feedback(3.0)
 
 
+@pytest.mark.matrix
 def test_functions_beside_forces_that_change_at_a_time():
     (x, u), (m, F) = dynamicsymbols("x u"), sp.symbols("m F")
     N, O = ReferenceFrame("N"), Point("O")

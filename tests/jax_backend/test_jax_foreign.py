@@ -34,6 +34,7 @@ def sleigh(formulation="minimal"):
     return model, model.state(initial, parameters), model.parameter_vector(parameters)
 
 
+@pytest.mark.matrix
 @pytest.mark.parametrize(
     ("method", "formulation"),
     [pytest.param("dopri8", "minimal", marks=pytest.mark.matrix), ("tsit5", "projected"), ("taylor", "minimal")],
@@ -62,6 +63,7 @@ def test_what_xla_knows_already_is_not_told_again():
     np.testing.assert_array_equal(solve(times, y, p).y, first)
 
 
+@pytest.mark.matrix
 def test_calls_and_batches_outlive_the_caches_of_code():
     """Was a segmentation fault: XLA called code that had been unloaded."""
     model, y, p = sleigh()

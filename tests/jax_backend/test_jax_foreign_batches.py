@@ -65,6 +65,7 @@ def test_a_case_has_the_bits_of_its_run_alone(method, formulation, times):
         np.testing.assert_allclose(y_there, y_alone, rtol=1e-13, atol=1e-13)  # XLA computes what lies between
 
 
+@pytest.mark.matrix
 def test_cases_are_those_of_a_sweep_of_the_llvm_backend():
     parameters, initial, _ = MOTIONS["chaplygin_sleigh"]
     model, _, _ = sleigh()
@@ -103,6 +104,7 @@ def test_sweeps_of_both_backends_take_the_same_steps(method, own):
                 np.testing.assert_allclose(jax_run[name], llvm_run[name], rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.matrix
 def test_batches_of_batches_and_what_all_cases_share():
     model, y, p = sleigh()
     solve = model.solve_fn(method="tsit5")

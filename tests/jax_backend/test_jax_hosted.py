@@ -141,6 +141,7 @@ def test_failures_are_statuses(model):
         jax.grad(lambda g: solve([0.0, 0.1], [1.0, 0.0], {"m": 1.0, "g": g}).reduced["h"])(9.0)
 
 
+@pytest.mark.matrix
 def test_a_failed_run_ends_where_it_did_and_has_no_derivative_there(model):
     solve = model.solve_fn(events=[h], method="tsit5", max_step=0.1, max_steps=4)
 
@@ -206,6 +207,7 @@ def test_dense_output_is_that_of_the_wanted_times(bouncing):
         motions(np.zeros((2, 2)))
 
 
+@pytest.mark.matrix
 def test_dense_output_is_differentiated_up_to_the_end(model):
     ends = da.Event(h - level, direction=-1, terminal=True, name="end")
     solve = model.solve_fn(events=[ends], dense=True, **OPTIONS)
@@ -222,6 +224,7 @@ def test_dense_output_is_differentiated_up_to_the_end(model):
     assert np.all(np.isnan(both(0.9, 9.81)[0][:1]))
 
 
+@pytest.mark.matrix
 def test_single_precision_has_double_runs_on_the_host(model, bouncing):
     start, times = {"x": 0.0, "y": 1.0, "x_dot": 1.0, "y_dot": 0.0}, np.float32([0.0, 0.5, 1.0, 1.5])
     contacts = bouncing.solve_fn(start, events=["y_dot"], reduce={"top": da.maximum("y")}, dense=True)

@@ -75,6 +75,7 @@ def test_numbers_and_records_of_prescribed_motion_from_a_state():
     same(found.q, solve(times, found.y[0], {**p, "v": 0.7}, inputs={"u": inputs["u"]}).q)
 
 
+@pytest.mark.matrix
 def test_derivatives_by_values_knots_and_all_else_are_differences(model):
     solve = model.solve_fn(events=[da.Event(x + u - 0.3, name="sum"), STOP], **OPTIONS)
 

@@ -123,6 +123,7 @@ def test_derivatives_by_values_are_differences(kind):
     np.testing.assert_allclose(by_p["m"], differences(masses, np.array([0.8]))[..., 0], rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.matrix
 def test_derivatives_by_knots_and_times_where_they_are_those_of_the_motion():
     solve = solve_fn("tsit5")
 
@@ -144,6 +145,7 @@ def test_derivatives_by_knots_and_times_where_they_are_those_of_the_motion():
         jax.jacfwd(jax.jacfwd(lambda knots: motion(knots, times)))(KNOTS)
 
 
+@pytest.mark.matrix
 def test_second_derivatives_by_values_and_parameters():
     solve = solve_fn("tsit5", max_steps=256)
 

@@ -45,6 +45,7 @@ def after_a_pulse(t, y, p):
 PULSE = {"F": 2.0, "T": 1.3, "D": 0.03}
 
 
+@pytest.mark.matrix
 @pytest.mark.parametrize(
     ("method", "mode"),
     [("tsit5", "forward"), pytest.param("tsit5", "reverse", marks=pytest.mark.matrix), ("taylor", "reverse")],

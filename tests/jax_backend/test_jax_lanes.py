@@ -72,6 +72,7 @@ def test_steps_that_run_out(method):
     assert (run.status == Status.MAX_STEPS).all()
 
 
+@pytest.mark.matrix
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_taylor_trajectories(sign):
     parameters = {**CASES, "b": 0.3}
@@ -109,6 +110,7 @@ def test_prepared_runs(method, formulation):
     assert short.status is Status.MAX_STEPS
 
 
+@pytest.mark.matrix
 def test_implicit_steps_are_as_long_as_their_errors_allow():
     """An iteration that fails at every other step made 343 steps and 322 rejections of this, and MAX_STEPS of 10 s."""
     case = double_pendulum_cartesian()

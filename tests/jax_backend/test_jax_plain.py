@@ -29,6 +29,7 @@ def solve(method, **options):
     return engine().integrate(problem(**options), method)
 
 
+@pytest.mark.matrix
 @methods
 def test_plain_diffrax_gives_the_same(method):
     times = np.linspace(0.0, 6.0, 23)
@@ -81,6 +82,7 @@ def test_the_implicit_pair_of_traced_runs_is_that_of_diffrax():
     np.testing.assert_allclose(own.error[0] / 10.0, other.b_error, rtol=0, atol=1e-16)
 
 
+@pytest.mark.matrix
 @pytest.mark.parametrize("formulation", ["minimal", "projected"])
 @pytest.mark.parametrize("method", ["dopri8", "tsit5", "kvaerno5"])
 def test_traced_loops_agree_with_diffrax(method, formulation):

@@ -205,6 +205,7 @@ def test_gradients_one_stage_after_the_other(times, limit, monkeypatch):
     forget()
 
 
+@pytest.mark.matrix
 @pytest.mark.parametrize("limit", (0, 50))
 def test_times_that_are_all_the_first_have_derivatives(limit, monkeypatch):
     monkeypatch.setattr(pieces, "_SHORT", limit)
@@ -231,6 +232,7 @@ def test_pickled_models_of_other_backends():
     assert pickle.loads(pickle.dumps(model)).source == model.source
 
 
+@pytest.mark.matrix
 @pytest.mark.parametrize(
     ("method", "formulation"),
     [pytest.param("tsit5", "minimal", marks=pytest.mark.matrix), ("tsit5", "projected"), ("taylor", "minimal")],

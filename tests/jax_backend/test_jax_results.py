@@ -93,6 +93,7 @@ def differences(function, at, step=1e-5):
     return found
 
 
+@pytest.mark.matrix
 @pytest.mark.parametrize(
     ("formulation", "derivative", "by"), [("minimal", jax.jacrev, (0, 1, 2)), ("projected", jax.jacfwd, (0,))]
 )
@@ -159,6 +160,7 @@ def test_failures_raise_in_traces_where_that_is_asked_for(model):
         jax.block_until_ready(jax.jit(lambda t: hosted(t, INITIAL, p).end)(bad))
 
 
+@pytest.mark.matrix
 def test_dense_output_across_conditions_on_time():
     """A pulse begins and ends within the span; derivatives, which would miss a term, are refused."""
     x, t, T = dynamicsymbols("x"), dynamicsymbols._t, sp.symbols("T", positive=True)

@@ -79,6 +79,7 @@ def test_steps_end_where_conditions_on_time_change():
     np.testing.assert_allclose(found.y, run.y, rtol=1e-5, atol=1e-5)
 
 
+@pytest.mark.matrix
 def test_inputs_are_followed_and_differentiated():
     """Samples and a function; double precision has the reference."""
     model, p = da.compile_model(forced(), backend="jax"), {"m": 0.8, "k": 2.0}

@@ -23,8 +23,6 @@ from hard_cases.many_contacts import (
     turning_at_rest,
 )
 
-pytestmark = pytest.mark.usefixtures("quick_kernels")
-
 FINE = {"rtol": 1e-10, "atol": 1e-12}
 
 
@@ -100,6 +98,7 @@ def test_friction_in_a_plane_by_one_program_as_by_one_a_mode(monkeypatch):
     assert len(run.phases) > 3 and programs(common) == 1
 
 
+@pytest.mark.matrix
 def test_the_length_of_a_quaternion_holds_in_one_program_as_in_one_a_mode(monkeypatch):
     """The body turns, and its feet slip, stick and, after a jolt, lift."""
     outputs = ["N_c0", "F0_c0", "F1_c2"]

@@ -168,6 +168,7 @@ def test_jumps_and_tables_and_stops():
             assert abs(y / LARGE - np.cos(T)) < 1e-8
 
 
+@pytest.mark.matrix
 def test_pure_functions_of_jax():
     """`solve_fn` takes tolerances by name, and its runs have derivatives."""
     jax = pytest.importorskip("jax")

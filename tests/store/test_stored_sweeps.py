@@ -421,6 +421,7 @@ print(float(found["most"].sum()))
 """
 
 
+@pytest.mark.matrix
 def test_another_process_knows_the_sweep_again(tmp_path):
     """Events and reductions are the same in every process, whatever its hash seed."""
     told = []

@@ -10,7 +10,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, 
 import dalembert as da
 from dalembert.methods.status import Status
 
-pytestmark = pytest.mark.usefixtures("quick_kernels", "quick_xla")
+pytestmark = pytest.mark.usefixtures("quick_xla")
 
 m, L, g, b, J = sp.symbols("m L g b J", positive=True)
 x, y, theta, p, q = dynamicsymbols("x y theta p q")
@@ -101,6 +101,7 @@ def test_events_and_derivatives():
     np.testing.assert_allclose(found.jacobians, wanted.jacobians, rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.matrix
 @pytest.mark.parametrize("formulation", FORMULATIONS[:3])
 def test_a_ladder_that_locks_does_not_succeed(formulation):
     """Its last crank grows after a second."""

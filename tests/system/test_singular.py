@@ -16,8 +16,6 @@ from dalembert.transforms.recurrences import recurrences
 from scene.scaled import Units
 from system.singular_scenes import bars, carried, folding_crank, parallelogram, platform, windows
 
-pytestmark = pytest.mark.usefixtures("quick_kernels")
-
 BARS = {"m": 1.0, "L": 1.0, "g": 9.81}
 TURN = {1: 3.337870803105097731817957161247564911941, 4: 12.68425959351397191786347626886160363293}
 """Angle of the first crank of two windows by time (multibody benchmark A02, 40 digits)."""
