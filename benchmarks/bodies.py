@@ -4,6 +4,7 @@
     python benchmarks/bodies.py                                    # prints tables of chains and of closed loops
     python benchmarks/bodies.py --write                            # writes them to docs/many_bodies.md, and the picture
     python benchmarks/bodies.py --sizes 10 30 --chains planar --loops --limit 30
+    python benchmarks/bodies.py --only-growth                      # without evaluations
 
 Seconds are those of the processor, so that other work of the machine does not count. A size is left out where the one
 before took `limit` seconds in all.
@@ -85,7 +86,7 @@ class Growth(NamedTuple):
         return self.scene + self.compiled + self.first
 
 
-def growth(name: str, n: int) -> Growth:
+def growth(name: str, n: int, *, evaluated: bool = True) -> Growth:
     """Return what a chain takes, whose n links are bent a little, or a mechanism of n loops; both start at rest."""
     times = [process_time()]
     made = LOOPS[name](n) if name in LOOPS else None
@@ -104,20 +105,33 @@ def growth(name: str, n: int) -> Growth:
     if not run.success:
         raise RuntimeError(f"{name} of {n} ends with {run.status}: {run.message}")
     seconds = [later - earlier for earlier, later in pairwise(times)]
-    operations, residuals = len(model.stages.program.kernel("rhs").body), {}
+    operations = len(model.stages.program.kernel("rhs").body)
     if made is None:
-        q, qdot = np.random.default_rng(n).uniform(-1.0, 1.0, (2, n))
-        every = {"dalembert": own(model, q, qdot, given)}
-        served = [peer for peer in PEERS if installed(MODULES[peer]) and n <= LARGEST.get(peer, n)]
-        every |= {peer: PEERS[peer](name, q, qdot) for peer in served}
-        residuals = {program: residual(name, q, qdot, each.accelerations) for program, each in every.items()}
-        wrong = {program: size for program, size in residuals.items() if not size < RESIDUAL}
-        if wrong:
-            raise RuntimeError(f"{name} chain of {n}: the accelerations leave residuals {wrong}")
+        found = evaluations(name, n, model, given) if evaluated else ({}, {})
     else:
-        every = {"dalembert": own(model, run.q[0], run.qdot[0], given)}
-    found = microseconds(every)
-    return Growth(name, n, *seconds, operations, run.stats.steps, run.stats.method, found, residuals)
+        found = microseconds({"dalembert": own(model, run.q[0], run.qdot[0], given)}), {}
+    return Growth(name, n, *seconds, operations, run.stats.steps, run.stats.method, *found)
+
+
+def evaluations(
+    chain: str, n: int, model: CompiledModel, given: Mapping[Any, Any]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Return microseconds of an evaluation of a chain at a random state, and residuals, by the names of programs.
+
+    Raises
+    ------
+    RuntimeError
+        Where residuals are not those of rounding.
+    """
+    q, qdot = np.random.default_rng(n).uniform(-1.0, 1.0, (2, n))
+    every = {"dalembert": own(model, q, qdot, given)}
+    served = [peer for peer in PEERS if installed(MODULES[peer]) and n <= LARGEST.get(peer, n)]
+    every |= {peer: PEERS[peer](chain, q, qdot) for peer in served}
+    residuals = {program: residual(chain, q, qdot, each.accelerations) for program, each in every.items()}
+    wrong = {program: size for program, size in residuals.items() if not size < RESIDUAL}
+    if wrong:
+        raise RuntimeError(f"{chain} chain of {n}: the accelerations leave residuals {wrong}")
+    return microseconds(every), residuals
 
 
 def residual(chain: str, q: Vector, qdot: Vector, accelerations: Vector) -> float:
@@ -167,7 +181,7 @@ def least(call: Callable[[], object], rounds: int = 30, calls: int = 20) -> floa
     return best
 
 
-def measured(sizes: Mapping[str, Sequence[int]], limit: float) -> list[Growth]:
+def measured(sizes: Mapping[str, Sequence[int]], limit: float, *, evaluated: bool = True) -> list[Growth]:
     """Return what chains and mechanisms take, size by size, up to those that take `limit` seconds.
 
     Each has a process of its own, in which nothing of those before is left.
@@ -176,7 +190,7 @@ def measured(sizes: Mapping[str, Sequence[int]], limit: float) -> list[Growth]:
     with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as pool:
         for name, each in sizes.items():
             for n in each:
-                found.append(pool.submit(growth, name, n).result())
+                found.append(pool.submit(growth, name, n, evaluated=evaluated).result())
                 print(found[-1], flush=True)
                 if found[-1].total > limit:
                     break
@@ -241,21 +255,23 @@ def main() -> None:
     parser.add_argument("--chains", nargs="*", choices=CHAINS, default=list(CHAINS))
     parser.add_argument("--loops", nargs="*", choices=LOOPS, default=list(LOOP_SIZES))
     parser.add_argument("--limit", type=float, default=60.0)
+    parser.add_argument("--only-growth", action="store_true", help="of chains, without evaluations")
     parser.add_argument("--write", action="store_true", help="write the tables of what was measured to the page")
     given = parser.parse_args()
-    chains = measured({name: given.sizes for name in given.chains}, given.limit)
+    chains = measured({name: given.sizes for name in given.chains}, given.limit, evaluated=not given.only_growth)
     loops = measured({name: LOOP_SIZES[name] for name in given.loops}, given.limit)
-    tables = {}
+    tables: dict[str, str] = {}
     if chains:
-        tables = {"growth": growth_table(chains), "evaluations": evaluation_table(chains)}
-        tables["residuals"] = residual_table(chains)
+        tables["growth"] = growth_table(chains)
+    if chains and not given.only_growth:
+        tables |= {"evaluations": evaluation_table(chains), "residuals": residual_table(chains)}
     if loops:
         tables["loops"] = growth_table(loops)
     for name, table in tables.items():
         print(f"\n{table}")
         if given.write:
             fill_page(PAGE, marks(name), table)
-    if chains and given.write:
+    if "evaluations" in tables and given.write:
         growth_picture(chains, PICTURE)
 
 
