@@ -10,7 +10,7 @@ import pytest
 
 import dalembert as da
 from dalembert.codegen.kernel_code import INTERPRETED
-from dalembert.codegen.llvm import plain_sweeps
+from dalembert.codegen.llvm import sweep_memory
 from dalembert.errors import OptionError, UnknownNameError, ValueInputError
 from dalembert.methods.status import Status
 from system.stiff_scenes import GOVERNOR, GOVERNOR_START, governor
@@ -127,7 +127,7 @@ def test_stopped_memory_is_not_used_again(sleigh, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(plain_sweeps, "run_loop", press)
+        patched.setattr(sweep_memory, "run_loop", press)
         broken = sleigh.sweep((0.0, 1.0), {**SLEIGH, "x": np.zeros(3)}, SLEIGH_VALUES, threads=1)
     assert np.all(broken.status == Status.INTERRUPTED)
     for array, value in zip(
