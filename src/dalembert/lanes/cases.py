@@ -123,6 +123,9 @@ class CaseColumns:
         return ColumnTable((*self.spans, *self.parameters, *self.given))
 
 
+_AT_START = {"minimum": np.inf, "maximum": -np.inf, "mean": 0.0}
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class BlockResult:
@@ -139,20 +142,24 @@ class BlockResult:
     totals: FloatArray
 
     @classmethod
-    def empty(cls, count: int, size: int, n_times: int, events: int = 0, kinds: Sequence[str] = ()) -> BlockResult:
+    def empty(cls, count: int, size: int, n_times: int, events: int = 0, reductions: int = 0) -> BlockResult:
         """Return results of cases that did not run, for a size of states, times to record, events and reductions."""
         samples = np.full((count, n_times, size), np.nan) if n_times else np.empty((count, 0, size))
-        return cls(np.zeros((count, size)), np.zeros((count, 3)), samples, *cls.at_start(count, events, kinds))
+        happened, totals = cls.at_start(count, events, ())
+        if reductions:
+            totals = np.full((count, reductions), np.nan)
+        return cls(np.zeros((count, size)), np.zeros((count, 3)), samples, happened, totals)
 
     @staticmethod
     def at_start(count: int, events: int, kinds: Sequence[str]) -> tuple[FloatArray, FloatArray]:
         """Return the records of events, and minima, maxima and integrals, before the motions."""
-        if not events and not kinds:
-            return np.empty((count, 0)), np.empty((count, 0))
-        happened = np.full((count, 3 * events), np.nan)
-        happened[:, ::3] = 0.0
-        start = [{"minimum": np.inf, "maximum": -np.inf, "mean": 0.0}[kind] for kind in kinds]
-        return happened, np.tile(np.array(start, dtype=float), (count, 1))
+        happened, totals = np.empty((count, 3 * events)), np.empty((count, len(kinds)))
+        if events:
+            happened[:] = np.nan
+            happened[:, ::3] = 0.0
+        if kinds:
+            totals[:] = [_AT_START[kind] for kind in kinds]
+        return happened, totals
 
     def __getitem__(self, cases: slice | NDArray[np.bool_]) -> BlockResult:
         """Return the results of some cases: views for a slice, copies for a mask."""

@@ -34,6 +34,7 @@ _BLOCKS_PER_THREAD = 8
 _LARGEST_SHARE, _SHARES_PER_THREAD = 64, 64
 _LARGEST_PART = 1 << 16
 _BETWEEN_LOOKS = 0.1
+_PROJECTIONS = "project_position", "project_velocity"
 _MOST_THREADS = 4096
 
 
@@ -66,9 +67,8 @@ def run_cases(engine: Engine, cases: Cases, settings: CaseSettings, stop: bool =
     """
     count, samples = cases.count, 0 if settings.t_eval is None else len(settings.t_eval)
     watch, n = settings.watch, len(cases.program.layout.state)
-    result = BlockResult.empty(count, n, samples, 0 if watch is None else watch.reported)
-    if watch is not None:
-        result = replace(result, totals=np.full((count, len(watch.plan)), np.nan))
+    events, reductions = (0, 0) if watch is None else (watch.reported, len(watch.plan))
+    result = BlockResult.empty(count, n, samples, events, reductions)
     result.ends[:, 1] = float(Status.INTERRUPTED)
     if stop:
         return _interrupted(result)
@@ -76,11 +76,13 @@ def run_cases(engine: Engine, cases: Cases, settings: CaseSettings, stop: bool =
     # reductions and checks need the starts of all cases of a part, and these may have long lists of stops
     length = _LARGEST_PART if watch is not None or settings.judge is not None else max(1, count)
     length = _LARGEST_BLOCK * threads if engine.cuts else length
+    # samples are projected at the end, block by block in threads
+    blocks = samples > 0 and (engine.cuts or any(name in cases.program for name in _PROJECTIONS))
     share = min(_LARGEST_SHARE, max(1, min(count, length) // (threads * _SHARES_PER_THREAD)))
     for part in _slices(count, length):
         size = part.stop - part.start
         kept, here = cases.to_keep(size, settings), result if size == count else result[part]
-        run = None if samples else _columns_run(engine, cases, settings, part, here, share, kept)
+        run = None if blocks else _columns_run(engine, cases, settings, part, here, share, kept)
         if run is None:
             _in_blocks(engine, cases, settings, result, threads)
             return result
@@ -253,7 +255,7 @@ def _run_block(
         here.happened[:] = done.happened[:, : 3 * watch.reported]
         still = cases.program.conditions is None and cases.records is None
         c = ready.c if still else cases.constants_at(block, done.ends[:, :1])
-        here.totals[:] = watch.reduced(ready.spans, done.ends, done.y, c, done.totals, first)
+        here.totals[:] = watch.reduced(ready.spans[:, 0], done.ends, done.y, c, done.totals, first)
         watch.conclude(done.ends, done.happened)
 
 
@@ -284,7 +286,7 @@ def _columns_run(
     The totals of the results are the reductions.
     """
     columns, watch, count = cases.columns(block, settings), settings.watch, len(here.y)
-    if watch is None and settings.t_eval is None:
+    if watch is None and (settings.t_eval is None or len(kept.constants)):
         return engine.sweeper(columns, settings.method, here, kept, share)
     reduces = watch is not None and bool(watch.plan)
     if (reduces or watch is None) and not len(kept.constants):
@@ -292,7 +294,7 @@ def _columns_run(
     done = here
     if watch is not None:
         happened, totals = BlockResult.at_start(count, len(watch.events), watch.kinds)
-        done = replace(here, happened=happened, totals=totals)
+        done = BlockResult(here.y, here.ends, here.samples, happened, totals)
     run = engine.sweeper(columns, settings.method, done, kept, share)
     if run is None or watch is None:
         return run
@@ -301,10 +303,10 @@ def _columns_run(
         run.finish()
         here.happened[:] = done.happened[:, : 3 * watch.reported]
         if reduces:
-            spans = np.stack([np.broadcast_to(column, count) for column in columns.spans], axis=1)
             along = columns.constants_at
             c = kept.constants if along is None else along(done.ends[:, :1])
-            here.totals[:] = watch.reduced(spans, done.ends, done.y, c, done.totals, done.happened[:, 1::3])
+            first = done.happened[:, 1::3]
+            here.totals[:] = watch.reduced(columns.spans[0], done.ends, done.y, c, done.totals, first)
         watch.conclude(done.ends, done.happened)
 
     return replace(run, finish=finish)

@@ -215,7 +215,7 @@ def _settings(model: CompiledModel, cases: Cases, options: SweepOptions, method:
     found = kept.get(key)
     if found is None:
         found = kept[key] = _new_settings(model, cases, options, method)
-    elif not cases.together:
+    elif not cases.together or options.t_eval is not None:
         check_settings(cases, options)
     return found
 
