@@ -72,7 +72,7 @@ class CompiledEngine(Engine):
     def _lanes(self) -> LaneRuns:
         from .lane_runs import LaneRuns
 
-        return LaneRuns(self.steps, self._code, self._steppers)
+        return LaneRuns(self.steps, self._code, self._steppers, self._program.layout)
 
     passes_stops: ClassVar[bool] = True
 
@@ -215,6 +215,10 @@ class CompiledEngine(Engine):
         """See `Engine.surely_not_stiff`: long right-hand sides are not compiled for that."""
         short = self.steps.compiles_starts and self._operations <= _LONGEST_SCREENED
         return short and self._lanes.surely_not_stiff(cases, numbers)
+
+    def surely_independent(self, cases: CaseColumns, rows: Sequence[int]) -> bool:
+        """See `Engine.surely_independent`."""
+        return self.steps.compiles_starts and self._lanes.surely_independent(cases, rows)
 
     def keeps_signs(self, kernel: Kernel, block: CaseBlock, done: BlockResult) -> bool:
         """See `Engine.keeps_signs`."""

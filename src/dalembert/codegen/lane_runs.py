@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Any, final
 
 from ..arrays import FloatArray
@@ -30,11 +29,12 @@ from .steppers import Stepper, Steppers
 
 if TYPE_CHECKING:
     from ..events.recorded_motion import RecordedCase
-    from ..loops.stiffness_screen import ScreenKernels
+    from ..ir.program import Layout
+    from ..loops.screened_starts import StartKernels
     from ..reduction.starting import Start
     from .llvm.foreign_batch import ForeignCode, Interface
     from .llvm.recorded import RecordedLane
-    from .llvm.screens import StiffnessScreen
+    from .llvm.screens import RankScreen, StartSizes, StiffnessScreen
 
 
 def advance_lanes_assembly(lanes: int) -> str:
@@ -114,14 +114,17 @@ class LaneRuns:
         Of the kernels of the program.
     steppers : Steppers
         Of the steps of the program.
+    layout : Layout
+        Of the program.
     """
 
-    def __init__(self, library: KernelLibrary, code: KernelCode, steppers: Steppers) -> None:
-        self._library, self._code, self._steppers = library, code, steppers
+    def __init__(self, library: KernelLibrary, code: KernelCode, steppers: Steppers, layout: Layout) -> None:
+        self._library, self._code, self._steppers, self._layout = library, code, steppers, layout
         self._recorded_lanes: BoundedTable[tuple[EventCode, str, float, float, float], list[RecordedLane]]
         self._recorded_lanes = BoundedTable(_MOST_LANES)
-        self._looked = 0
+        self._looked = self._ranks_looked = 0
         self._screens: BoundedTable[int, StiffnessScreen] = BoundedTable(_MOST_LANES)
+        self._rank_screens: BoundedTable[tuple[int, tuple[int, ...]], RankScreen] = BoundedTable(_MOST_LANES)
         self._runners: BoundedTable[tuple[Any, ...], tuple[Start | None, EventCode | None, SweepRunner]]
         self._runners = BoundedTable(_MOST_LANES)
 
@@ -192,19 +195,50 @@ class LaneRuns:
         if screen is None or screen.start is not cases.start:
             from .llvm.screens import StiffnessScreen
 
-            assert cases.start is not None
-            sizes = self._library.lanes, self._code.sizes["rhs"], len(cases.parameters), self._code.sizes["prepare"]
-            screen = self._screens[id(cases.start)] = StiffnessScreen(
-                cases.start, partial(self._screen_kernels, cases.start), sizes
-            )
+            start, library = _start_of(cases), self._library
+
+            def kernels() -> tuple[StartKernels, OwnedAddress]:
+                return self._start_kernels(start), library.kernel("rhs", library.lanes)
+
+            screen = self._screens[id(start)] = StiffnessScreen(start, kernels, self._start_sizes)
         return screen(cases, numbers)
 
-    def _screen_kernels(self, start: Start) -> ScreenKernels:
-        from ..loops.stiffness_screen import ScreenKernels
+    def surely_independent(self, cases: CaseColumns, rows: Sequence[int]) -> bool:
+        """See `Engine.surely_independent`."""
+        if self._ranks_looked < INTERPRETED:
+            self._ranks_looked += 1
+            return False
+        key = id(cases.start), tuple(rows)
+        screen = self._rank_screens.get(key)
+        if screen is None or screen.start is not cases.start:
+            from .llvm.screens import RankKernels, RankScreen
+
+            start, library, sizes, layout = _start_of(cases), self._library, self._code.sizes, self._layout
+            lanes, by_rates = library.lanes, "mass_matrix" not in sizes
+
+            def kernels() -> RankKernels:
+                codes = self._start_kernels(start), library.kernel("expand", lanes)
+                masses = library.kernel("momenta" if by_rates else "mass_matrix", lanes)
+                return RankKernels(*codes, library.kernel("constraint_jacobian", lanes), masses, by_rates)
+
+            of_rows = sizes["expand"], len(layout.constraints)
+            angles = [name in layout.angles for name in layout.coordinates]
+            screen = RankScreen(start, kernels, self._start_sizes, *of_rows, angles, rows)
+            self._rank_screens[key] = screen
+        return screen(cases)
+
+    def _start_kernels(self, start: Start) -> StartKernels:
+        from ..loops.screened_starts import StartKernels
 
         library, lanes = self._library, self._library.lanes
-        codes = library.prepare(lanes), library.start(start, lanes), library.kernel("rhs", lanes)
-        return ScreenKernels(*codes, check_inputs(lanes))
+        return StartKernels(library.prepare(lanes), library.start(start, lanes), check_inputs(lanes))
+
+    @property
+    def _start_sizes(self) -> StartSizes:
+        from .llvm.screens import StartSizes
+
+        sizes = self._code.sizes
+        return StartSizes(self._library.lanes, sizes["rhs"], len(self._layout.parameters), sizes["prepare"])
 
     def watched_steps(self, problem: IntegrationProblem, method: str, watch: EventCode) -> tuple[Stepper, EventKernels]:
         """Return the steps of single runs with events, and the events."""
@@ -253,3 +287,8 @@ class LaneRuns:
         kernels = self._kernels(stepper, lanes, advance=not recorded)
         sizes = BatchSizes(lanes, self._code.sizes["rhs"], constants, stepper.memory, 2 + len(stepper.settings))
         return foreign_batch(kernels, sizes, recorded, interface)
+
+
+def _start_of(cases: CaseColumns) -> Start:
+    assert cases.start is not None
+    return cases.start

@@ -51,9 +51,10 @@ def _made_for_sweeps(plain: tuple[Any, ...], types: tuple[Any, ...], key: _Watch
     """Return options of many cases with what is watched and sampled; `types` are those of plain values."""
     reduce: Any = key.reduce
     if key.named is not None:
-        reduce = dict(zip(key.named, key.reduce, strict=True))
+        reduce = dict(zip(key.named, reduce, strict=True))
     times = None if key.times is None else np.frombuffer(key.times)
-    return repeated(replace(_new(SweepOptions, plain), events=key.events, reduce=reduce, t_eval=times))
+    options: SweepOptions = _new(SweepOptions, plain)
+    return repeated(replace(options, events=key.events, reduce=reduce, t_eval=times))
 
 
 class _Watched(NamedTuple):
@@ -131,4 +132,5 @@ def sweep_options(*plain: Any, grid: Any, t_eval: Any, progress: Any, events: An
         with suppress(TypeError):  # a value without a hash
             return _made_for_sweeps(plain, tuple(map(type, plain)), key)
     given = {"grid": grid, "t_eval": t_eval, "progress": progress, "events": events, "reduce": reduce}
-    return replace(_checked(SweepOptions, plain), **given)
+    options = _checked(SweepOptions, plain)
+    return replace(options, **given)
