@@ -228,7 +228,7 @@ class CompiledEngine(Engine):
         c = self.constants_along(problem)
         return lambda t, y: interpret_rows(self._program.kernel("rhs"), t, y, constants_at(c, t))
 
-    @property
+    @once_property
     def _operations(self) -> int:
         """Number of operations of a right-hand side."""
         return len(self._program.kernel("rhs").body)

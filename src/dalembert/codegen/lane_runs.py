@@ -180,7 +180,7 @@ class LaneRuns:
         of_step = sizes["rhs"], sizes["prepare"], stepper.degree, stepper.memory
         return SweepRunner(
             self._kernels(stepper, lanes, prepare=prepare, start=start, advance=nothing_each_step),
-            SweepShape(lanes, *of_step, 1, dense, with_series),
+            SweepShape(lanes, *of_step, dense, with_series),
             stepper,
             self._steppers.events(watched, method, stepper, lanes, with_series),
             watched=watched is not None or each_step or alone,
@@ -273,7 +273,7 @@ class LaneRuns:
         own = self._code.of_problem(problem)
         kernels = self._kernels(stepper, 1, prepare=NO_CODE if own.stops is None else own.stops.prepare)
         sizes = self._code.sizes["rhs"], len(problem.constants)
-        shape = SweepShape(1, *sizes, stepper.degree, stepper.memory, 1, dense=True)
+        shape = SweepShape(1, *sizes, stepper.degree, stepper.memory, dense=True)
         return RecordedLane(kernels, shape, stepper, own, watch, events, carried)
 
     def foreign_batch(

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
+from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,6 +36,8 @@ _LARGEST_PART = 1 << 16
 _BETWEEN_LOOKS = 0.1
 _PROJECTIONS = "project_position", "project_velocity"
 _MOST_THREADS = 4096
+_WORTH, _MANY = 1e-4, 2048
+"""Seconds of work that is left from which on other threads begin, twice what that takes; cases that take longer."""
 
 
 def fitted(
@@ -155,13 +157,20 @@ if hasattr(os, "register_at_fork"):
 def run_shared(run: CaseRun, count: int, threads: int, progress: bool) -> bool:
     """Run the work in threads; return whether all cases have ended.
 
-    This thread works, too, where it need not look at the others; these begin once it has returned to Python, so that
-    few cases wait for none.
+    This thread works, too, where it need not look at the others; these begin where it returns to Python and much is
+    left to do, so that few cases wait for none.
     """
     workers: list[Future[None]] = []
 
     def begin(number: int) -> None:
         workers.extend(_pool().submit(run.work) for _ in range(number))
+
+    def begin_others() -> bool:
+        begun = min(int(run.turn[0]), count)
+        if (count - begun) * (perf_counter() - started) < _WORTH * begun:
+            return False
+        begin(threads - 1)
+        return True
 
     whole = True
     with meter(count, progress) as advance:
@@ -169,7 +178,10 @@ def run_shared(run: CaseRun, count: int, threads: int, progress: bool) -> bool:
             if progress or run.stop is not None:
                 begin(threads)
             else:
-                run.work(partial(begin, threads - 1))
+                started = perf_counter()
+                if count >= _MANY:
+                    begin(threads - 1)
+                run.work(begin_others if 1 < threads and count < _MANY else None)
                 workers[:] = [worker for worker in workers if not worker.cancel()]
             _look_at(workers, run, count, advance, progress)
         except BaseException as reason:
@@ -187,12 +199,16 @@ def _look_at(
     workers: list[Future[None]], run: CaseRun, count: int, advance: Callable[[int], None], progress: bool
 ) -> None:
     """Wait until the work of threads has ended, and show how many of the cases have begun."""
+    if not progress and os.name != "nt":
+        for worker in workers:  # Ctrl-C is raised here
+            worker.result()
+        return
     if not workers:
         return
     from concurrent.futures import wait
 
     shown = 0
-    while wait(workers, _BETWEEN_LOOKS if progress or os.name == "nt" else None).not_done:
+    while wait(workers, _BETWEEN_LOOKS).not_done:
         begun = min(int(run.turn[0]), count)
         advance(begun - shown)
         shown = begun

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from typing import Any, cast, final
 
 import numpy as np
@@ -46,7 +45,6 @@ class SweepRunner:
     ----------
     kernels : SweepKernels
     shape : SweepShape
-        Of which the share is that of each run.
     stepper : Stepper
         The step of `kernels`.
     events : EventKernels
@@ -72,13 +70,13 @@ class SweepRunner:
         share : int
             How many cases a thread takes at a time.
         """
-        shape = replace(self.shape, share=share)
-        arrays = CaseArrays(self._kernels, shape, self._stepper, cases, result, kept, self._events, self._watched)
+        of_step = self._kernels, self.shape, self._stepper
+        arrays = CaseArrays(*of_step, cases, result, kept, self._events, self._watched, share)
         memories = self._memories.setdefault(arrays.loop_name, []) if _reuses_memory(cases) else []
         turn = np.zeros(1, np.int64)
         _ = cases.table  # made once for all threads
 
-        def work(paused: Callable[[], None] | None = None) -> None:
+        def work(paused: Callable[[], bool] | None = None) -> None:
             try:
                 memory = memories.pop()
             except IndexError:
@@ -123,7 +121,7 @@ class _Memory:
         self.progress.common = constant and all([column.size == 1 for column in cases.parameters])
         self._made.limits[0, :2] = cases.max_step, cases.max_steps
         self._numbers[_LARGEST] = cases.max_step
-        words[_CASES], words[_SHARE] = cases.count, arrays.shape.share
+        words[_CASES], words[_SHARE] = cases.count, arrays.share
         before, behind = arrays.results
         words[_COLUMNS:_STATE] = (*cases.table.fields, *_words((turn, *before)))
         words[_HAPPENED:_STOPS] = _words(behind)
@@ -138,6 +136,9 @@ def _words(arrays: Iterable[NDArray[Any]]) -> list[int]:
     """Return addresses of arrays, each followed by its lengths."""
     words: list[int] = []
     for array in arrays:
+        if array.size == 0:
+            words += (0, *array.shape)
+            continue
         assert array.flags.c_contiguous
         words += (address_of(array), *array.shape)
     return words

@@ -44,8 +44,9 @@ from ..runs import LoopCall
 from ..steppers import Stepper
 from .loops import loop_named
 
-_ROUNDS, _MOST_ROUNDS, _QUICK = 256, 1 << 24, 0.02
-"""Rounds after which a loop first returns to Python, and at most; seconds below which the next may take longer."""
+_FIRST_ROUNDS, _ROUNDS, _MOST_ROUNDS, _QUICK = 32, 256, 1 << 24, 0.02
+"""Rounds after which a loop that others may join first returns to Python, any loop, and at most; seconds below which
+the next may take longer."""
 
 
 @final
@@ -61,8 +62,6 @@ class SweepShape:
         Number of components of the state, and of constants.
     degree, memory : int
         Degree of the polynomials of a step, and how many numbers it remembers.
-    share : int
-        How many cases a thread takes at a time.
     dense : bool
         Whether the step writes its polynomials.
     events_with_series : int
@@ -74,7 +73,6 @@ class SweepShape:
     n_c: int
     degree: int
     memory: int
-    share: int
     dense: bool
     events_with_series: int = 0
 
@@ -82,7 +80,7 @@ class SweepShape:
 def begin_progress(progress: LoopProgress) -> None:
     """Set the progress of a loop that begins, and returns to Python every so often."""
     progress.words[:] = 0
-    progress.patience, progress.returns = _ROUNDS, 1
+    progress.patience, progress.returns = _FIRST_ROUNDS, 1
 
 
 def run_loop(
@@ -90,11 +88,11 @@ def run_loop(
     pointer: ctypes.c_void_p,
     progress: LoopProgress,
     turn: NDArray[np.int64],
-    paused: Callable[[], None] | None,
+    paused: Callable[[], bool] | None,
 ) -> bool:
     """Call a loop until no case is left; return whether none is, so that it was not stopped.
 
-    `paused` is called when it first returns to Python before that.
+    `paused` is called when it returns to Python before that, until `paused` returns that this was the last time.
     """
     going = True
     while going:  # Ctrl-C is raised here
@@ -103,8 +101,7 @@ def run_loop(
         raise_failure()
         going = progress.paused != 0 and turn[0] < STOPPED
         check()
-        if going and paused is not None:
-            paused()
+        if going and paused is not None and paused():
             paused = None
         if going and perf_counter() - begin < _QUICK:
             progress.patience = min(2 * progress.patience, _MOST_ROUNDS)
@@ -125,9 +122,11 @@ class CaseArrays:
         kept: KeptStarts,
         events: EventKernels,
         watched: bool,
+        share: int = 1,
     ) -> None:
         self.kernels, self.shape, self.stepper, self.cases = kernels, shape, stepper, cases
         self.result, self.kept, self.events, self.watched = result, kept, events, watched
+        self.share = share
         self.samples, self.inside, self.t_eval = _NOTHING, _NO_FLAGS, cases.t_eval
         n_times = len(cases.t_eval)
         if n_times:
@@ -178,7 +177,7 @@ class CaseArrays:
         return SweepArguments(
             kernels=self.kernels,
             shape=CaseShape(
-                n, more - n, shape.degree, shape.memory, parameters, given, checks, cases.count, shape.share
+                n, more - n, shape.degree, shape.memory, parameters, given, checks, cases.count, self.share
             ),
             limits=np.array([[cases.max_step, float(cases.max_steps), *self.stepper.settings]]),
             columns=_columns(self.cases),
@@ -232,7 +231,7 @@ class CaseArrays:
 
     def project_samples(self) -> None:
         """Project the samples that lie within steps onto the constraints."""
-        if not self.inside.any():
+        if self.inside.size == 0 or not self.inside.any():
             return
         shape, lanes, n = self.shape, self.shape.lanes, self.shape.n
         overwritten = aligned(1, lanes), aligned(n, lanes), np.ones((max(shape.n_c, 1), lanes)), aligned(n, lanes)
