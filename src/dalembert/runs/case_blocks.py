@@ -32,7 +32,9 @@ _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD = 8
 
 _LARGEST_SHARE, _SHARES_PER_THREAD = 64, 64
-_LARGEST_PART = 1 << 16
+_LARGEST_PART = 1 << 13
+"""Cases of a thread whose starts are kept together: so many that memory which was freed before is large enough."""
+
 _BETWEEN_LOOKS = 0.1
 _PROJECTIONS = "project_position", "project_velocity"
 _MOST_THREADS = 4096
@@ -76,7 +78,7 @@ def run_cases(engine: Engine, cases: Cases, settings: CaseSettings, stop: bool =
         return _interrupted(result)
     threads = settings.threads if engine.parallel else 1
     # reductions and checks need the starts of all cases of a part, and these may have long lists of stops
-    length = _LARGEST_PART if watch is not None or settings.judge is not None else max(1, count)
+    length = _LARGEST_PART * threads if watch is not None or settings.judge is not None else max(1, count)
     length = _LARGEST_BLOCK * threads if engine.cuts else length
     # samples are projected at the end, block by block in threads
     blocks = samples > 0 and (engine.cuts or any(name in cases.program for name in _PROJECTIONS))
