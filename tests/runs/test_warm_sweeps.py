@@ -78,9 +78,9 @@ def test_warm_calls_have_few_python_calls(sleigh, sphere):
         assert calls_of(run) <= most
 
 
-@pytest.mark.parametrize(("options", "most"), [*zip(WATCHED, (270, 330, 250, 200), strict=True)])
+@pytest.mark.parametrize(("options", "most"), [*zip(WATCHED, (190, 215, 230, 150), strict=True)])
 def test_warm_calls_with_more_to_do_have_few_python_calls(sleigh, options, most):
-    """They had 1,150, 1,260, 770 and 930 of them while arguments were packed anew."""
+    """They had 680, 690, 520 and 550 of them while arguments were packed anew."""
 
     def run():
         sleigh.sweep((0.0, 1e-3), {**SLEIGH, "x": np.array([0.2, 0.3])}, SLEIGH_VALUES, threads=1, **options)

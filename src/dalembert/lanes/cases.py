@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, final
 
 import numpy as np
@@ -117,10 +116,14 @@ class CaseColumns:
     rows: CaseRows | None = None
     part: PartSamples | None = None
 
-    @cached_property
+    _table: ColumnTable | None = field(default=None, init=False)
+
+    @property
     def table(self) -> ColumnTable:
-        """Where the columns are, for loops that read them."""
-        return ColumnTable((*self.spans, *self.parameters, *self.given))
+        """Where the columns are, for loops that read them; made before threads need it."""
+        if self._table is None:
+            self._table = ColumnTable((*self.spans, *self.parameters, *self.given))
+        return self._table
 
 
 _AT_START = {"minimum": np.inf, "maximum": -np.inf, "mean": 0.0}

@@ -172,10 +172,13 @@ class KeptStarts(NamedTuple):
     constants: Matrix
     states: Matrix
 
-    @classmethod
-    def nothing(cls) -> KeptStarts:
+    @staticmethod
+    def nothing() -> KeptStarts:
         """Return empty arrays."""
-        return cls(np.empty((0, 0)), np.empty((0, 0)))
+        return _NO_STARTS
+
+
+_NO_STARTS = KeptStarts(np.empty((0, 0)), np.empty((0, 0)))
 
 
 class SweepArguments(NamedTuple):
