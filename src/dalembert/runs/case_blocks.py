@@ -26,7 +26,6 @@ from .cases import Cases, single_problem
 if TYPE_CHECKING:
     from concurrent.futures import Future, ThreadPoolExecutor
 
-    from ..ir.program import Program
     from ..starts.initial_states import QuickStart
 
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
@@ -37,7 +36,6 @@ _LARGEST_PART = 1 << 13
 """Cases of a thread whose starts are kept together: so many that memory which was freed before is large enough."""
 
 _BETWEEN_LOOKS = 0.1
-_PROJECTIONS = "project_position", "project_velocity"
 _MOST_THREADS = 4096
 _WORTH, _MANY = 1e-4, 2048
 """Seconds of work that is left from which on other threads begin, twice what that takes; cases that take longer."""
@@ -82,7 +80,7 @@ def run_cases(engine: Engine, cases: Cases, settings: CaseSettings, stop: bool =
     length = _LARGEST_PART * threads if watch is not None or settings.judge is not None else max(1, count)
     length = _LARGEST_BLOCK * threads if engine.cuts else length
     # samples are projected at the end, block by block in threads
-    blocks = samples > 0 and (engine.cuts or _projects(cases.program))
+    blocks = samples > 0 and (engine.cuts or cases.program.projects)
     share = min(_LARGEST_SHARE, max(1, min(count, length) // (threads * _SHARES_PER_THREAD)))
     for part in _slices(count, length):
         size = part.stop - part.start
@@ -98,10 +96,6 @@ def run_cases(engine: Engine, cases: Cases, settings: CaseSettings, stop: bool =
         if not whole:
             break
     return result
-
-
-def _projects(program: Program) -> bool:
-    return any(name in program for name in _PROJECTIONS)
 
 
 def _slices(count: int, length: int) -> list[slice]:
@@ -309,7 +303,7 @@ def _columns_run(
     The totals of the results are the reductions.
     """
     columns, watch, count = cases.columns(block, settings), settings.watch, len(here.y)
-    if watch is None and (settings.t_eval is None or len(kept.constants) or not _projects(cases.program)):
+    if watch is None and (settings.t_eval is None or len(kept.constants) or not cases.program.projects):
         return engine.sweeper(columns, settings.method, here, kept, share)
     reduces = watch is not None and bool(watch.plan)
     if (reduces or watch is None) and not len(kept.constants):
