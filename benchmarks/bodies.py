@@ -1,72 +1,84 @@
-"""How scenes of many bodies grow: seconds from a scene to its first run, and the time of an evaluation.
+"""How scenes of many bodies grow: seconds from a scene to its first run, and the time of an evaluation beside others.
 
-``python benchmarks/bodies.py [--sizes 10 30 100] [--chains planar spatial] [--loops windows net] [--limit SECONDS]``
-prints a table of chains, then, with the sizes of `LOOP_SIZES`, of mechanisms of many closed loops. Seconds
-are those of the processor, so that other work of the machine does not count. An evaluation is a call of the compiled
-right-hand side from compiled code, the least mean of many samples. Torques recomputed from the accelerations by the
-recursion of `tests/mechanics/bodies.py`, in plain NumPy, are the residual. A size is left out where the one before took
-`limit` seconds in all.
+    pip install pin mujoco drake exudyn
+    python benchmarks/bodies.py                                    # prints tables of chains and of closed loops
+    python benchmarks/bodies.py --write                            # writes them to docs/many_bodies.md, and the picture
+    python benchmarks/bodies.py --sizes 10 30 --chains planar --loops --limit 30
+    python benchmarks/bodies.py --only-growth                      # without evaluations
 
-Where ``pinocchio`` (``pip install pin``) and ``mujoco`` can be imported, their forward dynamics of the same chain are
-measured beside it, called from Python, after their accelerations have been compared.
+Seconds are those of the processor, so that other work of the machine does not count. A size is left out where the one
+before took `limit` seconds in all.
+
+An evaluation of the accelerations of a chain at a random state is measured in turn with those of the peers that are
+installed (`chain_peers`), the least of many samples less the same call for nothing: ours of an empty compiled function,
+those of peers for a chain without bodies. Torques recomputed from the accelerations of each by the recursion of
+`tests/mechanics/bodies.py`, in plain NumPy, are its residual.
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from ctypes import CFUNCTYPE, c_void_p
 from itertools import pairwise
-from pathlib import Path
+from multiprocessing import get_context
 from time import perf_counter, process_time
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
+from chain_peers import LARGEST, MOMENTS, PEERS, VALUES, Evaluation, axes
 from chains import CHAINS
+from exact import ROOT  # puts tests/ on the path
+from figures import growth_picture
+from measure import interleaved
+from mechanism_peers import installed
+from numba import cfunc
 from numpy.typing import NDArray
+from report import fill_page
 
 import dalembert as da
 from dalembert.codegen.compiled_engine import CompiledEngine
 from dalembert.model.model import CompiledModel
 from loops import LOOPS
-
-sys.path.append(str(Path(__file__).parents[1] / "tests"))
 from mechanics.bodies import Link, torques
 
+PAGE, PICTURE = ROOT / "docs" / "many_bodies.md", ROOT / "docs" / "pictures" / "many_bodies.png"
+Vector = NDArray[np.float64]
 SIZES = (2, 7, 12, 30, 50, 100, 300, 1000)
-VALUES = {"m": 1.0, "l": 0.5, "Ix": 0.01, "Iy": 0.02, "Iz": 0.03, "g": 9.81}
 SPAN = 1.0
 LOOP_SIZES = {
     "windows": (10, 20, 40, 100),
-    "net": (3, 5, 7, 10),
     "track": (10, 20, 40, 80),
     "arch": (10, 20, 40, 80),
+    "net": (3, 5, 7, 10, 20),
 }
 LOOP_SPAN = 0.1
 """Seconds of motion; windows reach a singular position soon after."""
+RESIDUAL = 1e-5
+"""Largest residual of accelerations, relative to the terms of the torques, that is taken for the same chain."""
+MODULES = {"Pinocchio": "pinocchio", "MuJoCo": "mujoco", "Drake": "pydrake", "Exudyn": "exudyn"}
 
 
 class Growth(NamedTuple):
     """One chain or mechanism: seconds of the scene in SymPy, of its compilation, of the first run and of a later one.
 
-    `operations` are those of an evaluation, `microseconds` its time; `residual` is the largest torque that the
-    recursion of Newton and Euler recomputes from accelerations of a chain, relative to the sizes of its terms;
-    `steps` and `method` are those of the run, `peers` what others take.
+    `operations` are those of an evaluation, `steps` and `method` those of the run. `evaluations` are microseconds of an
+    evaluation, and `residuals` the largest torque that the recursion of Newton and Euler recomputes from accelerations
+    of a chain, relative to the sizes of its terms, both by the names of programs.
     """
 
-    chain: str
+    name: str
     bodies: int
     scene: float
     compiled: float
     first: float
     later: float
     operations: int
-    microseconds: float
-    residual: float
     steps: int
     method: str
-    peers: tuple[str, ...] = ()
+    evaluations: dict[str, float]
+    residuals: dict[str, float]
 
     @property
     def total(self) -> float:
@@ -74,7 +86,7 @@ class Growth(NamedTuple):
         return self.scene + self.compiled + self.first
 
 
-def growth(name: str, n: int) -> Growth:
+def growth(name: str, n: int, *, evaluated: bool = True) -> Growth:
     """Return what a chain takes, whose n links are bent a little, or a mechanism of n loops; both start at rest."""
     times = [process_time()]
     made = LOOPS[name](n) if name in LOOPS else None
@@ -93,58 +105,69 @@ def growth(name: str, n: int) -> Growth:
     if not run.success:
         raise RuntimeError(f"{name} of {n} ends with {run.status}: {run.message}")
     seconds = [later - earlier for earlier, later in pairwise(times)]
-    state = np.concatenate([run.q[0], run.qdot[0]])
-    evaluation = microseconds(model, state, model.parameter_vector(given))
     operations = len(model.stages.program.kernel("rhs").body)
-    others = tuple(peers(name, n, model, run.q[0], given)) if made is None else ()
-    rest = residual(name, n, model, given) if made is None else float("nan")
-    return Growth(name, n, *seconds, operations, evaluation, rest, run.stats.steps, run.stats.method, others)
+    if made is None:
+        found = evaluations(name, n, model, given) if evaluated else ({}, {})
+    else:
+        found = microseconds({"dalembert": own(model, run.q[0], run.qdot[0], given)}), {}
+    return Growth(name, n, *seconds, operations, run.stats.steps, run.stats.method, *found)
 
 
-def residual(chain: str, n: int, model: CompiledModel, given: Mapping[object, object]) -> float:
-    """Return the largest torque of the joints of a chain at a random state, relative to the sizes of its terms."""
-    l, half = VALUES["l"], np.array([VALUES["l"] / 2, 0.0, 0.0])
-    tree = []
-    for i, axis in enumerate(_axes(chain, n)[:n]):
-        place = np.array([l if i else 0.0, 0.0, 0.0])
-        tree.append(Link(i - 1, "turn", "xyz".index(axis), place, VALUES["m"], half, np.array(MOMENTS)))
-    q, qdot = np.random.default_rng(n).uniform(-1.0, 1.0, (2, n))
-    found, sizes = torques(tree, q, qdot, model.accelerations(0.0, q, qdot, given), up=1 if chain == "planar" else 2)
-    return float(np.max(np.abs(found) / sizes))
-
-
-def microseconds(model: CompiledModel, y: NDArray[np.float64], p: NDArray[np.float64]) -> float:
-    """Return the time of an evaluation of the right-hand side at a state."""
-    engine = cast(CompiledEngine, model.engine)
-    layout = model.stages.program.layout
-    t, c, out = np.zeros(1), np.zeros(layout.constants or len(layout.parameters)), np.zeros(len(y))
-    arguments = [a.ctypes.data for a in (t, y, c, c, out)]
-    function = CFUNCTYPE(None, *[c_void_p] * 5)
-    function(int(engine.steps.prepare()))(p.ctypes.data, y.ctypes.data, c.ctypes.data, c.ctypes.data, c.ctypes.data)
-    call = function(int(engine.steps.kernel("rhs")))
-    return 1e6 * least(lambda: call(*arguments))
-
-
-def peers(chain: str, n: int, model: CompiledModel, q: NDArray[np.float64], given: dict[object, object]) -> list[str]:
-    """Return names of peers that can be imported, each with the microseconds of its forward dynamics.
+def evaluations(
+    chain: str, n: int, model: CompiledModel, given: Mapping[Any, Any]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Return microseconds of an evaluation of a chain at a random state, and residuals, by the names of programs.
 
     Raises
     ------
     RuntimeError
-        Where the accelerations of a peer are others.
+        Where residuals are not those of rounding.
     """
-    own = model.accelerations(0.0, q, np.zeros(n), given)
-    found = []
-    for name, make in (("pinocchio", _pinocchio), ("mujoco", _mujoco)):
-        try:
-            evaluate = make(chain, n, q)
-        except ImportError:
-            continue
-        apart = np.max(np.abs(evaluate() - own)) / np.max(np.abs(own))
-        if apart > 1e-6:
-            raise RuntimeError(f"{name}: accelerations of the {chain} chain of {n} differ by {apart:.1g}")
-        found.append(f"{name} {1e6 * least(evaluate):.1f}")
-    return found
+    q, qdot = np.random.default_rng(n).uniform(-1.0, 1.0, (2, n))
+    every = {"dalembert": own(model, q, qdot, given)}
+    served = [peer for peer in PEERS if installed(MODULES[peer]) and n <= LARGEST.get(peer, n)]
+    every |= {peer: PEERS[peer](chain, q, qdot) for peer in served}
+    residuals = {program: residual(chain, q, qdot, each.accelerations) for program, each in every.items()}
+    wrong = {program: size for program, size in residuals.items() if not size < RESIDUAL}
+    if wrong:
+        raise RuntimeError(f"{chain} chain of {n}: the accelerations leave residuals {wrong}")
+    return microseconds(every), residuals
+
+
+def residual(chain: str, q: Vector, qdot: Vector, accelerations: Vector) -> float:
+    """Return the largest torque of the joints of a chain, relative to the sizes of its terms."""
+    l, half, tree = VALUES["l"], np.array([VALUES["l"] / 2, 0.0, 0.0]), []
+    for i, axis in enumerate(axes(chain, len(q))):
+        place = np.array([l if i else 0.0, 0.0, 0.0])
+        tree.append(Link(i - 1, "turn", "xyz".index(axis), place, VALUES["m"], half, np.array(MOMENTS)))
+    found, sizes = torques(tree, q, qdot, accelerations, up=1 if chain == "planar" else 2)
+    return float(np.max(np.abs(found) / sizes))
+
+
+_FUNCTION = CFUNCTYPE(None, *[c_void_p] * 5)
+
+
+def own(model: CompiledModel, q: Vector, qdot: Vector, given: Mapping[Any, Any]) -> Evaluation:
+    """Return the evaluation of the compiled right-hand side at a state, called through `ctypes`."""
+    engine, layout = cast(CompiledEngine, model.engine), model.stages.program.layout
+    p, y = model.parameter_vector(given), np.concatenate([q, qdot])
+    t, c, out = np.zeros(1), np.zeros(layout.constants or len(layout.parameters)), np.zeros(len(y))
+    _FUNCTION(int(engine.steps.prepare()))(*(a.ctypes.data for a in (p, y, c, c, c)))
+    call, arguments = _FUNCTION(int(engine.steps.kernel("rhs"))), [a.ctypes.data for a in (t, y, c, c, out)]
+    call(*arguments)
+    nothing = cfunc("void(voidptr, voidptr, voidptr, voidptr, voidptr)")(lambda t, y, c, s, out: None)
+    empty, keep = _FUNCTION(nothing.address), (t, y, c, out, nothing)
+    return Evaluation(out[len(q) :].copy(), lambda: (call(*arguments), keep), lambda: (empty(*arguments), keep))
+
+
+def microseconds(every: Mapping[str, Evaluation]) -> dict[str, float]:
+    """Return the time of an evaluation by each program, measured in turn."""
+    tasks = {(name, part): getattr(each, part) for name, each in every.items() for part in ("call", "empty")}
+    found = interleaved(tasks, rounds=60, seconds_each=3.0)
+    return {
+        name: 1e6 * (found[name, "call"].least - found[name, "empty"].least) / each.count
+        for name, each in every.items()
+    }
 
 
 def least(call: Callable[[], object], rounds: int = 30, calls: int = 20) -> float:
@@ -158,89 +181,99 @@ def least(call: Callable[[], object], rounds: int = 30, calls: int = 20) -> floa
     return best
 
 
-def _axes(chain: str, n: int) -> str:
-    return ("z" if chain == "planar" else "zyx") * n
+def measured(sizes: Mapping[str, Sequence[int]], limit: float, *, evaluated: bool = True) -> list[Growth]:
+    """Return what chains and mechanisms take, size by size, up to those that take `limit` seconds.
 
-
-MOMENTS = VALUES["Ix"], VALUES["Iy"], VALUES["Iz"]
-
-
-def _pinocchio(chain: str, n: int, q: NDArray[np.float64]) -> Callable[[], NDArray[np.float64]]:
-    """Return a call of Pinocchio's articulated-body algorithm for a chain at rest."""
-    import pinocchio as pin
-
-    model, joint, l = pin.Model(), 0, VALUES["l"]
-    for i in range(n):
-        turn = {"x": pin.JointModelRX, "y": pin.JointModelRY, "z": pin.JointModelRZ}[_axes(chain, n)[i]]()
-        place = pin.SE3(np.eye(3), np.array([l if i else 0.0, 0.0, 0.0]))
-        joint = model.addJoint(joint, turn, place, f"q{i}")
-        body = pin.Inertia(VALUES["m"], np.array([l / 2, 0.0, 0.0]), np.diag(MOMENTS))
-        model.appendBodyToJoint(joint, body, pin.SE3.Identity())
-    model.gravity.linear = np.array([0.0, -VALUES["g"], 0.0] if chain == "planar" else [0.0, 0.0, -VALUES["g"]])
-    data, nothing = model.createData(), np.zeros(n)
-    return lambda: np.asarray(pin.aba(model, data, q, nothing, nothing))
-
-
-def _mujoco(chain: str, n: int, q: NDArray[np.float64]) -> Callable[[], NDArray[np.float64]]:
-    """Return a call of MuJoCo's forward dynamics for a chain at rest."""
-    import mujoco
-
-    l, m = VALUES["l"], VALUES["m"]
-    gravity = f"0 {-VALUES['g']} 0" if chain == "planar" else f"0 0 {-VALUES['g']}"
-    axes = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
-    head = ""
-    for i in range(n):
-        head += f'<body pos="{l if i else 0} 0 0"><joint axis="{axes[_axes(chain, n)[i]]}"/>'
-        head += f'<inertial pos="{l / 2} 0 0" mass="{m}" diaginertia="{" ".join(map(str, MOMENTS))}"/>'
-    text = (
-        f'<mujoco><compiler balanceinertia="false" boundmass="0"/><option gravity="{gravity}"/>'
-        f"<worldbody>{head}{'</body>' * n}</worldbody></mujoco>"
-    )
-    model = mujoco.MjModel.from_xml_string(text)
-    data = mujoco.MjData(model)
-    data.qpos[:] = q
-
-    def evaluate() -> NDArray[np.float64]:
-        mujoco.mj_forward(model, data)
-        return np.asarray(data.qacc)
-
-    return evaluate
-
-
-def measured(sizes: Mapping[str, Sequence[int]], limit: float) -> list[Growth]:
-    """Return what chains and mechanisms take, size by size, up to those that take `limit` seconds."""
+    Each has a process of its own, in which nothing of those before is left.
+    """
     found = []
-    for name, own in sizes.items():
-        for n in own:
-            found.append(growth(name, n))
-            print(row(found[-1]), flush=True)
-            if found[-1].total > limit:
-                break
+    with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as pool:
+        for name, each in sizes.items():
+            for n in each:
+                found.append(pool.submit(growth, name, n, evaluated=evaluated).result())
+                print(found[-1], flush=True)
+                if found[-1].total > limit:
+                    break
     return found
 
 
-HEADER = (
-    "| chain | bodies | scene, s | compilation, s | first run, s | from scene to trajectory, s | next run, ms |"
-    " operations | evaluation, us | residual | steps | peers, us |\n" + "| --- " * 12 + "|"
-)
+# Tables.
+
+PROGRAMS = ("dalembert", *PEERS)
+SECONDS = "scene, s | compilation, s | first run, s | in all, s | next run, ms | operations"
 
 
-def row(g: Growth) -> str:
-    """Return a line of the table."""
-    return (
-        f"| {g.chain} | {g.bodies} | {g.scene:.2f} | {g.compiled:.2f} | {g.first:.2f} | {g.total:.2f} |"
-        f" {1e3 * g.later:.1f} | {g.operations:,} | {g.microseconds:.2f} | {g.residual:.0e} | {g.steps} {g.method} |"
-        f" {', '.join(g.peers)} |"
-    )
+def growth_table(found: Sequence[Growth]) -> str:
+    """Return seconds from scenes to trajectories; of mechanisms with the time of an evaluation."""
+    loops = any(g.name in LOOPS for g in found)
+    last = "evaluation, us" if loops else "method | steps"
+    lines = [f"| {'mechanism | n' if loops else 'chain | bodies'} | {SECONDS} | {last} |"]
+    lines.append("|---|" + "--:|" * (lines[0].count("|") - 2))
+    for g in found:
+        end = f"{g.evaluations['dalembert']:.2f}" if loops else f"{g.method} | {g.steps}"
+        lines.append(
+            f"| {g.name} | {g.bodies:,} | {g.scene:.2f} | {g.compiled:.2f} | {g.first:.2f} | {g.total:.2f} |"
+            f" {1e3 * g.later:.1f} | {g.operations:,} | {end} |"
+        )
+    return "\n".join(lines)
+
+
+def evaluation_table(found: Sequence[Growth]) -> str:
+    """Return microseconds of an evaluation of the accelerations by each program."""
+    lines = [f"| chain | bodies | {' | '.join(PROGRAMS)} |", "|---|" + "--:|" * (1 + len(PROGRAMS))]
+    for g in found:
+        cells = (_digits(g.evaluations[program]) if program in g.evaluations else "" for program in PROGRAMS)
+        lines.append(f"| {g.name} | {g.bodies:,} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _digits(value: float) -> str:
+    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}" if value >= 1 else f"{value:.2f}"
+
+
+def residual_table(found: Sequence[Growth]) -> str:
+    """Return the residuals of each program at each size."""
+    sizes = list(dict.fromkeys(g.bodies for g in found))
+    lines = [f"| chain | by | {' | '.join(f'{n:,}' for n in sizes)} |", "|---|---|" + "--:|" * len(sizes)]
+    for name in dict.fromkeys(g.name for g in found):
+        for program in PROGRAMS:
+            sized = {g.bodies: g.residuals[program] for g in found if g.name == name and program in g.residuals}
+            cells = (f"{sized[n]:.0e}" if n in sized else "" for n in sizes)
+            lines.append(f"| {name} | {program} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def marks(table: str) -> tuple[str, str]:
+    """Return the comments of the page between which a table lies."""
+    return f"<!-- table of {table}: benchmarks/bodies.py --write -->", f"<!-- end of the table of {table} -->"
+
+
+def main() -> None:
+    """Print the tables, or write them to the page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
+    parser.add_argument("--chains", nargs="*", choices=CHAINS, default=list(CHAINS))
+    parser.add_argument("--loops", nargs="*", choices=LOOPS, default=list(LOOP_SIZES))
+    parser.add_argument("--limit", type=float, default=60.0)
+    parser.add_argument("--only-growth", action="store_true", help="of chains, without evaluations")
+    parser.add_argument("--write", action="store_true", help="write the tables of what was measured to the page")
+    given = parser.parse_args()
+    chains = measured({name: given.sizes for name in given.chains}, given.limit, evaluated=not given.only_growth)
+    loops = measured({name: LOOP_SIZES[name] for name in given.loops}, given.limit)
+    tables: dict[str, str] = {}
+    if chains:
+        tables["growth"] = growth_table(chains)
+    if chains and not given.only_growth:
+        tables |= {"evaluations": evaluation_table(chains), "residuals": residual_table(chains)}
+    if loops:
+        tables["loops"] = growth_table(loops)
+    for name, table in tables.items():
+        print(f"\n{table}")
+        if given.write:
+            fill_page(PAGE, marks(name), table)
+    if "evaluations" in tables and given.write:
+        growth_picture(chains, PICTURE)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
-    parser.add_argument("--chains", nargs="*", choices=CHAINS, default=list(CHAINS))
-    parser.add_argument("--loops", nargs="*", choices=LOOPS, default=list(LOOPS))
-    parser.add_argument("--limit", type=float, default=60.0)
-    given = parser.parse_args()
-    print(HEADER)
-    sizes = {name: given.sizes for name in given.chains} | {name: LOOP_SIZES[name] for name in given.loops}
-    measured(sizes, given.limit)
+    main()

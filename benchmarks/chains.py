@@ -39,11 +39,13 @@ def _chain(name: str, n: int, axes: str, vertical: str) -> da.Scene:
     scene = da.Scene(name, frame=frame, origin=joint, coordinates=q)
     scene.apply_uniform_gravity(-symbols("g", positive=True) * getattr(frame, vertical))
     for i in range(n):
-        axis = getattr(frame, axes[i % len(axes)])
-        frame = frame.orientnew(f"E{i + 1}", "Axis", (q[i], axis))
-        G = joint.locatenew(f"G{i}", l[i] / 2 * frame.x)
+        link, G = ReferenceFrame(f"E{i + 1}"), Point(f"G{i}")
+        link.dcm(link)  # before it is joined to others, among all of which SymPy looks for the way to itself
+        link.orient_axis(frame, getattr(frame, axes[i % len(axes)]), q[i])
+        frame = link
         central = inertia(frame, *(moments[i] for moments in I))
         scene.add_bodies(RigidBody(f"link{i}", G, frame, m[i], (central, G)))
+        G.set_pos(joint, l[i] / 2 * frame.x)  # after the body, for the same reason
         joint = joint.locatenew(f"P{i + 1}", l[i] * frame.x)
     return scene
 

@@ -13,6 +13,7 @@ from measure import growth_exponent
 __all__ = [
     "drift_picture",
     "energy_picture",
+    "growth_picture",
     "scaling_picture",
     "sleigh_picture",
     "sphere_picture",
@@ -138,6 +139,44 @@ def scaling_picture(records: Sequence[Mapping[str, Any]], kane: Sequence[Mapping
         ticks = [n for n in sorted({r["n"] for r in records}) if n in (2, 5, 10, 20, 40)]
         panel.set_xticks(ticks, [str(n) for n in ticks], minor=False)
         panel.minorticks_off()
+        panel.grid(alpha=0.3)
+        panel.legend(fontsize=8)
+    return _save(figure, path)
+
+
+PROGRAM_COLOURS = {
+    "dalembert": "k",
+    "PyDy": "C4",
+    "Pinocchio": "C0",
+    "MuJoCo": "C1",
+    "Drake": "C2",
+    "Exudyn": "C3",
+}
+"""Colours of programs for mechanics, as all pictures have them."""
+
+
+def growth_picture(found: Sequence[Any], path: Path) -> Path:
+    """Draw microseconds of an evaluation over the number of bodies, a panel a chain, and seconds to a trajectory.
+
+    `found` has the attributes name, bodies, total and evaluations (by the names of programs).
+    """
+    figure = Figure(figsize=(11.0, 3.8), layout="constrained")
+    chains = list(dict.fromkeys(g.name for g in found))
+    *panels, seconds = figure.subplots(1, len(chains) + 1)
+    for panel, chain in zip(panels, chains, strict=True):
+        line = [g for g in found if g.name == chain]
+        for program, colour in PROGRAM_COLOURS.items():
+            points = [(g.bodies, g.evaluations[program]) for g in line if program in g.evaluations]
+            if points:
+                width = 2.2 if program == "dalembert" else 1.2
+                panel.plot(*zip(*points, strict=True), "o-", markersize=3, color=colour, lw=width, label=program)
+        panel.set(title=f"{chain} chain: accelerations", ylabel="microseconds of an evaluation")
+    for chain, style in zip(chains, ("o-", "s--"), strict=False):
+        line = [g for g in found if g.name == chain]
+        seconds.plot([g.bodies for g in line], [g.total for g in line], style, color="k", markersize=3, label=chain)
+    seconds.set(title="dalembert: scene to trajectory", ylabel="seconds of the processor")
+    for panel in (*panels, seconds):
+        panel.set(xscale="log", yscale="log", xlabel="bodies")
         panel.grid(alpha=0.3)
         panel.legend(fontsize=8)
     return _save(figure, path)

@@ -25,18 +25,19 @@ _PACKAGES = ("dalembert", "llvmlite", "numba", "jax", "diffrax", "heyoka", "casa
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds of one call: the median of the rounds, and their quartiles."""
+    """Seconds of one call: the median of the rounds, their quartiles, how many they were, and the least."""
 
     median: float
     low: float
     high: float
     rounds: int
+    least: float
 
     @classmethod
     def of(cls, samples: Sequence[float]) -> Timing:
         """Return the timing that samples [s] amount to."""
         low, middle, high = np.percentile(samples, [25, 50, 75])
-        return cls(float(middle), float(low), float(high), len(samples))
+        return cls(float(middle), float(low), float(high), len(samples), float(min(samples)))
 
     def microseconds(self) -> dict[str, float]:
         """Return median and quartiles in microseconds, as JSON takes them."""

@@ -9,8 +9,8 @@ Needs, beside the library, any of these packages; those that are missing are lef
 
 Every program runs one motion from Python, at settings from loose to tight, and the error of what is observed at the end
 is taken against a reference that is not ours: published digits, a closed form, or Pinocchio's accelerations integrated
-at 1e-13. A time is the least of several calls, once everything is compiled. The table has the least time of each
-program to an error of 1e-6.
+at 1e-13. A time is the least of several calls, once everything is compiled, in seconds of the processor: all run in one
+thread, and other work of the machine does not count. The table has the least time of each program to an error of 1e-6.
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any
 
 import mechanism_loops as loops
 import numpy as np
 from exact import ROOT  # puts tests/ on the path
+from figures import PROGRAM_COLOURS
 from measure import machine
 from mechanism_peers import TOLERANCES, Contender, Robot, installed, robot_contenders, robot_file, robot_reference
 from numpy.typing import NDArray
@@ -200,9 +201,9 @@ def _least(run: Callable[[], Any]) -> float:
     """Return the least seconds of five calls, of fewer where they take long."""
     best, spent = float("inf"), 0.0
     for _ in range(5):
-        begin = perf_counter()
+        begin = process_time()
         run()
-        seconds = perf_counter() - begin
+        seconds = process_time() - begin
         best, spent = min(best, seconds), spent + seconds
         if spent > 2.0:
             break
@@ -230,7 +231,7 @@ def measured(names: Sequence[str]) -> dict[str, Any]:
     return found
 
 
-PROGRAMS = ("dalembert", "PyDy", "Pinocchio", "MuJoCo", "Drake", "Exudyn")
+PROGRAMS = tuple(PROGRAM_COLOURS)
 
 
 def table(found: Mapping[str, Any]) -> str:
@@ -240,7 +241,7 @@ def table(found: Mapping[str, Any]) -> str:
         own = _time(entry["curves"]["dalembert"])
         cells = []
         for program in PROGRAMS:
-            points = next((p for name, p in entry["curves"].items() if name.split(",")[0] == program), None)
+            points = [point for name, p in entry["curves"].items() if name.split(",")[0] == program for point in p]
             cells.append(_cell(points, own))
         lines.append(f"| {entry['title']} | {' | '.join(cells)} |")
     return "\n".join(lines)
@@ -250,7 +251,7 @@ def _time(points: Sequence[Sequence[float]]) -> float | None:
     return min((seconds for _, seconds, error in points if error <= WANTED), default=None)
 
 
-def _cell(points: Sequence[Sequence[float]] | None, own: float | None) -> str:
+def _cell(points: Sequence[Sequence[float]], own: float | None) -> str:
     if not points:
         return "-"
     seconds = _time(points)
@@ -266,7 +267,7 @@ def _milliseconds(seconds: float) -> str:
 
 
 def draw(found: Mapping[str, Any]) -> None:
-    """Write the picture: error against time, a panel a mechanism."""
+    """Write the picture: error against time, a panel a mechanism; second methods of a program are broken lines."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -274,20 +275,23 @@ def draw(found: Mapping[str, Any]) -> None:
 
     entries = list(found["mechanisms"].values())
     figure, panels = plt.subplots(2, 3, figsize=(10, 6), layout="constrained", sharey=True)
-    colours = dict(zip(PROGRAMS, ("k", "C4", "C0", "C1", "C2", "C3"), strict=True))
     for panel, entry in zip(panels.flat, entries, strict=False):
+        shown: list[str] = []
         for name, points in entry["curves"].items():
             program = name.split(",")[0]
             times, errors = ([point[i] for point in points] for i in (1, 2))
-            style = {"lw": 2.2, "zorder": 5} if program == "dalembert" else {"lw": 1.2}
-            panel.loglog(1e3 * np.array(times), errors, "o-", ms=3, color=colours[program], label=program, **style)
+            style: dict[str, Any] = {"lw": 2.2, "zorder": 5} if program == "dalembert" else {"lw": 1.2}
+            style |= {"color": PROGRAM_COLOURS[program], "label": program, "ms": 3}
+            panel.loglog(1e3 * np.array(times), errors, "s--" if program in shown else "o-", **style)
+            shown.append(program)
         panel.set(title=entry["title"], xlabel="time of a run [ms]", ylim=(1e-12, 10))
         panel.grid(alpha=0.3)
     for panel in panels[:, 0]:
         panel.set_ylabel("error at the end")
-    handles = {
-        label: handle for panel in panels.flat for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)
-    }
+    handles: dict[str, Any] = {}
+    for panel in panels.flat:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
     spare = panels.flat[len(entries)]
     spare.axis("off")
     spare.legend(handles.values(), handles.keys(), loc="center", frameon=False, fontsize=11)

@@ -3,14 +3,15 @@
 ``python benchmarks/overhead.py [--rounds N]`` prints microseconds of a warm call at the default options, of the
 compiled loop that takes and records its steps, and of their difference, which is what Python adds: reading what is
 given, the consistent start, the choice of the method, and the results. Of sweeps it prints a call with two cases of one
-short step each, and what each further case adds. The least of many short samples counts, because other work of the
+short step each, and what each further case adds, also with events, reductions and times to record; and how long after
+the first thread the second begins to take steps. The least of many short samples counts, because other work of the
 machine only adds to it.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -18,13 +19,24 @@ import numpy as np
 from cases import END, PROBLEMS, Problem
 
 import dalembert as da
+from dalembert.codegen.llvm import sweep_memory
 from dalembert.starts import inputs
 from dalembert.steps.problem import IntegrationProblem
 
 SCENES = ("sleigh", "sphere")
 CALLS = 20
-SHORT, MANY = 1e-3, 4096
-"""Duration of the cases of sweeps [s], and how many the larger sweep has."""
+SHORT, FEW, MANY = 1e-3, 64, 4096
+"""Duration of the cases of sweeps [s], and numbers of cases between which one more is measured."""
+
+WORK: dict[str, tuple[str, Mapping[str, Any]]] = {
+    "": ("minimal", {}),
+    "by radau": ("minimal", {"method": "radau"}),
+    "with an event": ("minimal", {"events": ["x"]}),
+    "with a maximum": ("minimal", {"reduce": {"largest": da.maximum("x")}}),
+    "with two times": ("minimal", {"t_eval": np.array([0.0, SHORT])}),
+    "projected": ("projected", {}),
+}
+"""Formulation and options of sweeps by name."""
 
 
 class Overhead(NamedTuple):
@@ -53,33 +65,62 @@ def overhead(name: str, problem: Problem, rounds: int) -> Overhead:
 
 
 class SweepOverhead(NamedTuple):
-    """Seconds of a sweep of two short cases, and of each further one on one thread."""
+    """Seconds of a sweep of two short cases, and of each further one on one thread, steps included."""
 
     scene: str
     called: float
     case: float
 
 
-def sweep_overhead(name: str, problem: Problem, rounds: int) -> SweepOverhead:
+def sweep_overhead(name: str, problem: Problem, rounds: int, work: str = "") -> SweepOverhead:
     """Return the overhead of sweeps of one scene."""
-    model = da.compile_model(problem.build())
-
-    def call(count: int) -> Callable[[], Any]:
-        initial = {**problem.initial, "x": problem.initial["x"] + np.linspace(0.0, 1.0, count)}
-        return lambda: model.sweep((0.0, SHORT), initial, problem.parameters, threads=1)
-
-    two = _least(call(2), rounds)
-    return SweepOverhead(name, two, (_least(call(MANY), max(1, rounds // 20)) - two) / (MANY - 2))
+    formulation, options = WORK[work]
+    model = da.compile_model(problem.build(), formulation=formulation)
+    two, few = (_least(_sweep(model, problem, count, **options), rounds, calls=1) for count in (2, FEW))
+    many = _least(_sweep(model, problem, MANY, **options), max(1, rounds // 10), calls=1)
+    return SweepOverhead(f"{name} {work}".strip(), two, (many - few) / (MANY - FEW))
 
 
-def _least(call: Callable[[], Any], rounds: int) -> float:
+def _sweep(model: Any, problem: Problem, count: int, threads: int = 1, **options: Any) -> Callable[[], Any]:
+    """Return a sweep of so many short cases, for which everything is compiled."""
+    initial = {**problem.initial, "x": problem.initial["x"] + np.linspace(0.0, 1.0, count)}
+
+    def call() -> Any:
+        return model.sweep((0.0, SHORT), initial, problem.parameters, threads=threads, **options)
+
+    for _ in range(CALLS):
+        call()
+    return call
+
+
+def second_thread(problem: Problem, rounds: int) -> float:
+    """Return the seconds from the first step of a sweep of `MANY` cases to the first step of its second thread."""
+    call, begun, best = _sweep(da.compile_model(problem.build()), problem, MANY, threads=2), list[float](), float("inf")
+    loop = sweep_memory.run_loop
+
+    def timed(*arguments: Any) -> bool:
+        begun.append(perf_counter())
+        return loop(*arguments)
+
+    sweep_memory.run_loop = timed
+    try:
+        for _ in range(rounds):
+            begun.clear()
+            call()
+            best = min(best, begun[1] - begun[0] if len(begun) > 1 else best)
+    finally:
+        sweep_memory.run_loop = loop
+    return best
+
+
+def _least(call: Callable[[], Any], rounds: int, calls: int = CALLS) -> float:
     """Return the least seconds of a call, of samples of some calls in a row."""
     best = float("inf")
     for _ in range(rounds):
         begin = perf_counter()
-        for _ in range(CALLS):
+        for _ in range(calls):
             call()
-        best = min(best, (perf_counter() - begin) / CALLS)
+        best = min(best, (perf_counter() - begin) / calls)
     return best
 
 
@@ -123,11 +164,15 @@ def sweep_table(found: list[SweepOverhead]) -> str:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=500, help="samples of 20 calls")
+    parser.add_argument("--rounds", type=int, default=500, help="samples of 20 calls, or of one sweep")
     rounds = parser.parse_args().rounds
     print(table([overhead(name, PROBLEMS[name], rounds) for name in SCENES]))
     print()
-    print(sweep_table([sweep_overhead(name, PROBLEMS[name], rounds) for name in SCENES]))
+    print(sweep_table([sweep_overhead(name, PROBLEMS[name], rounds, work) for name in SCENES for work in WORK]))
+    print()
+    for name in SCENES:
+        seconds = second_thread(PROBLEMS[name], rounds)
+        print(f"{name}: a second thread begins {1e6 * seconds:.0f} us after the first")
 
 
 if __name__ == "__main__":

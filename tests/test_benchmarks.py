@@ -63,8 +63,10 @@ def test_the_overhead_is_the_call_less_its_compiled_loop(name):
     found = overhead.overhead(name, PROBLEMS[name], rounds=2)
     assert 0.0 < found.loop < found.called and found.beyond == found.called - found.loop and found.steps > 5
     assert f"| {name} | {found.steps} |" in overhead.table([found])
-    swept = overhead.sweep_overhead(name, PROBLEMS[name], rounds=2)
-    assert swept.case < swept.called and f"| {name} |" in overhead.sweep_table([swept])
+    for work in ("", "with an event"):
+        swept = overhead.sweep_overhead(name, PROBLEMS[name], rounds=2, work=work)
+        assert swept.case < swept.called and f"| {name} {work}".rstrip() in overhead.sweep_table([swept])
+    assert overhead.second_thread(PROBLEMS[name], rounds=2) > 0.0
 
 
 def test_a_slow_contender_takes_fewer_cases_at_this_and_tighter_tolerances(monkeypatch):

@@ -12,6 +12,7 @@ what a model derives later) changes graphs and the caches of SymPy, and is done 
 
 from __future__ import annotations
 
+import gc
 import os
 import threading
 from collections import OrderedDict
@@ -31,6 +32,9 @@ DERIVING = threading.RLock()
 _GUARD = threading.Lock()
 _PENDING: dict[Hashable, _Turn] = {}
 """Computations that run now, by key, with the threads that wait for them."""
+
+_RARELY = 1_000_000
+"""Collections of middle-aged objects between two of all objects while something is derived."""
 
 _MISSING: Any = object()
 
@@ -186,12 +190,21 @@ def derived_property(function: Callable[[Any], T]) -> OnceProperty[T]:
 
 
 def deriving(function: Callable[P, T]) -> Callable[P, T]:
-    """Return a function that runs under `DERIVING`."""
+    """Return a function that runs under `DERIVING`, without collections of old garbage.
+
+    Graphs grow meanwhile and are all in use, so that each collection of old objects looks through them in vain, which
+    was a fifth of the time to compile 300 bodies. Young garbage is collected.
+    """
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> T:
         with DERIVING:
-            return function(*args, **kwargs)
+            young, middle, old = gc.get_threshold()
+            gc.set_threshold(young, middle, max(old, _RARELY))
+            try:
+                return function(*args, **kwargs)
+            finally:
+                gc.set_threshold(young, middle, old)
 
     return call
 

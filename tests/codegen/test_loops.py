@@ -171,6 +171,7 @@ def test_code_of_a_model_is_bounded(monkeypatch, what):
     """Each distinct event or reduction used to keep its code as long as the model lived, 0.2 MB."""
     monkeypatch.setattr(derived, "_MOST", 2)
     monkeypatch.setattr(steppers, "_MOST_EVENTS", 2)
+    monkeypatch.setattr(lane_runs, "_MOST_LANES", 2)
     for module in (engine, kernel_code, kernel_library):
         monkeypatch.setattr(module, "MOST_FURTHER", 4)
     model, engines, counts = da.compile_model(da.scenes.chaplygin_sleigh()), Engines(monkeypatch), []

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sympy.physics.mechanics import Point, ReferenceFrame
 
 import dalembert as da
 from oracles.chain_recursion import planar_chain
@@ -11,8 +12,8 @@ LENGTH, MASS, MOMENT = 0.5, 1.0, 0.02
 
 
 @pytest.fixture(scope="module")
-def model(tmp_path_factory):
-    """Return the model of a URDF file of equal rods, one after the other, in a vertical plane."""
+def robot(tmp_path_factory):
+    """Return a URDF file of equal rods, one after the other, in a vertical plane."""
     centre = f'<origin xyz="{LENGTH / 2} 0 0"/><mass value="{MASS}"/>'
     moments = f'<inertia ixx="0.01" iyy="{MOMENT}" izz="{MOMENT}" ixy="0" ixz="0" iyz="0"/>'
     parts = ['<link name="l0"/>']
@@ -23,7 +24,13 @@ def model(tmp_path_factory):
         parts.append(f'<joint name="q{i}" type="continuous">{ends}{place}</joint>')
     path = tmp_path_factory.mktemp("robots") / "chain.urdf"
     path.write_text(f'<robot name="chain">{"".join(parts)}</robot>')
-    return da.compile_model(da.Scene.from_urdf(path))
+    return path
+
+
+@pytest.fixture(scope="module")
+def model(robot):
+    """Return the model of the file."""
+    return da.compile_model(da.Scene.from_urdf(robot))
 
 
 def test_accelerations_balance_the_loads(model):
@@ -35,3 +42,27 @@ def test_accelerations_balance_the_loads(model):
     terms = planar_chain(-q, -qdot, MASS * equal, LENGTH * equal, MOMENT * equal, 9.81)
     sizes = np.abs(terms.mass_matrix) @ np.abs(found) + np.abs(terms.forcing)
     assert np.max(np.abs(terms.mass_matrix @ -found - terms.forcing) / sizes) < 1e-13
+
+
+def test_scenes_are_built_without_searches_among_all_links(robot, monkeypatch):
+    """SymPy looks for ways among all frames and points that are joined; such searches made a thousand links cubic."""
+    searches = []
+
+    def counted(kind, name, joined):
+        search = getattr(kind, name)
+
+        def wrapper(self, *args):
+            if getattr(self, joined):
+                searches.append(self.name)
+            return search(self, *args)
+
+        monkeypatch.setattr(kind, name, wrapper)
+
+    counted(Point, "_pdict_list", "_pos_dict")
+    counted(ReferenceFrame, "_dict_list", "_dcm_dict")
+    scene = da.Scene.from_urdf(robot)
+    assert searches == []
+    body = scene.bodies[-1]
+    body.masscenter.pos_from(scene.origin)
+    body.frame.dcm(scene.frame)
+    assert len(searches) == 2

@@ -153,7 +153,7 @@ def test_single_runs_with_events(plainly, monkeypatch, method, formulation, loop
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
 @pytest.mark.parametrize(("what", "formulation"), PAIRS)
 def test_sweeps_that_pause(plainly, monkeypatch, what, method, formulation):
-    monkeypatch.setattr(sweeps, "_ROUNDS", 3)
+    monkeypatch.setattr(sweeps, "_FIRST_ROUNDS", 3)
     options = SWEEPS[what]
 
     def run():

@@ -12,7 +12,7 @@ ROOT = Path(da.__file__).parent
 PAGE = (Path(__file__).parents[2] / "docs" / "design.md").read_text()
 START = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
 PARAMETERS = {"m": 1.0, "b": 0.3, "I_C": 0.5}
-LAST = {"simulate": ("loops.taylor_runs", "integrate"), "sweep": ("codegen.llvm.plain_sweeps", "work")}
+LAST = {"simulate": ("loops.taylor_runs", "integrate"), "sweep": ("codegen.llvm.sweep_memory", "work")}
 
 
 def frames_to(last, run):

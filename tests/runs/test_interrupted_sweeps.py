@@ -28,6 +28,11 @@ def sleigh():
 
 
 @pytest.fixture(scope="module")
+def projected():
+    return da.compile_model(da.scenes.chaplygin_sleigh(), formulation="projected")
+
+
+@pytest.fixture(scope="module")
 def cart():
     N, O = ReferenceFrame("N"), Point("O")
     P = O.locatenew("P", x * N.x)
@@ -53,7 +58,7 @@ def press(monkeypatch, part, run):
         real(t)
 
     monkeypatch.setattr(sweeps, "_QUICK", 0.0)
-    monkeypatch.setattr(sweeps, "_ROUNDS", 7)
+    monkeypatch.setattr(sweeps, "_FIRST_ROUNDS", 7)
     monkeypatch.setattr(sweeps, "check", check)
     run()
     last = part * len(calls)
@@ -79,8 +84,11 @@ def assert_parts(broken, whole):
 
 @pytest.mark.parametrize("part", [0, 0.4, 0.9])
 @pytest.mark.parametrize("options", [{"t_eval": [0, 2, 5]}, {**WATCHED, "t_eval": [0, 2, 5]}], ids=["times", "events"])
-def test_sweeps_in_blocks(sleigh, monkeypatch, options, part):
-    run = partial(sleigh.sweep, (0, 5), SLEIGH, VALUES, threads=1, **options)
+@pytest.mark.parametrize("name", ["sleigh", "projected"])
+def test_sweeps_with_samples(request, monkeypatch, name, options, part):
+    """Where states are projected, blocks of cases run one after another, else all are one run."""
+    model = request.getfixturevalue(name)
+    run = partial(model.sweep, (0, 5), SLEIGH, VALUES, threads=1, **options)
     ended = assert_parts(*press(monkeypatch, part, run))
     assert (ended > 0) == (part > 0) and ended < COUNT
 

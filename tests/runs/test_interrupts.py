@@ -39,7 +39,7 @@ def test_sweeps_that_pause_after_every_round_give_the_same_bits(monkeypatch, mod
     expected = everything()
     monkeypatch.setattr(sweeps, "_QUICK", 0.0)
     for rounds in (1, 2, 7):
-        monkeypatch.setattr(sweeps, "_ROUNDS", rounds)
+        monkeypatch.setattr(sweeps, "_FIRST_ROUNDS", rounds)
         assert everything() == expected
 
 

@@ -147,8 +147,9 @@ def test_an_interrupt_keeps_what_is_finished(model, interrupted, threads):
     assert np.all(np.isnan(sweep.y[~ended]))
 
 
-def test_an_interrupt_keeps_blocks_that_are_finished(model, interrupted):
-    lengths = np.linspace(0.1, 0.5, 640)
+def test_an_interrupt_keeps_blocks_that_are_finished(interrupted):
+    """Cases with samples run in blocks where states are projected."""
+    model, lengths = da.compile_model(da.scenes.chaplygin_sleigh(), formulation="projected"), np.linspace(0.1, 0.5, 640)
     sweep = model.sweep((0, 10), START, {**PARAMETERS, "b": lengths}, threads=1, t_eval=[5.0])
     assert {Status(s) for s in sweep.status} == {Status.SUCCESS, Status.INTERRUPTED}
     assert np.all(np.isfinite(sweep.samples[sweep.success]))

@@ -7,18 +7,28 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 from dalembert.codegen.kernel_code import INTERPRETED
-from dalembert.codegen.llvm import plain_sweeps
+from dalembert.codegen.llvm import sweep_memory
 from dalembert.errors import OptionError, UnknownNameError, ValueInputError
 from dalembert.methods.status import Status
+from dalembert.runs import sweep as sweeps
+from hard_cases import hard_case
+from system.singular_scenes import windows
 from system.stiff_scenes import GOVERNOR, GOVERNOR_START, governor
 
 SLEIGH = {"x": 0.0, "y": 0.0, "theta": 0.2, "x_dot": 0.98, "y_dot": 0.98 * np.tan(0.2), "theta_dot": 2.0}
 SLEIGH_VALUES = {"m": 1.0, "b": 0.3, "I_C": 0.5}
 SPHERE = {"x": 0.0, "y": 0.0, "psi": 0.3, "theta": 1.1, "phi": 0.2, "psi_dot": 0.5, "theta_dot": 0.1, "phi_dot": 2.0}
 SPHERE_VALUES = {"g": 9.81, "m": 1.0, "r": 0.5}
+WATCHED = (
+    {"events": ["theta", da.Event("x_dot", direction=-1)]},
+    {"reduce": {"far": da.maximum("x"), "mean": da.mean("theta"), "when": da.first_crossing("x_dot")}},
+    {"t_eval": np.linspace(0.0, 1e-3, 3)},
+    {"method": "radau"},
+)
 WARM = 40
 """Sweeps after which everything is compiled and kept."""
 
@@ -68,23 +78,40 @@ def test_warm_calls_have_few_python_calls(sleigh, sphere):
         assert calls_of(run) <= most
 
 
+@pytest.mark.parametrize(("options", "most"), [*zip(WATCHED, (190, 215, 210, 150), strict=True)])
+def test_warm_calls_with_more_to_do_have_few_python_calls(sleigh, options, most):
+    """They had 680, 690, 520 and 550 of them while arguments were packed anew."""
+
+    def run():
+        sleigh.sweep((0.0, 1e-3), {**SLEIGH, "x": np.array([0.2, 0.3])}, SLEIGH_VALUES, threads=1, **options)
+
+    for _ in range(WARM):
+        run()
+    assert calls_of(run) <= most
+
+
 def finals(sweep):
-    return [sweep.y, sweep.t, sweep.status, sweep.steps]
+    counts = [array for each in sweep.events.values() for array in (each.count, each.first, each.last)]
+    samples = [] if sweep.samples is None else [sweep.samples]
+    return [sweep.y, sweep.t, sweep.status, sweep.steps, *samples, *counts, *sweep.reduced.values()]
 
 
-@pytest.mark.parametrize("method", ["taylor", "dop853"])
-def test_warm_sweeps_have_the_bits_of_cold_ones(sleigh, method):
+@pytest.mark.parametrize("options", [{"method": "taylor"}, {"method": "dop853"}, *WATCHED])
+def test_warm_sweeps_have_the_bits_of_cold_ones(sleigh, options):
     """Memory that served other cases before, more or fewer, leaves nothing behind; nor do results share any."""
     rng = np.random.default_rng(1)
     starts = [{**SLEIGH, "theta": rng.uniform(-1.4, 1.4, count), "x": rng.normal()} for count in (3, 70, 1, 17, 2)]
     starts = [{**start, "y_dot": start["x_dot"] * np.tan(start["theta"])} for start in starts]
     spans = [(0, 1.0), (0.0, -2.0), (0.0, 0.0), (0, 3), (0.0, 1.0)]
+    if "t_eval" in options:
+        spans = [(0, end) for _, end in spans if end > 0.0]
+    starts = starts[: len(spans)]
     fresh = [
-        finals(da.compile_model(da.scenes.chaplygin_sleigh()).sweep(span, start, SLEIGH_VALUES, method=method))
+        finals(da.compile_model(da.scenes.chaplygin_sleigh()).sweep(span, start, SLEIGH_VALUES, **options))
         for span, start in zip(spans, starts, strict=True)
     ]
     found = [
-        finals(sleigh.sweep(span, start, SLEIGH_VALUES, method=method))
+        finals(sleigh.sweep(span, start, SLEIGH_VALUES, **options))
         for _ in range(WARM // 4)
         for span, start in zip(spans, starts, strict=True)
     ]
@@ -127,7 +154,7 @@ def test_stopped_memory_is_not_used_again(sleigh, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(plain_sweeps, "run_loop", press)
+        patched.setattr(sweep_memory, "run_loop", press)
         broken = sleigh.sweep((0.0, 1.0), {**SLEIGH, "x": np.zeros(3)}, SLEIGH_VALUES, threads=1)
     assert np.all(broken.status == Status.INTERRUPTED)
     for array, value in zip(
@@ -146,6 +173,12 @@ def test_results_and_arguments_are_not_aliased(sleigh):
     np.testing.assert_array_equal(first.initial["x"], [0.0, 1.0])
     for array, value in zip(finals(first), kept, strict=True):
         np.testing.assert_array_equal(array, value)
+    times = np.linspace(0.0, 1.0, 3)
+    sampled = sleigh.sweep((0.0, 1.0), SLEIGH, SLEIGH_VALUES, t_eval=times)
+    sampled.t_eval[:] = times[:] = 9.0
+    again = sleigh.sweep((0.0, 1.0), SLEIGH, SLEIGH_VALUES, t_eval=np.linspace(0.0, 1.0, 3))
+    np.testing.assert_array_equal(again.t_eval, [0.0, 0.5, 1.0])
+    np.testing.assert_array_equal(again.samples, sampled.samples)
     first.parameters["m"][0] = 7.0
     assert sleigh.sweep((0.0, 1.0), {**SLEIGH, "x": x}, SLEIGH_VALUES).parameters["m"] == 1.0
 
@@ -201,3 +234,55 @@ def test_locked_angles_are_found_by_warm_models(sphere):
         assert np.all(sphere.sweep((0.0, 0.1), {**still, "theta_dot": rates}, values).success)
     warm = sphere.sweep((0.0, 2.0), {**still, "theta_dot": rates}, values)
     assert cold.status.tolist() == warm.status.tolist() == [0, Status.SINGULAR_COORDINATES, 0]
+
+
+def test_options_that_python_takes_for_equal_are_told_apart(sleigh):
+    """A list of names is not a mapping of them, and events differ in each of their fields."""
+    kept = [{"x": da.final("x")}, {"x": da.maximum("x")}, ["x"], ["x_dot"]]
+    for _ in range(2):
+        found = [sleigh.sweep((0.0, 1.0), SLEIGH, SLEIGH_VALUES, reduce=each).reduced for each in kept]
+        assert [list(each) for each in found] == [["x"], ["x"], ["x"], ["x_dot"]]
+        assert found[0]["x"] == found[2]["x"] <= found[1]["x"]
+        for field, status in (({}, 0), ({"terminal": True}, Status.EVENT), ({"terminal": 1, "direction": -1}, 0)):
+            events = [da.Event(dynamicsymbols("theta") - 0.5, **field)]
+            assert sleigh.sweep((0.0, 1.0), SLEIGH, SLEIGH_VALUES, events=events).status.tolist() == [status]
+
+
+@pytest.mark.parametrize("name", ["double pendulum, Cartesian", "four-bar", "slider-crank"])
+def test_starts_with_independent_constraints_are_screened(name, monkeypatch):
+    """Nothing is interpreted then, and the results are those of cold sweeps."""
+    case = hard_case(name)
+    model = da.compile_model(case.scene, formulation="projected")
+    initial = {name: np.full(3, float(value)) for name, value in case.initial.items()}
+
+    def sweep():
+        return finals(model.sweep((0.0, 0.1), initial, case.parameters))
+
+    cold, *_ = [sweep() for _ in range(INTERPRETED + 2)]
+
+    def interpret(*_):
+        raise AssertionError("the starts are interpreted")
+
+    monkeypatch.setattr(sweeps, "_independent_cases", interpret)
+    for array, value in zip(sweep(), cold, strict=True):
+        np.testing.assert_array_equal(array, value)
+
+
+def test_dependent_constraints_are_found_by_warm_models():
+    """The screen passes starts whose constraints are independent by far alone; it never decides that some are not."""
+    model, bars = da.compile_model(windows(1), formulation="projected"), {"m": 1.0, "L": 1.0, "g": 9.81}
+    angles = np.array([0.3, np.pi / 2, 0.5, np.pi / 2 - 1e-9, np.pi / 2 - 1e-3])
+
+    def sweep(a):
+        start = {"a0": a, "a1": a, "b0": 0.0, "a0_dot": 1.0, "a1_dot": 1.0, "b0_dot": 0.0}
+        found = model.sweep((0.0, 0.1), start, bars)
+        return found.status.tolist(), found.stats.note, finals(found)
+
+    cold = sweep(angles)
+    for _ in range(INTERPRETED + 2):
+        assert sweep(angles[:1])[0] == [0]
+    warm = sweep(angles)
+    assert cold[:2] == warm[:2] and "in 2 of 5 cases" in cold[1]
+    assert cold[0] == [0, Status.SINGULAR_CONFIGURATION, 0, Status.SINGULAR_CONFIGURATION, 0]
+    for array, value in zip(warm[2], cold[2], strict=True):
+        np.testing.assert_array_equal(array, value)

@@ -72,7 +72,7 @@ class CompiledEngine(Engine):
     def _lanes(self) -> LaneRuns:
         from .lane_runs import LaneRuns
 
-        return LaneRuns(self.steps, self._code, self._steppers)
+        return LaneRuns(self.steps, self._code, self._steppers, self._program.layout)
 
     passes_stops: ClassVar[bool] = True
 
@@ -216,6 +216,10 @@ class CompiledEngine(Engine):
         short = self.steps.compiles_starts and self._operations <= _LONGEST_SCREENED
         return short and self._lanes.surely_not_stiff(cases, numbers)
 
+    def surely_independent(self, cases: CaseColumns, rows: Sequence[int]) -> bool:
+        """See `Engine.surely_independent`."""
+        return self.steps.compiles_starts and self._lanes.surely_independent(cases, rows)
+
     def keeps_signs(self, kernel: Kernel, block: CaseBlock, done: BlockResult) -> bool:
         """See `Engine.keeps_signs`."""
         return self.steps.compiles_starts and self._code.keeps_signs(kernel, block, done)
@@ -224,7 +228,7 @@ class CompiledEngine(Engine):
         c = self.constants_along(problem)
         return lambda t, y: interpret_rows(self._program.kernel("rhs"), t, y, constants_at(c, t))
 
-    @property
+    @once_property
     def _operations(self) -> int:
         """Number of operations of a right-hand side."""
         return len(self._program.kernel("rhs").body)

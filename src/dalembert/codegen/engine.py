@@ -103,6 +103,14 @@ class Engine(ABC):
         """
         return False
 
+    def surely_independent(self, cases: CaseColumns, rows: Sequence[int]) -> bool:
+        """Return whether all cases can start, and constraints of these numbers are independent by far in each.
+
+        Cases are as for `surely_not_stiff`, and the answer is False where that would take longer to find out than by
+        values of the Jacobian.
+        """
+        return False
+
     def keeps_signs(self, kernel: Kernel, block: CaseBlock, done: BlockResult) -> bool:
         """Return whether cases of a block have all succeeded, and a kernel certainly has the same signs at their ends.
 

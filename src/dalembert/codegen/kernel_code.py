@@ -94,7 +94,8 @@ class KernelCode:
             from .llvm.screens import SignScreen
 
             lanes = self._library.lanes
-            screen = self._screens[id(kernel)] = SignScreen(kernel, partial(self.of, kernel, lanes), lanes)
+            sizes = block.y.shape[1], block.c.shape[1]
+            screen = self._screens[id(kernel)] = SignScreen(kernel, partial(self.of, kernel, lanes), lanes, sizes)
         return screen(block, done)
 
     def named(self, name: str, t: FloatArray, y: FloatArray, c: FloatArray) -> FloatArray:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, final
 
 from ..arrays import FloatArray
 from ..events.event_code import EventCode
@@ -21,8 +20,8 @@ from .kernel_code import INTERPRETED, KernelCode
 from .library import KernelLibrary
 from .llvm.assembly import LoadedCode
 from .llvm.loops import library_code
-from .llvm.plain_sweeps import PlainRuns, is_plain
-from .llvm.sweeps import SweepShape, case_run
+from .llvm.sweep_memory import SweepRunner
+from .llvm.sweeps import SweepShape
 from .llvm.target import bits, constant, suffix, vector
 from .rendering import render
 from .runs import CaseRun
@@ -30,11 +29,12 @@ from .steppers import Stepper, Steppers
 
 if TYPE_CHECKING:
     from ..events.recorded_motion import RecordedCase
-    from ..loops.stiffness_screen import ScreenKernels
+    from ..ir.program import Layout
+    from ..loops.screened_starts import StartKernels
     from ..reduction.starting import Start
     from .llvm.foreign_batch import ForeignCode, Interface
     from .llvm.recorded import RecordedLane
-    from .llvm.screens import StiffnessScreen
+    from .llvm.screens import RankScreen, StartSizes, StiffnessScreen
 
 
 def advance_lanes_assembly(lanes: int) -> str:
@@ -100,7 +100,7 @@ def check_inputs(lanes: int) -> OwnedAddress:
 
 
 _MOST_LANES = 16
-"""Sets of events and tolerances of which the memory of single runs is kept, and kinds of cases of sweeps."""
+"""Sets of events and tolerances of which the memory of single runs is cached, and kinds of cases of sweeps."""
 
 
 @final
@@ -114,16 +114,19 @@ class LaneRuns:
         Of the kernels of the program.
     steppers : Steppers
         Of the steps of the program.
+    layout : Layout
+        Of the program.
     """
 
-    def __init__(self, library: KernelLibrary, code: KernelCode, steppers: Steppers) -> None:
-        self._library, self._code, self._steppers = library, code, steppers
+    def __init__(self, library: KernelLibrary, code: KernelCode, steppers: Steppers, layout: Layout) -> None:
+        self._library, self._code, self._steppers, self._layout = library, code, steppers, layout
         self._recorded_lanes: BoundedTable[tuple[EventCode, str, float, float, float], list[RecordedLane]]
         self._recorded_lanes = BoundedTable(_MOST_LANES)
-        self._looked = 0
+        self._looked = self._ranks_looked = 0
         self._screens: BoundedTable[int, StiffnessScreen] = BoundedTable(_MOST_LANES)
-        self._plain: BoundedTable[tuple[str, float, float, int], tuple[Start | None, PlainRuns]]
-        self._plain = BoundedTable(_MOST_LANES)
+        self._rank_screens: BoundedTable[tuple[int, tuple[int, ...]], RankScreen] = BoundedTable(_MOST_LANES)
+        self._runners: BoundedTable[tuple[Any, ...], tuple[Start | None, EventCode | None, SweepRunner]]
+        self._runners = BoundedTable(_MOST_LANES)
 
     def _kernels(
         self,
@@ -142,57 +145,46 @@ class LaneRuns:
     def cases(self, cases: CaseColumns, method: str, result: BlockResult, kept: KeptStarts, share: int) -> CaseRun:
         """Return a run of cases in lanes, refilled as cases end; see `Engine.sweeper`."""
         watched = None if cases.watch is None or not cases.watch.along else cases.watch
-        plain = watched is None and not len(cases.t_eval) and method != "radau" and is_plain(cases)
-        if plain:
-            return self._plain_runs(cases, method).run(cases, result, kept, share)
-        n_times, sizes, alone = len(cases.t_eval), self._code.sizes, method == "radau"
+        # where something is looked at in each step, and whether that is more than the samples
+        each_step = cases.recorded > 0, cases.part is not None
+        sampled = len(cases.t_eval) > 0
+        key = method, cases.rtol, cases.atol, id(cases.start), id(watched), sampled, *each_step
+        found = self._runners.get(key)
+        if found is None or found[0] is not cases.start or found[1] is not watched:
+            made = self._runner(cases, method, watched)
+            found = self._runners[key] = cases.start, watched, made
+        lanes = found[2].shape.lanes
+        if cases.inputs is not None:
+            cases = replace(cases, inputs=cases.inputs.compiled(lambda sides: self._library.kernel(sides.name, lanes)))
+        if cases.stops is not None:
+            cases = replace(cases, stops=self._code.of_stops(cases.stops, lanes))
+        return found[2].run(cases, result, kept, share)
+
+    def _runner(self, cases: CaseColumns, method: str, watched: EventCode | None) -> SweepRunner:
+        """Return what runs cases like these."""
+        sampled, sizes, alone = len(cases.t_eval) > 0, self._code.sizes, method == "radau"
         lanes = 1 if alone else self._library.lanes
         each_step = cases.recorded > 0 or cases.part is not None
-        dense = n_times > 0 or watched is not None or each_step
+        dense = sampled or watched is not None or each_step
         with_series = 0
         if watched is not None and watched.smooth and method == "taylor" and not any(self._steppers.projections(lanes)):
             with_series = len(watched.events)
         tolerances, series_of = (cases.rtol, cases.atol), watched if with_series else None
         located = watched is not None and bool(watched.events)  # on polynomials of steps
         stepper = self._steppers.stepper(method, tolerances, lanes, dense=dense, bounded=located, watched=series_of)
-        nothing_each_step = watched is None or (with_series > 0 and not n_times and not watched.kinds)
+        nothing_each_step = watched is None or (with_series > 0 and not sampled and not watched.kinds)
         nothing_each_step = nothing_each_step and not cases.recorded and (watched is not None or not each_step)
         nothing_each_step = nothing_each_step and not alone
         assert cases.start is not None
         prepare, start = self._library.prepare(lanes), self._library.start(cases.start, lanes)
-        if cases.inputs is not None:
-            cases = replace(cases, inputs=cases.inputs.compiled(lambda sides: self._library.kernel(sides.name, lanes)))
-        if cases.stops is not None:
-            cases = replace(cases, stops=self._code.of_stops(cases.stops, lanes))
         of_step = sizes["rhs"], sizes["prepare"], stepper.degree, stepper.memory
-        return case_run(
+        return SweepRunner(
             self._kernels(stepper, lanes, prepare=prepare, start=start, advance=nothing_each_step),
-            SweepShape(lanes, *of_step, share, dense, with_series),
+            SweepShape(lanes, *of_step, dense, with_series),
             stepper,
-            cases,
-            result,
-            kept,
             self._steppers.events(watched, method, stepper, lanes, with_series),
-            watched is not None or each_step or alone,
+            watched=watched is not None or each_step or alone,
         )
-
-    def _plain_runs(self, cases: CaseColumns, method: str) -> PlainRuns:
-        """Return the runs of cases with nothing but values of their own, made once for each kind of start."""
-        key = method, cases.rtol, cases.atol, id(cases.start)
-        found = self._plain.get(key)
-        if found is None or found[0] is not cases.start:
-            found = self._plain[key] = cases.start, self._new_plain_runs(cases, method)
-        return found[1]
-
-    def _new_plain_runs(self, cases: CaseColumns, method: str) -> PlainRuns:
-        lanes, sizes = self._library.lanes, self._code.sizes
-        stepper = self._steppers.stepper(method, (cases.rtol, cases.atol), lanes, dense=False)
-        assert cases.start is not None
-        start = self._library.start(cases.start, lanes)
-        prepare = self._library.prepare(lanes)
-        kernels = self._kernels(stepper, lanes, prepare=prepare, start=start, advance=True)
-        shape = SweepShape(lanes, sizes["rhs"], sizes["prepare"], stepper.degree, stepper.memory, 1, dense=False)
-        return PlainRuns(kernels, shape, stepper)
 
     def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
         """See `Engine.surely_not_stiff`."""
@@ -203,19 +195,50 @@ class LaneRuns:
         if screen is None or screen.start is not cases.start:
             from .llvm.screens import StiffnessScreen
 
-            assert cases.start is not None
-            sizes = self._library.lanes, self._code.sizes["rhs"], len(cases.parameters), self._code.sizes["prepare"]
-            screen = self._screens[id(cases.start)] = StiffnessScreen(
-                cases.start, partial(self._screen_kernels, cases.start), sizes
-            )
+            start, library = _start_of(cases), self._library
+
+            def kernels() -> tuple[StartKernels, OwnedAddress]:
+                return self._start_kernels(start), library.kernel("rhs", library.lanes)
+
+            screen = self._screens[id(start)] = StiffnessScreen(start, kernels, self._start_sizes)
         return screen(cases, numbers)
 
-    def _screen_kernels(self, start: Start) -> ScreenKernels:
-        from ..loops.stiffness_screen import ScreenKernels
+    def surely_independent(self, cases: CaseColumns, rows: Sequence[int]) -> bool:
+        """See `Engine.surely_independent`."""
+        if self._ranks_looked < INTERPRETED:
+            self._ranks_looked += 1
+            return False
+        key = id(cases.start), tuple(rows)
+        screen = self._rank_screens.get(key)
+        if screen is None or screen.start is not cases.start:
+            from .llvm.screens import RankKernels, RankScreen
+
+            start, library, sizes, layout = _start_of(cases), self._library, self._code.sizes, self._layout
+            lanes, by_rates = library.lanes, "mass_matrix" not in sizes
+
+            def kernels() -> RankKernels:
+                codes = self._start_kernels(start), library.kernel("expand", lanes)
+                masses = library.kernel("momenta" if by_rates else "mass_matrix", lanes)
+                return RankKernels(*codes, library.kernel("constraint_jacobian", lanes), masses, by_rates)
+
+            of_rows = sizes["expand"], len(layout.constraints)
+            angles = [name in layout.angles for name in layout.coordinates]
+            screen = RankScreen(start, kernels, self._start_sizes, *of_rows, angles, rows)
+            self._rank_screens[key] = screen
+        return screen(cases)
+
+    def _start_kernels(self, start: Start) -> StartKernels:
+        from ..loops.screened_starts import StartKernels
 
         library, lanes = self._library, self._library.lanes
-        codes = library.prepare(lanes), library.start(start, lanes), library.kernel("rhs", lanes)
-        return ScreenKernels(*codes, check_inputs(lanes))
+        return StartKernels(library.prepare(lanes), library.start(start, lanes), check_inputs(lanes))
+
+    @property
+    def _start_sizes(self) -> StartSizes:
+        from .llvm.screens import StartSizes
+
+        sizes = self._code.sizes
+        return StartSizes(self._library.lanes, sizes["rhs"], len(self._layout.parameters), sizes["prepare"])
 
     def watched_steps(self, problem: IntegrationProblem, method: str, watch: EventCode) -> tuple[Stepper, EventKernels]:
         """Return the steps of single runs with events, and the events."""
@@ -250,7 +273,7 @@ class LaneRuns:
         own = self._code.of_problem(problem)
         kernels = self._kernels(stepper, 1, prepare=NO_CODE if own.stops is None else own.stops.prepare)
         sizes = self._code.sizes["rhs"], len(problem.constants)
-        shape = SweepShape(1, *sizes, stepper.degree, stepper.memory, 1, dense=True)
+        shape = SweepShape(1, *sizes, stepper.degree, stepper.memory, dense=True)
         return RecordedLane(kernels, shape, stepper, own, watch, events, carried)
 
     def foreign_batch(
@@ -264,3 +287,8 @@ class LaneRuns:
         kernels = self._kernels(stepper, lanes, advance=not recorded)
         sizes = BatchSizes(lanes, self._code.sizes["rhs"], constants, stepper.memory, 2 + len(stepper.settings))
         return foreign_batch(kernels, sizes, recorded, interface)
+
+
+def _start_of(cases: CaseColumns) -> Start:
+    assert cases.start is not None
+    return cases.start

@@ -195,7 +195,7 @@ class KernelLibrary(ABC):
     @property
     def carried(self) -> bool:
         """Whether the slopes at the end of a step are those at the start of the next: where no projection moves it."""
-        return "project_position" not in self._program and "project_velocity" not in self._program
+        return not self._program.projects
 
     @property
     def knots(self) -> Kernel | None:

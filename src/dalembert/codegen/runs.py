@@ -73,7 +73,7 @@ class PreparedStates:
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class CaseRun:
     """Cases about to run.
 
@@ -81,7 +81,7 @@ class CaseRun:
     ----------
     work : function
         Runs cases until none is left; for as many threads as there are to call it. A function without arguments that it
-        is given, or None, is called when it first returns to Python before that.
+        is given, or None, is called when it returns to Python before that, until the function returns True.
     turn : ndarray (1,) of int
         Number of cases begun, at most; writing the number of all stops the work when those that have been
         begun have ended, and `dalembert.threads.STOPPED` within a fraction of a second.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import OptionError, nesting_named
-from ..ir.interpret import interpret_rows, rows_of_columns
+from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.ops import OSCILLATING_OPERATIONS
 from ..ir.program import DIRECTION, WIDTH, Program, coefficient_places
@@ -229,37 +229,38 @@ class EventCode:
         return running_values(motion, sampled, self.kinds, self.running_oscillates)
 
     def reduced(
-        self, spans: FloatArray, ends: FloatArray, y: FloatArray, c: FloatArray, totals: FloatArray, first: FloatArray
+        self, start: FloatArray, ends: FloatArray, y: FloatArray, c: FloatArray, totals: FloatArray, first: FloatArray
     ) -> FloatArray:
         """Return the reductions (k, n) of a block of cases.
 
         Parameters
         ----------
-        spans, ends, y, c
-            Spans (k, 2), final times, statuses and steps (k, 3), final states (k, n_y) and constants (k, n_c).
+        start, ends, y, c
+            Starts (k,) or (1,), final times, statuses and steps (k, 3), final states (k, n_y) and constants (k, n_c).
         totals
             Minima, maxima and integrals (k, n_running).
         first
             Times of the first of each event (k, n_events).
         """
-        t = ends[:, 0]
-        finals = interpret_rows(self.finals, t, y, c)
-        last = interpret_rows(self.running, t, y, c)
-        times = t - spans[:, 0]
-        columns = []
-        for kind, number in self.plan.values():
+        t, status = ends[:, 0], ends[:, 1]
+        finals = interpret_rows(self.finals, t, y, c) if self.finals.outputs else totals
+        last = interpret_rows(self.running, t, y, c) if self.kinds else totals
+        out = np.empty((len(t), len(self.plan)))
+        for column, (kind, number) in zip(out.T, self.plan.values(), strict=True):
             if kind == "final":
-                columns.append(finals[:, number])
+                column[:] = finals[:, number]
             elif kind == "first crossing":
-                columns.append(first[:, number])
+                column[:] = first[:, number]
             elif kind == "mean":
-                at_once = last[:, number]
-                columns.append(np.divide(totals[:, number], times, out=at_once.copy(), where=times != 0.0))
+                times = t - start
+                column[:] = last[:, number]
+                np.divide(totals[:, number], times, out=column, where=times != 0.0)
             else:
                 extreme = np.minimum if kind == "minimum" else np.maximum
-                columns.append(extreme(totals[:, number], last[:, number]))
-        out = rows_of_columns(columns, len(t))
-        out[~np.isin(ends[:, 1], (Status.SUCCESS, Status.EVENT))] = np.nan
+                extreme(totals[:, number], last[:, number], out=column)
+        ran = (status == Status.SUCCESS) | (status == Status.EVENT)
+        if not ran.all():
+            out[~ran] = np.nan
         return out
 
     def after_jump(

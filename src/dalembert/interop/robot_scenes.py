@@ -33,6 +33,7 @@ from .robot_values import (
     is_identity,
     joint_value,
     matrix,
+    new_frame,
     number,
     vector,
 )
@@ -209,7 +210,7 @@ class RobotBuilder:
         if not self.options.floating_base:
             self.places[root] = LinkPlace(scene.frame, scene.origin, np.eye(3))
             return
-        frame, point = ReferenceFrame(root), Point(root)
+        frame, point = new_frame(root), Point(root)
         there = self._free(BASE, frame, scene.frame, moves=True)
         point.set_pos(scene.origin, vector(scene.frame, there[:3]))
         self.places[root] = LinkPlace(frame, point, np.eye(3))
@@ -257,7 +258,7 @@ class RobotBuilder:
         aside = np.eye(3) if np.max(np.abs(others)) <= ROUNDING else to_axis(joint.axis)
         along, sense = (along, int(np.sign(joint.axis[along]))) if is_identity(aside) else (2, 1)
         base = self._turned(f"{joint.name} axes", parent.frame, rotation @ aside)
-        frame = ReferenceFrame(joint.child)
+        frame = new_frame(joint.child)
         frame.orient_axis(base, list(base)[along], sense * (self.values[joint.name] - number(joint.zero)))
         point.set_pos(seat, Vector(0))
         self.drives[joint.name] = Drive(sense * list(frame)[along], frame, parent.frame)
@@ -278,7 +279,7 @@ class RobotBuilder:
     ) -> tuple[LinkPlace, tuple[Any, ...]]:
         """Return the place of the link of a joint with several coordinates, and the coordinates."""
         seat, point = points
-        frame = ReferenceFrame(joint.child)
+        frame = new_frame(joint.child)
         if joint.kind == "planar":
             aside = to_axis(joint.axis)
             base = self._turned(f"{joint.name} axes", parent.frame, rotation @ aside)
@@ -305,7 +306,7 @@ class RobotBuilder:
         """Return a frame whose axes are the columns of a rotation on another; that itself where nothing turns."""
         if is_identity(rotation):
             return frame
-        turned = ReferenceFrame(name)
+        turned = new_frame(name)
         turned.orient_explicit(frame, matrix(rotation))
         return turned
 
@@ -329,13 +330,16 @@ class RobotBuilder:
         mass = self.parameter(f"m_{name}", own.mass, positive=True) if own.mass else sp.S.Zero
         pairs = list(zip("xyz", own.centre, strict=True))
         offset = [self.parameter(f"c_{name}_{axis}", value) for axis, value in pairs]
-        centre = place.point.locatenew(f"{name} centre", vector(frame, offset)) if own.mass else place.point
+        centre = Point(f"{name} centre") if own.mass else place.point
         moments: dict[tuple[int, int], Any] = {}
         for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
             moments[i, j] = moments[j, i] = self.parameter(f"I_{name}_{'xyz'[i]}{'xyz'[j]}", rows[i, j])
         axes = list(frame)
         dyadic = Dyadic([(value, axes[i], axes[j]) for (i, j), value in sorted(moments.items()) if value != 0])
-        return RigidBody(self.robot.labels.get(name, name), centre, frame, mass, (dyadic, centre))
+        body = RigidBody(self.robot.labels.get(name, name), centre, frame, mass, (dyadic, centre))
+        if own.mass:  # placed last: SymPy looks for the way from the centre to itself among all points it is joined to
+            centre.set_pos(place.point, vector(frame, offset))
+        return body
 
     def body_for(self, name: str) -> RigidBody:
         """Return the body of a link that takes part in a joint with reactions, without mass where it has none."""

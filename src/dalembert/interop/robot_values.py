@@ -61,6 +61,13 @@ def vector(frame: ReferenceFrame, components: Any) -> Vector:
     return Vector([(sp.Matrix(list(components)), frame)])
 
 
+def new_frame(name: str) -> ReferenceFrame:
+    """Return a frame whose rotation to itself is known, which SymPy else looks for among all frames joined to it."""
+    frame = ReferenceFrame(name)
+    frame.dcm(frame)
+    return frame
+
+
 def matrix(rows: FloatArray) -> Any:
     """Return a matrix of numbers."""
     return sp.Matrix(3, 3, [number(float(x)) for x in rows.ravel()])

@@ -268,6 +268,11 @@ class Program:
                 return kernel
         raise KeyError(name)
 
+    @cached_property
+    def projects(self) -> bool:
+        """Whether states are projected onto constraints."""
+        return "project_position" in self or "project_velocity" in self
+
     def __contains__(self, name: object) -> bool:
         return any(kernel.name == name for kernel in self.kernels)
 

@@ -88,18 +88,16 @@ class ColumnTable:
 
     def __init__(self, columns: Sequence[NDArray[np.float64]]) -> None:
         count, self._columns = len(columns), columns
-        self._values = np.concatenate([column if column.size == 1 else _ONE for column in columns])
-        self._words = np.zeros(2 * count, np.int64)
-        first, place = address_of(self._values), address_of(self._words)
-        self._words[:count] = range(first, first + 8 * count, 8)
+        self._values = np.array([column.item() if column.size == 1 else 0.0 for column in columns])
+        first = address_of(self._values)
+        words = [*range(first, first + 8 * count, 8), *[0] * count]
         for i, column in enumerate(columns):
             if column.size > 1:
                 assert column.dtype == np.float64 and column.flags.c_contiguous
-                self._words[i], self._words[count + i] = address_of(column), 1
+                words[i], words[count + i] = address_of(column), 1
+        self._words = np.array(words, np.int64)
+        place = address_of(self._words)
         self.fields = place, count, place + 8 * count, count
-
-
-_ONE = np.zeros(1)
 
 
 class CaseRows(NamedTuple):
@@ -174,10 +172,13 @@ class KeptStarts(NamedTuple):
     constants: Matrix
     states: Matrix
 
-    @classmethod
-    def nothing(cls) -> KeptStarts:
+    @staticmethod
+    def nothing() -> KeptStarts:
         """Return empty arrays."""
-        return cls(np.empty((0, 0)), np.empty((0, 0)))
+        return _NO_STARTS
+
+
+_NO_STARTS = KeptStarts(np.empty((0, 0)), np.empty((0, 0)))
 
 
 class SweepArguments(NamedTuple):

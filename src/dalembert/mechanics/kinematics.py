@@ -77,6 +77,9 @@ class Kinematics:
         # a field of gravity is an acceleration of the referential the other way
         root.a = scale(self.graph.const(-1), self.resolve(model.gravity, 0))
         self.poses: list[Pose] = [root]
+        self._known: dict[tuple[int, int], Pose] = {}
+        self._depths: dict[int, int] = {}
+        self._reaches: dict[int, int] = {}
 
     # -- frames ---------------------------------------------------------------------------
 
@@ -133,7 +136,26 @@ class Kinematics:
     def carrier(self, point: int) -> int:
         """Return the frame that carries a point: the deepest one that its position is written on."""
         frames = [piece.frame for pieces in self.point_pieces(point) for piece in pieces]
-        return max(frames, key=lambda frame: len(self.ancestry(frame)), default=0)
+        return max(frames, key=self._depth, default=0)
+
+    def _depth(self, frame: int) -> int:
+        """Return how many frames there are from the root to `frame`."""
+        if frame not in self._depths:
+            self._depths[frame] = len(self.ancestry(frame))
+        return self._depths[frame]
+
+    def _reach(self, point: int) -> int:
+        """Return the depth of the deepest frame that the position of a point is written on."""
+        way: list[int] = []
+        current: int | None = point
+        while current is not None and current not in self._reaches:
+            way.append(current)
+            current = self.model.points[current].parent
+        deepest = 0 if current is None else self._reaches[current]
+        for each in reversed(way):
+            deepest = max([deepest, *(self._depth(piece.frame) for piece in self.model.points[each].position)])
+            self._reaches[each] = deepest
+        return deepest
 
     # -- poses ----------------------------------------------------------------------------
 
@@ -143,6 +165,37 @@ class Kinematics:
 
     def pose(self, frame: int, point: int) -> Pose:
         """Return the pose of `frame` at `point`."""
+        last, before = [], self._before(frame, point)
+        while (frame, point) not in self._known and before is not None:
+            last.append((frame, point))
+            frame, point = before
+            before = self._before(frame, point)
+        if (frame, point) not in self._known:
+            self._known[frame, point] = self._from_root(frame, point)
+        pose = self._known[frame, point]
+        for there, at in reversed(last):
+            if there != frame:
+                pose = self._child(pose, (there,), there, None)
+            else:
+                pose = self._moves(pose, there, [piece.components for piece in self.model.points[at].position])
+            frame, self._known[there, at] = there, pose
+        return pose
+
+    def _before(self, frame: int, point: int) -> tuple[int, int] | None:
+        """Return the frame and point that a pose hangs from, None where it is not so simple.
+
+        That is the point before, where all of its last segment is written on the frame, or the frame before, where
+        nothing is written on this one or on frames behind it.
+        """
+        above, before = self.model.frames[frame].parent, self.model.points[point]
+        if above is not None and self._reach(point) < self._depth(frame):
+            return above, point
+        if before.parent is not None and all(piece.frame == frame for piece in before.position):
+            return frame, before.parent
+        return None
+
+    def _from_root(self, frame: int, point: int) -> Pose:
+        """Return the pose of `frame` at `point`, by all steps from the root on."""
         chain = self.ancestry(frame)
         steps: dict[int, list[Components]] = {number: [] for number in chain}
         for pieces in self.point_pieces(point):
@@ -157,9 +210,14 @@ class Kinematics:
         for number in chain:
             if number != 0:
                 pose = self._child(pose, (number,), number, None)
-            for offset in steps[number]:
-                if not is_zero(offset):
-                    pose = self._child(pose, tuple(x.index for x in offset), number, offset)
+            pose = self._moves(pose, number, steps[number])
+        return pose
+
+    def _moves(self, pose: Pose, frame: int, offsets: Sequence[Components]) -> Pose:
+        """Return the pose moved by offsets within its frame."""
+        for offset in offsets:
+            if not is_zero(offset):
+                pose = self._child(pose, tuple(x.index for x in offset), frame, offset)
         return pose
 
     def _child(self, parent: Pose, key: tuple[int, ...], frame: int, offset: Components | None) -> Pose:

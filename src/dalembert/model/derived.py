@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, final
 
 from ..codegen.engine import Engine
 from ..ir.program import DIRECTION
-from ..once import DERIVING, BoundedTable, derived_once, derived_property
+from ..once import BoundedTable, derived_once, derived_property
 from ..options import CompileOptions, SweepOptions
 from ..pipeline import Compiled, SeveralModes, Stages, compile_equations, compile_scene
 from ..reduction.invariants import InvariantCandidates, candidates
@@ -62,7 +62,7 @@ class Derived:
         self.partials = Partials(stages.program)
         self._starts: BoundedTable[frozenset[str], Start] = BoundedTable(_MOST)
         self._quick_starts: BoundedTable[frozenset[str], QuickStart] = BoundedTable(_MOST)
-        self._events: BoundedTable[str, EventCode] = BoundedTable(_MOST)
+        self._events: BoundedTable[str, EventCode | None] = BoundedTable(_MOST)
         self._by_tuple: BoundedTable[int, tuple[Any, EventCode]] = BoundedTable(_MOST)
         self.sweep_settings: BoundedTable[tuple[SweepOptions, str, int], CaseSettings] = BoundedTable(_MOST)
         self._variations: BoundedTable[tuple[tuple[str, ...], ...], Variation] = BoundedTable(_MOST)
@@ -114,17 +114,17 @@ class Derived:
 
         aliases = self._stages.program.layout.aliases
         listed, reductions = event_list(events, aliases), reduction_table(reduce, aliases)
-        with DERIVING:
-            short = None if ranks is None else short_time(ranks)
+        short = None if ranks is None else short_time(ranks)
+
+        def made() -> EventCode | None:
             margins = {} if short is None else rank_margins(self._stages.reduced, short)
             if not listed and not reductions and not margins:
                 return None
-            key = repr((listed, reductions, short))
-            code = derived_once(
-                self._events, key, lambda: compiled_events(self._stages, listed, self.start, reductions, margins)
-            )
-            if same:  # a tuple is kept, so that no other can have its number
-                self._by_tuple[id(events)] = events, code
+            return compiled_events(self._stages, listed, self.start, reductions, margins)
+
+        code = derived_once(self._events, repr((listed, reductions, short)), made)
+        if same and code is not None:  # a tuple is kept, so that no other can have its number
+            self._by_tuple[id(events)] = events, code
         return code
 
     def variation(self, given: tuple[str, ...], of: tuple[str, ...], wrt: tuple[str, ...]) -> Variation:

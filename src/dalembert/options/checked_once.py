@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
-from .runs import SimulateOptions, SweepOptions, is_no_events
+import numpy as np
+
+from .runs import SimulateOptions, SweepOptions, is_no_events, repeated
 
 _NAMES: dict[type[Any], tuple[str, ...]] = {
     SimulateOptions: (
@@ -34,16 +37,62 @@ _NAMES: dict[type[Any], tuple[str, ...]] = {
 """Names of the values of which a list is known."""
 
 
+def _new(kind: Any, values: tuple[Any, ...]) -> Any:
+    return kind(**dict(zip(_NAMES[kind], values, strict=True)))
+
+
 @lru_cache(maxsize=256, typed=True)
 def _made(kind: Any, *values: Any) -> Any:
-    return kind(**dict(zip(_NAMES[kind], values, strict=True)))
+    return repeated(_new(kind, values))
+
+
+@lru_cache(maxsize=256)
+def _made_for_sweeps(plain: tuple[Any, ...], types: tuple[Any, ...], key: _Watched) -> SweepOptions:
+    """Return options of many cases with what is watched and sampled; `types` are those of plain values."""
+    reduce: Any = key.reduce
+    if key.named is not None:
+        reduce = dict(zip(key.named, reduce, strict=True))
+    times = None if key.times is None else np.frombuffer(key.times)
+    options: SweepOptions = _new(SweepOptions, plain)
+    return repeated(replace(options, events=key.events, reduce=reduce, t_eval=times))
+
+
+class _Watched(NamedTuple):
+    """What is watched and sampled, by value: reductions without `named` are a sequence, and `times` are bytes.
+
+    `types` tell apart what Python takes for equal, such as 1 and True.
+    """
+
+    events: tuple[Any, ...]
+    reduce: tuple[Any, ...] | None
+    named: tuple[str, ...] | None
+    times: bytes | None
+    types: tuple[Any, ...]
+
+
+_MOST_TIMES = 1024
+"""Times to record up to which options are kept."""
+
+
+def _watched(events: Any, reduce: Any, t_eval: Any) -> _Watched | None:
+    """Return the key of what is watched and sampled; None where it is not of the usual types."""
+    named, times = None, None
+    if type(reduce) is dict and all(type(name) is str for name in reduce):
+        named, reduce = tuple(reduce), tuple(reduce.values())
+    if type(t_eval) is np.ndarray and t_eval.dtype == np.float64 and t_eval.ndim == 1 and t_eval.size <= _MOST_TIMES:
+        times, t_eval = t_eval.tobytes(), None
+    if t_eval is not None or type(events) not in (list, tuple) or type(reduce) not in (list, tuple, type(None)):
+        return None
+    reduce = None if reduce is None else tuple(reduce)
+    types = tuple([(type(item), type(getattr(item, "expression", None))) for item in (*events, *(reduce or ()))])
+    return _Watched(tuple(events), reduce, named, times, types)
 
 
 def _checked(kind: Any, values: tuple[Any, ...]) -> Any:
     try:
         return _made(kind, *values)
     except TypeError:  # a value without a hash
-        return _made.__wrapped__(kind, *values)
+        return _new(kind, values)
 
 
 def simulate_options(
@@ -72,9 +121,16 @@ def sweep_options(*plain: Any, grid: Any, t_eval: Any, progress: Any, events: An
     *plain
         method, rtol, atol, max_step, max_steps, threads, error_estimate and project_invariants.
     grid, t_eval, progress, events, reduce
-        As for `SweepOptions`; nothing is kept of them.
+        As for `SweepOptions`; nothing is kept of a grid and of a bar.
     """
-    options: SweepOptions = _checked(SweepOptions, plain)
-    if grid is None and t_eval is None and progress is False and reduce is None and is_no_events(events):
+    usual = grid is None and progress is False
+    if usual and t_eval is None and reduce is None and is_no_events(events):
+        options: SweepOptions = _checked(SweepOptions, plain)
         return options
-    return replace(options, grid=grid, t_eval=t_eval, progress=progress, events=events, reduce=reduce)
+    key = _watched(events, reduce, t_eval) if usual else None
+    if key is not None:
+        with suppress(TypeError):  # a value without a hash
+            return _made_for_sweeps(plain, tuple(map(type, plain)), key)
+    given = {"grid": grid, "t_eval": t_eval, "progress": progress, "events": events, "reduce": reduce}
+    options = _checked(SweepOptions, plain)
+    return replace(options, **given)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar, final
+from typing import Any, ClassVar, TypeVar, final
 
 from ..errors import OptionError
 from ..values import flag, option, times_of, whole
 from .tolerances import DEFAULT_TOLERANCES, scaled, tolerances
 
+_Shared = TypeVar("_Shared")
 _Estimating = TypeVar("_Estimating", "SimulateOptions", "SweepOptions")
 
 TIGHTER = 1e-2
@@ -186,17 +187,13 @@ class SweepOptions(StepOptions):
     project_invariants: Any = False
     chosen: Mapping[tuple[int, float], str] | None = None
 
+    repeats: ClassVar[bool] = False
+    """Whether further calls share these options (`repeated`)."""
+
     @property
     def fits(self) -> bool:
         """Whether the method is one that fits some of the motions."""
         return self.chosen is None and self.automatic
-
-    @property
-    def repeats(self) -> bool:
-        """Whether these options are likely those of further calls, because nothing of one call alone is in them."""
-        times, chosen = self.t_eval is None and self.inputs is None, self.chosen is None
-        watched = self.reduce is not None or not is_no_events(self.events)
-        return times and chosen and not watched and self.grid is None and not self.progress
 
     def method_chosen(self, mode: int, default: str) -> str:
         """Return the method that was found for a mode, or else a default."""
@@ -300,6 +297,12 @@ def tighter(options: _Estimating) -> _Estimating:
 def is_no_events(events: Any) -> bool:
     """Whether events are left out."""
     return isinstance(events, tuple) and not events
+
+
+def repeated(options: _Shared) -> _Shared:
+    """Return options, marked as those that further calls share; what is made of them by `replace` is not marked."""
+    set_checked(options, repeats=True)
+    return options
 
 
 def set_checked(options: object, **values: Any) -> None:

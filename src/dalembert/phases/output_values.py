@@ -201,7 +201,7 @@ class PhaseReductions:
             code = model.derived.events((), self.along)
             assert code is not None
             spans, ends = np.column_stack([begin, last.t])[here], np.column_stack([last.t, status, status])[here]
-            found[np.ix_(here, columns)] = code.reduced(spans, ends, y, c, totals[here], np.empty((len(here), 0)))
+            found[np.ix_(here, columns)] = code.reduced(spans[:, 0], ends, y, c, totals[here], np.empty((len(here), 0)))
         found[~np.isin(status, (Status.SUCCESS, Status.EVENT))] = np.nan
         return found
 

@@ -84,7 +84,7 @@ class Sweep(Estimated):
         self.events: NamedValues[EventCounts] = NamedValues("event", {})
         self.reduced: NamedValues[FloatArray] = NamedValues("reduction", {})
         self.t, self.status, self.steps = ends[:, 0], ends[:, 1].astype(np.int8), ends[:, 2].astype(np.int64)
-        self.t_eval = t_eval
+        self.t_eval = None if t_eval is None else t_eval.copy()
         self._own_t = self.t
         self.axes, self.stats, self._states = dict(axes), stats, states
 
@@ -169,7 +169,7 @@ class Sweep(Estimated):
         crossings : sequence of str
             Names of the reductions that are times.
         """
-        self.t, self.t_eval = starts + self._own_t, t_eval
+        self.t, self.t_eval = starts + self._own_t, None if t_eval is None else t_eval.copy()
         self.parameters = {name: values for name, values in self.parameters.items() if name in parameters}
         self.events |= {
             name: EventCounts(each.count, starts + each.first, starts + each.last) for name, each in self.events.items()

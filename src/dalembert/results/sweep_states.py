@@ -133,7 +133,7 @@ class ContactStates:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class ProgramStates:
     """States of cases in one program: final ones y (n_case, n_y) at times t (n_case,), and samples (n_case, n_t, n_y).
 

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
+from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,9 +32,13 @@ _SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD = 8
 
 _LARGEST_SHARE, _SHARES_PER_THREAD = 64, 64
-_LARGEST_PART = 1 << 16
+_LARGEST_PART = 1 << 13
+"""Cases of a thread whose starts are kept together: so many that memory which was freed before is large enough."""
+
 _BETWEEN_LOOKS = 0.1
 _MOST_THREADS = 4096
+_WORTH, _MANY = 1e-4, 2048
+"""Seconds of work that is left from which on other threads begin, twice what that takes; cases that take longer."""
 
 
 def fitted(
@@ -66,21 +70,22 @@ def run_cases(engine: Engine, cases: Cases, settings: CaseSettings, stop: bool =
     """
     count, samples = cases.count, 0 if settings.t_eval is None else len(settings.t_eval)
     watch, n = settings.watch, len(cases.program.layout.state)
-    result = BlockResult.empty(count, n, samples, 0 if watch is None else watch.reported)
-    if watch is not None:
-        result = replace(result, totals=np.full((count, len(watch.plan)), np.nan))
+    events, reductions = (0, 0) if watch is None else (watch.reported, len(watch.plan))
+    result = BlockResult.empty(count, n, samples, events, reductions)
     result.ends[:, 1] = float(Status.INTERRUPTED)
     if stop:
         return _interrupted(result)
     threads = settings.threads if engine.parallel else 1
     # reductions and checks need the starts of all cases of a part, and these may have long lists of stops
-    length = _LARGEST_PART if watch is not None or settings.judge is not None else max(1, count)
+    length = _LARGEST_PART * threads if watch is not None or settings.judge is not None else max(1, count)
     length = _LARGEST_BLOCK * threads if engine.cuts else length
+    # samples are projected at the end, block by block in threads
+    blocks = samples > 0 and (engine.cuts or cases.program.projects)
     share = min(_LARGEST_SHARE, max(1, min(count, length) // (threads * _SHARES_PER_THREAD)))
     for part in _slices(count, length):
         size = part.stop - part.start
         kept, here = cases.to_keep(size, settings), result if size == count else result[part]
-        run = None if samples else _columns_run(engine, cases, settings, part, here, share, kept)
+        run = None if blocks else _columns_run(engine, cases, settings, part, here, share, kept)
         if run is None:
             _in_blocks(engine, cases, settings, result, threads)
             return result
@@ -153,13 +158,20 @@ if hasattr(os, "register_at_fork"):
 def run_shared(run: CaseRun, count: int, threads: int, progress: bool) -> bool:
     """Run the work in threads; return whether all cases have ended.
 
-    This thread works, too, where it need not look at the others; these begin once it has returned to Python, so that
-    few cases wait for none.
+    This thread works, too, where it need not look at the others; these begin where it returns to Python and much is
+    left to do, so that few cases wait for none.
     """
     workers: list[Future[None]] = []
 
     def begin(number: int) -> None:
         workers.extend(_pool().submit(run.work) for _ in range(number))
+
+    def begin_others() -> bool:
+        begun = min(int(run.turn[0]), count)
+        if (count - begun) * (perf_counter() - started) < _WORTH * begun:
+            return False
+        begin(threads - 1)
+        return True
 
     whole = True
     with meter(count, progress) as advance:
@@ -167,7 +179,10 @@ def run_shared(run: CaseRun, count: int, threads: int, progress: bool) -> bool:
             if progress or run.stop is not None:
                 begin(threads)
             else:
-                run.work(partial(begin, threads - 1))
+                started = perf_counter()
+                if count >= _MANY:
+                    begin(threads - 1)
+                run.work(begin_others if 1 < threads and count < _MANY else None)
                 workers[:] = [worker for worker in workers if not worker.cancel()]
             _look_at(workers, run, count, advance, progress)
         except BaseException as reason:
@@ -185,12 +200,16 @@ def _look_at(
     workers: list[Future[None]], run: CaseRun, count: int, advance: Callable[[int], None], progress: bool
 ) -> None:
     """Wait until the work of threads has ended, and show how many of the cases have begun."""
+    if not progress and os.name != "nt":
+        for worker in workers:  # Ctrl-C is raised here
+            worker.result()
+        return
     if not workers:
         return
     from concurrent.futures import wait
 
     shown = 0
-    while wait(workers, _BETWEEN_LOOKS if progress or os.name == "nt" else None).not_done:
+    while wait(workers, _BETWEEN_LOOKS).not_done:
         begun = min(int(run.turn[0]), count)
         advance(begun - shown)
         shown = begun
@@ -253,7 +272,7 @@ def _run_block(
         here.happened[:] = done.happened[:, : 3 * watch.reported]
         still = cases.program.conditions is None and cases.records is None
         c = ready.c if still else cases.constants_at(block, done.ends[:, :1])
-        here.totals[:] = watch.reduced(ready.spans, done.ends, done.y, c, done.totals, first)
+        here.totals[:] = watch.reduced(ready.spans[:, 0], done.ends, done.y, c, done.totals, first)
         watch.conclude(done.ends, done.happened)
 
 
@@ -284,7 +303,7 @@ def _columns_run(
     The totals of the results are the reductions.
     """
     columns, watch, count = cases.columns(block, settings), settings.watch, len(here.y)
-    if watch is None and settings.t_eval is None:
+    if watch is None and (settings.t_eval is None or len(kept.constants) or not cases.program.projects):
         return engine.sweeper(columns, settings.method, here, kept, share)
     reduces = watch is not None and bool(watch.plan)
     if (reduces or watch is None) and not len(kept.constants):
@@ -292,7 +311,7 @@ def _columns_run(
     done = here
     if watch is not None:
         happened, totals = BlockResult.at_start(count, len(watch.events), watch.kinds)
-        done = replace(here, happened=happened, totals=totals)
+        done = BlockResult(here.y, here.ends, here.samples, happened, totals)
     run = engine.sweeper(columns, settings.method, done, kept, share)
     if run is None or watch is None:
         return run
@@ -301,10 +320,10 @@ def _columns_run(
         run.finish()
         here.happened[:] = done.happened[:, : 3 * watch.reported]
         if reduces:
-            spans = np.stack([np.broadcast_to(column, count) for column in columns.spans], axis=1)
             along = columns.constants_at
             c = kept.constants if along is None else along(done.ends[:, :1])
-            here.totals[:] = watch.reduced(spans, done.ends, done.y, c, done.totals, done.happened[:, 1::3])
+            first = done.happened[:, 1::3]
+            here.totals[:] = watch.reduced(columns.spans[0], done.ends, done.y, c, done.totals, first)
         watch.conclude(done.ends, done.happened)
 
     return replace(run, finish=finish)

@@ -235,13 +235,17 @@ class ConstraintCheck(RunCheck):
             return
         from ..events.event_code import SUSPECT
 
-        marked = done.ends[:, 1] <= SUSPECT
-        done.ends[marked, 1] = SUSPECT - done.ends[marked, 1]
+        status = done.ends[:, 1]
+        marked = status <= SUSPECT
+        status[marked] = SUSPECT - status[marked]
         looked = [Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED]
         if method == "radau" or self.reduced.unproven:
             looked += [Status.SUCCESS, Status.EVENT, Status.MAX_STEPS]
+        suspects = marked | np.isin(status, looked)
+        if not suspects.any():
+            return
         started = np.all(np.isfinite(np.hstack([block.y, block.c, block.spans])), axis=1)
-        for i in np.flatnonzero(started & (marked | np.isin(done.ends[:, 1], looked))):
+        for i in np.flatnonzero(started & suspects):
             for bounded in (
                 (False, True) if marked[i] else (False,)
             ):  # as a single run, then with the steps of the sweep

@@ -126,7 +126,7 @@ def sweep_in_own_time(
     begin = time.perf_counter()
     if options.grid is not None:
         initial, parameters = with_grid(model.layout, options.grid, initial, parameters)
-    model, cases, settings = _model_and_cases(model, t_span, initial, parameters, options, begin)
+    model, cases, settings, independent = _model_and_cases(model, t_span, initial, parameters, options, begin)
     if carried is not None or times is not None:
         settings = replace(settings, carried=carried, t_eval=settings.t_eval if times is None else times)
     if options.fits:
@@ -136,7 +136,8 @@ def sweep_in_own_time(
         settings = replace(settings, watch=watch)
     give_gains(model.engine, cases, settings, parameters)
     axes = {} if options.grid is None else options.grid.axes
-    settings = _unlike_left_out(model, cases, settings)
+    if not independent:
+        settings = _unlike_left_out(model, cases, settings)
     run = _results(model, cases, settings, run_cases(model.engine, cases, settings), axes, begin)
     if not options.error_estimate:
         return run
@@ -179,8 +180,10 @@ def _model_and_cases(
     parameters: Given,
     options: SweepOptions,
     begin: float,
-) -> tuple[CompiledModel, Cases, CaseSettings]:
+) -> tuple[CompiledModel, Cases, CaseSettings, bool]:
     """Return the model that cases take, without constraints that depend on others at the first start, and what it runs.
+
+    Last is whether its constraints are certainly independent in all cases.
 
     Raises
     ------
@@ -195,9 +198,11 @@ def _model_and_cases(
         able = _divisible_cases(model, cases)
         if able is model:
             settings = _settings(model, cases, options, method)
-            able = _independent_cases(model, cases, settings, begin)
+            independent = _surely_independent(model, cases, settings)
+            if not independent:
+                able = _independent_cases(model, cases, settings, begin)
             if able is model:
-                return model, cases, settings
+                return model, cases, settings, independent
         model = able
 
 
@@ -215,7 +220,7 @@ def _settings(model: CompiledModel, cases: Cases, options: SweepOptions, method:
     found = kept.get(key)
     if found is None:
         found = kept[key] = _new_settings(model, cases, options, method)
-    elif not cases.together:
+    elif not cases.together or options.t_eval is not None:
         check_settings(cases, options)
     return found
 
@@ -245,11 +250,20 @@ def _divisible_cases(model: CompiledModel, cases: Cases) -> CompiledModel:
         return model
 
 
+def _surely_independent(model: CompiledModel, cases: Cases, settings: CaseSettings) -> bool:
+    """Return whether all cases can start, and their constraints are independent by far."""
+    enforced, reduced = model.derived.enforced, model.stages.reduced
+    if not enforced or model.dropped or reduced.redundancy is not None or not cases.plain:
+        return False
+    rows = sorted({*enforced, *reduced.unproven})
+    return model.engine.surely_independent(cases.columns(slice(0, cases.count), settings), rows)
+
+
 def _independent_cases(model: CompiledModel, cases: Cases, settings: CaseSettings, begin: float) -> CompiledModel:
     """Return the model that enforces no constraint which follows from others around the first start."""
     if not model.derived.enforced:
         return model
-    tried = (single_problem(cases, settings, i) for i in range(cases.count))
+    tried = (single_problem(cases, settings, i, model.derived.quick_start) for i in range(cases.count))
     first = next((problem for problem in tried if problem is not None), None)
     able = model if first is None else independent_model(model, first, settings.method, begin)
     return able if isinstance(able, type(model)) else model

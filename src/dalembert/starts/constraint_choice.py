@@ -37,10 +37,10 @@ def independent_model(
     if not enforced or reduced.redundancy is not None:
         return model
     where = (program, problem.t0, problem.y0, problem.constants)
-    joint = _enforced_together(model, *where)
+    found = redundant(*where, enforced)
+    joint = _enforced_together(model, *where, found)
     if joint is not None:
         return model.variants.enforcing_all(joint)
-    found = redundant(*where, enforced)
     note = _singular_start(*where, enforced) if found is None else nearly_redundant(*where, enforced) if found else ""
     if found is not None and not note:
         return model.variants.without_constraints(found) if found else model
@@ -59,14 +59,18 @@ def _singular_start(program: Program, t: float, y: FloatArray, c: FloatArray, en
 
 
 def _enforced_together(
-    model: CompiledModel, program: Program, t: float, y: FloatArray, c: FloatArray
+    model: CompiledModel, program: Program, t: float, y: FloatArray, c: FloatArray, found: tuple[int, ...] | None
 ) -> Redundancy | None:
-    """Return what it takes to enforce all constraints at a start; None where none follow, or it is not supported."""
+    """Return what it takes to enforce all constraints at a start; None where none follow, or it is not supported.
+
+    `found` are those that follow from others among the ones that the model enforces.
+    """
     stages, reduced = model.stages, model.stages.reduced
     if stages.kept or model.dropped or not _served_in_modes(model):
         return None
     rows = sorted({*model.derived.enforced, *reduced.unproven})
-    found = redundant(program, t, y, c, rows)
+    if rows != list(model.derived.enforced):
+        found = redundant(program, t, y, c, rows)
     if not found or nearly_redundant(program, t, y, c, rows):
         return None
     return together(program, t, y, c, rows, found)

@@ -23,6 +23,9 @@ _ROUNDED = 1e-11
 _MUCH = 0.5
 """Share of what is new of the best row from which on another is taken before it."""
 
+_MANY = 30
+"""Constraints from which on their singular values are computed before dependent ones are looked for."""
+
 _VANISHED = 1e-13
 """Share of the longest column of power coefficients, whatever their units, below which another may be rounding."""
 
@@ -46,8 +49,11 @@ def _dependent(j: FloatArray, share: float = LOST) -> list[int]:
     """Return the rows of a Jacobian with rows of length one of which less than a share is new beside the others.
 
     Those that are taken before it are far from vanishing, so that they enforce the others around the state: of rows
-    that are left, the first of which about as much is new as of any.
+    that are left, the first of which about as much is new as of any. Of each row at least the least singular value is
+    new beside all others, which spares the search among many.
     """
+    if len(j) > _MANY and len(j) <= j.shape[1] and np.linalg.svd(j, compute_uv=False)[-1] >= 2.0 * share:
+        return []
     rest, left, basis = j.copy(), list(range(len(j))), np.zeros((0, j.shape[1]))
     while left:
         new = np.linalg.norm(rest[left], axis=1)

@@ -49,6 +49,7 @@ SOURCES: dict[str, tuple[str, str, Shape]] = {
     "phase_loop": ("contacts.phase_loop", "LOOP", "loops"),
     "prepared_loop": ("loops.prepared_loop", "LOOP", "loops"),
     "projected_lane_loop": ("loops.lane_loop", "PROJECTED_LOOP", "loops"),
+    "rank_screen": ("loops.rank_screen", "LOOP", "loops"),
     "recorded_lane_loop": ("loops.lane_loop", "RECORDED_LOOP", "loops"),
     "sample_projection": ("steps.row_loops", "LOOP", "loops"),
     "sign_screen": ("loops.sign_screen", "LOOP", "loops"),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 
@@ -15,8 +15,10 @@ from ...ir.kernel import Kernel
 from ...lanes.cases import BlockResult, CaseBlock, CaseColumns
 from ...lanes.sweep_arguments import no_columns
 from ...lanes.workspace import aligned
+from ...loops.rank_screen import RankArguments
+from ...loops.screened_starts import ScreenedStarts, StartKernels
 from ...loops.sign_screen import SignArguments
-from ...loops.stiffness_screen import ScreenArguments, ScreenKernels
+from ...loops.stiffness_screen import ScreenArguments
 from ...steps.method_choice import TIME_SCALES
 from ...subset.addresses import OwnedAddress
 from ...subset.arguments import address_of, pack, place_of
@@ -25,10 +27,61 @@ from .loops import loop_named
 if TYPE_CHECKING:
     from ...reduction.starting import Start
 
-_COLUMNS = place_of(ScreenArguments, "columns")
-
 _SHARE = 0.5
 """Share of the decay rate that counts up to which a case passes: differences are rounded."""
+
+_INDEPENDENT = 1e-5
+"""Product of what is new of unit rows from which on they are independent: far above what counts as lost."""
+
+
+@final
+class _Memory:
+    """Memory of one thread at a time: packed arguments of a loop, and what they point to."""
+
+    def __init__(self, loop: str, arguments: tuple[Any, ...]) -> None:
+        self.made, self.words = arguments, pack(arguments)
+        self._call, self._pointer = loop_named(loop).call, ctypes.c_void_p(address_of(self.words))
+
+    def passes(self) -> bool:
+        """Return what the loop finds."""
+        return bool(self._call(self._pointer))
+
+
+@final
+class _Memories:
+    """Memory of a screen that threads share: each takes one, made where none is left, and puts it back."""
+
+    def __init__(self, loop: str, arguments: Callable[[], tuple[Any, ...]]) -> None:
+        self._loop, self._arguments = loop, arguments
+        self._memories: list[_Memory] = []
+
+    def passes(self, fill: Callable[[_Memory], None]) -> bool:
+        """Return what the loop finds of arguments that a function fills in."""
+        try:
+            memory = self._memories.pop()
+        except IndexError:
+            memory = _Memory(self._loop, self._arguments())
+        fill(memory)
+        passed = memory.passes()
+        self._memories.append(memory)
+        return passed
+
+
+class StartSizes(NamedTuple):
+    """Numbers of lanes, of components of the state, of parameters and of constants."""
+
+    lanes: int
+    n: int
+    parameters: int
+    constants: int
+
+
+def _starts(kernels: StartKernels, start: Start, sizes: StartSizes) -> ScreenedStarts:
+    """Return memory for starts of cases."""
+    lanes, given, checks = sizes.lanes, len(start.given), 2 * len(start.labels)
+    room = (2, max(sizes.parameters, given, 1), sizes.constants, sizes.n + checks)
+    about = np.zeros(lanes, np.int64), sizes.parameters, given, sizes.n, checks
+    return ScreenedStarts(kernels, no_columns(), *about, *(aligned(rows, lanes) for rows in room))
 
 
 @final
@@ -40,56 +93,113 @@ class StiffnessScreen:
     start : Start
         Of the cases.
     kernels : function
-        Returns the code in lanes, compiled when it is first needed.
-    sizes : (int, int, int, int)
-        Number of lanes, of components of the state, of parameters and of constants.
+        Returns code in lanes, compiled when it is first needed: of starts, and of right-hand sides.
+    sizes : StartSizes
     """
 
-    def __init__(self, start: Start, kernels: Callable[[], ScreenKernels], sizes: tuple[int, int, int, int]) -> None:
-        self.start, self._kernels, self._sizes = start, kernels, sizes
-        self._memories: list[_StiffnessMemory] = []
+    def __init__(
+        self, start: Start, kernels: Callable[[], tuple[StartKernels, OwnedAddress]], sizes: StartSizes
+    ) -> None:
+        self.start, self._lanes = start, sizes.lanes
+
+        def arguments() -> ScreenArguments:
+            codes, rhs = kernels()
+            room = [aligned(rows, sizes.lanes) for rows in (*(sizes.n,) * 4, 1)]
+            return ScreenArguments(_starts(codes, start, sizes), rhs, _SHARE * TIME_SCALES, *room)
+
+        self._memories = _Memories("stiffness_screen", arguments)
 
     def __call__(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
         """Return whether the cases of these numbers start, and no mode can decay fast enough to count."""
-        if len(numbers) > self._sizes[0]:
+        if len(numbers) > self._lanes:
             return False
-        try:
-            memory = self._memories.pop()
-        except IndexError:
-            memory = _StiffnessMemory(self._kernels(), self.start, self._sizes)
-        passed = memory.passes(cases, numbers)
-        self._memories.append(memory)
-        return passed
+
+        def fill(memory: _Memory) -> None:
+            memory.words[_COLUMNS : _COLUMNS + 4] = cases.table.fields
+            chosen: Any = memory.made
+            chosen.starts.cases[:] = [*numbers, *[numbers[-1]] * (self._lanes - len(numbers))]
+
+        return self._memories.passes(fill)
+
+
+_COLUMNS = place_of(ScreenArguments, "starts.columns")
+
+
+class RankKernels(NamedTuple):
+    """Code in lanes of coordinates and rates, the constraint Jacobian, and the mass matrix or the momenta."""
+
+    starts: StartKernels
+    expand: OwnedAddress
+    jacobian: OwnedAddress
+    masses: OwnedAddress
+    by_rates: bool
 
 
 @final
-class _StiffnessMemory:
-    """Memory of one thread at a time: packed arguments of the loop, and what they point to."""
+class RankScreen:
+    """Test of whether constraints are independent, by far, at the starts of cases; threads may share it.
 
-    def __init__(self, kernels: ScreenKernels, start: Start, sizes: tuple[int, int, int, int]) -> None:
-        lanes, n, n_p, n_c = sizes
-        given, checks = len(start.given), 2 * len(start.labels)
-        self._numbers = np.zeros(lanes, np.int64)
-        room = (2, max(n_p, given, 1), n_c, n + checks, n, n, n, n, 1)
-        self._made = ScreenArguments(
-            kernels,
-            no_columns(),
-            self._numbers,
-            n_p,
-            given,
-            checks,
-            _SHARE * TIME_SCALES,
-            *(aligned(rows, lanes) for rows in room),
-        )
-        self._words, self._call = pack(self._made), loop_named("stiffness_screen").call
-        self._pointer = ctypes.c_void_p(address_of(self._words))
+    Parameters
+    ----------
+    start : Start
+        Of the cases.
+    kernels : function
+        Returns the code in lanes, compiled when it is first needed.
+    sizes : StartSizes
+    n_x, n_rows : int
+        Numbers of coordinates, rates and first-order states, and of all constraints.
+    angles : sequence of bool (n_q,)
+        Which coordinates have no unit.
+    rows : sequence of int
+        The constraints to look at.
+    """
 
-    def passes(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
-        """Return whether the cases of these numbers pass; there are as many lanes, at least."""
-        self._words[_COLUMNS : _COLUMNS + 4] = cases.table.fields
-        lanes = len(self._numbers)
-        self._numbers[:] = [*numbers, *[numbers[-1]] * (lanes - len(numbers))]
-        return bool(self._call(self._pointer))
+    def __init__(
+        self,
+        start: Start,
+        kernels: Callable[[], RankKernels],
+        sizes: StartSizes,
+        n_x: int,
+        n_rows: int,
+        angles: Sequence[bool],
+        rows: Sequence[int],
+    ) -> None:
+        self.start, n, mixed = start, len(angles), any(angles) and not all(angles)
+
+        def arguments() -> RankArguments:
+            codes = kernels()
+            masses = n if codes.by_rates else n * n
+            x, whole, mass, unit = (aligned(size, sizes.lanes) for size in (n_x, n_rows * n, masses, len(rows) * n))
+            return RankArguments(
+                _starts(codes.starts, start, sizes),
+                codes.expand,
+                codes.jacobian,
+                codes.masses,
+                int(codes.by_rates),
+                0,
+                np.array(rows, np.int64),
+                np.array(angles if mixed else [], np.int64),
+                _INDEPENDENT,
+                x,
+                whole,
+                mass,
+                unit,
+                np.ones((n, 1)),
+            )
+
+        self._memories = _Memories("rank_screen", arguments)
+
+    def __call__(self, cases: CaseColumns) -> bool:
+        """Return whether all cases start, and have independent constraints."""
+
+        def fill(memory: _Memory) -> None:
+            memory.words[_RANK_COLUMNS : _RANK_COLUMNS + 4] = cases.table.fields
+            memory.words[_COUNT] = cases.count
+
+        return self._memories.passes(fill)
+
+
+_RANK_COLUMNS, _COUNT = (place_of(RankArguments, name) for name in ("starts.columns", "n_cases"))
 
 
 _CERTAIN = 1e-9
@@ -108,41 +218,29 @@ class SignScreen:
     code : function
         Returns its code in lanes, compiled when it is first needed.
     lanes : int
+    sizes : (int, int)
+        Numbers of components of the state, and of constants.
     """
 
-    def __init__(self, kernel: Kernel, code: Callable[[], OwnedAddress], lanes: int) -> None:
-        self.kernel, self._code, self._lanes = kernel, code, lanes
-        self._memories: list[_SignMemory] = []
+    def __init__(self, kernel: Kernel, code: Callable[[], OwnedAddress], lanes: int, sizes: tuple[int, int]) -> None:
+        self.kernel, outputs = kernel, len(kernel.outputs)
+
+        def arguments() -> SignArguments:
+            none = np.empty((0, 0))
+            room = [aligned(rows, lanes) for rows in (1, *sizes, outputs, outputs)]
+            return SignArguments(code(), none, none, none, none, none, _CERTAIN, *room)
+
+        self._memories = _Memories("sign_screen", arguments)
 
     def __call__(self, block: CaseBlock, done: BlockResult) -> bool:
         """Return whether all cases succeeded, and all signs are certainly the same."""
         if len(block.c) != len(done.y):
             return False
-        try:
-            memory = self._memories.pop()
-        except IndexError:
-            sizes = block.y.shape[1], block.c.shape[1]
-            memory = _SignMemory(self._code(), len(self.kernel.outputs), self._lanes, sizes)
-        passed = memory.passes(block, done)
-        self._memories.append(memory)
-        return passed
-
-
-@final
-class _SignMemory:
-    """Memory of one thread at a time: packed arguments of the loop, and what they point to."""
-
-    def __init__(self, code: OwnedAddress, outputs: int, lanes: int, sizes: tuple[int, int]) -> None:
-        room = [aligned(rows, lanes) for rows in (1, *sizes, outputs, outputs)]
-        none = np.empty((0, 0))
-        self._made = SignArguments(code, none, none, none, none, none, _CERTAIN, *room)
-        self._words, self._call = pack(self._made), loop_named("sign_screen").call
-        self._pointer = ctypes.c_void_p(address_of(self._words))
-
-    def passes(self, block: CaseBlock, done: BlockResult) -> bool:
-        """Return whether the cases of a block pass."""
         arrays = block.spans, done.ends, block.y, block.c, done.y
         assert all([array.flags.c_contiguous for array in arrays])
-        words = [word for array in arrays for word in (address_of(array), *array.shape)]
-        self._words[_ARRAYS : _ARRAYS + len(words)] = words
-        return bool(self._call(self._pointer))
+
+        def fill(memory: _Memory) -> None:
+            words = [word for array in arrays for word in (address_of(array), *array.shape)]
+            memory.words[_ARRAYS : _ARRAYS + len(words)] = words
+
+        return self._memories.passes(fill)

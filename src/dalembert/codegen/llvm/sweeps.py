@@ -6,7 +6,7 @@ import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,15 +37,16 @@ from ...lanes.workspace import (
 from ...steps.row_loops import SampleArguments
 from ...stops.stops import StopTable, no_stops
 from ...subset.addresses import AddressTable
-from ...subset.arguments import address_of, owned_address, pack
+from ...subset.arguments import owned_address, pack
 from ...threads import STOPPED, check
 from ..host_code import raise_failure
-from ..runs import CaseRun, LoopCall
+from ..runs import LoopCall
 from ..steppers import Stepper
 from .loops import loop_named
 
-_ROUNDS, _MOST_ROUNDS, _QUICK = 256, 1 << 24, 0.02
-"""Rounds after which a loop first returns to Python, and at most; seconds below which the next may take longer."""
+_FIRST_ROUNDS, _ROUNDS, _MOST_ROUNDS, _QUICK = 32, 256, 1 << 24, 0.02
+"""Rounds after which a loop that others may join first returns to Python, any loop, and at most; seconds below which
+the next may take longer."""
 
 
 @final
@@ -61,8 +62,6 @@ class SweepShape:
         Number of components of the state, and of constants.
     degree, memory : int
         Degree of the polynomials of a step, and how many numbers it remembers.
-    share : int
-        How many cases a thread takes at a time.
     dense : bool
         Whether the step writes its polynomials.
     events_with_series : int
@@ -74,54 +73,14 @@ class SweepShape:
     n_c: int
     degree: int
     memory: int
-    share: int
     dense: bool
     events_with_series: int = 0
-
-
-def case_run(
-    kernels: SweepKernels,
-    shape: SweepShape,
-    stepper: Stepper,
-    cases: CaseColumns,
-    result: BlockResult,
-    kept: KeptStarts,
-    events: EventKernels,
-    watched: bool,
-) -> CaseRun:
-    """Return cases ready to run; see `dalembert.loops.lane_loop`.
-
-    Parameters
-    ----------
-    kernels : SweepKernels
-    stepper : Stepper
-        The step of `kernels`.
-    kept : KeptStarts
-        Gets constants and first states.
-    watched : bool
-        Whether there are events or reductions, or steps are recorded.
-    """
-    run = CaseArrays(kernels, shape, stepper, cases, result, kept, events, watched)
-    loop, turn = loop_named(run.loop_name), np.zeros(1, np.int64)
-
-    def call(turn: NDArray[np.int64]) -> LoopCall:
-        made = run.arguments(turn)
-        about = made.state.progress, made.steps, made.workspace.occurrences
-        return LoopCall(loop.entry, pack(made), *about, (run, made))
-
-    def work(paused: Callable[[], None] | None = None) -> None:
-        made = run.arguments(turn)
-        packed_args, progress = pack(made), made.state.progress
-        begin_progress(progress)
-        run_loop(loop.call, ctypes.c_void_p(address_of(packed_args)), progress, turn, paused)
-
-    return CaseRun(work, turn, run.project_samples, call)
 
 
 def begin_progress(progress: LoopProgress) -> None:
     """Set the progress of a loop that begins, and returns to Python every so often."""
     progress.words[:] = 0
-    progress.patience, progress.returns = _ROUNDS, 1
+    progress.patience, progress.returns = _FIRST_ROUNDS, 1
 
 
 def run_loop(
@@ -129,11 +88,11 @@ def run_loop(
     pointer: ctypes.c_void_p,
     progress: LoopProgress,
     turn: NDArray[np.int64],
-    paused: Callable[[], None] | None,
+    paused: Callable[[], bool] | None,
 ) -> bool:
     """Call a loop until no case is left; return whether none is, so that it was not stopped.
 
-    `paused` is called when it first returns to Python before that.
+    `paused` is called when it returns to Python before that, until `paused` returns that this was the last time.
     """
     going = True
     while going:  # Ctrl-C is raised here
@@ -142,8 +101,7 @@ def run_loop(
         raise_failure()
         going = progress.paused != 0 and turn[0] < STOPPED
         check()
-        if going and paused is not None:
-            paused()
+        if going and paused is not None and paused():
             paused = None
         if going and perf_counter() - begin < _QUICK:
             progress.patience = min(2 * progress.patience, _MOST_ROUNDS)
@@ -164,15 +122,23 @@ class CaseArrays:
         kept: KeptStarts,
         events: EventKernels,
         watched: bool,
+        share: int = 1,
     ) -> None:
         self.kernels, self.shape, self.stepper, self.cases = kernels, shape, stepper, cases
         self.result, self.kept, self.events, self.watched = result, kept, events, watched
-        k, n_times = cases.count, len(cases.t_eval)
-        self.projected = bool(kernels.position or kernels.velocity)
-        self.columns = _columns(cases)
-        self.samples = result.samples.reshape(k, n_times * shape.n) if n_times else np.empty((1, 1))
-        self.inside = np.zeros((k, n_times) if n_times and self.projected else (0, 0), np.bool_)
-        self.t_eval = np.ascontiguousarray(cases.t_eval)
+        self.share = share
+        self.samples, self.inside, self.t_eval = _NOTHING, _NO_FLAGS, cases.t_eval
+        n_times = len(cases.t_eval)
+        if n_times:
+            self.samples = result.samples.reshape(cases.count, n_times * shape.n)
+            self.t_eval = np.ascontiguousarray(cases.t_eval)
+            if self.projected:
+                self.inside = np.zeros((cases.count, n_times), np.bool_)
+
+    @property
+    def projected(self) -> bool:
+        """Whether states are projected onto constraints."""
+        return bool(self.kernels.position or self.kernels.velocity)
 
     @property
     def loop_name(self) -> str:
@@ -184,6 +150,19 @@ class CaseArrays:
         if self.watched:
             return "event_lane_loop"
         return "projected_lane_loop" if self.projected else "lane_loop"
+
+    @property
+    def results(self) -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
+        """What the loop reads and writes of all cases, in the order of its arguments: before and behind its memory."""
+        result, kept = self.result, self.kept
+        before = self.t_eval, result.y, result.ends, self.samples, self.inside, kept.constants, kept.states
+        return before, (result.happened, result.totals)
+
+    def call(self, turn: NDArray[np.int64]) -> LoopCall:
+        """Return a call of the loop in one thread, for loops that do so themselves."""
+        made = self.arguments(turn)
+        about = made.state.progress, made.steps, made.workspace.occurrences
+        return LoopCall(loop_named(self.loop_name).entry, pack(made), *about, (self, made))
 
     def arguments(self, turn: NDArray[np.int64]) -> SweepArguments:
         """Return the arguments of the loop in one thread; `turn` counts the cases that all threads have taken."""
@@ -198,10 +177,10 @@ class CaseArrays:
         return SweepArguments(
             kernels=self.kernels,
             shape=CaseShape(
-                n, more - n, shape.degree, shape.memory, parameters, given, checks, cases.count, shape.share
+                n, more - n, shape.degree, shape.memory, parameters, given, checks, cases.count, self.share
             ),
             limits=np.array([[cases.max_step, float(cases.max_steps), *self.stepper.settings]]),
-            columns=self.columns,
+            columns=_columns(self.cases),
             turn=turn,
             t_eval=self.t_eval,
             out=self.result.y,
@@ -214,7 +193,7 @@ class CaseArrays:
             workspace=self._workspace(n_s),
             happened=self.result.happened,
             totals=self.result.totals,
-            stops=self._stops(),
+            stops=self.stops(),
             steps=steps,
             rows=cases.rows or no_rows(),
             part=cases.part or no_part_samples(),
@@ -229,7 +208,7 @@ class CaseArrays:
         first = cases.first_step or 0.0
         return stepper.rows.memory(state.constants, stepper.settings, stepper.allowed, cases.max_step, first)
 
-    def _stops(self) -> StopTable:
+    def stops(self) -> StopTable:
         """Return the stops of the cases, knots of inputs among them."""
         cases, shape = self.cases, self.shape
         if cases.inputs is None:
@@ -252,7 +231,7 @@ class CaseArrays:
 
     def project_samples(self) -> None:
         """Project the samples that lie within steps onto the constraints."""
-        if not np.any(self.inside):
+        if self.inside.size == 0 or not self.inside.any():
             return
         shape, lanes, n = self.shape, self.shape.lanes, self.shape.n
         overwritten = aligned(1, lanes), aligned(n, lanes), np.ones((max(shape.n_c, 1), lanes)), aligned(n, lanes)
@@ -264,6 +243,9 @@ class CaseArrays:
         loop = loop_named("sample_projection")
         cases, tolerances = self.samples, (self.cases.rtol, self.cases.atol)
         loop(SampleArguments(*codes, constants, self.t_eval, self.inside, cases, *overwritten, *numbers, *tolerances))
+
+
+_NOTHING, _NO_FLAGS = np.empty((0, 0)), np.empty((0, 0), np.bool_)
 
 
 def _state(made: LaneState) -> LaneState:
