@@ -16,6 +16,7 @@ sys.path.insert(0, str(ROOT / "benchmarks"))
 import before_after  # noqa: E402
 import hard_case_pages  # noqa: E402
 import overhead  # noqa: E402
+import published_peers  # noqa: E402
 import report  # noqa: E402
 import robots  # noqa: E402
 import robots_mujoco  # noqa: E402
@@ -140,3 +141,19 @@ def test_pages_of_hard_cases_are_those_of_their_data():
 def test_data_of_hard_cases_are_of_cases_that_there_are(group, known):
     for name, case in hard_case_pages.load()[group].items():
         assert case["hard"] == " ".join(inspect.getdoc(known[name]).split())
+
+
+def test_runs_that_another_one_beats_are_left_out_of_the_picture():
+    runs = [
+        {"ms": ms, "error": error} for ms, error in ((2.0, 1e-6), (1.0, 1e-3), (1.5, 1e-2), (3.0, 1e-6), (4.0, 1e-9))
+    ]
+    assert published_peers.fastest(runs) == [runs[1], runs[0], runs[4]]
+
+
+@pytest.mark.parametrize("method", ["ours", "scipy_run", "sundials_run", "diffrax_run"])
+def test_solvers_beside_ours_solve_the_same_motion(method):
+    pytest.importorskip({"sundials_run": "casadi", "diffrax_run": "diffrax"}.get(method, "numpy"))
+    task = published_peers.Task("IFToMM A01, pendulum")
+    names = {"ours": "auto", "scipy_run": "dop853", "sundials_run": "Adams", "diffrax_run": "Dopri8"}
+    run = getattr(published_peers, method)(task, names[method], 1e-9)
+    assert task.error(run()) < 1e-6
