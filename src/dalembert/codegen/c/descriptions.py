@@ -30,7 +30,7 @@ class CSource:
     dependent : bool
         Whether the last test of `admission` counts constraints that depend on others.
     method : str
-        "taylor", "radau", or a Runge-Kutta pair.
+        "taylor", "radau", a Runge-Kutta pair, or "rk4".
     tolerances : (float, float)
         Relative and absolute.
     forward_only : bool
@@ -44,6 +44,8 @@ class CSource:
     contacts : ContactLoop or None
         The loops of a scene whose contacts change. The program is then that of the mode that makes starts consistent,
         and its state is coordinates, rates and first-order states.
+    step : float or None
+        Size of the steps of "rk4" [s].
     """
 
     program: Program
@@ -58,6 +60,7 @@ class CSource:
     locks: Kernel | None = None
     locking: tuple[int, ...] = ()
     contacts: ContactLoop | None = None
+    step: float | None = None
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -94,6 +97,11 @@ class CSource:
     def order(self) -> int:
         """Order of Taylor steps."""
         return order_at(*self.tolerances)
+
+
+def step_of(source: CSource) -> str:
+    """Return the literal of the size of a step, empty where steps are chosen."""
+    return "" if source.step is None else double(source.step)
 
 
 def names_and_numbers(source: CSource, prefix: str) -> dict[str, Any]:
@@ -144,6 +152,7 @@ def main_variables(source: CSource, prefix: str) -> dict[str, Any]:
         "n_variables": len(source.program.kernel("expand").outputs),
         "n_states": len(layout.state),
         "n_outputs": len(layout.outputs),
+        "step": step_of(source),
         "begin": double(source.span[0]),
         "end": double(source.span[1]),
     }
@@ -183,13 +192,14 @@ def readme_variables(source: CSource, prefix: str) -> dict[str, Any]:
         "constraints": [plain(label) for label in layout.constraints],
         "locks": bool(source.locking),
         "contacts": source.contacts is not None,
+        "step": step_of(source),
     }
 
 
 def _steps(source: CSource) -> str:
     """Return what steps a simulator takes."""
     methods = [source.method] if source.contacts is None else [mode.method for mode in source.contacts.modes]
-    named = {"taylor": f"Taylor steps of order {source.order}"}
+    named = {"taylor": f"Taylor steps of order {source.order}", "rk4": "Runge-Kutta steps of order 4"}
     return " and ".join(named.get(method, f"steps of the method {method}") for method in dict.fromkeys(methods))
 
 
