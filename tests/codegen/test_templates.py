@@ -133,7 +133,8 @@ def render_c():
                 page.page_text(source, source, scene, None)
     sleigh = da.compile_model(da.scenes.chaplygin_sleigh(), outputs=["Y"])
     jax_text(c_source(sleigh, None, {}, "dop853", (1e-8, 1e-10), (0.0, 1.0)))
-    contact_simulator.c_files(c_source(sleigh, None, {}, "rk4", (1e-8, 1e-10), (0.0, 1.0), 0.01))
+    for precision in ("double", "single"):
+        contact_simulator.c_files(c_source(sleigh, None, {}, "rk4", (1e-8, 1e-10), (0.0, 1.0), 0.01, precision))
     for method, step in (("dop853", None), ("rk4", 0.01)):
         source = c_source(in_angles(), None, {}, method, (1e-8, 1e-10), (0.0, 1.0), step)
         assert source.locking

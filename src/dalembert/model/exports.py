@@ -85,6 +85,9 @@ KINDS: dict[str, Callable[[CompiledModel, Mapping[str, Any]], dict[str, Any]]] =
 FIXED = "rk4"
 """The method whose steps have a fixed size."""
 
+PRECISIONS = ("double", "single")
+"""Precisions of the numbers of exported code, the one by default first."""
+
 INSTEAD = {("jax", "auto"): "dop853", ("jax", "taylor"): "dop853"}
 """Methods of kinds in place of those that "auto" finds."""
 
@@ -110,6 +113,7 @@ def export(
     rtol: float = DEFAULT_TOLERANCES[0],
     atol: float = DEFAULT_TOLERANCES[1],
     step: float | None = None,
+    precision: str = "double",
     fmi: str = "2.0",
     platforms: Sequence[str] | None = None,
     sliders: Mapping[Any, tuple[float, float]] | None = None,
@@ -150,6 +154,8 @@ def export(
         Tolerances, which the code is made for; "rk4" has none.
     step : float, optional
         Size of the steps of "rk4" [s].
+    precision : str
+        "double", or for "rk4" also "single": all numbers of the code are then floats.
     fmi : str
         Version of the standard of a unit: "2.0" or "3.0".
     platforms : sequence of str, optional
@@ -201,6 +207,16 @@ def export(
         raise OptionError("exports take one atol for the whole state, and not tolerances by name: give a number")
     if method == FIXED or step is not None:
         step = _step(kind, method, (rtol, atol), step)
+    if precision not in PRECISIONS:
+        raise OptionError(
+            f"precision is {precision!r}: exports have the precisions {list_names(map(repr, PRECISIONS))}"
+        )
+    if precision != PRECISIONS[0] and method != FIXED:
+        raise OptionError(
+            f"precision={precision!r} is one of method={FIXED!r}, not of {method!r}: other methods compare errors with"
+            " tolerances, which the rounding of float (6e-8 of a value) hides. Give method='rk4' and step=, or leave"
+            " precision out"
+        )
     if rtol == atol == 0.0:
         raise OptionError("rtol and atol must not both be 0: set one of them above 0")
     given = None if initial is None else dict(self.read_initial(initial))
@@ -224,7 +240,7 @@ def export(
         "method": method,
         "tolerances": (rtol, atol),
         "span": span,
-        **({} if step is None else {"step": step}),
+        **({} if step is None else {"step": step, "precision": precision}),
     }
     if kind == "page":
         request["sliders"] = _sliders(self, given, sliders)

@@ -46,6 +46,8 @@ class CSource:
         and its state is coordinates, rates and first-order states.
     step : float or None
         Size of the steps of "rk4" [s].
+    single : bool
+        Whether it computes in single precision.
     """
 
     program: Program
@@ -61,6 +63,7 @@ class CSource:
     locking: tuple[int, ...] = ()
     contacts: ContactLoop | None = None
     step: float | None = None
+    single: bool = False
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -139,13 +142,16 @@ def main_variables(source: CSource, prefix: str) -> dict[str, Any]:
     layout, numbers = source.program.layout, source.numbers
     wanted = [*source.start.given, *source.parameters, *layout.inputs]
     first = len(source.start.given) + len(source.parameters)
+    real = "float" if source.single else "double"
     columns = ["t", *layout.coordinates, *layout.rates, *layout.states, *layout.outputs]
     return {
         "prefix": prefix,
         "upper": prefix.upper(),
         "wanted": plain(", ".join(wanted)),
         "arguments": [quoted(name) for name in wanted],
-        "values": [double(numbers.get(name, 0.0)) for name in wanted],
+        "values": [f"({real}){double(numbers.get(name, 0.0))}" for name in wanted],
+        "real": real,
+        "digits": 9 if source.single else 17,
         "complete": int(all(name in numbers for name in wanted)),
         "columns": quoted(",".join(columns)),
         "input_values": [first + number for number in range(len(layout.inputs))],
@@ -193,6 +199,7 @@ def readme_variables(source: CSource, prefix: str) -> dict[str, Any]:
         "locks": bool(source.locking),
         "contacts": source.contacts is not None,
         "step": step_of(source),
+        "single": source.single,
     }
 
 

@@ -15,7 +15,9 @@ from ...transforms.nonsmooth import nonanalytic_operations, nonsmooth_values
 from ...transforms.taylor import STEP_ARGUMENTS
 from ..rendering import render
 from .descriptions import CSource
+from .printing import SINGLE
 from .simulator import STATUSES, Simulator
+from .single import in_single
 
 _NO_END = (Status.MAX_STEPS, Status.STEP_TOO_SMALL)
 """Statuses of runs that choose their steps."""
@@ -37,6 +39,13 @@ class FixedSimulator(Simulator):
     def __init__(self, source: CSource) -> None:
         self.calls: list[tuple[Kernel, int]] = []
         super().__init__(source)
+        if source.single:
+            for name in (f"{self.prefix}.h", f"{self.prefix}.c"):
+                self.files[name] = in_single(self.files[name])
+
+    def _print(self, what: str, kernel: Kernel, meaning: str, *, exact: bool = False) -> None:
+        """See `Simulator`; sines and cosines of floats are those of the C library."""
+        super()._print(what, kernel, meaning, exact=exact or self.source.single)
 
     def _called(self, what: str, kernel: Kernel, meaning: str, times: int = 1) -> str:
         """Print a kernel that a step calls so often; return its name."""
@@ -70,7 +79,7 @@ class FixedSimulator(Simulator):
         corrections = [(name.removeprefix("project_"), n) for name, n in CORRECTIONS.items() if name in self.program]
         # besides kernels: the time, the tests of corrections and of the state, and two signs of each determinant
         tests = 1 + len(corrections) + 4 * len(self.source.locking)
-        rows = operation_rows(self.calls, {"add": 1, "mul": 1, "less": tests})
+        rows = operation_rows(self.calls, {"add": 1, "mul": 1, "less": tests}, single=self.source.single)
         return {
             "operations": rows,
             "angles": _TOGETHER in dict(rows),
@@ -133,15 +142,18 @@ _KINDS: dict[str, tuple[str, ...]] = {
 _TOGETHER = "sines and cosines of one angle together"
 
 
-def operation_rows(calls: Sequence[tuple[Kernel, int]], further: Mapping[str, int]) -> list[tuple[str, int]]:
+def operation_rows(
+    calls: Sequence[tuple[Kernel, int]], further: Mapping[str, int], *, single: bool = False
+) -> list[tuple[str, int]]:
     """Return how often each kind of operation occurs where kernels are called so often, and besides."""
-    counts, angles = Counter(further), 0
+    counts, known = Counter(further), {op for ops in _KINDS.values() for op in ops}
     for kernel, times in calls:
+        paired = set() if single else {"sin", "cos"}
         for line in kernel.body:
-            counts[line.op] += times
-        angles += times * len({line.args for line in kernel.body if line.op in ("sin", "cos")})
-    known = {op for ops in _KINDS.values() for op in ops} | {"sin", "cos"}
+            counts[line.op] += 0 if line.op in paired else times
+        counts[_TOGETHER] += times * len({line.args for line in kernel.body if line.op in paired})
     rows = [(kind, sum(counts[op] for op in ops)) for kind, ops in _KINDS.items()]
-    rows.append((_TOGETHER, angles))
-    rows += [(f"calls of `{op}`", count) for op, count in counts.items() if op not in known]
+    rows.append((_TOGETHER, counts[_TOGETHER]))
+    names = SINGLE if single else {}
+    rows += [(f"calls of `{names.get(op, op)}`", n) for op, n in counts.items() if op not in (*known, _TOGETHER)]
     return [(kind, count) for kind, count in rows if count]
