@@ -186,19 +186,6 @@ def refuse_fixed_steps(model: CompiledModel) -> None:
         )
 
 
-def refuse_dependence_in_single(model: CompiledModel) -> None:
-    """Reject models of which rounding in single precision would decide which constraints are independent.
-
-    Raises
-    ------
-    CapabilityError
-    """
-    raise CapabilityError(
-        f"constraints of {model.name!r} may depend on each other, which rounding of float hides: leave"
-        ' precision="double", or remove the constraints that are not needed'
-    )
-
-
 def refuse_contact_scene(modes: ModeModels) -> None:
     """Reject scenes with contacts that no export carries.
 

@@ -18,7 +18,7 @@ from ..runs.run_checks import GimbalCheck
 from ..starts.initial_states import initial_state
 from ..starts.inputs import constants
 from ..starts.symbol_assumptions import ROUNDING
-from .refusals import refuse_dependence_in_single, refuse_fixed_steps, refuse_inputs, refuse_scene
+from .refusals import refuse_fixed_steps, refuse_inputs, refuse_scene
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
@@ -77,19 +77,13 @@ def c_source(
     start = start_of(model, initial)
     refuse_inputs(model, start)
     reduced = model.stages.reduced
-    admission, dependent, single = (
-        admission_of_state(reduced, ROUNDING),
-        model.derived.dependence,
-        precision != "double",
-    )
-    if single and dependent is not None:
-        refuse_dependence_in_single(model)
+    admission, single = admission_of_state(reduced, ROUNDING), precision != "double"
     check = GimbalCheck.of(model)
     return CSource(
         program=model.stages.program,
         start=start_in_single(start) if single else start,
         admission=admission,
-        dependent=dependent is not None,
+        dependent=model.derived.dependence is not None,
         method=method_of(model, method, *tolerances) if step is None else method,
         tolerances=tolerances,
         forward_only=has_jumps(reduced),

@@ -17,7 +17,7 @@ from ..rendering import render
 from .descriptions import CSource
 from .printing import SINGLE
 from .simulator import STATUSES, Simulator
-from .single import in_single
+from .single import in_single, kernel_in_single
 
 _NO_END = (Status.MAX_STEPS, Status.STEP_TOO_SMALL)
 """Statuses of runs that choose their steps."""
@@ -45,12 +45,15 @@ class FixedSimulator(Simulator):
 
     def _print(self, what: str, kernel: Kernel, meaning: str, *, exact: bool = False) -> None:
         """See `Simulator`; sines and cosines of floats are those of the C library."""
-        super()._print(what, kernel, meaning, exact=exact or self.source.single)
+        super()._print(what, self._adapted(kernel), meaning, exact=exact or self.source.single)
+
+    def _adapted(self, kernel: Kernel) -> Kernel:
+        return kernel_in_single(kernel) if self.source.single else kernel
 
     def _called(self, what: str, kernel: Kernel, meaning: str, times: int = 1) -> str:
         """Print a kernel that a step calls so often; return its name."""
         self._print(what, kernel, meaning)
-        self.calls.append((kernel, times))
+        self.calls.append((self._adapted(kernel), times))
         return self._name(what)
 
     def _variables(self) -> dict[str, dict[str, Any]]:

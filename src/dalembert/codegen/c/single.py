@@ -1,4 +1,4 @@
-"""Single precision: printed C with `float` in place of `double`, and starts whose tests allow for its rounding."""
+"""Single precision: printed C with `float` in place of `double`, and tests that allow for its rounding."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import re
 from dataclasses import replace
 
 from ...errors import CapabilityError
-from ...ir.kernel import Assignment
+from ...ir.kernel import Assignment, Kernel
 from ...reduction.starting import Start
+from ...transforms.linear import SET_ASIDE
+from ...transforms.nonsmooth import pivot_comparisons
 from .printing import SINGLE
 
 _WORDS = {"double": "float", "DBL_MAX": "FLT_MAX", "FP_FAST_FMA": "FP_FAST_FMAF", **SINGLE}
@@ -53,13 +55,32 @@ def single(number: float) -> str:
     return f"{max(number, _SMALLEST) if number else number!r}f"
 
 
-# Tests of starts: what a constraint leaves and may leave, or what a value must exceed and the value.
+# Tests, whose limits grow with rounding.
+
+_ROUNDING = 2.0**29
+"""Rounding of floats over that of doubles."""
+
+_SET_ASIDE = 1e30
+"""Pivot in place of one that counts as zero."""
+
+
+def kernel_in_single(kernel: Kernel) -> Kernel:
+    """Return a kernel that sets pivots aside where they are next to nothing beside the rounding of floats."""
+    guards, body = pivot_comparisons(kernel), list[Assignment]()
+    for line in kernel.body:
+        args = tuple(_SET_ASIDE if arg == SET_ASIDE else arg for arg in line.args)
+        if line.target in guards:  # of (least, pivot)
+            body.append(Assignment(f"{line.target}_least_", "mul", (args[0], _ROUNDING)))
+            args = (f"{line.target}_least_", *args[1:])
+        body.append(replace(line, args=args))
+    return replace(kernel, body=tuple(body))
+
 
 _WIDER = {"positions": 1e3, "rates": 1e3, "coordinates changed": 1e2, "rates changed": 1e2}
-"""Kind of a test, and the factor of what may be left: of the residuals of constraints then 1e-5 of their terms."""
+"""Kind of a test of starts, and the factor of what may be left: of constraints then 1e-5 of their terms."""
 
-_STRICTER = dict.fromkeys(("pivots", "inertia", "coordinates left out", "rates left out"), 2.0**29)
-"""Kind of a test, and the factor of what the size of a pivot must exceed: that of the rounding of floats to doubles."""
+_STRICTER = dict.fromkeys(("pivots", "inertia", "coordinates left out", "rates left out"), _ROUNDING)
+"""Kind of a test of starts, and the factor of what the size of a pivot must exceed."""
 
 
 def start_in_single(start: Start) -> Start:
