@@ -2,7 +2,6 @@
 
 import inspect
 import math
-import shutil
 import sys
 from pathlib import Path
 
@@ -15,8 +14,6 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import before_after  # noqa: E402
-import export_kinds  # noqa: E402
-import exports  # noqa: E402
 import hard_case_pages  # noqa: E402
 import overhead  # noqa: E402
 import report  # noqa: E402
@@ -141,17 +138,3 @@ def test_pages_of_hard_cases_are_those_of_their_data():
 def test_data_of_hard_cases_are_of_cases_that_there_are(group, known):
     for name, case in hard_case_pages.load()[group].items():
         assert case["hard"] == " ".join(inspect.getdoc(known[name]).split())
-
-
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_steps_of_a_fixed_size_are_measured(tmp_path, monkeypatch):
-    """Their operations are those of the README, and each row has a cell for each column."""
-    monkeypatch.setattr(export_kinds, "LEAST", 0.001)
-    measure, motion = next(found for found in export_kinds.further(True) if found[1].name == "chaplygin sleigh")
-    row = measure(motion, tmp_path)
-    counted = (tmp_path / "export" / "README.md").read_text().split("## Operations of a step")[1]
-    numbers = [line.split("|")[2].strip() for line in counted.splitlines() if line.startswith("| ")]
-    assert row.operations == sum(int(number) for number in numbers if number.isdigit()) > 100
-    assert row.steps == 2000 and 0 < row.own < 0.1 and 0 < float(row.difference) < 1e-12
-    lines = exports.table([row]).splitlines()
-    assert len({line.count("|") for line in lines}) == 1
