@@ -152,7 +152,9 @@ class _Tape:
         outputs = tuple(place(output) for output in kernel.outputs)
         single = None
         if not {"piece", "entry", *CALLS} & {line.op for line in kernel.body}:
-            single = tuple((_of_one(line.op), *rest) for line, (_, *rest) in zip(kernel.body, lines, strict=True))
+            single = tuple(
+                (_of_one(line.op), args, target) for line, (_, args, target) in zip(kernel.body, lines, strict=True)
+            )
         return cls(kernel, loads, tuple(start), lines, single, outputs)
 
     def __call__(self, arguments: Mapping[str, Any]) -> list[Any]:
