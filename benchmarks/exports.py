@@ -1,6 +1,7 @@
-"""Exported simulators in C beside the default backend: time of a run, steps to the bit, sizes of code and binary.
+"""Exported simulators beside the default backend: time of a run, steps to the bit, sizes of code and binary.
 
-``python benchmarks/exports.py`` prints; ``--save`` writes the table of docs/export.md. It needs a C compiler.
+``python benchmarks/exports.py`` prints; ``--save`` writes the table of docs/export.md. It needs a C compiler, numba and
+JAX, and ziglang. Kinds other than C with chosen steps are measured by `export_kinds`.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ HARD = (
 LEAST = 0.3
 """Seconds for which each run is repeated; the shortest counts."""
 
-PROGRAM = """
+CLOCK = """
 #define _POSIX_C_SOURCE 199309L
 #include "{0}.h"
 #include <stdio.h>
@@ -60,6 +61,9 @@ static double seconds(void)
     clock_gettime(CLOCK_MONOTONIC, &now);
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }}
+"""
+
+PROGRAM = """
 int main(int argc, char **argv)
 {{
     static {0}_run run;
@@ -109,21 +113,26 @@ class Motion:
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Measured:
-    """What was measured of an export: seconds of runs, steps, lines of C, bytes of machine code."""
+    """What was measured of an export: seconds of runs and of compilation, lines, bytes; None for what there is not.
+
+    `difference` is that of the end from `simulate`, relative to a state above 1; "none" where all steps are the same.
+    `operations` are those of a step.
+    """
 
     name: str
+    kind: str = "C"
     method: str
-    steps: int
-    same: bool
-    largest: float
-    own: float
-    prepared: float
-    simulate: float
-    lines: int
-    code: int
-    compilation: float
+    steps: int | None = None
+    own: float | None = None
+    operations: int | None = None
+    prepared: float | None = None
+    simulate: float | None = None
+    difference: str = ""
+    lines: int | None = None
+    size: int
+    compilation: float | None = None
 
 
 def motions(quick: bool) -> Iterator[Motion]:
@@ -153,76 +162,106 @@ def shortest(run: Callable[[], Any]) -> float:
     return float(best)
 
 
-def measured(motion: Motion, folder: Path) -> Measured:
-    """Export a motion, compile it, and measure runs of it and of the default backend."""
-    model, end = motion.model, motion.end
-    given = {"initial": motion.initial, "parameters": motion.parameters}
-    path = model.export(folder / "export", t_span=(0, end), rtol=RTOL, atol=ATOL, **given)
-    method = "taylor" if "Taylor" in (path / "README.md").read_text().split("in the formulation")[0] else "dop853"
-    method = "radau" if "method radau" in (path / "README.md").read_text() else method
+def compiled(path: Path, program: str) -> tuple[int, float]:
+    """Compile an export with a program around it, ``time``; return its bytes of machine code, and seconds."""
     prefix = next(path.glob("*.h")).stem
-    (path / "time.c").write_text(PROGRAM.format(prefix, prefix.upper(), LEAST))
+    (path / "time.c").write_text(program)
     begin = time.perf_counter()
     subprocess.run(["cc", *FLAGS, "-c", f"{prefix}.c"], cwd=path, check=True)
-    compilation = time.perf_counter() - begin
+    seconds = time.perf_counter() - begin
     subprocess.run(["cc", *FLAGS, "-o", "time", "time.c", f"{prefix}.o", "-lm"], cwd=path, check=True)
     sizes = subprocess.run(["size", f"{prefix}.o"], cwd=path, check=True, capture_output=True, text=True)
+    return int(sizes.stdout.splitlines()[1].split()[0]), seconds
+
+
+def ran(motion: Motion, path: Path) -> tuple[float, list[list[str]]]:
+    """Run the program beside an export; return the seconds of a run, and the words of the lines behind it."""
+    prefix, model = next(path.glob("*.h")).stem, motion.model
     known = {**model.read_initial(motion.initial), **model.read_parameters(motion.parameters)}
     marks = (f"{prefix}_initial_", f"{prefix}_parameter_")
     declared = [line for line in (path / f"{prefix}.h").read_text().splitlines() if line.strip().startswith(marks)]
     values = [repr(float(known[line.split("/* ")[1].removesuffix(" */")])) for line in declared]
-    done = subprocess.run([path / "time", repr(end), *values], check=True, capture_output=True, text=True)
-    (status, own), *steps = (line.split() for line in done.stdout.splitlines())
+    done = subprocess.run([path / "time", repr(motion.end), *values], check=True, capture_output=True, text=True)
+    (status, own), *further = (line.split() for line in done.stdout.splitlines())
     if status != "0":
         raise RuntimeError(f"{motion.name} ends with the status {status}")
-    options = {"method": method, "rtol": RTOL, "atol": ATOL}
-    state, p = model.state(motion.initial, motion.parameters), model.parameter_vector(motion.parameters)
+    return float(own), further
+
+
+def method_of(path: Path) -> str:
+    """Return the method of an export."""
+    text = (path / "README.md").read_text().split("in the formulation")[0]
+    return "taylor" if "Taylor" in text else "radau" if "method radau" in text else "dop853"
+
+
+def difference_of(found: Any, expected: Any) -> str:
+    """Return the largest difference of states of the same shape, relative to states above 1."""
+    largest = np.max(np.abs(found - expected) / np.maximum(1.0, np.abs(expected)))
+    return f"{largest:.0e}" if largest else "none"
+
+
+def default_times(motion: Motion, method: str) -> dict[str, float]:
+    """Return the seconds of a run of the default backend."""
+    model, end, options = motion.model, motion.end, {"method": method, "rtol": RTOL, "atol": ATOL}
+    given = motion.initial, motion.parameters
     prepared = model.prepare((0, end), **options)
+    state, p = model.state(*given), model.parameter_vector(motion.parameters)
+    return {
+        "prepared": shortest(lambda: prepared(state, p)),
+        "simulate": shortest(lambda: model.simulate((0, end), *given, t_eval=[end], dense=False, **options)),
+    }
+
+
+def lines_of(path: Path) -> int:
+    """Return the number of lines of the source of an export."""
+    return len((path / f"{next(path.glob('*.h')).stem}.c").read_text().splitlines())
+
+
+def measured(motion: Motion, folder: Path) -> Measured:
+    """Export a motion as C, compile it, and measure runs of it and of the default backend."""
+    model, end = motion.model, motion.end
+    given = {"initial": motion.initial, "parameters": motion.parameters}
+    path = model.export(folder / "export", t_span=(0, end), rtol=RTOL, atol=ATOL, **given)
+    method, prefix = method_of(path), next(path.glob("*.h")).stem
+    size, compilation = compiled(path, (CLOCK + PROGRAM).format(prefix, prefix.upper(), LEAST))
+    own, steps = ran(motion, path)
+    options = {"method": method, "rtol": RTOL, "atol": ATOL}
     run = model.simulate((0, end), motion.initial, motion.parameters, **options, dense=False)
     found = np.array([[float.fromhex(number) for number in line] for line in steps])
     expected = np.column_stack([run.t, run.y])[1:]
-    differences = (
-        np.abs(found - expected) / np.maximum(1.0, np.abs(expected)) if len(found) == len(expected) else np.inf
-    )
     return Measured(
-        motion.name,
-        method,
-        len(found),
-        bool(found.shape == expected.shape and np.array_equal(found, expected)),
-        float(np.max(differences)),
-        float(own),
-        shortest(lambda: prepared(state, p)),
-        shortest(
-            lambda: model.simulate((0, end), motion.initial, motion.parameters, t_eval=[end], dense=False, **options)
-        ),
-        len((path / f"{prefix}.c").read_text().splitlines()),
-        int(sizes.stdout.splitlines()[1].split()[0]),
-        compilation,
+        name=motion.name,
+        method=method,
+        steps=len(found),
+        own=own,
+        **default_times(motion, method),
+        difference=difference_of(found, expected) if len(found) == len(expected) else "other steps",
+        lines=lines_of(path),
+        size=size,
+        compilation=compilation,
     )
 
 
 def table(rows: list[Measured]) -> str:
     """Return the table."""
     columns = (
-        *("motion", "method", "steps", "C [us]", "`prepare` [us]", "`simulate` [us]", "difference"),
-        *("lines of C", "code [kB]", "gcc [s]"),
+        *("motion", "kind", "method", "steps", "run [us]", "step [ns]", "operations"),
+        *("`prepare` [us]", "`simulate` [us]", "difference", "lines", "size [kB]", "compiled in [s]"),
     )
     lines = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
     for row in rows:
-        times = (f"{1e6 * seconds:.0f}" for seconds in (row.own, row.prepared, row.simulate))
-        difference = "none" if row.same else f"{row.largest:.0e}"
+        step = 1e9 * row.own / row.steps if row.own and row.steps else None
         cells = (
-            row.name,
-            row.method,
-            row.steps,
-            *times,
-            difference,
-            row.lines,
-            f"{row.code / 1e3:.0f}",
-            f"{row.compilation:.1f}",
+            *(row.name, row.kind, row.method, row.steps, _number(row.own, 1e6), _number(step), row.operations),
+            *(_number(row.prepared, 1e6), _number(row.simulate, 1e6), row.difference, row.lines),
+            *(_number(row.size, 1e-3), "" if row.compilation is None else f"{row.compilation:.1f}"),
         )
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
+        lines.append("| " + " | ".join("" if cell is None else str(cell) for cell in cells) + " |")
     return "\n".join(lines)
+
+
+def _number(value: float | None, unit: float = 1.0) -> str:
+    return "" if value is None else f"{unit * value:.0f}"
 
 
 def main() -> None:
@@ -231,13 +270,15 @@ def main() -> None:
     reader.add_argument("--save", action="store_true", help="write the table of docs/export.md")
     reader.add_argument("--quick", action="store_true", help="two hard cases")
     options = reader.parse_args()
+    from export_kinds import further  # which imports this file
+
     if shutil.which("cc") is None:
         sys.exit("there is no C compiler")
     warnings.simplefilter("ignore")
     rows = []
-    for motion in motions(options.quick):
+    for measure, motion in (*((measured, motion) for motion in motions(options.quick)), *further(options.quick)):
         with tempfile.TemporaryDirectory() as folder:
-            rows.append(measured(motion, Path(folder)))
+            rows.append(measure(motion, Path(folder)))
         print(table(rows[-1:]).splitlines()[-1], flush=True)
     if options.save:
         fill_page(PAGE, MARKERS, table(rows))

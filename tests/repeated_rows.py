@@ -143,6 +143,7 @@ REPEATED = (
     ("system/test_forces_at_limits.py", "test_two_feet_stick_where_one_does[[]from a preload-*"),
     ("system/test_forces_at_limits.py", "test_two_feet_stick_where_one_does[[]minimum-*"),
     ("system/test_forces_at_limits.py", "test_two_feet_stick_where_one_does[[]piecewise-*"),
+    ("system/test_equal_bits.py", "test_a_case_has_its_bits_whatever_stands_beside_it[[]numpy-projected-radau]"),
     ("system/test_sparse_series.py", "test_steps_end_before_terms*[[]fifth power and weight]"),
     # one row of each of these shows the same code
     ("jax_backend/test_jax_foreign_batches.py", "test_sweeps_of_both_backends_take_the_same_steps[[]dopri8-*"),

@@ -155,5 +155,5 @@ def test_solvers_beside_ours_solve_the_same_motion(method):
     pytest.importorskip({"sundials_run": "casadi", "diffrax_run": "diffrax"}.get(method, "numpy"))
     task = published_peers.Task("IFToMM A01, pendulum")
     names = {"ours": "auto", "scipy_run": "dop853", "sundials_run": "Adams", "diffrax_run": "Dopri8"}
-    run = getattr(published_peers, method)(task, names[method], 1e-9)
+    run = getattr(published_peers, method)(task, names[method], 1e-10)
     assert task.error(run()) < 1e-6

@@ -14,7 +14,7 @@ import jinja2.meta
 import jinja2.nodes
 import pytest
 from sympy import symbols
-from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
 from codegen.llvm_texts import FURTHER_TEXTS, TEXTS
@@ -133,7 +133,23 @@ def render_c():
                 page.page_text(source, source, scene, None)
     sleigh = da.compile_model(da.scenes.chaplygin_sleigh(), outputs=["Y"])
     jax_text(c_source(sleigh, None, {}, "dop853", (1e-8, 1e-10), (0.0, 1.0)))
+    for precision in ("double", "single"):
+        contact_simulator.c_files(c_source(sleigh, None, {}, "rk4", (1e-8, 1e-10), (0.0, 1.0), 0.01, precision))
+    for method, step in (("dop853", None), ("rk4", 0.01)):
+        source = c_source(in_angles(), None, {}, method, (1e-8, 1e-10), (0.0, 1.0), step)
+        assert source.locking
+        contact_simulator.c_files(source)
     render_contacts()
+
+
+def in_angles():
+    """Return a body about a fixed point in Euler angles, which lock."""
+    angles, N, O = dynamicsymbols("a b c"), ReferenceFrame("N"), Point("O")
+    frame = ReferenceFrame("B")
+    frame.orient_body_fixed(N, angles, "ZXZ")
+    scene = da.Scene("body", frame=N, origin=O, coordinates=angles)
+    scene.add_bodies(RigidBody("body", O, frame, symbols("m"), (inertia(frame, *symbols("A B C")), O)))
+    return da.compile_model(scene)
 
 
 def render_contacts():

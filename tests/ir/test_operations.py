@@ -1,6 +1,7 @@
 """One row an operation: every table covers all of them, and all tables mean the same."""
 
 import functools
+import itertools
 import math
 
 import numpy as np
@@ -163,3 +164,21 @@ def test_outside_of_its_domain_an_operation_is_that_of_ieee_754(name, row, expec
     scope = {"math": ieee, "y": row}
     exec("\n".join(NUMPY.lines(kernel_of(name))), scope)
     assert scope["z"] == wanted
+
+
+SPECIAL = (0.0, -0.0, 1.0, -1.0, 0.5, 3.0, 1e-320, 1e308, -1e308, np.inf, -np.inf, np.nan)
+
+
+@pytest.mark.parametrize("name", [name for name in OPERATIONS if name in ARRAY_OPERATIONS])
+def test_a_single_state_has_the_bits_of_an_array_of_one(name):
+    count, random = len(operands(name)[0]), np.random.default_rng(0)
+    rows = [*itertools.islice(itertools.product(SPECIAL, repeat=count), 2000)]
+    rows += [*(random.normal(size=(200, count)) * 10.0 ** random.integers(-5, 6, (200, 1))).tolist()]
+    kernel = kernel_of(name)
+    for row in rows:
+        with np.errstate(all="ignore"):
+            wanted = np.asarray(ARRAY_OPERATIONS[name](*(np.array([number]) for number in row)), dtype=float)
+        found = interpret_rows(kernel, np.zeros(1), np.array([row]), np.empty(0))[0]
+        np.testing.assert_array_equal(found, wanted, err_msg=str(row))
+        if wanted[0] == 0.0:
+            assert np.signbit(found[0]) == np.signbit(wanted[0])

@@ -13,20 +13,17 @@ from ..codegen.rendering import render
 from ..errors import CapabilityError, OptionError
 from ..ir.kernel import Kernel, describe_counts
 from ..ir.program import coefficient_places
+from ..methods.fixed_steps import CORRECTIONS
 from ..methods.pairs import PAIRS
 from ..methods.status import Status
 from ..methods.step_constants import (
     LARGEST_GROWTH,
     LARGEST_REDUCTION,
-    LINEAR_CORRECTIONS,
     SAFETY,
     SMALLEST_OF_TIME,
 )
 from ..options import MAX_STEPS
 from .python_files import descriptions, parameter_places, settings, start_numbers, statuses
-
-_NEWTON = 3
-"""Corrections of positions behind each step, of which the last must be below the tolerances."""
 
 _TESTED = (
     Status.INITIAL_STATE,
@@ -75,11 +72,7 @@ def jax_text(source: CSource) -> str:
         "most": repr(LARGEST_GROWTH),
         "smallest": repr(SMALLEST_OF_TIME),
         "max_steps": MAX_STEPS,
-        "corrections": [
-            (f"project_{kind}", tries)
-            for kind, tries in (("position", _NEWTON), ("velocity", LINEAR_CORRECTIONS))
-            if f"project_{kind}" in source.program
-        ],
+        "corrections": [(name, tries) for name, tries in CORRECTIONS.items() if name in source.program],
         "input_places": list(coefficient_places(source.program.layout.parameters, source.program.layout.inputs)),
     }
     parts = [

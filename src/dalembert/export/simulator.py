@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..codegen.c.descriptions import CSource
+from ..codegen.c.single import start_in_single
 from ..errors import OptionError, unknown_name
 from ..methods.pairs import PAIRS
 from ..reduction.admission import admission_of_state
@@ -17,7 +18,7 @@ from ..runs.run_checks import GimbalCheck
 from ..starts.initial_states import initial_state
 from ..starts.inputs import constants
 from ..starts.symbol_assumptions import ROUNDING
-from .refusals import refuse_inputs, refuse_scene
+from .refusals import refuse_fixed_steps, refuse_inputs, refuse_scene
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
@@ -56,6 +57,8 @@ def c_source(
     method: str,
     tolerances: tuple[float, float],
     span: tuple[float, float],
+    step: float | None = None,
+    precision: str = "double",
 ) -> CSource:
     """Return what the C source of a model is made of; see `dalembert.model.exports.export` for the arguments.
 
@@ -64,6 +67,8 @@ def c_source(
     CapabilityError, InitialStateError, OptionError
         For what is not exported, and for initial values that are not enough.
     """
+    if step is not None:
+        refuse_fixed_steps(model)
     if model.modes is not None:
         from .contact_runs import contact_source
 
@@ -72,20 +77,22 @@ def c_source(
     start = start_of(model, initial)
     refuse_inputs(model, start)
     reduced = model.stages.reduced
-    admission = admission_of_state(reduced, ROUNDING)
+    admission, single = admission_of_state(reduced, ROUNDING), precision != "double"
     check = GimbalCheck.of(model)
     return CSource(
         program=model.stages.program,
-        start=start,
+        start=start_in_single(start) if single else start,
         admission=admission,
         dependent=model.derived.dependence is not None,
-        method=method_of(model, method, *tolerances),
+        method=method_of(model, method, *tolerances) if step is None else method,
         tolerances=tolerances,
         forward_only=has_jumps(reduced),
         numbers=numbers,
         span=span,
         locks=None if check is None else check.found.kernel,
         locking=() if check is None else locking_groups(model, check, start, numbers, span),
+        step=step,
+        single=single,
     )
 
 

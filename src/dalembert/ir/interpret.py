@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from . import ieee
 from .calls import CALLS, array_call
 from .kernel import Kernel
 from .ops import ALL_OPERATIONS
@@ -91,16 +93,42 @@ ARRAY_OPERATIONS: dict[str, Callable[..., Any]] = {
 }
 """The operations on arrays of many states at once; those on tables that kernels have are among them."""
 
+_EXACT: dict[str, Callable[..., float]] = {
+    "add": operator.add,
+    "sub": operator.sub,
+    "mul": operator.mul,
+    "div": ieee.divide,
+    "neg": operator.neg,
+    "sqrt": ieee.sqrt,
+    "abs": abs,
+    "less": lambda a, b: 1.0 if a < b else 0.0,
+    "less_equal": lambda a, b: 1.0 if a <= b else 0.0,
+    "select": lambda c, a, b: a if c != 0.0 else b,
+}
+"""Operations on single numbers whose results IEEE 754 determines, in a tenth of the time that arrays take."""
+
+
+def _of_one(name: str) -> Callable[..., float]:
+    """Return an operation on single numbers, with the bits of arrays of one, which NumPy does not give to numbers."""
+    if name in _EXACT:
+        return _EXACT[name]
+    function = ARRAY_OPERATIONS[name]
+    return lambda *operands: float(function(*(np.array((number,)) for number in operands))[0])
+
 
 @final
 @dataclass(frozen=True, eq=False)
 class _Tape:
-    """A kernel on places of one list: loads, literals, and operations on the places of their operands."""
+    """A kernel on places of one list: loads, literals, and operations on the places of their operands.
+
+    `single` has the operations on single numbers; None where the kernel reads tables or calls functions of arrays.
+    """
 
     kernel: Kernel
     loads: tuple[tuple[int, str, int | None], ...]
     start: tuple[Any, ...]
     lines: tuple[tuple[Callable[..., Any], tuple[int, ...], int], ...]
+    single: tuple[tuple[Callable[..., float], tuple[int, ...], int], ...] | None
     outputs: tuple[int, ...]
 
     @classmethod
@@ -122,15 +150,28 @@ class _Tape:
             for line in kernel.body
         )
         outputs = tuple(place(output) for output in kernel.outputs)
-        return cls(kernel, loads, tuple(start), lines, outputs)
+        single = None
+        if not {"piece", "entry", *CALLS} & {line.op for line in kernel.body}:
+            single = tuple(
+                (_of_one(line.op), args, target) for line, (_, args, target) in zip(kernel.body, lines, strict=True)
+            )
+        return cls(kernel, loads, tuple(start), lines, single, outputs)
 
     def __call__(self, arguments: Mapping[str, Any]) -> list[Any]:
-        """Return the outputs."""
+        """Return the outputs as columns, one number a state."""
+        return self._run(self.lines, arguments)
+
+    def of_one(self, arguments: Mapping[str, Any]) -> list[float]:
+        """Return the outputs of a single state, from numbers and lists of numbers; for tapes with `single`."""
+        assert self.single is not None
+        return self._run(self.single, arguments)
+
+    def _run(self, lines: Sequence[Any], arguments: Mapping[str, Any]) -> list[Any]:
         values = list(self.start)
         for place, array, index in self.loads:
             source = arguments[array]
             values[place] = source if index is None else source[index]
-        for function, args, target in self.lines:
+        for function, args, target in lines:
             if len(args) == 2:
                 values[target] = function(values[args[0]], values[args[1]])
             else:
@@ -156,8 +197,12 @@ def interpret_rows(
     kernel: Kernel, t: NDArray[np.float64], y: NDArray[np.float64], c: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the outputs (k, n_out) of a kernel at times t (k,), states y (k, n) and constants c (n_c,) or (k, n_c)."""
+    tape = _tape(kernel)
     with np.errstate(all="ignore"):
-        columns = _tape(kernel)({"t": t, "y": y.T, "c": c.T})
+        if len(t) == 1 and tape.single is not None:
+            numbers = {"t": float(t[0]), "y": y[0].tolist(), "c": c.ravel().tolist()}
+            return np.array([tape.of_one(numbers)], dtype=float).reshape(1, len(tape.outputs))
+        columns = tape({"t": t, "y": y.T, "c": c.T})
     return rows_of_columns(columns, len(t))
 
 

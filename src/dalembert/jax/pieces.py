@@ -14,6 +14,7 @@ from ..codegen.printers import JAX, JAX_SERIES
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..methods import pairs
+from ..methods.fixed_steps import CORRECTIONS
 from ..methods.tableau import Tableau
 from ..methods.tableaus import KVAERNO5
 from ..methods.traced import TRACED
@@ -31,7 +32,7 @@ from .runs.pairs import PairAttempts
 from .runs.precision import LARGEST_FUSED
 from .runs.run_constants import ArrayKernels, Function, OnArrays, RunConstants
 from .runs.run_data import RunPieces, Stepping
-from .runs.step_rules import CORRECTIONS, Projections, Rows
+from .runs.step_rules import Projections, Rows
 from .step_derivatives import PairSteps, WholeSteps, implicit_ends, series_ends
 
 EXPLICIT = {name: pairs.PAIRS[m.compiled].tableau for name, m in TRACED.items() if m.compiled in pairs.PAIRS}

@@ -12,36 +12,28 @@ from jax import lax
 from ..codegen.printers import JAX
 from ..errors import OptionError, UnknownNameError, list_names, unknown_name
 from ..ir.program import Layout, Program
+from ..methods.fixed_steps import CLASSICAL, CORRECTIONS, EULER, FixedTableau
 from .arguments import by_name
 from .modules import compile_kernel
 from .pieces import EXPLICIT
 from .runs.mesh_axes import stack, varying_like
 from .runs.pairs import slopes_of
-from .runs.step_rules import CORRECTIONS, Projections, Rows, project
-
-Tableau = tuple[tuple[tuple[float, ...], ...], tuple[float, ...], tuple[float, ...]]
-"""Weights of earlier slopes in each stage, weights of the slopes in the step, and times of the stages."""
-
-_CLASSICAL: Tableau = (
-    ((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)),
-    (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0),
-    (0.0, 0.5, 0.5, 1.0),
-)
+from .runs.step_rules import Projections, Rows, project
 
 
-def _of_pair(name: str) -> Tableau:
+def _of_pair(name: str) -> FixedTableau:
     pair = EXPLICIT[name]
     stages = range(pair.end)
     rows = tuple(tuple(float(a) for a in pair.A[i, :i]) for i in stages)
-    return rows, tuple(float(pair.b[i]) for i in stages), tuple(float(pair.c[i]) for i in stages)
+    return FixedTableau(rows, tuple(float(pair.b[i]) for i in stages), tuple(float(pair.c[i]) for i in stages))
 
 
-STEP_METHODS: Mapping[str, Tableau] = {
-    "rk4": _CLASSICAL,
-    "euler": (((),), (1.0,), (0.0,)),
+STEP_METHODS: Mapping[str, FixedTableau] = {
+    "rk4": CLASSICAL,
+    "euler": EULER,
     **{name: _of_pair(name) for name in EXPLICIT},
 }
-"""Explicit methods of fixed steps: order 4 (Kutta 1901), order 1, and those of the pairs."""
+"""Explicit methods of fixed steps: order 4, order 1, and those of the pairs."""
 
 
 @final
@@ -56,7 +48,7 @@ class Stepper:
     projections: Projections
     place: int | None
     constants: Callable[[Any], Any]
-    tableau: Tableau
+    tableau: FixedTableau
 
     @classmethod
     def of(cls, program: Program, constants: Callable[[Any], Any], method: str) -> Stepper:

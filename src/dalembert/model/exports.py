@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import CapabilityError, OptionError, list_names, nesting_named, unknown_name
 from ..ir.program import hidden_parameters
-from ..options import TIGHTER, NamedTolerances, tolerances
+from ..options import DEFAULT_TOLERANCES, TIGHTER, NamedTolerances, tolerances
 from ..starts.inputs import resolve_names, span_of
 
 if TYPE_CHECKING:
@@ -82,6 +82,12 @@ KINDS: dict[str, Callable[[CompiledModel, Mapping[str, Any]], dict[str, Any]]] =
 }
 """Kinds of exports: from a model and what was asked for to the contents of files by their names."""
 
+FIXED = "rk4"
+"""The method whose steps have a fixed size."""
+
+PRECISIONS = ("double", "single")
+"""Precisions of the numbers of exported code, the one by default first."""
+
 INSTEAD = {("jax", "auto"): "dop853", ("jax", "taylor"): "dop853"}
 """Methods of kinds in place of those that "auto" finds."""
 
@@ -104,8 +110,10 @@ def export(
     inputs: Mapping[Any, Any] | None = None,
     t_span: tuple[float, float] = (0.0, 10.0),
     method: str = "auto",
-    rtol: float = 1e-8,
-    atol: float = 1e-10,
+    rtol: float = DEFAULT_TOLERANCES[0],
+    atol: float = DEFAULT_TOLERANCES[1],
+    step: float | None = None,
+    precision: str = "double",
     fmi: str = "2.0",
     platforms: Sequence[str] | None = None,
     sliders: Mapping[Any, tuple[float, float]] | None = None,
@@ -140,8 +148,14 @@ def export(
         "taylor", a Runge-Kutta pair such as "dop853", or "radau" for stiff scenes; "auto" takes what a run
         of the example takes, which is made for that; without an example, what takes runs that are not stiff. Files
         for JAX take "dop853" alone, those for numba no "radau": where "auto" finds a stiff scene, that is an error.
+        Kind "c" also has "rk4": steps of a fixed size by the classic Runge-Kutta method of order 4, each of the same
+        operations, which the README counts.
     rtol, atol : float
-        Tolerances, which the code is made for.
+        Tolerances, which the code is made for; "rk4" has none.
+    step : float, optional
+        Size of the steps of "rk4" [s].
+    precision : str
+        "double", or for "rk4" also "single": all numbers of the code are then floats.
     fmi : str
         Version of the standard of a unit: "2.0" or "3.0".
     platforms : sequence of str, optional
@@ -161,7 +175,8 @@ def export(
     CapabilityError
         For what exports do not carry, with the remedy: contacts with many modes, sampled controllers, functions of time
         with kinks, formulations other than "minimal", "projected" and "augmented"; in files of Python contacts that
-        change, and in those for JAX tables and angles that may lock.
+        change, and in those for JAX tables and angles that may lock; by steps of a fixed size contacts that change,
+        tables, and rates that jump with the state.
     OptionError
         For an unknown kind, and a path at which something else is.
     InitialStateError, UnknownNameError, ValueInputError
@@ -190,6 +205,18 @@ def export(
     rtol, atol = tolerances(rtol, atol)
     if isinstance(atol, NamedTolerances):
         raise OptionError("exports take one atol for the whole state, and not tolerances by name: give a number")
+    if method == FIXED or step is not None:
+        step = _step(kind, method, (rtol, atol), step)
+    if precision not in PRECISIONS:
+        raise OptionError(
+            f"precision is {precision!r}: exports have the precisions {list_names(map(repr, PRECISIONS))}"
+        )
+    if precision != PRECISIONS[0] and method != FIXED:
+        raise OptionError(
+            f"precision={precision!r} is one of method={FIXED!r}, not of {method!r}: other methods compare errors with"
+            " tolerances, which the rounding of float (6e-8 of a value) hides. Give method='rk4' and step=, or leave"
+            " precision out"
+        )
     if rtol == atol == 0.0:
         raise OptionError("rtol and atol must not both be 0: set one of them above 0")
     given = None if initial is None else dict(self.read_initial(initial))
@@ -213,6 +240,7 @@ def export(
         "method": method,
         "tolerances": (rtol, atol),
         "span": span,
+        **({} if step is None else {"step": step, "precision": precision}),
     }
     if kind == "page":
         request["sliders"] = _sliders(self, given, sliders)
@@ -228,6 +256,27 @@ def export(
     if "file" in files:
         return write_file(place, files["file"])
     return write_folder(place, files) if ending is None else write_archive(place, files)
+
+
+def _step(kind: str, method: str, tolerances: tuple[float, float], step: Any) -> float:
+    """Return the size of the steps of an export whose steps have a fixed one.
+
+    Raises
+    ------
+    OptionError
+        For another kind or method, tolerances that nothing uses, and a size that is none.
+    """
+    if method != FIXED:
+        raise OptionError(f"step is the size of steps of method={FIXED!r}, and not of {method!r}: leave it out")
+    if kind != "c":
+        raise OptionError(f"method={FIXED!r} is one of the kind 'c', not of {kind!r}: give kind='c', or another method")
+    if tolerances != DEFAULT_TOLERANCES:
+        raise OptionError(f"steps of method={FIXED!r} have no tolerances: leave rtol and atol out, and give step=")
+    if step is None:
+        raise OptionError(f"method={FIXED!r} needs the size of its steps in seconds: give step=, such as step=0.001")
+    if isinstance(step, bool) or not isinstance(step, int | float) or not 0.0 < step < math.inf:
+        raise OptionError(f"step must be a finite number of seconds above 0, not {step!r}")
+    return float(step)
 
 
 def to_casadi(self: CompiledModel) -> dict[str, Any]:

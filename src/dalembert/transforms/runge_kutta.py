@@ -112,17 +112,18 @@ def attempt_pieces(
     def make(limits: tuple[str, str] | None = None) -> Attempt:
         return Attempt(rhs, tableau, carried=carried, dense=dense, knots=limits, weighted=weighted)
 
-    return _pieces("attempt", rhs, make) if knots is None else _pieces("attempt", rhs, make, knots)
+    return pieces_of("attempt", rhs, make) if knots is None else pieces_of("attempt", rhs, make, knots)
 
 
 def start_pieces(rhs: Kernel, tableau: Tableau, *, carried: bool, weighted: bool = False) -> AttemptPieces:
     """Return the start of `start_kernel` in pieces; together they compute the same bits."""
-    return _pieces("start", rhs, lambda limits: Start(rhs, tableau, carried=carried, weighted=weighted))
+    return pieces_of("start", rhs, lambda limits: Start(rhs, tableau, carried=carried, weighted=weighted))
 
 
-def _pieces(
+def pieces_of(
     name: str, rhs: Kernel, make: Callable[[tuple[str, str] | None], Parts], knots: Kernel | None = None
 ) -> AttemptPieces:
+    """Return a step in pieces; `make` gives its parts, from the names of the two limits where `knots` has some."""
     n, limits = len(rhs.outputs), None if knots is None else ("limit_forward", "limit_backward")
     slopes = (make(limits).stages()[-1] + 1) * n
     moved = tuple(sorted({load.index for load in rhs.loads if load.array == "y" and load.index is not None}))

@@ -13,6 +13,7 @@ from ...transforms.taylor import STEP_ARGUMENTS
 from ..rendering import render
 from .contact_loops import ContactSource
 from .descriptions import CSource, plain
+from .fixed_simulator import FixedSimulator
 from .printing import double
 from .simulator import Simulator
 
@@ -36,6 +37,8 @@ def c_files(source: CSource) -> dict[str, str]:
 
 def simulator_of(source: CSource) -> Simulator:
     """Return a simulator in C99."""
+    if source.step is not None:
+        return FixedSimulator(source)
     return Simulator(source) if source.contacts is None else ContactSimulator(source)
 
 
@@ -69,6 +72,7 @@ class ContactSimulator(Simulator):
         functions = {
             **self._function_variables(),
             "at": {name: self.at[name] for name in ("time", "direction", "constants")},
+            "n_outputs": len(self.layout.outputs),
             "take_step": loops.take_step,
             "samples": loops.samples,
             "sample_end": loops.sample_end,

@@ -30,7 +30,7 @@ class CSource:
     dependent : bool
         Whether the last test of `admission` counts constraints that depend on others.
     method : str
-        "taylor", "radau", or a Runge-Kutta pair.
+        "taylor", "radau", a Runge-Kutta pair, or "rk4".
     tolerances : (float, float)
         Relative and absolute.
     forward_only : bool
@@ -44,6 +44,10 @@ class CSource:
     contacts : ContactLoop or None
         The loops of a scene whose contacts change. The program is then that of the mode that makes starts consistent,
         and its state is coordinates, rates and first-order states.
+    step : float or None
+        Size of the steps of "rk4" [s].
+    single : bool
+        Whether it computes in single precision.
     """
 
     program: Program
@@ -58,6 +62,8 @@ class CSource:
     locks: Kernel | None = None
     locking: tuple[int, ...] = ()
     contacts: ContactLoop | None = None
+    step: float | None = None
+    single: bool = False
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -96,6 +102,11 @@ class CSource:
         return order_at(*self.tolerances)
 
 
+def step_of(source: CSource) -> str:
+    """Return the literal of the size of a step, empty where steps are chosen."""
+    return "" if source.step is None else double(source.step)
+
+
 def names_and_numbers(source: CSource, prefix: str) -> dict[str, Any]:
     """Return what the header and the functions have in common."""
     layout = source.program.layout
@@ -131,19 +142,23 @@ def main_variables(source: CSource, prefix: str) -> dict[str, Any]:
     layout, numbers = source.program.layout, source.numbers
     wanted = [*source.start.given, *source.parameters, *layout.inputs]
     first = len(source.start.given) + len(source.parameters)
+    real = "float" if source.single else "double"
     columns = ["t", *layout.coordinates, *layout.rates, *layout.states, *layout.outputs]
     return {
         "prefix": prefix,
         "upper": prefix.upper(),
         "wanted": plain(", ".join(wanted)),
         "arguments": [quoted(name) for name in wanted],
-        "values": [double(numbers.get(name, 0.0)) for name in wanted],
+        "values": [f"({real}){double(numbers.get(name, 0.0))}" for name in wanted],
+        "real": real,
+        "digits": 9 if source.single else 17,
         "complete": int(all(name in numbers for name in wanted)),
         "columns": quoted(",".join(columns)),
         "input_values": [first + number for number in range(len(layout.inputs))],
         "n_variables": len(source.program.kernel("expand").outputs),
         "n_states": len(layout.state),
         "n_outputs": len(layout.outputs),
+        "step": step_of(source),
         "begin": double(source.span[0]),
         "end": double(source.span[1]),
     }
@@ -183,13 +198,15 @@ def readme_variables(source: CSource, prefix: str) -> dict[str, Any]:
         "constraints": [plain(label) for label in layout.constraints],
         "locks": bool(source.locking),
         "contacts": source.contacts is not None,
+        "step": step_of(source),
+        "single": source.single,
     }
 
 
 def _steps(source: CSource) -> str:
     """Return what steps a simulator takes."""
     methods = [source.method] if source.contacts is None else [mode.method for mode in source.contacts.modes]
-    named = {"taylor": f"Taylor steps of order {source.order}"}
+    named = {"taylor": f"Taylor steps of order {source.order}", "rk4": "Runge-Kutta steps of order 4"}
     return " and ".join(named.get(method, f"steps of the method {method}") for method in dict.fromkeys(methods))
 
 

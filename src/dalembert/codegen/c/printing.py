@@ -19,7 +19,13 @@ RESERVED = frozenset(
 )
 """Keywords, and macros of the headers that are included."""
 
-FUNCTIONS = frozenset(
+SINGLE = {
+    name: f"{name}f"
+    for name in "acos asin atan atan2 cos sin tan cosh sinh tanh exp log pow sqrt fabs floor fma".split()
+}
+"""Functions of the C library, and their forms in single precision."""
+
+FUNCTIONS = frozenset(SINGLE.values()) | frozenset(
     "acos asin atan atan2 cos sin tan cosh sinh tanh exp frexp ldexp log log10 modf pow sqrt ceil fabs floor fmod"
     " fma memcpy memset isfinite isnan fused angle angle_of rough_log2 rough_exp2 rest_of quotient_of least greatest"
     " least_integer greatest_integer size_of_integer lowest_bit run result main".split()

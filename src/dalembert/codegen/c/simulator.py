@@ -26,6 +26,7 @@ from .descriptions import (
     plain,
     quoted,
     readme_variables,
+    step_of,
 )
 from .kernels import kernel_variables, table_variables
 from .library import LARGEST_STRAIGHT
@@ -97,12 +98,15 @@ class Simulator:
             f"{prefix}.h": render("c/header.h.j2", variables["header"]),
             f"{prefix}.c": self.source_code
             + render("c/starts.c.j2", variables["starts"])
+            + (render("c/locks.c.j2", variables["locks"]) if "locks" in variables else "")
             + render(self.template, variables["functions"])
+            + (render("c/state_functions.c.j2", variables["state"]) if "state" in variables else "")
             + self._further_functions(variables)
             + render("c/texts.c.j2", variables["texts"]),
             "main.c": render("c/main.c.j2", variables["main"]),
             "Makefile": render("c/Makefile.j2", {"prefix": prefix}),
-            "README.md": render("c/README.md.j2", variables["readme"]),
+            "README.md": render("c/README.md.j2", variables["readme"])
+            + (render("c/operations.md.j2", variables["operations"]) if "operations" in variables else ""),
         }
 
     def _further_functions(self, variables: Mapping[str, Any]) -> str:
@@ -216,22 +220,36 @@ class Simulator:
         functions = {
             **self._function_variables(),
             **calls,
+            "at": {name: self.at[name] for name in self.at if name != "evaluated"},
             "forward_only": source.forward_only,
             "after_step": _elements(loop.after_step),
             "continuing": _elements(loop.continuing),
-            "renew": renew,
-            "input_places": list(coefficient_places(self.layout.parameters, self.layout.inputs)),
             "n_locks": n_locks,
-            "n_inputs": len(self.layout.inputs),
-            "n_variables": len(self.program.kernel("expand").outputs),
         }
-        header = self._header_variables(members) | {"n_locks": n_locks}
         return {
-            "header": header,
+            "header": self._header_variables(members) | {"n_locks": n_locks},
             "functions": functions,
             "calls": further,
+            **self._state_variables(renew),
             **self._further_variables(space.beginning, "advance"),
         }
+
+    def _state_variables(self, renew: Sequence[str] = ()) -> dict[str, dict[str, Any]]:
+        """Return the variables of templates of simulators without contacts; calls follow where inputs change."""
+        named, n_locks = {"prefix": self.prefix}, len(self.source.locking)
+        state = named | {
+            "at": {name: self.at[name] for name in ("constants", "evaluated", "time")},
+            "renew": list(renew),
+            "input_places": list(coefficient_places(self.layout.parameters, self.layout.inputs)),
+            "n_inputs": len(self.layout.inputs),
+            "n_outputs": len(self.layout.outputs),
+            "n_variables": len(self.program.kernel("expand").outputs),
+        }
+        locks = named | {
+            "at": {name: self.at[name] for name in ("constants", "now", "time")},
+            "n_locks": n_locks,
+        }
+        return {"state": state} | ({"locks": locks} if n_locks else {})
 
     def _further_variables(self, beginning: Sequence[tuple[str, str]], advance: str) -> dict[str, dict[str, Any]]:
         """Return the variables of what all simulators have; members begin so, and a function takes steps."""
@@ -247,10 +265,11 @@ class Simulator:
         kernels = {kernel["name"] for kernel in self.kernels}
         return frozenset(kernels | {self._name(what) for what in ("series", *_PUBLIC)})
 
-    def _finish(self, printed: str, code: LoopSource) -> None:
+    def _finish(self, printed: str, code: LoopSource | None = None) -> None:
         """Write the source without its public functions: printed kernels and translated loops."""
         banner = [plain(line) for line in banner_lines(self.program)]
-        self.source_code = source_of(banner, [f"{self.prefix}.h"], printed, code.text, code.used, self._name("run"))
+        loops: tuple[Any, ...] = () if code is None else (code.text, code.used, self._name("run"))
+        self.source_code = source_of(banner, [f"{self.prefix}.h"], printed, *loops)
 
     def _header_variables(self, members: list[str]) -> dict[str, Any]:
         """Return the variables of ``c/header.h.j2`` for the members of a run, of one whose angles do not lock."""
@@ -262,6 +281,7 @@ class Simulator:
             "enumerations": enumerations(self.source),
             "members": members,
             "max_steps": MAX_STEPS,
+            "step": step_of(self.source),
             "n_further": len(self.layout.states),
             "n_locks": 0,
             "contact_states": self.contact_states,
@@ -275,7 +295,6 @@ class Simulator:
             "upper": self.prefix.upper(),
             "at": self.at,
             "n_states": len(self.layout.state),
-            "n_outputs": len(self.layout.outputs),
             "n_started": max(len(self.source.start.kernel.outputs), 1),
             "max_steps": MAX_STEPS,
         }

@@ -85,7 +85,7 @@ class UnitSimulator(Simulator):
 
     def _further_functions(self, variables: Mapping[str, Any]) -> str:
         """See `Simulator`."""
-        known, n_states = variables["functions"], len(self.layout.state)
+        known, n_states = {**variables["functions"], **variables["state"]}, len(self.layout.state)
         first = self.n_computed + n_states
         names = ("prefix", "n_states", "n_outputs", "n_variables")
         return render(

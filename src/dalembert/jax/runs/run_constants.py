@@ -15,8 +15,9 @@ import jax.numpy as jnp
 from jax import lax
 
 from ...ir.program import Program
+from ...methods.fixed_steps import CORRECTIONS
 from .mesh_axes import stack
-from .step_rules import CORRECTIONS, Rows, Tolerances, project
+from .step_rules import Rows, Tolerances, project
 
 Reading = Callable[[Rows, Any, Any], Rows]
 

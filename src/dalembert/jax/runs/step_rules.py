@@ -24,11 +24,6 @@ Rows = tuple[Any, ...]
 Projections = Sequence[tuple[Callable[[Any, Rows, Rows], Rows], int]]
 """Functions (t, y, c) -> correction of the state, and how often each is applied after a step."""
 
-CORRECTIONS = {"project_position": 3, "project_velocity": LINEAR_CORRECTIONS}
-"""Number of times that each correction is applied, always, so that derivatives pass through; from the end of an
-accepted step the first one leaves the square of the step's error, and the last removes rounding."""
-
-
 Tolerances = tuple[Any, Any]
 """rtol and atol of the steps, 0 for both where there are none."""
 
