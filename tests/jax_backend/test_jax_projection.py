@@ -8,6 +8,7 @@ from sympy import symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
+from dalembert.methods.fixed_steps import CORRECTIONS
 from dalembert.methods.status import Status
 from dalembert.methods.step_constants import LINEAR_CHANGE, LINEAR_CORRECTIONS, SMALL_COMPONENT
 from dalembert.steps.projection import FAILED, add_correction, correction_test, largest_change
@@ -15,7 +16,7 @@ from dalembert.steps.projection import FAILED, add_correction, correction_test, 
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
 
-from dalembert.jax.runs.step_rules import CORRECTIONS, project  # noqa: E402
+from dalembert.jax.runs.step_rules import project  # noqa: E402
 
 ABOVE = 1.0 + 1e-9
 TOLERANCES = 1e-6, 1e-8
