@@ -58,9 +58,20 @@ def _made_for_sweeps(plain: tuple[Any, ...], types: tuple[Any, ...], key: _Watch
 
 
 class _Watched(NamedTuple):
-    """What is watched and sampled, by value: reductions without `named` are a sequence, and `times` are bytes.
+    """Key of the events, reductions and times of a sweep: two calls with equal keys have equal options.
 
-    `types` tell apart what Python takes for equal, such as 1 and True.
+    Attributes
+    ----------
+    events : tuple
+        Events, as given.
+    reduce : tuple or None
+        Reductions.
+    named : tuple of str or None
+        Their names; None where they were given as a sequence.
+    times : bytes or None
+        Times to record, as the bytes of their array.
+    types : tuple of type
+        Types of what was given, which tell apart what Python takes for equal, such as 1 and True.
     """
 
     events: tuple[Any, ...]
