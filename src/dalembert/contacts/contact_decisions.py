@@ -14,7 +14,7 @@ from ..methods.step_constants import EPSILON
 from ..subset.arguments import IntVector, Matrix
 from ..subset.compiled_subset import compiled_subset, sqrt
 from .contact_cases import ADDED, REST, SIDE, UNDECIDED, ContactCases, set_mode, slip_speed, slip_terms, slow_terms
-from .contact_forces import compliance, load_accelerations, motionless, solve_mode
+from .contact_forces import compliance, load_accelerations, solve_mode
 from .contact_impacts import close_gaps, hold, moves_in_mode, strike
 from .contact_kinds import (
     approaches,
@@ -27,9 +27,10 @@ from .contact_kinds import (
     sign,
     strikes,
     touching,
+    way_of_slip,
 )
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, dot, inertial_terms, opening_power, terms
-from .mode_candidates import BREAK_DOWN, BREAK_UP, FREE, GRIPPED, HOVERING, TOUCHING, TURN, Candidates
+from .mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, TURN, Candidates
 from .mode_selection import select_mode
 
 _REST, _REST_TOLERANCES, _REST_OF_SPAN, _LEAST_REST = 1e-6, 10.0, 1e-7, 1e-8
@@ -121,8 +122,7 @@ def _learn(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
             if pick.kind[i] == GRIPPED and system.width[i] == 1:
                 pick.given.along[i, 0] = cases.added[case, ADDED * i]
             if pick.kind[i] == GRIPPED and began_to_slip(system, cases, case, i):
-                if not motionless(system, system.constraints + system.first[i]):  # which turns back, at a dead centre
-                    pick.fired[i] = BREAK_UP if cases.added[case, ADDED * i] > 0.0 else BREAK_DOWN
+                pick.fired[i] = way_of_slip(system, cases, case, i)
         elif pick.kind[i] == FREE or pick.kind[i] == HOVERING:
             closes = arrives(system, cases, case, i)
             pick.kind[i] = touching(system, cases, case, i) if closes else FREE

@@ -18,8 +18,9 @@ from .contact_cases import (
     slip_speed,
     slip_terms,
 )
+from .contact_forces import motionless
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, drift, inertial_size, opening_power, terms
-from .mode_candidates import BREAK_UP, FREE, LIFT, LIFTING, MEET, STOP, closed_kind
+from .mode_candidates import BREAK_DOWN, BREAK_UP, FREE, LIFT, LIFTING, MEET, STOP, closed_kind
 
 RESTING = 1e-7
 """Share of the largest approach speed of a contact so far, below which an impact has no restitution.
@@ -39,6 +40,9 @@ and of the terms of the gap."""
 SOON, SOON_IN_A_ROW, _ENOUGH_HOPS = 1e-11, 1000, 500
 """Share of the span below which a phase ends too soon, how often that may happen in a row, and after how many of them a
 contact with a restitution below 1 rests that hops."""
+
+_ENOUGH_STOPS = 16
+"""How many phases in a row may end too soon before slip at a dead centre is taken to go the other way."""
 
 _JUMPED = 1e-4
 """Share of the slip speeds so far above which slip has not ended: its velocity has jumped through zero."""
@@ -231,6 +235,21 @@ def began_to_slip(system: ContactSystem, cases: ContactCases, case: int, i: int)
     """
     began = cases.passed[case] == 0.0 and cases.modes[case, i] == SLIP and system.width[i] == 1
     return began and (cases.fired[case, i] == 0 or cases.fired[case, i] == STOP)
+
+
+@compiled_subset
+def way_of_slip(system: ContactSystem, cases: ContactCases, case: int, i: int) -> int:
+    """Return the guard of a contact that began to slip at this instant, by which it slips on.
+
+    At a dead centre it may turn back. Where it misses that by rounding, its slip ends where it begins, again and again:
+    then it goes the other way.
+    """
+    up = cases.added[case, ADDED * i] > 0.0
+    if not motionless(system, system.constraints + system.first[i]):
+        return BREAK_UP if up else BREAK_DOWN
+    if cases.fired[case, i] != STOP or cases.soon[case] < _ENOUGH_STOPS:
+        return cases.fired[case, i]
+    return BREAK_DOWN if up else BREAK_UP
 
 
 @compiled_subset

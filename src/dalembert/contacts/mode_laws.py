@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from ..methods.step_constants import EPSILON
 from ..subset.compiled_subset import compiled_subset, sqrt
-from .contact_forces import compliance
+from .contact_forces import compliance, motionless
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertia_of, inertial_size
 from .mode_candidates import (
     FREE,
@@ -128,14 +128,15 @@ def splits(system: ContactSystem, pick: Candidates, i: int, j: int) -> bool:
     """Return whether contact j sticks, or slips the other way, although it can only slip together with i, which slips.
 
     Both are at rest so far. One that slips although the other sticks has a slip of its own, as on a belt that runs
-    while a wall stands still.
+    while a wall stands still; so do both where they slip in opposite ways.
     """
     if i == j or pick.now.mode[i] != SLIP:
         return False
     if _held_by_friction(system, pick, i) and _held_by_friction(system, pick, j):
         if pick.now.mode[j] == SLIP:
             way = pick.now.along[i, 0] * pick.now.along[j, 0]
-            return way * compliance(system, system.first[i], system.first[j]) < 0.0 and coupled(system, i, j)
+            apart = way * compliance(system, system.first[i], system.first[j]) < 0.0 and coupled(system, i, j)
+            return apart and not (_has_own_slip(system, i) and _has_own_slip(system, j))
         return not _has_own_slip(system, i) and coupled(system, i, j)
     return False
 
@@ -214,7 +215,8 @@ def contact_margin(system: ContactSystem, pick: Candidates, i: int, force: float
         least = min(least, _share(limit - used, force, max(weight * pick.least[i], _TIED * (abs(limit) + used))))
     if state == SLIP and rests(system, pick, i):
         share = _forward(system, pick, i)
-        if broken(pick, i) != 0 and share >= -_GRAZING:
+        turns = motionless(system, system.constraints + system.first[i])
+        if broken(pick, i) != 0 and (share >= -_GRAZING or turns):
             share = max(share, 0.0)
         if pick.begins[i] != 0 and uneven(system, pick, i):
             share = -1.0

@@ -136,3 +136,41 @@ def test_a_rod_that_hangs_along_a_wall_hits_it_with_its_tip():
     found, sweep = runs("pendulum", p | {"mu": 0.3, "e": 0.0, "mu_elbow": 0.0}, start, 1.0)
     assert_same(found, sweep)
     assert words(found[2])[1:3] == [("open", "slip"), ("stick", "slip")]
+
+
+def test_a_wheel_struck_between_wall_and_belt_slips_on_both_in_opposite_ways():
+    """It lies against the wall and falls on a belt: the rotation that follows is faster than the wall, not the belt.
+
+    Impulses P of the floor, mu P of its friction and so of the wall, and -mu mu_wall P of the wall's friction.
+    """
+    p = {"m": 2.5, "I": 0.3125, "r": 0.5, "g_x": 4.4, "g_y": 9.81, "belt": 0.8, "T": 0.0, "omega": 6.6, "A": 0.0}
+    p |= {"mu": 0.7, "mu_wall": 0.3, "x_wall": 0.9, "e": 0.0}
+    start = {"x": 0.4, "y": 0.5, "theta": 0.0, "x_dot": 0.0, "y_dot": -0.25, "theta_dot": 0.28}
+    found, sweep = runs("wheel", p, start, 0.01)
+    assert_same(found, sweep)
+    push = p["m"] * 0.25 / (1.0 - 0.7 * 0.3)
+    after = 0.28 + p["r"] * (0.7 - 0.7 * 0.3) * push / p["I"]
+    assert 0.0 < p["r"] * after < p["belt"]
+    for motion in found:
+        assert words(motion)[0] == ("slip", "slip")
+        np.testing.assert_allclose(motion(1e-9).qdot[0], [0.0, 0.0, after], atol=1e-7)
+
+
+def test_a_pendulum_that_hangs_along_a_wall_leaves_it_whatever_rounding_says():
+    """Both masses lie against the wall until the moment turns at pi / omega; then both leave it.
+
+    The tip is at a dead centre, where its slip turns back. That roundings of the angles put that a little earlier or
+    later must not matter.
+    """
+    p = {"m_1": 2.3, "m_2": 1.2, "l_1": 0.5, "l_2": 0.4, "g": 9.81, "d": -0.0, "A": 8.9, "omega": 4.7, "c": 0.4}
+    p |= {"mu": 0.3, "e": 0.0, "mu_elbow": 0.3}
+    start = {"a": -0.9, "b": -0.2, "a_dot": 2.7, "b_dot": -0.5}
+    model = compiled("pendulum")
+    ends = []
+    for rtol in np.logspace(-6, -12, 25):
+        run = model.simulate((0.0, 1.5), start, p, rtol=rtol, atol=1e-2 * rtol)
+        assert run.success
+        assert words(run)[-1] == ("open", "open")
+        assert run.phases[-1].t0 == pytest.approx(math.pi / 4.7, abs=1e-6)
+        ends.append(run.qdot[-1])
+    np.testing.assert_allclose(ends, [ends[-1]] * len(ends), atol=2e-6)
