@@ -20,7 +20,7 @@ from ..ir.program import Layout
 from ..results.linearization import InputDerivatives, Linearization
 from ..starts import inputs as run_input
 from ..starts.constraint_choice import divisible_model
-from ..starts.constraint_rank import redundant
+from ..starts.constraint_rank import StartRows
 from ..starts.initial_states import initial_state
 from ..starts.input_values import expanded_at, input_places
 from ..starts.segment_constants import at_time
@@ -71,7 +71,7 @@ def regular_point(
     point = _point(able, t, values, p)
     enforced = able.derived.enforced
     if enforced:
-        dropped = redundant(point.program, t, point.y, point.c, enforced)
+        dropped = StartRows(point.program, t, point.y, point.c, enforced).redundant()
         if dropped is None:
             raise InitialStateError(
                 f"the constraints lose rank at this state alone (t = {t:g}), where the motion has no linearisation:"

@@ -15,7 +15,7 @@ from ..results.analyses import OperatingPoint
 from ..runs.capabilities import WITHOUT, refuse_sampling
 from ..starts import inputs as run_input
 from ..starts.assembly import assembled
-from ..starts.constraint_rank import redundant
+from ..starts.constraint_rank import StartRows
 from ..starts.constraint_rows import row_lengths
 from ..starts.input_values import held_at
 from ..starts.state_sizes import distance_sizes
@@ -126,7 +126,7 @@ def _regular(
     if not enforced:
         return model, values
     y = interpret_rows(program.kernel("initial"), np.array([t]), x[np.newaxis], c)[0]
-    found = redundant(program, t, y, c, enforced)
+    found = StartRows(program, t, y, c, enforced).redundant()
     if found is None:
         raise InitialStateError(
             "the constraints lose rank at the guess alone, where accelerations are not determined: start from another"

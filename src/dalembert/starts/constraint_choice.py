@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..ir.program import Program
 from ..methods.status import Status
 from ..reduction.dependent_rows import Redundancy
 from ..results.parts import Part
@@ -18,7 +16,7 @@ from ..results.trajectory import Trajectory
 from ..steps.problem import IntegrationProblem
 from . import inputs
 from .branches import branches
-from .constraint_rank import nearly_redundant, redundant, singular_start, together
+from .constraint_rank import StartRows
 from .initial_states import initial_state, pivots_vanish, vanishing_pivots
 
 if TYPE_CHECKING:
@@ -36,12 +34,12 @@ def independent_model(
     enforced, program, reduced = model.derived.enforced, model.stages.program, model.stages.reduced
     if not enforced or reduced.redundancy is not None:
         return model
-    where = (program, problem.t0, problem.y0, problem.constants)
-    found = redundant(*where, enforced)
-    joint = _enforced_together(model, *where, found)
+    start = StartRows(program, problem.t0, problem.y0, problem.constants, enforced)
+    found = start.redundant()
+    joint = _enforced_together(model, start, found)
     if joint is not None:
         return model.variants.enforcing_all(joint)
-    note = _singular_start(*where, enforced) if found is None else nearly_redundant(*where, enforced) if found else ""
+    note = _singular_start(start) if found is None else start.nearly_redundant() if found else ""
     if found is not None and not note:
         return model.variants.without_constraints(found) if found else model
     statistics = RunStatistics(method, 0, 0, 0, 0.0, time.perf_counter() - begin, note)
@@ -52,15 +50,14 @@ def independent_model(
     return Trajectory((part,), Status.SINGULAR_CONFIGURATION, statistics)
 
 
-def _singular_start(program: Program, t: float, y: FloatArray, c: FloatArray, enforced: Sequence[int]) -> str:
+def _singular_start(start: StartRows) -> str:
     """Return the note of a run that would start at a singular configuration, with the branches that meet there."""
-    met = branches(program, t, y, c, enforced)
-    return f"{singular_start(program, t, y, c, enforced)}{met and f'; {met}'}"
+    met = branches(start.program, start.t, start.y, start.c, start.rows)
+    note = f"{start.where_dependent()}, and not around it: start elsewhere, or use other coordinates"
+    return f"{note}{met and f'; {met}'}"
 
 
-def _enforced_together(
-    model: CompiledModel, program: Program, t: float, y: FloatArray, c: FloatArray, found: tuple[int, ...] | None
-) -> Redundancy | None:
+def _enforced_together(model: CompiledModel, start: StartRows, found: tuple[int, ...] | None) -> Redundancy | None:
     """Return what it takes to enforce all constraints at a start; None where none follow, or it is not supported.
 
     `found` are those that follow from others among the ones that the model enforces.
@@ -70,10 +67,11 @@ def _enforced_together(
         return None
     rows = sorted({*model.derived.enforced, *reduced.unproven})
     if rows != list(model.derived.enforced):
-        found = redundant(program, t, y, c, rows)
-    if not found or nearly_redundant(program, t, y, c, rows):
+        start = StartRows(start.program, start.t, start.y, start.c, rows)
+        found = start.redundant()
+    if not found or start.nearly_redundant():
         return None
-    return together(program, t, y, c, rows, found)
+    return start.together(found)
 
 
 def _served_in_modes(model: CompiledModel) -> bool:
@@ -109,8 +107,9 @@ def divisible_model(
     c = inputs.constants(program, p)
     y = initial_state(fewer.derived.start(values), t0, values, c, program)
     rest = [i for i in rows if i not in left_out]
-    found = redundant(program, t0, y, c, rows)
-    follow = found is not None and len(found) == len(left_out) and redundant(program, t0, y, c, rest) == ()
+    found = StartRows(program, t0, y, c, rows).redundant()
+    follow = found is not None and len(found) == len(left_out)
+    follow = follow and StartRows(program, t0, y, c, rest).redundant() == ()
     if not follow:
         raise pivots_vanish(model.stages.program, p, labels)
     return fewer

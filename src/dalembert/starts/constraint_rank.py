@@ -11,6 +11,7 @@ from ..arrays import FloatArray
 from ..errors import list_names
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
+from ..once import once_property
 from ..reduction.dependent_rows import MOST_RANK, Groups, Redundancy, amplified_rounding
 from ..stops.segments import Constants, constants_at
 from .constraint_groups import LOST, group_shares, groups_of_rows, left_of_groups, rank_of, shares
@@ -66,94 +67,128 @@ def _dependent(j: FloatArray, share: float = LOST) -> list[int]:
     return left
 
 
-def redundant(
-    program: Program, t: float, y: FloatArray, c: FloatArray, enforced: Sequence[int]
-) -> tuple[int, ...] | None:
-    """Return the constraints that follow from others at a start y (n_y,) and all around it.
+class StartRows:
+    """Constraints at a start y (n_y,), and how their Jacobian is there and all around it, which is computed once.
 
-    Returns
-    -------
-    tuple of int or None
-        Their numbers; none for constraints that are independent. None where the start alone is singular.
+    Parameters
+    ----------
+    program : Program
+    t : float
+        Time.
+    y : (n_y,)
+        State.
+    c : (n_c,)
+        Constants.
+    rows : sequence of int
+        Numbers of the constraints.
     """
-    times = np.array([t])
-    j = jacobians_at(program, times, y[np.newaxis], c, enforced)
-    if not np.all(np.isfinite(j)):
-        return ()
-    lengths = lengths_along(program, times, y[np.newaxis], c, j, enforced)[:, np.newaxis]
-    lost = _dependent(j[0] / lengths)
-    if not lost:
-        return ()
-    for x in _around(program, t, y, c, j[0] / lengths):
-        near = jacobians(program, times, x[np.newaxis], c, enforced)[0]
-        if np.all(np.isfinite(near)) and len(_dependent(near / lengths)) < len(lost):
+
+    def __init__(self, program: Program, t: float, y: FloatArray, c: FloatArray, rows: Sequence[int]) -> None:
+        self.program, self.t, self.y, self.c, self.rows = program, t, y, c, list(rows)
+        self._holonomic = sum(row < program.layout.holonomic for row in rows)
+
+    @once_property
+    def _jacobian(self) -> FloatArray:
+        """The Jacobian (n_rows, n_q) at the start, for coordinates in their sizes."""
+        return jacobians_at(self.program, np.array([self.t]), self.y[np.newaxis], self.c, self.rows)[0]
+
+    @once_property
+    def _lengths(self) -> FloatArray:
+        """The lengths of its rows (n_rows, 1)."""
+        at = self.program, np.array([self.t]), self.y[np.newaxis], self.c
+        return lengths_along(*at, self._jacobian[np.newaxis], self.rows)[:, np.newaxis]
+
+    @once_property
+    def _unit(self) -> FloatArray:
+        """The Jacobian with rows of length one."""
+        return self._jacobian / self._lengths
+
+    @once_property
+    def _near(self) -> list[FloatArray]:
+        """Jacobians at configurations that all constraints allow."""
+        return self._at_configurations(len(self.rows))
+
+    @once_property
+    def _near_by_positions(self) -> list[FloatArray]:
+        """Jacobians at configurations that holonomic constraints allow: rates may lead to any of them."""
+        return self._near if self._holonomic == len(self.rows) else self._at_configurations(self._holonomic)
+
+    def _at_configurations(self, count: int) -> list[FloatArray]:
+        """Return Jacobians at configurations around the start that the first constraints allow, of length one there."""
+        times, found = np.array([self.t]), []
+        for x in _around(self.program, self.t, self.y, self.c, self._unit[:count]):
+            found.append(jacobians(self.program, times, x[np.newaxis], self.c, self.rows)[0] / self._lengths)
+        return found
+
+    def redundant(self) -> tuple[int, ...] | None:
+        """Return the constraints that follow from others at the start and all around it.
+
+        Returns
+        -------
+        tuple of int or None
+            Their numbers; none for constraints that are independent. None where the start alone is singular.
+        """
+        if not np.all(np.isfinite(self._jacobian)):
+            return ()
+        lost = _dependent(self._unit)
+        if not lost:
+            return ()
+        if any(np.all(np.isfinite(near)) and len(_dependent(near)) < len(lost) for near in self._near):
             return None
-    return tuple(enforced[i] for i in lost)
+        return tuple(self.rows[i] for i in lost)
 
+    def together(self, following: Sequence[int]) -> Redundancy | None:
+        """Return what it takes to enforce constraints together, some of which follow from others.
 
-def together(
-    program: Program, t: float, y: FloatArray, c: FloatArray, rows: Sequence[int], following: Sequence[int]
-) -> Redundancy | None:
-    """Return what it takes to enforce constraints together of which some follow from others at a start y (n_y,).
-
-    None where they need not be, because some follow by weights that do not vary, and where they cannot be: groups with
-    many independent constraints, and rows that rounding would tell from each other no more.
-    """
-    rank, holonomic = len(rows) - len(following), sum(row < program.layout.holonomic for row in rows)
-    if rank <= 0:
-        return None
-    times = np.array([t])
-    j = jacobians_at(program, times, y[np.newaxis], c, rows)
-    lengths = lengths_along(program, times, y[np.newaxis], c, j, rows)
-    if _constant_weights(program, t, y, c, rows, following):
-        return None
-    powers = np.rint(np.log2(lengths / np.max(lengths)) / _COARSE) * _COARSE
-    scaled = j[0] * 2.0 ** -powers[:, np.newaxis] / np.max(lengths)
-    groups: Groups = ()
-    if rank > MOST_RANK or holonomic < len(rows):
-        around = _around(program, t, y, c, (j[0] / lengths[:, np.newaxis])[:holonomic])
-        near = [jacobians(program, times, x[np.newaxis], c, rows)[0] for x in around]
-        groups = groups_of_rows(np.array([j[0], *near]) / lengths[:, np.newaxis], holonomic)
-        if rank_of(groups) != rank:
+        None where they need not be, because some follow by weights that do not vary, and where they cannot be: groups
+        with many independent constraints, and rows that rounding would tell from each other no more.
+        """
+        rank = len(self.rows) - len(following)
+        if rank <= 0 or self._constant_weights(following):
             return None
-    for left, count in left_of_groups(scaled, groups or ((tuple(range(len(rows))), rank),)):
-        if count and not amplified_rounding(left, count) < _AMPLIFIED:
-            return None
-    return Redundancy(rank, tuple(-int(power) for power in powers), tuple(following), groups)
+        lengths = self._lengths[:, 0]
+        powers = np.rint(np.log2(lengths / np.max(lengths)) / _COARSE) * _COARSE
+        scaled = self._jacobian * 2.0 ** -powers[:, np.newaxis] / np.max(lengths)
+        groups: Groups = ()
+        if rank > MOST_RANK or self._holonomic < len(self.rows):
+            groups = groups_of_rows(np.array([self._unit, *self._near_by_positions]), self._holonomic)
+            if rank_of(groups) != rank:
+                return None
+        for left, count in left_of_groups(scaled, groups or ((tuple(range(len(self.rows))), rank),)):
+            if count and not amplified_rounding(left, count) < _AMPLIFIED:
+                return None
+        return Redundancy(rank, tuple(-int(power) for power in powers), tuple(following), groups)
 
+    def _constant_weights(self, following: Sequence[int]) -> bool:
+        """Return whether constraints follow from the others by the same weights all around the start."""
+        kept = [place for place, row in enumerate(self.rows) if row not in following]
+        others = [place for place, row in enumerate(self.rows) if row in following]
+        everywhere = self._unit, *self._near_by_positions
+        weights = [j[others] @ np.linalg.pinv(j[kept]) for j in everywhere]
+        return bool(np.max(np.ptp(np.array(weights), axis=0), initial=0.0) < _CONSTANT)
 
-def _constant_weights(
-    program: Program, t: float, y: FloatArray, c: FloatArray, rows: Sequence[int], following: Sequence[int]
-) -> bool:
-    """Return whether constraints follow from the others by the same weights all around a start y (n_y,)."""
-    times, kept = np.array([t]), [place for place, row in enumerate(rows) if row not in following]
-    others = [place for place, row in enumerate(rows) if row in following]
-    first = jacobians_at(program, times, y[np.newaxis], c, rows)[0]
-    lengths = lengths_along(program, times, y[np.newaxis], c, first[np.newaxis], rows)[:, np.newaxis]
-    positions = (first / lengths)[: sum(row < program.layout.holonomic for row in rows)]  # rates may lead to any
-    near = [jacobians(program, times, x[np.newaxis], c, rows)[0] for x in _around(program, t, y, c, positions)]
-    weights = [(j / lengths)[others] @ np.linalg.pinv((j / lengths)[kept]) for j in (first, *near)]
-    return bool(np.max(np.ptp(np.array(weights), axis=0), initial=0.0) < _CONSTANT)
+    def nearly_redundant(self) -> str:
+        """Return where constraints are dependent up to double precision; empty where none are.
 
+        They do not follow from each other: what they differ by is more than rounding, and is lost when it is squared.
+        """
+        program, c, times = self.program, self.c, np.array([self.t])
+        x = interpret_rows(program.kernel("expand"), times, self.y[np.newaxis], c)[0]
+        closed = _closed(program, self.t, x, c)[np.newaxis]
+        j = jacobians(program, times, closed, c, self.rows)
+        if not np.all(np.isfinite(j)):
+            return ""
+        j = j[0] / row_lengths(program, times, closed, c, self.rows)[0][:, np.newaxis]
+        if len(_dependent(j, _ROUNDED)) == len(_dependent(j)):
+            return ""
+        return (
+            f"{self.where_dependent()}, by more than rounding: allowed motions cannot be determined with this"
+            " formulation in double precision. Make them equal or more different, or use formulation='minimal'"
+        )
 
-def nearly_redundant(program: Program, t: float, y: FloatArray, c: FloatArray, enforced: Sequence[int]) -> str:
-    """Return where constraints are dependent up to double precision; empty where none are.
-
-    They do not follow from each other: what they differ by is more than rounding, and is lost when it is squared.
-    """
-    times, rows = np.array([t]), list(enforced)
-    x = interpret_rows(program.kernel("expand"), times, y[np.newaxis], c)[0]
-    closed = _closed(program, t, x, c)[np.newaxis]
-    j = jacobians(program, times, closed, c, rows)
-    if not np.all(np.isfinite(j)):
-        return ""
-    j = j[0] / row_lengths(program, times, closed, c, rows)[0][:, np.newaxis]
-    if len(_dependent(j, _ROUNDED)) == len(_dependent(j)):
-        return ""
-    return (
-        f"{where_dependent(program, t, y, c, enforced)}, by more than rounding: allowed motions cannot be determined"
-        " with this formulation in double precision. Make them equal or more different, or use formulation='minimal'"
-    )
+    def where_dependent(self) -> str:
+        """Return which constraints come to depend on each other, and where."""
+        return where_dependent(self.program, self.t, self.y, self.c, self.rows)
 
 
 def unlike(
@@ -257,13 +292,6 @@ def where_dependent(
     return (
         f"at t = {t:.6g} ({place}) the constraints {list_names(labels)} {what} (smallest"
         f" singular value {values[least]:.1e})"
-    )
-
-
-def singular_start(program: Program, t: float, y: FloatArray, c: FloatArray, enforced: Sequence[int]) -> str:
-    """Return the note of a run that would start at a singular configuration."""
-    return (
-        f"{where_dependent(program, t, y, c, enforced)}, and not around it: start elsewhere, or use other coordinates"
     )
 
 
