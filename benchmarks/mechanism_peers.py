@@ -17,7 +17,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["TOLERANCES", "Contender", "Robot", "installed", "robot_contenders", "robot_file", "robot_reference"]
+__all__ = [
+    "TOLERANCES",
+    "Contender",
+    "Robot",
+    "Vector",
+    "installed",
+    "robot_contenders",
+    "robot_file",
+    "robot_reference",
+]
 
 Vector = NDArray[np.float64]
 TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
@@ -73,6 +82,11 @@ class Robot:
     def start(self, names: Sequence[str]) -> tuple[Vector, Vector]:
         """Return angles and rates in the order of the names."""
         return np.array([self.angles[x] for x in names]), np.array([self.rates[x] for x in names])
+
+    @property
+    def start_by_name(self) -> dict[str, float]:
+        """Angles and rates as `simulate` takes them."""
+        return {**self.angles, **{f"{name}_dot": rate for name, rate in self.rates.items()}}
 
     def in_order(self, names: Sequence[str]) -> list[int]:
         """Return the places of the joints among the names."""

@@ -91,8 +91,7 @@ def _robot(name: str, title: str, path: Path, angle: float, rate: float, end: fl
     rng = np.random.default_rng(1)
     angles, rates = (dict(zip(joints, rng.uniform(-size, size, len(joints)), strict=True)) for size in (angle, rate))
     robot = Robot(path, angles, rates, end)
-    start = angles | {f"{joint}_dot": value for joint, value in rates.items()}
-    own, first = _own(build, start, {}, end, joints)
+    own, first = _own(build, robot.start_by_name, {}, end, joints)
     reference = robot_reference(robot)
     return Mechanism(name, title, "angles of the joints", reference, [own, *robot_contenders(robot)], first)
 
@@ -190,7 +189,8 @@ def curve(mechanism: Mechanism, contender: Contender) -> Iterator[tuple[float, f
             return
 
 
-def _has(distribution: str) -> bool:
+def has_distribution(distribution: str) -> bool:
+    """Whether a distribution is installed."""
     try:
         return bool(metadata.version(distribution))
     except metadata.PackageNotFoundError:
@@ -212,7 +212,9 @@ def _least(run: Callable[[], Any]) -> float:
 
 def measured(names: Sequence[str]) -> dict[str, Any]:
     """Return curves of the mechanisms by the names of programs, as JSON takes them."""
-    peers = {name: metadata.version(name) for name in ("pydy", "pin", "mujoco", "drake", "exudyn") if _has(name)}
+    peers = {
+        name: metadata.version(name) for name in ("pydy", "pin", "mujoco", "drake", "exudyn") if has_distribution(name)
+    }
     found: dict[str, Any] = {"machine": machine(), "peers": peers, "mechanisms": {}}
     for name in names:
         mechanism = MECHANISMS[name]()

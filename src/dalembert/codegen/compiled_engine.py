@@ -42,8 +42,10 @@ if TYPE_CHECKING:
 _TIGHT = 1e-9
 """Tolerance below which Runge-Kutta steps come to an end where constraints lose rank."""
 
-_LONGEST_SCREENED = 2000
-"""Lines of a right-hand side up to which it is compiled to look at cases before a sweep: some 50 ms."""
+_LONGEST_SCREENED = 20_000
+"""Lines of a right-hand side up to which it is compiled to look at cases before a sweep: some second.
+
+Compiling takes as long as some twenty looks by interpretation, whatever the length; it is done after sixteen of them."""
 
 _STUCK = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED)
 """Statuses with which such runs end."""
