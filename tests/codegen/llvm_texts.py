@@ -8,6 +8,7 @@ from dalembert.codegen.lane_runs import advance_lanes_assembly, check_inputs_ass
 from dalembert.codegen.llvm import assembly as llvm_assembly
 from dalembert.codegen.llvm.assembly import assembly
 from dalembert.codegen.llvm.backend import LLVMLibrary, attempt_assembly
+from dalembert.codegen.llvm.definitions import with_definitions
 from dalembert.codegen.llvm.order_loops import order_loop_assembly
 from dalembert.codegen.llvm.series_loops import series_loop_assembly
 from dalembert.methods.tableaus import TABLEAUS
@@ -56,6 +57,7 @@ TEXTS = {
 FURTHER_TEXTS = (
     lambda: LLVMLibrary(oscillator(), None).source("dop853", 0),
     lambda: _kernels(oscillator(), 4),
+    lambda: with_definitions(_kernels(every_operation(), 4)),
     lambda: _pieces(4),
     lambda: _calls(4),
     lambda: _order_loop(2, 1, dense=False),

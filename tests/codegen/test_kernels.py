@@ -117,12 +117,13 @@ def aligned(values):
 @pytest.mark.parametrize("name", [name for name in ALL_OPERATIONS if name not in TABLE_OPERATIONS | CALL_OPERATIONS])
 def test_machine_code_means_the_same_in_every_lane(name, lanes):
     from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object
+    from dalembert.codegen.llvm.definitions import with_definitions
 
     operation = ALL_OPERATIONS[name]
     loads = tuple(Load(f"a{i}", "y", i) for i in range(operation.arity))
     line = Assignment("z", name, tuple(load.target for load in loads))
     kernel = Kernel("k", ("y",), loads, (line, Assignment("w", "mul", ("z", -1.5))), ("z", "w", 0.25))
-    library = load_object(compile_object(assembly([("k", kernel)], lanes)))
+    library = load_object(compile_object(with_definitions(assembly([("k", kernel)], lanes))))
     function = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(library.address("k"))
     rng = np.random.default_rng(3)
     rough = {"rough_log2": 1e-2, "rough_exp2": 2e-4}.get(name)
@@ -143,9 +144,10 @@ def test_machine_code_means_the_same_in_every_lane(name, lanes):
 @pytest.mark.parametrize("name", ["sin", "cos"])
 def test_sines_of_machine_code_hold_at_large_angles_and_beyond(name, lanes):
     from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object
+    from dalembert.codegen.llvm.definitions import with_definitions
 
     kernel = Kernel("k", ("y",), (Load("a", "y", 0),), (Assignment("z", name, ("a",)),), ("z",))
-    library = load_object(compile_object(assembly([("k", kernel)], lanes)))
+    library = load_object(compile_object(with_definitions(assembly([("k", kernel)], lanes))))
     function = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(library.address("k"))
     points = [0.0, 1e-9, math.pi / 2, math.pi, -7.5, 100.25, -1e4, 123456.789, 1e9, 1e15]
     for point in points:

@@ -7,7 +7,7 @@ import pytest
 
 import dalembert as da
 from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object
-from dalembert.codegen.llvm.lane_printer import with_tables
+from dalembert.codegen.llvm.definitions import with_definitions
 from dalembert.codegen.llvm.order_loops import order_loop_assembly
 from dalembert.codegen.llvm.series_loops import series_loop_assembly
 from dalembert.ir.interpret import interpret
@@ -20,7 +20,7 @@ LARGEST = 5.0
 
 
 def compiled(text):
-    return load_object(compile_object(with_tables(text)))
+    return load_object(compile_object(with_definitions(text)))
 
 
 def called(library, lanes, states, constants):

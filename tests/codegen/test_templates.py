@@ -24,8 +24,8 @@ from dalembert.codegen.c import contact_simulator, simulator
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
 from dalembert.codegen.llvm import target as lane_types
 from dalembert.codegen.llvm.assembly import assembly
+from dalembert.codegen.llvm.definitions import with_definitions
 from dalembert.codegen.llvm.foreign_batch import BatchSizes, Interface, batch_arguments, batch_assembly
-from dalembert.codegen.llvm.lane_printer import with_tables
 from dalembert.codegen.numba import texts
 from dalembert.codegen.numba.texts import table_definitions
 from dalembert.codegen.printers import JAX, NUMPY
@@ -97,7 +97,7 @@ def render_tables():
     body = (Assignment("i", "piece", ("x", key)), Assignment("f", "entry", ("i", key, 0.0)))
     kernel = Kernel("k", ("y",), (Load("x", "y", 0),), body, ("f",))
     for lanes in (1, 4):
-        with_tables(assembly([("k", kernel)], lanes))
+        with_definitions(assembly([("k", kernel)], lanes))
     table_definitions(texts.kernel("k", kernel))
 
 

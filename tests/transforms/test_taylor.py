@@ -9,6 +9,7 @@ import pytest
 
 from dalembert.codegen.llvm import target as lane_types
 from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object
+from dalembert.codegen.llvm.definitions import with_definitions
 from dalembert.codegen.llvm.order_loops import order_loop_assembly
 from dalembert.codegen.llvm.series_loops import series_loop_assembly
 from dalembert.codegen.llvm.target import native_lanes
@@ -168,7 +169,7 @@ def outcomes(texts, count, lanes, largest=0.002):
     s = np.array([[largest], [1.0], [1.0]]) * np.ones(lanes)
     results = []
     for text in texts:
-        code = load_object(compile_object(text))
+        code = load_object(compile_object(with_definitions(text)))
         run = ctypes.CFUNCTYPE(None, *(ctypes.c_void_p,) * 5)(code.address("step"))
         out = np.zeros((count, lanes))
         run(*(a.ctypes.data for a in (t, y, c, s, out)))

@@ -45,7 +45,7 @@ _TIGHT = 1e-9
 _LONGEST_SCREENED = 20_000
 """Lines of a right-hand side up to which it is compiled to look at cases before a sweep: some second.
 
-Compiling takes as long as some twenty looks by interpretation, whatever the length; it is done after sixteen of them."""
+Compiling takes as long as some twenty looks by interpretation, whatever the length, and is done after sixteen."""
 
 _STUCK = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED)
 """Statuses with which such runs end."""

@@ -22,7 +22,7 @@ from ..compiled_backend import CompiledBackend
 from ..library import Code, KernelLibrary
 from ..rendering import banner_lines, render
 from .assembly import Shape, assembly, kernel_functions, load_object, object_code, piece_calls, stack_alignment
-from .lane_printer import with_tables
+from .definitions import with_definitions
 from .order_loops import order_loop_assembly
 from .series_loops import series_loop_assembly
 from .target import native_lanes, vector
@@ -133,11 +133,11 @@ class LLVMLibrary(KernelLibrary):
 
     def kernel_text(self, name: str, kernel: Kernel, lanes: int, *, exact: bool = False) -> str:
         """See `KernelLibrary.kernel_text`."""
-        return with_tables(assembly([(name, kernel)], lanes, exact=exact))
+        return with_definitions(assembly([(name, kernel)], lanes, exact=exact))
 
     def step_text(self, name: str, known: Recurrences, order: int, lanes: int, *, dense: bool) -> str:
         """See `KernelLibrary.step_text`: unrolled if short, else with loops, and the longest with little else."""
-        return with_tables(self._step_text(name, known, order, lanes, dense))
+        return with_definitions(self._step_text(name, known, order, lanes, dense))
 
     def _step_text(self, name: str, known: Recurrences, order: int, lanes: int, dense: bool) -> str:
         if known.unrolled_lines(order) <= _LARGEST_STRAIGHT or order < LEAST_ORDER:
@@ -149,7 +149,7 @@ class LLVMLibrary(KernelLibrary):
     def attempt_text(self, tableau: Tableau, lanes: int, *, dense: bool, weighted: bool) -> str:
         """See `KernelLibrary.attempt_text`."""
         rhs, about = self._program.kernel("rhs"), {"dense": dense, "carried": self.carried, "weighted": weighted}
-        return with_tables(attempt_assembly(rhs, tableau, lanes, knots=self.knots, **about))
+        return with_definitions(attempt_assembly(rhs, tableau, lanes, knots=self.knots, **about))
 
     def beginning(self, tableau: Tableau, lanes: int, *, weighted: bool) -> OwnedAddress:
         """See `KernelLibrary.beginning`: of a long right-hand side the attempt is not compiled."""
@@ -159,7 +159,7 @@ class LLVMLibrary(KernelLibrary):
 
         def text() -> str:
             pieces = start_pieces(rhs, tableau, carried=self.carried, weighted=weighted)
-            return with_tables(_calls_assembly((pieces,), lanes))
+            return with_definitions(_calls_assembly((pieces,), lanes))
 
         return self._entry(f"{tableau.name}_start{'_weighted' * weighted}", lanes, text, "start")
 

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from typing import Any, final
+from typing import final
 
-from ...ir.calls import CALLS, SYMBOL, function_of
+from ...ir.calls import CALLS, SYMBOL
 from ...ir.kernel import Assignment, Operand
-from ...ir.tables import numbers_of, table_of
-from ..rendering import render
-from .target import constant, fma_name, integer, suffix, vector
+from ...ir.tables import table_of
+from .elementary import ELEMENTARY
+from .target import constant, fma_name, is_fused, suffix, vector
 from .vector_functions import lanewise
 
-# Tables in assembly: the search for a piece, numbers of pieces in every lane, and the arrays of both.
-
-_SEARCH, _ARRAY = re.compile(r"@table_piece(\d+)\("), re.compile(r"@table\.(\d+)\.(\d+|edges)\b")
+# Tables in assembly: the search for a piece, and numbers of pieces in every lane.
 
 
 def piece_lines(lanes: int, target: str, args: Sequence[str], key: float) -> list[str]:
@@ -31,10 +28,10 @@ def entry_lines(lanes: int, target: str, args: Sequence[str], key: float, row: f
         f"%{target}.place = fptosi {v} {args[0]} to {integers}",
         f"%{target}.at = getelementptr double, ptr @table.{int(key)}.{int(row)}, {integers} %{target}.place",
     ]
-    return [*lines, *_gathered(lanes, target, f"%{target}.at")]
+    return [*lines, *gathered(lanes, target, f"%{target}.at")]
 
 
-def _gathered(lanes: int, target: str, at: str) -> list[str]:
+def gathered(lanes: int, target: str, at: str) -> list[str]:
     """Return lines that load a number in every lane, from addresses."""
     if lanes == 1:
         return [f"%{target} = load double, ptr {at}, align 8"]
@@ -43,55 +40,6 @@ def _gathered(lanes: int, target: str, at: str) -> list[str]:
     return [f"%{target} = call {vector(lanes)} @llvm.masked.gather.{suffix(lanes)}.v{lanes}p0({given})"]
 
 
-def with_tables(text: str) -> str:
-    """Return a module of assembly with what it uses of tables, and declarations of the functions that it calls."""
-    names = list(dict.fromkeys(_ARRAY.findall(text)))
-    text += "".join(f"\n{declaration}\n" for declaration in _declarations(text))
-    if not names:
-        return text
-    searches = sorted({int(lanes) for lanes in _SEARCH.findall(text)})
-    gathers = sorted({*searches, *map(int, re.findall(r"@llvm\.masked\.gather\.v\d+f64\.v(\d+)p0\(", text))} - {1})
-    variables: dict[str, Any] = {
-        "arrays": [_array(key, row) for key, row in names],
-        "searches": [_search(lanes) for lanes in searches],
-        "gathers": [{**_types(lanes), "lanes": lanes} for lanes in gathers],
-    }
-    return text + render("llvm/tables.ll.j2", variables)
-
-
-def _declarations(text: str) -> list[str]:
-    counts = {key: function_of(key).count for key in dict.fromkeys(_CALLED.findall(text))}
-    return [f"declare double @{SYMBOL}{key}({', '.join(['double'] * count)})" for key, count in counts.items()]
-
-
-def _array(key: str, row: str) -> dict[str, Any]:
-    values = table_of(int(key)).edges if row == "edges" else numbers_of(int(key)).row(int(row))
-    numbers = [constant(float(value), 1) for value in values]
-    return {"name": f"table.{key}.{row}", "size": len(numbers), "numbers": numbers}
-
-
-def _types(lanes: int) -> dict[str, str]:
-    return {
-        "vector": vector(lanes),
-        "integers": vector(lanes, "i64"),
-        "pointers": vector(lanes, "ptr"),
-        "flags": vector(lanes, "i1"),
-        "suffix": suffix(lanes),
-    }
-
-
-def _search(lanes: int) -> dict[str, Any]:
-    return {
-        **_types(lanes),
-        "lanes": lanes,
-        "zero": integer(0, lanes),
-        "one": integer(1, lanes),
-        "load": _gathered(lanes, "edge", "%at"),
-    }
-
-
-_CALLED = re.compile(rf"@{SYMBOL}(\d+)\(")
-
 _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 
 
@@ -99,7 +47,7 @@ _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 class LanePrinter:
     """Prints the body of one kernel for one number of lanes.
 
-    Sines and cosines are polynomials, or, where `exact`, those of the C library, as in Python.
+    Sines, cosines and other functions are those of lanes, or, where `exact`, those of the C library, as in Python.
     """
 
     def __init__(self, lanes: int, *, exact: bool = False) -> None:
@@ -108,6 +56,7 @@ class LanePrinter:
         self.suffix = suffix(lanes)
         self.flag = vector(lanes, "i1")
         self.fma = fma_name(lanes)
+        self._elementary = () if exact else tuple(name for name in ELEMENTARY if name != "pow" or is_fused())
         self.lines: list[str] = []
         self._pairs: dict[Operand, tuple[str, str, int]] = {}
         self._ahead: list[Assignment] = []
@@ -161,6 +110,8 @@ class LanePrinter:
                 self.lines += piece_lines(self.lanes, target, args, float(line.args[1]))
             case "entry":
                 self.lines += entry_lines(self.lanes, target, args, float(line.args[1]), float(line.args[2]))
+            case op if op in self._elementary:
+                self._set(target, f"call {v} @{op}.of{self.lanes}({typed})")
             case op if op in CALLS:
                 self.lines += lanewise(f"{SYMBOL}{int(float(line.args[-1]))}", self.lanes, target, args[:-1])
             case _ if self.exact and self.lanes > 1 and len(args) == 1:

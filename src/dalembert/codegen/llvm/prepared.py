@@ -35,7 +35,7 @@ from ...transforms.taylor import STEP_ARGUMENTS
 from ..host_code import raise_failure
 from ..runs import Final, Prepared, StartCode
 from .assembly import LoadedCode, assembly, load_object, object_code
-from .lane_printer import with_tables
+from .definitions import with_definitions
 from .loops import loop_named
 
 _DRIFT = 1e-4
@@ -76,7 +76,7 @@ class AdmissionCode:
     def _loaded(self) -> LoadedCode:
         name = f"admission_{hashlib.sha256(repr(self._kernel).encode()).hexdigest()[:16]}"
         text = [("admission", self._kernel)]
-        return load_object(object_code(self._folder, name, lambda: with_tables(assembly(text, 1))))
+        return load_object(object_code(self._folder, name, lambda: with_definitions(assembly(text, 1))))
 
     @property
     def address(self) -> OwnedAddress:

@@ -137,9 +137,14 @@ def suffix(lanes: int) -> str:
     return "f64" if lanes == 1 else f"v{lanes}f64"
 
 
+def is_fused() -> bool:
+    """Return whether the target rounds a product and a sum once."""
+    return target().fused
+
+
 def fma_name(lanes: int) -> str:
     """Return LLVM's fused multiply-add where the target has one, else its product and sum."""
-    return f"llvm.{'fma' if target().fused else 'fmuladd'}.{suffix(lanes)}"
+    return f"llvm.{'fma' if is_fused() else 'fmuladd'}.{suffix(lanes)}"
 
 
 def constant(value: float, lanes: int) -> str:

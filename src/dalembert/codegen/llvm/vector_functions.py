@@ -37,7 +37,7 @@ _COSINE = (
 _HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
 _LARGEST = 1.0e6
 """Below it in magnitude, sine and cosine are good to 2 units in the last place; beyond, the C library takes over."""
-_ROUNDING = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to an integer and leaves that in the low bits
+ROUNDING = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to an integer and leaves that in the low bits
 _TWO_OVER_PI = 0.6366197723675814
 _LOG2 = {
     "scale": 2.0**-40,
@@ -68,7 +68,7 @@ def shared_constants() -> dict[str, Any]:
     """Return the numbers of the functions below, for other languages: they compute the same there."""
     return {
         "two_over_pi": _TWO_OVER_PI,
-        "rounding": _ROUNDING,
+        "rounding": ROUNDING,
         "half_pi": _HALF_PI,
         "sine": _SINE,
         "cosine": _COSINE,
@@ -87,7 +87,7 @@ def _sincos_variables(lanes: int) -> dict[str, Any]:
     def numbers(*values: float) -> list[str]:
         return [constant(value, lanes) for value in values]
 
-    largest, two_over_pi, rounding, half, one = numbers(_LARGEST, _TWO_OVER_PI, _ROUNDING, 0.5, 1.0)
+    largest, two_over_pi, rounding, half, one = numbers(_LARGEST, _TWO_OVER_PI, ROUNDING, 0.5, 1.0)
     return {
         **_types(lanes),
         "lanes": lanes,
@@ -131,7 +131,7 @@ def _rough_variables(lanes: int) -> dict[str, Any]:
         "exp2": {
             "lowest": constant(-1000.0, lanes),
             "highest": constant(1000.0, lanes),
-            "rounding": constant(_ROUNDING, lanes),
+            "rounding": constant(ROUNDING, lanes),
             "exponent_shift": integer(52, lanes),
             "polynomial": [constant(value, lanes) for value in _EXP2],
         },
