@@ -48,6 +48,11 @@ def _sizes(rng: np.random.Generator, least: float, most: float, count: int) -> A
 
 Draw = Callable[[np.random.Generator, int], tuple[Array, ...]]
 FUNCTIONS: dict[str, tuple[Any, str, list[Draw]]] = {
+    "tan": (
+        np.tan,
+        "-1e6 to 1e6",
+        [lambda g, n: (g.uniform(-1.6, 1.6, n),), lambda g, n: (_sizes(g, -20.0, 6.0, n),)],
+    ),
     "exp": (
         np.exp,
         "-708 to 708",

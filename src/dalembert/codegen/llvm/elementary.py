@@ -1,4 +1,4 @@
-"""Exponential, logarithm, power, hyperbolic tangent and arctangents in lanes, good to about a unit in the last place.
+"""Exponential, logarithm, power, tangents and arctangents in lanes, good to about a unit in the last place.
 
 They are written as operations on numbers, printed for as many lanes as the kernel has that calls them: a case computes
 the same bits alone and beside others. Reductions and polynomials of log, atan and atan2 are those of fdlibm (Sun
@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from ...ir.kernel import Lines, Operand
 from .target import is_fused
+from .vector_functions import COSINE, HALF_PI, LARGEST_ANGLE, SINE, TWO_OVER_PI
 
 LN2_HIGH, LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 """Two parts of log(2), whose first has so few digits that products with whole numbers up to 2^20 are exact."""
@@ -80,7 +81,7 @@ _POW = (
 )
 """(log((1 + s) / (1 - s)) - 2 s - 2/3 s^3) / s^5 in powers of s^2."""
 _SMALLEST_NORMAL, _TWO_54 = 2.0**-1022, 2.0**54
-_FAR = 2.0**500
+_FAR, _TINY = 2.0**500, 2.0**-27
 
 
 class Value(NamedTuple):
@@ -109,14 +110,17 @@ def _sum(f: Lines, a: Operand, b: Operand) -> tuple[Operand, Operand]:
     return total, f.sub(b, f.sub(total, a))
 
 
-def _quotient(f: Lines, top: Operand, below: Operand, below_low: Operand = 0.0) -> tuple[Operand, Operand]:
-    """Return top / (below + below_low), and what rounding took off it where products are not rounded on their own."""
+def _quotient(
+    f: Lines, top: Operand, below: Operand, below_low: Operand = 0.0, top_low: Operand = 0.0
+) -> tuple[Operand, Operand]:
+    """Return a quotient of numbers in two parts, and what rounding took off it where products are fused."""
     if not is_fused():
         return f.op("div", top, below), 0.0
     inverse = f.op("div", 1.0, below)
     found = f.mul(top, inverse)
     minus = f.neg(found)
-    return found, f.mul(f.fma(minus, below_low, f.fma(minus, below, top)), inverse)
+    rest = f.add(f.fma(minus, below_low, f.fma(minus, below, top)), top_low)
+    return found, f.mul(rest, inverse)
 
 
 def _exponential(f: Lines, x: Operand, further: Operand = 0.0) -> tuple[Operand, Operand, Operand]:
@@ -170,6 +174,29 @@ def hyperbolic_tangent(x: Operand) -> Value:
     quotient, rest = _quotient(f, top, below, below_low)
     value = f.add(f.op("select", small, a, 1.0), f.add(quotient, rest))
     return Value(f, f.op("copysign", value, x))
+
+
+def tangent(x: Operand) -> Value:
+    """Return tan(x), by the polynomials of sine and cosine."""
+    f = Lines()
+    k = f.op("round", f.mul(x, TWO_OVER_PI))
+    minus, half = f.neg(k), f.mul(0.5, k)
+    far = f.fma(minus, HALF_PI[0], x)
+    near = f.fma(minus, HALF_PI[1], far)
+    near_low = f.fma(minus, HALF_PI[1], f.sub(far, near))
+    r = f.fma(minus, HALF_PI[2], near)
+    r_low = f.add(f.fma(minus, HALF_PI[2], f.sub(near, r)), near_low)
+    z = f.mul(r, r)
+    sine, sine_low = _sum(f, r, f.fma(f.mul(r, z), _polynomial(f, SINE, z), r_low))
+    whole, rest = _sum(f, 1.0, f.mul(-0.5, z))
+    rest = f.fma(f.mul(z, z), _polynomial(f, COSINE, z), rest)
+    cosine, cosine_low = _sum(f, whole, f.fma(f.neg(r), r_low, rest))
+    odd = f.op("less", 0.25, f.op("abs", f.sub(half, f.op("round", half))))
+    top, top_low = f.op("select", odd, f.neg(cosine), sine), f.op("select", odd, f.neg(cosine_low), sine_low)
+    below, below_low = f.op("select", odd, sine, cosine), f.op("select", odd, sine_low, cosine_low)
+    value, rest = _quotient(f, top, below, below_low, top_low)
+    value = f.op("select", f.op("less", f.op("abs", x), _TINY), x, f.add(value, rest))
+    return Value(f, value, f.op("less", f.op("abs", x), LARGEST_ANGLE))
 
 
 def _arctangent(f: Lines, a: Operand, b: Operand) -> tuple[Operand, Operand]:
@@ -242,6 +269,7 @@ def power(x: Operand, y: Operand) -> Value:
 
 
 ELEMENTARY: dict[str, Callable[..., Value]] = {
+    "tan": tangent,
     "exp": exponential,
     "log": logarithm,
     "tanh": hyperbolic_tangent,

@@ -18,7 +18,7 @@ LIBRARY = {
 }
 """Functions of the C library, with the number of their arguments."""
 
-_SINE = (
+SINE = (
     -1.66666666666666324348e-01,
     8.33333333332248946124e-03,
     -1.98412698298579493134e-04,
@@ -26,7 +26,7 @@ _SINE = (
     -2.50507602534068634195e-08,
     1.58969099521155010221e-10,
 )
-_COSINE = (
+COSINE = (
     4.16666666666666019037e-02,
     -1.38888888888741095749e-03,
     2.48015872894767294178e-05,
@@ -34,11 +34,11 @@ _COSINE = (
     2.08757232129817482790e-09,
     -1.13596475577881948265e-11,
 )
-_HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
-_LARGEST = 1.0e6
+HALF_PI = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
+LARGEST_ANGLE = 1.0e6
 """Below it in magnitude, sine and cosine are good to 2 units in the last place; beyond, the C library takes over."""
 ROUNDING = 6755399441055744.0  # 1.5 * 2**52: adding it rounds to an integer and leaves that in the low bits
-_TWO_OVER_PI = 0.6366197723675814
+TWO_OVER_PI = 0.6366197723675814
 _LOG2 = {
     "scale": 2.0**-40,
     "offset": -(2.0**12) - 1023.0 - 0.67487762,
@@ -67,11 +67,11 @@ def prelude_variables(lanes: int) -> dict[str, Any]:
 def shared_constants() -> dict[str, Any]:
     """Return the numbers of the functions below, for other languages: they compute the same there."""
     return {
-        "two_over_pi": _TWO_OVER_PI,
+        "two_over_pi": TWO_OVER_PI,
         "rounding": ROUNDING,
-        "half_pi": _HALF_PI,
-        "sine": _SINE,
-        "cosine": _COSINE,
+        "half_pi": HALF_PI,
+        "sine": SINE,
+        "cosine": COSINE,
         "log2": dict(_LOG2),
         "exp2": _EXP2,
     }
@@ -87,7 +87,7 @@ def _sincos_variables(lanes: int) -> dict[str, Any]:
     def numbers(*values: float) -> list[str]:
         return [constant(value, lanes) for value in values]
 
-    largest, two_over_pi, rounding, half, one = numbers(_LARGEST, _TWO_OVER_PI, ROUNDING, 0.5, 1.0)
+    largest, two_over_pi, rounding, half, one = numbers(LARGEST_ANGLE, TWO_OVER_PI, ROUNDING, 0.5, 1.0)
     return {
         **_types(lanes),
         "lanes": lanes,
@@ -100,9 +100,9 @@ def _sincos_variables(lanes: int) -> dict[str, Any]:
         "rounding": rounding,
         "half": half,
         "one": one,
-        "half_pi": numbers(*_HALF_PI),
-        "sine": numbers(*_SINE),
-        "cosine": numbers(*_COSINE),
+        "half_pi": numbers(*HALF_PI),
+        "sine": numbers(*SINE),
+        "cosine": numbers(*COSINE),
         "integer": {
             "zero": integer(0, lanes),
             "one": integer(1, lanes),
