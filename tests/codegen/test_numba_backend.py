@@ -19,11 +19,11 @@ from sympy.physics.mechanics import dynamicsymbols
 import dalembert as da
 from codegen.ready_scenes import assert_agreement, ready
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
+from dalembert.codegen.elementary import ELEMENTARY
 from dalembert.codegen.llvm import assembly as printer
 from dalembert.codegen.llvm.assembly import compile_object, load_object
 from dalembert.codegen.llvm.backend import LLVMLibrary
 from dalembert.codegen.llvm.definitions import with_definitions
-from dalembert.codegen.llvm.elementary import ELEMENTARY
 from dalembert.codegen.numba import objects, texts
 from dalembert.codegen.printers import NUMBA
 from dalembert.codegen.rendering import template_directory

@@ -13,7 +13,7 @@ import jinja2
 import jinja2.meta
 import jinja2.nodes
 import pytest
-from sympy import symbols
+from sympy import exp, log, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
@@ -107,7 +107,9 @@ def render_c():
     scene = da.Scene("cart", frame=N, origin=O, coordinates=[z])
     scene.add_bodies(Particle("cart", O.locatenew("P", z * N.x), symbols("m", positive=True)))
     scene.add_inputs(u)
-    scene.add_loads((scene.bodies[0].masscenter, (u - da.table(z, [-9, -1, 1, 9], [1, 0, 0, -2], kind="cubic")) * N.x))
+    loss = exp(-(z**2)) * log(1 + z**2)
+    spring = da.table(z, [-9, -1, 1, 9], [1, 0, 0, -2], kind="cubic")
+    scene.add_loads((scene.bodies[0].masscenter, (u - spring - loss) * N.x))
     model = da.compile_model(scene, outputs=["z_ddot"])
     with mock.patch.object(simulator, "LARGEST_STRAIGHT", 0):
         for method in ("taylor", "dop853"):

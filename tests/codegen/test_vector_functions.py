@@ -7,9 +7,9 @@ import mpmath
 import numpy as np
 import pytest
 
+from dalembert.codegen.elementary import ELEMENTARY
 from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object
 from dalembert.codegen.llvm.definitions import with_definitions
-from dalembert.codegen.llvm.elementary import ELEMENTARY
 from dalembert.codegen.llvm.target import is_fused, native_lanes
 from dalembert.ir.interpret import interpret
 from dalembert.ir.kernel import Assignment, Kernel, Load

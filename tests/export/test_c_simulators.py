@@ -6,7 +6,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from sympy import cos, sin, symbols
+from sympy import Float, atan, atan2, cos, exp, log, sin, symbols, tan, tanh
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
@@ -112,6 +112,36 @@ def test_steps_are_those_of_simulate_to_the_last_bit(tmp_path, name, method):
     t, y = steps_of(tmp_path, model, case.initial, case.parameters, end, method)
     options = {"rtol": 1e-10, "atol": 1e-12, "method": method, "dense": False}
     run = model.simulate((0, end), case.initial, case.parameters, **options)
+    assert len(t) == len(run.t) - 1
+    if fuses() == target().fused:
+        np.testing.assert_array_equal(t, run.t[1:])
+        np.testing.assert_array_equal(y, run.y[1:])
+    np.testing.assert_allclose(y, run.y[1:], rtol=1e-8, atol=1e-8)
+
+
+def elementary_scene():
+    """Return a particle on a spring, with losses by every elementary function."""
+    x, (m, k, e) = dynamicsymbols("x"), symbols("m k e", positive=True)
+    N, O = ReferenceFrame("N"), Point("O")
+    P, z = O.locatenew("P", x * N.x), x.diff() / e
+    losses = (
+        tanh(z) + atan(z) * exp(-(z**2)) + z * (1 + z**2) ** Float("-0.37") + atan2(z, 2 + sin(x)) + log(1 + z**2) * z
+    )
+    scene = da.Scene("lossy", frame=N, origin=O, coordinates=[x])
+    scene.add_bodies(Particle("particle", P, m))
+    scene.add_loads((P, -(k * tan(x / 4) + losses / 10) * N.x))
+    return scene
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_elementary_functions_are_those_of_simulate_to_the_last_bit(tmp_path, method):
+    model, initial, parameters = (
+        da.compile_model(elementary_scene()),
+        {"x": 1.0, "x_dot": 0.0},
+        {"m": 1, "k": 9, "e": 0.5},
+    )
+    t, y = steps_of(tmp_path, model, initial, parameters, 4.0, method)
+    run = model.simulate((0, 4.0), initial, parameters, rtol=1e-10, atol=1e-12, method=method, dense=False)
     assert len(t) == len(run.t) - 1
     if fuses() == target().fused:
         np.testing.assert_array_equal(t, run.t[1:])

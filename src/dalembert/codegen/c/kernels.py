@@ -10,6 +10,7 @@ from ...ir.kernel import Assignment, Kernel, Operand, describe_counts
 from ...ir.tables import numbers_of, table_of
 from ...naming import Namer
 from ..printers import C
+from .elementary import NAMES
 from .printing import FUNCTIONS, RESERVED, double, rows_of
 
 ARGUMENTS = ("t", "y", "c", "s")
@@ -27,7 +28,7 @@ def kernel_variables(name: str, kernel: Kernel, meaning: str, *, exact: bool = F
     meaning : str
         What it computes, for the comment above it.
     exact : bool
-        Whether sines and cosines are those of the C library, as in kernels that run once.
+        Whether elementary functions are those of the C library, as in kernels that run once.
     lanes : int
         Points that it is computed at, one after the other; their numbers lie side by side.
     """
@@ -80,6 +81,8 @@ def body_lines(lines: Sequence[Assignment], renamed: Names, *, exact: bool = Fal
                 angles[line.args[0]] = renamed(f"angle {line.target}")
                 before = f"const struct angle {angles[line.args[0]]} = angle_of({args[0]}); "
             value = f"{angles[line.args[0]]}.{'sine' if line.op == 'sin' else 'cosine'}"
+        elif line.op in NAMES and not exact:
+            value = f"{NAMES[line.op]}({', '.join(args)})"
         else:
             value = C.expression(line.op, *args)
         yield f"{before}const double {renamed(line.target)} = {value};"

@@ -27,7 +27,8 @@ SINGLE = {
 
 FUNCTIONS = frozenset(SINGLE.values()) | frozenset(
     "acos asin atan atan2 cos sin tan cosh sinh tanh exp frexp ldexp log log10 modf pow sqrt ceil fabs floor fmod"
-    " fma memcpy memset isfinite isnan fused angle angle_of rough_log2 rough_exp2 rest_of quotient_of least greatest"
+    " fma memcpy memset isfinite isnan copysign fused angle angle_of rough_log2 rough_exp2 scaled exponent_of"
+    " significand_of tan_of exp_of log_of tanh_of atan_of atan2_of pow_of rest_of quotient_of least greatest"
     " least_integer greatest_integer size_of_integer lowest_bit run result main".split()
 )
 """Functions that the code calls, or that compilers know."""

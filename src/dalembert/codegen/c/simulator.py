@@ -28,6 +28,7 @@ from .descriptions import (
     readme_variables,
     step_of,
 )
+from .elementary import elementary_variables
 from .kernels import kernel_variables, table_variables
 from .library import LARGEST_STRAIGHT
 from .order_loops import order_loop_variables
@@ -365,7 +366,8 @@ def source_of(
 
     `used` are the functions of the prelude that the loops call, and `run` is the type of what loops in tables take.
     """
-    tables = table_variables(printed)
+    tables, elementary = table_variables(printed), elementary_variables(printed)
+    printed = (render("c/elementary.c.j2", elementary) if elementary else "") + printed
     prelude = {
         "banner": list(banner),
         "headers": list(headers),

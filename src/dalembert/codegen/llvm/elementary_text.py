@@ -7,11 +7,11 @@ from collections.abc import Callable
 from typing import Any
 
 from ...ir.kernel import Assignment
+from ..elementary import ELEMENTARY, formula_of
 from ..rendering import render
-from .elementary import ELEMENTARY
 from .lane_printer import LanePrinter
-from .target import bits, constant, integer, vector
-from .vector_functions import ROUNDING, lanewise
+from .target import bits, constant, integer, is_fused, vector
+from .vector_functions import LIBRARY, ROUNDING, lanewise
 
 _CALLED = re.compile(rf"@({'|'.join(ELEMENTARY)})\.of(\d+)\(")
 _EXPONENT, _EXPONENT_OF_ONE, _FRACTION = 52, 0x3FF0000000000000, 0x000FFFFFFFFFFFFF
@@ -31,10 +31,9 @@ def elementary_functions(text: str) -> str:
 
 def _function(name: str, lanes: int) -> dict[str, Any]:
     """Return the variables of a function for the template."""
-    make, v = ELEMENTARY[name], vector(lanes)
-    arguments = ("x", "y")[: make.__code__.co_argcount]
-    made, printer = make(*arguments), _Printer(lanes)
-    for line in made.lines.body:
+    v, arguments, printer = vector(lanes), ("x", "y")[: LIBRARY[name]], _Printer(lanes)
+    body, made = formula_of(name, arguments, fused=is_fused())
+    for line in body:
         printer.line(line)
     library = [] if made.usual is None else lanewise(name, lanes, "of_library", [f"%{x}" for x in arguments])
     return {

@@ -8,7 +8,7 @@ from typing import final
 from ...ir.calls import CALLS, SYMBOL
 from ...ir.kernel import Assignment, Operand
 from ...ir.tables import table_of
-from .elementary import ELEMENTARY
+from ..elementary import ELEMENTARY
 from .target import constant, fma_name, is_fused, suffix, vector
 from .vector_functions import lanewise
 

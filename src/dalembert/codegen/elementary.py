@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, final
 
-from ...ir.kernel import Lines, Operand
-from .target import is_fused
-from .vector_functions import COSINE, HALF_PI, LARGEST_ANGLE, SINE, TWO_OVER_PI
+from ..ir.kernel import Assignment, Lines, Operand
+from .llvm.vector_functions import COSINE, HALF_PI, LARGEST_ANGLE, SINE, TWO_OVER_PI
 
 LN2_HIGH, LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 """Two parts of log(2), whose first has so few digits that products with whole numbers up to 2^20 are exact."""
@@ -85,45 +84,61 @@ _FAR, _TINY = 2.0**500, 2.0**-27
 
 
 class Value(NamedTuple):
-    """A function of lanes: its operations, its value, and where that is good: elsewhere the C library computes it.
+    """A value, and where it is good: elsewhere the C library computes it. That is None where it is good everywhere."""
 
-    Comparisons and `usual` are flags; this is None where the value is good everywhere.
-    """
-
-    lines: Lines
     value: Operand
     usual: Operand | None = None
 
 
-def _polynomial(f: Lines, coefficients: Sequence[float], x: Operand) -> Operand:
-    """Return a polynomial by Estrin's scheme."""
-    terms: list[Operand] = list(coefficients)
-    while len(terms) > 1:
-        terms = [f.fma(high, x, low) for low, high in zip(terms[::2], [*terms[1::2], 0.0], strict=False)]
-        x = f.mul(x, x)
-    return terms[0]
+@final
+class Formula:
+    """Operations on numbers, one after the other; comparisons give flags.
+
+    Parameters
+    ----------
+    fused : bool
+        Whether products and sums are rounded once.
+    """
+
+    def __init__(self, *, fused: bool) -> None:
+        lines = Lines()
+        self.body, self.fused = lines.body, fused
+        self.op, self.add, self.sub, self.mul, self.neg, self.fma = (
+            lines.op,
+            lines.add,
+            lines.sub,
+            lines.mul,
+            lines.neg,
+            lines.fma,
+        )
+
+    def polynomial(self, coefficients: Sequence[float], x: Operand) -> Operand:
+        """Return a polynomial by Estrin's scheme."""
+        terms: list[Operand] = list(coefficients)
+        while len(terms) > 1:
+            terms = [self.fma(high, x, low) for low, high in zip(terms[::2], [*terms[1::2], 0.0], strict=False)]
+            x = self.mul(x, x)
+        return terms[0]
+
+    def sum(self, a: Operand, b: Operand) -> tuple[Operand, Operand]:
+        """Return a + b, and what rounding took off it, where a is larger or 0."""
+        total = self.add(a, b)
+        return total, self.sub(b, self.sub(total, a))
+
+    def quotient(
+        self, top: Operand, below: Operand, below_low: Operand = 0.0, top_low: Operand = 0.0
+    ) -> tuple[Operand, Operand]:
+        """Return a quotient of numbers in two parts, and what rounding took off it where products are fused."""
+        if not self.fused:
+            return self.op("div", top, below), 0.0
+        inverse = self.op("div", 1.0, below)
+        found = self.mul(top, inverse)
+        minus = self.neg(found)
+        rest = self.add(self.fma(minus, below_low, self.fma(minus, below, top)), top_low)
+        return found, self.mul(rest, inverse)
 
 
-def _sum(f: Lines, a: Operand, b: Operand) -> tuple[Operand, Operand]:
-    """Return a + b, and what rounding took off it, where a is larger or 0."""
-    total = f.add(a, b)
-    return total, f.sub(b, f.sub(total, a))
-
-
-def _quotient(
-    f: Lines, top: Operand, below: Operand, below_low: Operand = 0.0, top_low: Operand = 0.0
-) -> tuple[Operand, Operand]:
-    """Return a quotient of numbers in two parts, and what rounding took off it where products are fused."""
-    if not is_fused():
-        return f.op("div", top, below), 0.0
-    inverse = f.op("div", 1.0, below)
-    found = f.mul(top, inverse)
-    minus = f.neg(found)
-    rest = f.add(f.fma(minus, below_low, f.fma(minus, below, top)), top_low)
-    return found, f.mul(rest, inverse)
-
-
-def _exponential(f: Lines, x: Operand, further: Operand = 0.0) -> tuple[Operand, Operand, Operand]:
+def _exponential(f: Formula, x: Operand, further: Operand = 0.0) -> tuple[Operand, Operand, Operand]:
     """Return (a, b, k) with exp(x + further) = (a + b) 2^k, where the second is a rounding of the first."""
     k = f.op("round", f.mul(x, _PER_LN2))
     minus = f.neg(k)
@@ -131,54 +146,50 @@ def _exponential(f: Lines, x: Operand, further: Operand = 0.0) -> tuple[Operand,
     r = f.sub(high, low)
     rest = f.sub(f.sub(high, r), low)
     r2 = f.mul(r, r)
-    return *_sum(f, 1.0, f.add(r, f.fma(r2, _polynomial(f, _EXP, r), rest))), k
+    return *f.sum(1.0, f.add(r, f.fma(r2, f.polynomial(_EXP, r), rest))), k
 
 
-def exponential(x: Operand) -> Value:
+def exponential(f: Formula, x: Operand) -> Value:
     """Return exp(x)."""
-    f = Lines()
     value, _, k = _exponential(f, x)
-    return Value(f, f.op("scale", value, k), f.op("less", f.op("abs", x), _MOST_EXP))
+    return Value(f.op("scale", value, k), f.op("less", f.op("abs", x), _MOST_EXP))
 
 
-def logarithm(x: Operand) -> Value:
+def logarithm(f: Formula, x: Operand) -> Value:
     """Return log(x)."""
-    f = Lines()
     tiny = f.op("less", x, _SMALLEST_NORMAL)
     normal = f.op("select", tiny, f.mul(x, _TWO_54), x)
     k = f.sub(f.op("exponent", normal), f.op("select", tiny, 54.0, 0.0))
     m = f.sub(f.op("significand", normal), 1.0)
     s = f.op("div", m, f.add(2.0, m))
     z = f.mul(s, s)
-    series = f.mul(z, _polynomial(f, _LOG, z))
+    series = f.mul(z, f.polynomial(_LOG, z))
     half = f.mul(f.mul(0.5, m), m)
     low = f.fma(k, LN2_LOW, f.mul(s, f.add(half, series)))
     value = f.fma(k, LN2_HIGH, f.neg(f.sub(f.sub(half, low), m)))
     value = f.op("select", f.op("less", x, math.inf), value, x)
     value = f.op("select", f.op("less", 0.0, x), value, -math.inf)
-    return Value(f, f.op("select", f.op("less_equal", 0.0, x), value, math.nan))
+    return Value(f.op("select", f.op("less_equal", 0.0, x), value, math.nan))
 
 
-def hyperbolic_tangent(x: Operand) -> Value:
+def hyperbolic_tangent(f: Formula, x: Operand) -> Value:
     """Return tanh(x)."""
-    f = Lines()
     a = f.op("abs", x)
     z, small = f.mul(a, a), f.op("less", a, _TANH_SMALL)
-    above = f.mul(f.mul(a, z), _polynomial(f, _TANH, z))
+    above = f.mul(f.mul(a, z), f.polynomial(_TANH, z))
     twice = f.mul(2.0, a)
     power, power_low, k = _exponential(f, f.op("select", f.op("less", _MOST_TANH, twice), _MOST_TANH, twice))
     power, power_low = f.op("scale", power, k), f.op("scale", power_low, k)
-    more, more_low = _sum(f, power, 1.0)
+    more, more_low = f.sum(power, 1.0)
     top, below_low = f.op("select", small, above, -2.0), f.op("select", small, 0.0, f.add(more_low, power_low))
-    below = f.op("select", small, _polynomial(f, _TANH_BELOW, z), more)
-    quotient, rest = _quotient(f, top, below, below_low)
+    below = f.op("select", small, f.polynomial(_TANH_BELOW, z), more)
+    quotient, rest = f.quotient(top, below, below_low)
     value = f.add(f.op("select", small, a, 1.0), f.add(quotient, rest))
-    return Value(f, f.op("copysign", value, x))
+    return Value(f.op("copysign", value, x))
 
 
-def tangent(x: Operand) -> Value:
+def tangent(f: Formula, x: Operand) -> Value:
     """Return tan(x), by the polynomials of sine and cosine."""
-    f = Lines()
     k = f.op("round", f.mul(x, TWO_OVER_PI))
     minus, half = f.neg(k), f.mul(0.5, k)
     far = f.fma(minus, HALF_PI[0], x)
@@ -187,19 +198,19 @@ def tangent(x: Operand) -> Value:
     r = f.fma(minus, HALF_PI[2], near)
     r_low = f.add(f.fma(minus, HALF_PI[2], f.sub(near, r)), near_low)
     z = f.mul(r, r)
-    sine, sine_low = _sum(f, r, f.fma(f.mul(r, z), _polynomial(f, SINE, z), r_low))
-    whole, rest = _sum(f, 1.0, f.mul(-0.5, z))
-    rest = f.fma(f.mul(z, z), _polynomial(f, COSINE, z), rest)
-    cosine, cosine_low = _sum(f, whole, f.fma(f.neg(r), r_low, rest))
+    sine, sine_low = f.sum(r, f.fma(f.mul(r, z), f.polynomial(SINE, z), r_low))
+    whole, rest = f.sum(1.0, f.mul(-0.5, z))
+    rest = f.fma(f.mul(z, z), f.polynomial(COSINE, z), rest)
+    cosine, cosine_low = f.sum(whole, f.fma(f.neg(r), r_low, rest))
     odd = f.op("less", 0.25, f.op("abs", f.sub(half, f.op("round", half))))
     top, top_low = f.op("select", odd, f.neg(cosine), sine), f.op("select", odd, f.neg(cosine_low), sine_low)
     below, below_low = f.op("select", odd, sine, cosine), f.op("select", odd, sine_low, cosine_low)
-    value, rest = _quotient(f, top, below, below_low, top_low)
+    value, rest = f.quotient(top, below, below_low, top_low)
     value = f.op("select", f.op("less", f.op("abs", x), _TINY), x, f.add(value, rest))
-    return Value(f, value, f.op("less", f.op("abs", x), LARGEST_ANGLE))
+    return Value(value, f.op("less", f.op("abs", x), LARGEST_ANGLE))
 
 
-def _arctangent(f: Lines, a: Operand, b: Operand) -> tuple[Operand, Operand]:
+def _arctangent(f: Formula, a: Operand, b: Operand) -> tuple[Operand, Operand]:
     """Return two numbers whose difference is the arctangent of a / b, neither of which is negative."""
     top, below = a, b
     high: Operand = 0.0
@@ -211,41 +222,38 @@ def _arctangent(f: Lines, a: Operand, b: Operand) -> tuple[Operand, Operand]:
         under = a if whole else f.fma(tangent, a, b)
         top, below = f.op("select", beyond, other, top), f.op("select", beyond, under, below)
         high, low = f.op("select", beyond, angle, high), f.op("select", beyond, angle_low, low)
-    t, rest = _quotient(f, top, below)
+    t, rest = f.quotient(top, below)
     z = f.mul(t, t)
-    series = f.mul(z, _polynomial(f, _ATAN, z))
+    series = f.mul(z, f.polynomial(_ATAN, z))
     return high, f.sub(f.sub(f.mul(t, series), f.add(low, rest)), t)
 
 
-def arctangent(x: Operand) -> Value:
+def arctangent(f: Formula, x: Operand) -> Value:
     """Return atan(x)."""
-    f = Lines()
     a = f.op("abs", x)
     huge = f.op("less", _FAR, a)
     high, rest = _arctangent(f, f.op("select", huge, _FAR, a), 1.0)
-    return Value(f, f.op("copysign", f.sub(high, rest), x))
+    return Value(f.op("copysign", f.sub(high, rest), x))
 
 
-def arctangent_of_two(y: Operand, x: Operand) -> Value:
+def arctangent_of_two(f: Formula, y: Operand, x: Operand) -> Value:
     """Return atan2(y, x)."""
-    f = Lines()
     a, b = f.op("abs", y), f.op("abs", x)
     high, rest = _arctangent(f, a, b)
-    whole, low = _sum(f, math.pi, f.neg(high))
+    whole, low = f.sum(math.pi, f.neg(high))
     back = f.add(whole, f.add(rest, f.add(low, _PI_LOW)))
     value = f.op("copysign", f.op("select", f.op("less", x, 0.0), back, f.sub(high, rest)), y)
     largest = f.op("select", f.op("less", a, b), b, a)
     usual = f.op("both", f.op("less", 1.0 / _FAR, largest), f.op("less", largest, _FAR))
-    return Value(f, value, f.op("both", usual, f.op("less", b, _FAR)))
+    return Value(value, f.op("both", usual, f.op("less", b, _FAR)))
 
 
-def power(x: Operand, y: Operand) -> Value:
+def power(f: Formula, x: Operand, y: Operand) -> Value:
     """Return x**y, by a logarithm with 11 more digits than a number has."""
-    f = Lines()
     k, m = f.op("exponent", x), f.op("significand", x)
     top, below = f.sub(m, 1.0), f.add(m, 1.0)
     lost = f.sub(m, f.sub(below, 1.0))
-    s, s_low = _quotient(f, top, below, lost)
+    s, s_low = f.quotient(top, below, lost)
     z = f.mul(s, s)
     z_low = f.fma(s, s, f.neg(z))
     z_low = f.fma(f.mul(2.0, s), s_low, z_low)
@@ -253,19 +261,19 @@ def power(x: Operand, y: Operand) -> Value:
     cube_low = f.fma(z, s_low, f.fma(z_low, s, f.fma(z, s, f.neg(cube))))
     third = f.mul(cube, _THIRDS[0])
     third_low = f.fma(cube_low, _THIRDS[0], f.fma(cube, _THIRDS[1], f.fma(cube, _THIRDS[0], f.neg(third))))
-    rest = f.fma(f.mul(cube, z), _polynomial(f, _POW, z), f.fma(2.0, s_low, third_low))
+    rest = f.fma(f.mul(cube, z), f.polynomial(_POW, z), f.fma(2.0, s_low, third_low))
     first = f.mul(2.0, s)
-    near, near_low = _sum(f, first, third)
-    near, near_low = _sum(f, near, f.add(near_low, rest))
-    log, log_low = _sum(f, f.mul(k, LN2_HIGH), near)
-    log, log_low = _sum(f, log, f.add(log_low, f.fma(k, LN2_LOW, near_low)))
+    near, near_low = f.sum(first, third)
+    near, near_low = f.sum(near, f.add(near_low, rest))
+    log, log_low = f.sum(f.mul(k, LN2_HIGH), near)
+    log, log_low = f.sum(log, f.add(log_low, f.fma(k, LN2_LOW, near_low)))
     found = f.mul(y, log)
     found_low = f.fma(y, log_low, f.fma(y, log, f.neg(found)))
     usual = f.op("both", f.op("less_equal", _SMALLEST_NORMAL, x), f.op("less", x, math.inf))
     usual = f.op("both", usual, f.op("less", f.op("abs", found), _MOST_EXP))
     safe = f.op("select", usual, found, 0.0)
     value, _, k = _exponential(f, safe, found_low)
-    return Value(f, f.op("scale", value, k), usual)
+    return Value(f.op("scale", value, k), usual)
 
 
 ELEMENTARY: dict[str, Callable[..., Value]] = {
@@ -278,3 +286,15 @@ ELEMENTARY: dict[str, Callable[..., Value]] = {
     "pow": power,
 }
 """Functions of as many operands as the C library's of the same name."""
+
+
+def formula_of(name: str, arguments: Sequence[str], *, fused: bool) -> tuple[list[Assignment], Value]:
+    """Return the operations of a function and its value; see `Formula` for `fused`."""
+    formula = Formula(fused=fused)
+    made = ELEMENTARY[name](formula, *arguments)
+    needed, lines = {*made}, []
+    for line in reversed(formula.body):
+        if line.target in needed:
+            needed |= {*line.args}
+            lines.append(line)
+    return lines[::-1], made
