@@ -28,8 +28,7 @@ from .descriptions import (
     readme_variables,
     step_of,
 )
-from .elementary import elementary_variables
-from .kernels import kernel_variables, table_variables
+from .kernels import elementary_variables, kernel_variables, table_variables
 from .library import LARGEST_STRAIGHT
 from .order_loops import order_loop_variables
 from .printing import double, prefix_of
