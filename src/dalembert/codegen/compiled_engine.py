@@ -211,6 +211,13 @@ class CompiledEngine(Engine):
 
         return fitting(problem, method, self._rates(problem), self.integrate, self._operations)
 
+    @property
+    def tried_steps(self) -> int:
+        """See `Engine.tried_steps`: rates are interpreted, so that their Jacobian takes as long as many steps."""
+        from ..steps.method_choice import EXPLICIT_STEPS
+
+        return EXPLICIT_STEPS if self._operations > _LONGEST_SCREENED else 0
+
     def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
         """See `Engine.surely_not_stiff`: long right-hand sides are not compiled for that."""
         short = self.steps.compiles_starts and self._operations <= _LONGEST_SCREENED

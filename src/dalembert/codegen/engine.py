@@ -95,6 +95,11 @@ class Engine(ABC):
         """Return the method to take in place of `method` for problems like this one, and why."""
         return method, ""
 
+    @property
+    def tried_steps(self) -> int:
+        """Number of steps that a run is tried with before `fit` looks for a method; 0 where that takes longer."""
+        return 0
+
     def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
         """Return whether `fit` certainly keeps the method of the cases of these numbers, which can all start.
 

@@ -106,6 +106,9 @@ def special_run(
     note = ""
     if watch is not None:
         if automatic and model.layout.state:
+            short = _short_run(model, problem, method, watch, carried)
+            if short is not None:
+                return *short, method, note
             method, note = model.engine.fit(problem, method)
         return *model.engine.integrate_watched(problem, method, watch, carried), method, note
     if not model.layout.state:
@@ -116,6 +119,26 @@ def special_run(
         solution, crossed = _searched(model, problem, method)
         return solution, [], method, "; ".join(text for text in (note, crossed) if text)
     return None
+
+
+def _short_run(
+    model: CompiledModel, problem: IntegrationProblem, method: str, watch: EventCode, carried: FloatArray | None
+) -> tuple[Solution, list[Occurrence]] | None:
+    """Return a run with events that a few steps complete, None for others.
+
+    Such a run needs no other method, and the tests for one take longer than it where the right-hand side is long.
+    """
+    most = model.engine.tried_steps
+    if most == 0:
+        return None
+    signs = None if carried is None else carried.copy()
+    tried = replace(problem, max_steps=min(problem.max_steps, most))
+    solution, occurrences = model.engine.integrate_watched(tried, method, watch, signs)
+    if solution.status is Status.MAX_STEPS:
+        return None
+    if carried is not None:
+        carried[:] = signs
+    return solution, occurrences
 
 
 def _searched(model: CompiledModel, problem: IntegrationProblem, method: str) -> tuple[Solution, str]:
