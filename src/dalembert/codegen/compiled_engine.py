@@ -212,11 +212,9 @@ class CompiledEngine(Engine):
         return fitting(problem, method, self._rates(problem), self.integrate, self._operations)
 
     @property
-    def tried_steps(self) -> int:
-        """See `Engine.tried_steps`: rates are interpreted, so that their Jacobian takes as long as many steps."""
-        from ..steps.method_choice import EXPLICIT_STEPS
-
-        return EXPLICIT_STEPS if self._operations > _LONGEST_SCREENED else 0
+    def tries_first(self) -> bool:
+        """See `Engine.tries_first`: where the rates, which are interpreted there, are long."""
+        return self._operations > _LONGEST_SCREENED
 
     def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
         """See `Engine.surely_not_stiff`: long right-hand sides are not compiled for that."""

@@ -96,9 +96,9 @@ class Engine(ABC):
         return method, ""
 
     @property
-    def tried_steps(self) -> int:
-        """Number of steps that a run is tried with before `fit` looks for a method; 0 where that takes longer."""
-        return 0
+    def tries_first(self) -> bool:
+        """Whether some hundred explicit steps take less time than `fit`, so that runs are tried with these before."""
+        return False
 
     def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
         """Return whether `fit` certainly keeps the method of the cases of these numbers, which can all start.
