@@ -1,6 +1,6 @@
-"""Write docs/pictures: coins.gif, speed.png, and the pictures of docs/textbook_examples.md.
+"""Write docs/pictures: coins.gif, speed.png, and the pictures of docs/textbook_examples.md and of pages on robots.
 
-Run it from the repository's root: ``python docs/generate_pictures.py``; ``quick`` leaves out the animation. speed.png
+Run it from the repository's root: ``python docs/generate_pictures.py``; ``quick`` leaves out the animations. speed.png
 is drawn from the committed benchmark.
 """
 
@@ -32,10 +32,7 @@ SOLVERS = {
 
 def draw_examples() -> None:
     """Draw the motions that the code of docs/textbook_examples.md computes."""
-    page = (FOLDER.parent / "textbook_examples.md").read_text(encoding="utf-8")
-    names: dict[str, Any] = {}
-    for code in re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S):
-        exec(compile(code, "textbook_examples.md", "exec"), names)
+    names = _computed("textbook_examples.md")
     plate, sphere, edge, sleigh = (names[name] for name in ("plate", "sphere", "edge", "sleigh"))
     _draw(
         "13.4.2", _over_time(plate, {"theta": "theta [rad]"}), _over_time(plate, {"N_A": "N_A [N]", "N_Q": "N_Q [N]"})
@@ -48,6 +45,26 @@ def draw_examples() -> None:
         _over_time(edge, {"Z": "Z [N]"}),
     )
     _draw("13.4.6", _path(sleigh), _over_time(sleigh, {"theta_dot": "theta_dot [rad/s]", "energy": "energy [J]"}))
+
+
+def draw_robots() -> None:
+    """Draw the arm that follows a motion, and the one that is identified, as the code of their pages moves it."""
+    names = _computed("robots.md", "driven")
+    follows = names["driven"].simulate((0, 2), names["start"], {})
+    follows(np.linspace(0, 2, 31)).animate(fps=15).save(FOLDER / "arm.gif")
+    names = _computed("identify_robot.md", "run")
+    names["run"].animate(fps=10).save(FOLDER / "excited_arm.gif")
+
+
+def _computed(page: str, wanted: str = "") -> dict[str, Any]:
+    """Return the names that the code of a page defines: all, or up to the block that defines a wanted one."""
+    names: dict[str, Any] = {}
+    text = (FOLDER.parent / page).read_text(encoding="utf-8")
+    for code in re.findall(r"^```python\n(.*?)^```$", text, re.M | re.S):
+        exec(compile(code, page, "exec"), names)
+        if wanted in names:
+            break
+    return names
 
 
 def _path(run: Any) -> Any:
@@ -88,6 +105,7 @@ def main() -> None:
     draw_speed()
     if "quick" not in sys.argv:
         draw_coins(FOLDER / "coins.gif")
+        draw_robots()
 
 
 def draw_speed() -> None:

@@ -34,6 +34,19 @@ def _rough_floor(scene: da.Scene, name: str, body: str, at: Point, gap: sp.Expr,
     scene.add_friction(da.CoulombFriction(normal, tangential, mu=mu, name=name))
 
 
+def _soft_floor(scene: da.Scene, at: Point, gap: sp.Expr, m: sp.Expr, mu: sp.Expr) -> None:
+    """Add a load in place of a contact: a spring with a damper that only pushes, and friction that is smooth in slip.
+
+    The damping is critical for the mass `m`. Stiffness and slip speed are the parameters k_floor and eps.
+    """
+    k, eps = sp.symbols("k_floor eps", positive=True)
+    velocity = at.pos_from(scene.origin).dt(scene.frame)
+    x, y, z = (velocity.dot(axis) for axis in scene.frame)
+    normal = sp.Piecewise((sp.Max(0, -k * gap - 2 * sp.sqrt(k * m) * z), gap < 0), (0, True))
+    opposing = -mu * normal / sp.sqrt(x**2 + y**2 + eps**2)
+    scene.add_loads((at, opposing * (x * scene.frame.x + y * scene.frame.y) + normal * scene.frame.z))
+
+
 def feet(count: int) -> da.Scene:
     """Return a body in a vertical plane on legs with springs and dampers, whose feet have masses, on a rough floor."""
     m, M, J, g, mu, k, c, l, w = sp.symbols("m M J g mu k c l w", positive=True)
@@ -67,8 +80,11 @@ def feet_at_rest(count: int, uneven: float = 0.01) -> tuple[dict[str, float], di
     return start, p
 
 
-def standing(count: int = 4) -> da.Scene:
-    """Return a point on sprung legs around it, whose feet have masses, on a rough floor with friction in a plane."""
+def standing(count: int = 4, *, soft: bool = False) -> da.Scene:
+    """Return a point on sprung legs around it, whose feet have masses, on a rough floor with friction in a plane.
+
+    On a `soft` floor there are no contacts: springs, dampers and smooth friction are loads.
+    """
     m, M, g, mu, k, c, l = sp.symbols("m M g mu k c l", positive=True)
     push, w = sp.Symbol("push", real=True), sp.Symbol("w", positive=True)
     N, O = ReferenceFrame("N"), Point("O")
@@ -82,7 +98,10 @@ def standing(count: int = 4) -> da.Scene:
         foot = O.locatenew(f"P{i}", a * N.x + b * N.y + h * N.z)
         aside = w * ((-1) ** i * N.x + (-1) ** (i // 2) * N.y)
         scene.add_bodies(Particle(f"foot{i}", foot, m))
-        _rough_floor(scene, f"c{i}", f"foot{i}", foot, h, (N.x, N.y), mu)
+        if soft:
+            _soft_floor(scene, foot, h, m, mu)
+        else:
+            _rough_floor(scene, f"c{i}", f"foot{i}", foot, h, (N.x, N.y), mu)
         leg = C.pos_from(foot) + aside
         force = k * (l * N.z - leg) - c * leg.diff(TIME, N)
         scene.add_loads((C, force), (foot, -force))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import dalembert as da
+from dalembert.errors import ConstraintError
 from interop.robot_texts import WALKER
 
 DOCS = Path(__file__).parents[2] / "docs" / "_static"
@@ -101,3 +102,26 @@ def test_a_level_floating_base_lands_on_a_foot(tmp_path):
     assert run.phases[1].t0 == pytest.approx((2 * 0.05 / 9.81) ** 0.5, rel=1e-12)
     assert np.abs(run["foot.gap"][run.t > run.phases[1].t0]).max() < 1e-12
     assert np.abs(np.sum(run.q[:, 3:7] ** 2, axis=1) - 1).max() < 1e-12
+
+
+@pytest.mark.parametrize("knee", [0.5, 0])
+def test_two_contacts_of_one_link_that_stick_while_another_slides(tmp_path, knee):
+    """Only a combination of their friction forces is determined, which shows where the quaternion has length one."""
+    path = tmp_path / "robot.urdf"
+    path.write_text(WALKER)
+    scene = da.Scene.from_urdf(path, floating_base=True)
+    floor = (scene.origin, scene.frame.z)
+    for name, link, height, mu in (
+        ("heel", "left", -0.4, 0.5),
+        ("knee", "left", 0, knee),
+        ("other", "right", -0.4, 0.5),
+    ):
+        at = scene.robot.links[link].point.locatenew(name, height * scene.robot.links[link].frame.z)
+        scene.add_contacts(da.SpherePlane(name, body=link, centre=at, radius=0.05, plane=floor, friction=mu))
+    model = da.compile_model(scene, backend="numpy", cache=False)
+    if knee:
+        with pytest.raises(ConstraintError, match="two on one body, depend on each other"):
+            model.mode(heel="stick", knee="stick", other="slip")
+    else:
+        mode = model.mode(heel="stick", knee="closed", other="slip")
+        assert {"heel.normal", "knee.normal", "other.normal"} <= {*mode.layout.unknowns}

@@ -279,3 +279,16 @@ def test_modes_with_programs_of_their_own_end_where_a_rough_wedge_leaves_its_fri
     assert run.status is Status.SINGULAR_CONFIGURATION and len(run.phases) == 1
     known = run["y"] < -1e-5
     np.testing.assert_allclose(-run["y"][known] * run["roof"][known], push, rtol=1e-5)
+
+
+def test_motions_on_stiffer_and_stiffer_floors_approach_that_of_rigid_contacts():
+    """Springs, dampers and smooth friction as loads know nothing of phases; the error falls with the slip speed eps."""
+    start, p = standing_at_rest()
+    options = {"rtol": 1e-8, "atol": 1e-10}
+    rigid = da.compile_model(standing()).simulate((0, 0.6), start, p, **options)
+    soft, errors = da.compile_model(standing(soft=True)), []
+    for k, eps in ((1e5, 3e-3), (1e7, 3e-4)):
+        run = soft.simulate((0, 0.6), start, p | {"k_floor": k, "eps": eps}, **options)
+        assert rigid.success and run.success
+        errors.append(np.max(np.abs(run.q[-1] - rigid.q[-1])))
+    assert errors[0] < 1e-3 and errors[1] < errors[0] / 5

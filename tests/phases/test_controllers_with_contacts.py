@@ -371,6 +371,18 @@ def test_modes_of_which_python_runs_some(way, by_python, monkeypatch):
     assert len(set(calls)) == 2
 
 
+def test_single_runs_by_python_do_not_derive_what_only_sweeps_watch(monkeypatch):
+    def width(mode):
+        raise AssertionError("margins of ranks are watched in sweeps alone, and take seconds to derive")
+
+    model, start = block("llvm"), {x: 0, y: 0, "x_dot": 0, "y_dot": 0, count: 0}
+    monkeypatch.setattr(runner_choice, "runs_unchecked", lambda model: False)
+    monkeypatch.setattr(host_runners.HostMode, "_width", property(width))
+    options = {"method": "taylor", "max_steps": 99_998, **TIGHT}  # no recorder is kept for these
+    run = model.simulate((0, 1.2), start, {m: 2.0, g: 10.0, mu: 0.5, c: 4.0, a: 3.0, T: 0.1}, **options)
+    np.testing.assert_allclose(run["x"][-1], pulled(np.array([0.0, 1.2]))[-1, 0], rtol=0, atol=1e-9)
+
+
 def test_each_case_its_own_record_and_backwards():
     model, start = block("llvm", "samples"), {x: 0, y: 0, "x_dot": 0, "y_dot": 0}
     values, knots, sizes = {m: 2.0, g: 10.0, mu: 0.5, c: 0.0}, np.linspace(0, 2, 41), np.array([11.0, 14.0, 9.0])

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import dalembert as da
+from dalembert.codegen import compiled_engine
 from dalembert.errors import OptionError
+from dalembert.steps import method_choice
 from system.stiff_scenes import GOVERNOR, GOVERNOR_END, GOVERNOR_START, damped_pair, governor
 
 PAIR = {"m": 1.0, "l": 1.0, "g": 9.81, "c": 2e4, "k": 1.0}
@@ -81,6 +83,28 @@ def test_long_runs_that_are_not_stiff_keep_their_method():
     same = model.simulate((0, 2000), PAIR_START, {**PAIR, "c": 1e-3}, method="taylor")
     assert run.stats.steps > 5000
     np.testing.assert_array_equal(run.y, same.y)
+
+
+def test_runs_with_events_that_few_steps_complete_need_no_test_of_stiffness(monkeypatch):
+    """Those of long right-hand sides are tried first: the same motions, and stiff ones are still found."""
+    model, asked, turns = compiled(damped_pair), [], [da.Event("x0_dot", name="turn")]
+    own = method_choice.fitting
+    monkeypatch.setattr(method_choice, "fitting", lambda *about: asked.append(about) or own(*about))
+
+    def runs():
+        gentle = model.simulate((0, 3), PAIR_START, {**PAIR, "c": 0.5}, events=turns)
+        stiff = model.simulate((0, 2), PAIR_START, PAIR, events=turns, rtol=1e-4, atol=1e-6)
+        return gentle, stiff
+
+    tested = runs()
+    assert len(asked) == 2 and tested[0].stats.steps < method_choice.EXPLICIT_STEPS
+    monkeypatch.setattr(compiled_engine, "_LONGEST_SCREENED", 0)
+    tried = runs()
+    assert len(asked) == 3 and [run.stats.method for run in tried] == [run.stats.method for run in tested]
+    assert tried[1].stats.method == "radau"
+    for one, other in zip(tested, tried, strict=True):
+        np.testing.assert_array_equal(one.y, other.y)
+        np.testing.assert_array_equal(one.events["turn"].t, other.events["turn"].t)
 
 
 def test_numpy_finds_stiffness_too():

@@ -213,6 +213,11 @@ class CompiledEngine(Engine):
 
         return fitting(problem, method, self._rates(problem), self.integrate, self._operations)
 
+    @property
+    def tries_first(self) -> bool:
+        """See `Engine.tries_first`: where the rates, which are interpreted there, are long."""
+        return self._operations > _LONGEST_SCREENED
+
     def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
         """See `Engine.surely_not_stiff`: long right-hand sides are not compiled for that."""
         short = self.steps.compiles_starts and self._operations <= _LONGEST_SCREENED

@@ -95,6 +95,11 @@ class Engine(ABC):
         """Return the method to take in place of `method` for problems like this one, and why."""
         return method, ""
 
+    @property
+    def tries_first(self) -> bool:
+        """Whether some hundred explicit steps take less time than `fit`, so that runs are tried with these before."""
+        return False
+
     def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
         """Return whether `fit` certainly keeps the method of the cases of these numbers, which can all start.
 

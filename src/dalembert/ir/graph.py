@@ -146,6 +146,8 @@ class Graph(Algebra):
         if strangers:
             self.free(nodes, strangers)
             strangers = self._strangers(nodes, allowed)
+        if not strangers:
+            return
         outside = {node.index for node in strangers}
         for node in list(self.topological(nodes)):
             if any(arg.index in outside for arg in node.args) and self.freed_of(node, strangers) is None:

@@ -114,7 +114,8 @@ class HostMode:
 
         def run(packed: int, *others: int) -> int:
             count = ctypes.c_int64.from_address(packed + 8 * _COUNT).value
-            group = self._group(rows, space, count, len(table.stops.table.first) > 0)
+            width = (len(self.events) if recorded else self._width) if len(table.stops.table.first) > 0 else None
+            group = self._group(rows, space, count, width)
             if self._jumps is not None:
                 self._jumps.apply(group)
             if recorded:
@@ -131,16 +132,16 @@ class HostMode:
         nothing, occurrences = np.empty((0, 0)), np.zeros((1, OCCURRENCE))
         return LoopCall(host_code(run), np.zeros(_WORDS, np.int64), LoopProgress(), nothing, occurrences, None)
 
-    def _group(self, rows: GatheredRows, space: ThreadWorkspace, count: int, stops: bool) -> CaseGroup:
-        """Return the cases that are gathered."""
+    def _group(self, rows: GatheredRows, space: ThreadWorkspace, count: int, width: int | None) -> CaseGroup:
+        """Return the cases that are gathered, with signs of so many events if motions have stops."""
         values, names = space.gathered[:, :count].copy(), self.model.layout.parameters
         places = rows.with_switches(self._switched)
         p = {name: values[places[name]] for name in names if name in places}
         x = {name: values[row] for name, row in rows.states.items()}
         carried = None
-        if stops:
+        if width is not None:
             n = len(self.events)
-            carried = np.full((count, max(n, self._width)), np.nan)
+            carried = np.full((count, max(n, width)), np.nan)
             carried[:, :n] = space.carried[: count * n].reshape(count, n)
         return CaseGroup(space.chosen[:count].copy(), values[0], values[1], p, x, carried)
 

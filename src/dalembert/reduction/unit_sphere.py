@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from ..errors import ConstraintError
 from ..ir.node import Node, unit_names
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion, VelocityChoice, VelocityGroup
 from ..transforms.linear import Matrix
@@ -33,7 +34,13 @@ def unit_values(equations: EquationsOfMotion) -> dict[Node, Node]:
 
 
 def on_unit_sphere(equations: EquationsOfMotion) -> EquationsOfMotion:
-    """Return equations in which quaternions of length one are on the unit sphere, without the constraints of that."""
+    """Return equations in which quaternions of length one are on the unit sphere, without the constraints of that.
+
+    Raises
+    ------
+    ConstraintError
+        Where forces that were solved for have no value there, as of contacts that depend on each other.
+    """
     held = _constrained_quaternions(equations)
     lost = [group for group in equations.groups if group.norm and group not in held]
     if lost:
@@ -43,7 +50,14 @@ def on_unit_sphere(equations: EquationsOfMotion) -> EquationsOfMotion:
     graph, values = equations.graph, unit_values(equations)
 
     def moved(nodes: Sequence[Node]) -> tuple[Node, ...]:
-        return tuple(graph.substitute(nodes, values))
+        try:
+            return tuple(graph.substitute(nodes, values))
+        except ZeroDivisionError as error:
+            raise ConstraintError(
+                f"scene {equations.name!r}: reactions are not determined where the quaternions have length one, because"
+                " constraints or sticking contacts, as two on one body, depend on each other there while another"
+                " slides: leave one of them out, or give a contact friction=0 or a regularization"
+            ) from error
 
     def matrix(rows: Matrix) -> list[list[Node]]:
         return [list(moved(row)) for row in rows]

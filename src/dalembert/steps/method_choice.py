@@ -92,7 +92,8 @@ _PILOT_STEPS = 60
 _GAIN = 10.0
 """Least number of explicit steps that one implicit step must replace: it costs some five of them in small scenes."""
 
-_EXPLICIT_STEPS = 300
+EXPLICIT_STEPS = 300
+"""Explicit steps within which a run that ends is not stiff."""
 
 
 def _differences(rates: Rates, t: float, y: FloatArray, directions: FloatArray) -> FloatArray:
@@ -165,7 +166,7 @@ def fitting(
     least = TIME_SCALES / span if span else math.inf
     if method == "radau" or damped_rate(rates, problem.t0, problem.y0, least) < least:
         return method, ""
-    trial = run(replace(problem, t_eval=None, dense=False, max_steps=min(problem.max_steps, _EXPLICIT_STEPS)), method)
+    trial = run(replace(problem, t_eval=None, dense=False, max_steps=min(problem.max_steps, EXPLICIT_STEPS)), method)
     if trial.status is not Status.MAX_STEPS or len(trial.t) < 2:
         return method, ""
     tail = max(1, len(trial.t) // 4)

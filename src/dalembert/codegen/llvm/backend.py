@@ -101,8 +101,8 @@ to twice as fast, and is compiled in a third of the time or less (measured on sp
 _LARGEST_PASS = 500
 """Values up to which one pass of the loop over the orders is straight-line code: it takes a second to compile there,
 and ever more beyond, and is twice as fast as loops throughout (measured on chains of pendulums)."""
-_ONCE = "watch_begins"
-"""Kernel that runs at starts of phases alone (`dalembert.reduction.event_functions`)."""
+_ONCE = ("watch_begins", "start_", "contact_data")
+"""Beginnings of the names of kernels that run at starts of phases alone, once or twice each."""
 
 
 @final
