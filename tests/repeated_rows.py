@@ -30,6 +30,7 @@ LONG_SCRIPTS = (
     "a42",
     "a43",
     "a44",
+    "a45",
 )
 """Scripts of the gallery that take more than a few seconds."""
 
