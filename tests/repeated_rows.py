@@ -31,6 +31,7 @@ LONG_SCRIPTS = (
     "a43",
     "a44",
     "a45",
+    "a46",
 )
 """Scripts of the gallery that take more than a few seconds."""
 
