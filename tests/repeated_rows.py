@@ -32,6 +32,7 @@ LONG_SCRIPTS = (
     "a44",
     "a45",
     "a46",
+    "a47",
 )
 """Scripts of the gallery that take more than a few seconds."""
 
