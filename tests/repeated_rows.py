@@ -33,6 +33,7 @@ LONG_SCRIPTS = (
     "a45",
     "a46",
     "a47",
+    "a48",
 )
 """Scripts of the gallery that take more than a few seconds."""
 
