@@ -34,6 +34,7 @@ LONG_SCRIPTS = (
     "a46",
     "a47",
     "a48",
+    "a49",
 )
 """Scripts of the gallery that take more than a few seconds."""
 
