@@ -19,7 +19,7 @@ from ..ir.calls import CALLS
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph
 from ..ir.node import Node
-from ..ir.zero_tests import directions, lost_at_zero, match, probe
+from ..ir.random_points import directions, lost_at_zero, match, probe
 from ..scene.model import Components
 from ..transforms.antiderivatives import Antiderivatives
 from . import kinematics as vec
