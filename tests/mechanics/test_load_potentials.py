@@ -81,6 +81,9 @@ CONSERVATIVE = {
     "with decimals": lambda: bead(lambda N, O, P: [(P, -0.7 * (x - 0.3) * N.x)]),
     "nonlinear": lambda: bead(lambda N, O, P: [(P, (-k * x - a * x**3 + b * sin(2 * x) - exp(x / 3)) * N.x)]),
     "bilinear": lambda: bead(lambda N, O, P: [(P, Piecewise((-k * x, x < a), (-2 * k * x, True)) * N.x)]),
+    "steps": lambda: bead(
+        lambda N, O, P: [(P, -sp.Heaviside(x + y - 2) * (N.x + N.y) - k * sp.sign(x - 1) * N.x)], (x, y)
+    ),
     "stop": lambda: bead(lambda N, O, P: [(P, (-k * x - 90 * Max(0, x - l) ** sp.Rational(3, 2)) * N.x)]),
     "Lennard-Jones": lambda: bead(lambda N, O, P: [(P, (a / x**13 - b / x**7) * N.x)]),
     "isotropic": lambda: bead(lambda N, O, P: [(P, -k * P.pos_from(O))], (x, y, z), gravity=True),
@@ -183,6 +186,9 @@ def test_a_clipped_force_has_its_potential_on_both_sides_of_the_bound():
         -k * x - Max(0, y - 2) * x,
         -k * x * Max(1, y / 100),
         -k * x * Piecewise((1, y < 2), (y, True)),
+        -k * x * sp.Heaviside(y - Rational(1, 2)),  # its potential would jump at y = 1/2
+        -sp.Heaviside(x - 2) * sp.Heaviside(y + 3),
+        -k * x * da.table(y, [0, 0.5, 5], [1, 2, 2], kind="hold", extrapolate="hold"),
     ],
 )
 def test_a_force_that_depends_on_another_coordinate_behind_a_branch_has_no_potential(force):

@@ -9,6 +9,7 @@ import math
 import random
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
+from itertools import pairwise
 from typing import NamedTuple
 
 from .conditions import CONDITION_TIME, DECIDED, weighted_select
@@ -19,6 +20,7 @@ from .ops import GRAPH_OPERATIONS
 _DIFFERENCE = 1e-5
 _CANDIDATE_POINTS, _CANDIDATE_DRAWS = 3, 24
 _SPREAD_POINTS, _DECADES = 48, 3.0
+_CROSSINGS = 4
 _BRANCHING = (*DECIDED, "select", "min", "max", "abs")
 
 
@@ -141,6 +143,49 @@ def spread_points(nodes: Sequence[Node]) -> Iterator[dict[Node, float]]:
             sign = draw.choice((-1.0, 1.0)) if seed % 4 < 2 else 1.0
             point[node] *= sign * 10.0**exponent
         yield point
+
+
+def jumps(node: Node, moving: Sequence[Node]) -> bool:
+    """Return whether an expression jumps where one of its branches changes, on lines between random points.
+
+    Derivatives do not show it: x * Heaviside(y) has the derivative 0 by y on both sides.
+
+    Parameters
+    ----------
+    node : Node
+    moving : sequence of Node
+        The inputs that change along a line.
+    """
+    deciding = [item for item in Graph.topological([node]) if item.op in DECIDED and _depends(item, moving)]
+    tested: dict[Node, int] = {}
+
+    def on_line(start: Mapping[Node, float], share: float) -> list[float]:
+        point = {x: value * (1.0 - 2.0 * share) if x in moving else value for x, value in start.items()}
+        return values_of([node, *deciding], point)
+
+    for start in spread_points(deciding and [node, *moving]):
+        samples = [(share, on_line(start, share)) for share in (0.0, 0.3, 0.47, 0.51, 0.7, 1.0)]
+        for (low, below), (high, above) in pairwise(samples):
+            changed = [i for i, (a, b) in enumerate(zip(below[1:], above[1:], strict=True), 1) if a != b]
+            fresh = [i for i in changed if tested.get(deciding[i - 1], 0) < _CROSSINGS]
+            if not fresh or not all(map(math.isfinite, (below[0], above[0]))):
+                continue
+            place = fresh[0]
+            tested[deciding[place - 1]] = tested.get(deciding[place - 1], 0) + 1
+            while low < (middle := 0.5 * (low + high)) < high:
+                values = on_line(start, middle)
+                if values[place] == below[place]:
+                    low, below = middle, values
+                else:
+                    high, above = middle, values
+            size = max(abs(values[0]) for _, values in samples if math.isfinite(values[0]))
+            if abs(above[0] - below[0]) > 1e-9 * size:
+                return True
+    return False
+
+
+def _depends(node: Node, inputs: Sequence[Node]) -> bool:
+    return any(node.deps & x.deps for x in inputs)
 
 
 def lost_at_zero(node: Node, reference: Sequence[Node], moving: Sequence[Node]) -> int:
