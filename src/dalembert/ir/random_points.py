@@ -16,12 +16,12 @@ from .conditions import CONDITION_TIME, DECIDED, weighted_select
 from .graph import Graph
 from .node import Node
 from .ops import GRAPH_OPERATIONS
+from .zero_tests import BRANCHING, DECADES
 
 _DIFFERENCE = 1e-5
 _CANDIDATE_POINTS, _CANDIDATE_DRAWS = 3, 24
-_SPREAD_POINTS, _DECADES = 48, 3.0
+_SPREAD_POINTS = 48
 _CROSSINGS = 4
-_BRANCHING = (*DECIDED, "select", "min", "max", "abs")
 
 
 class Probe(NamedTuple):
@@ -132,14 +132,14 @@ def spread_points(nodes: Sequence[Node]) -> Iterator[dict[Node, float]]:
 
     Inputs of moderate size may all lie on one side of a branch, such as where a clipped force is at its bound.
     """
-    if not any(node.op in _BRANCHING for node in Graph.topological(nodes)):
+    if not any(node.op in BRANCHING for node in Graph.topological(nodes)):
         return
     for seed in range(_SPREAD_POINTS):
         draw = random.Random(f"spread {seed}")
-        shared = draw.uniform(-_DECADES, _DECADES)
+        shared = draw.uniform(-DECADES, DECADES)
         point = random_inputs(nodes, draw)
         for node in [node for node in point if node.op == "input"]:
-            exponent = draw.uniform(-_DECADES, _DECADES) if seed % 2 else shared
+            exponent = draw.uniform(-DECADES, DECADES) if seed % 2 else shared
             sign = draw.choice((-1.0, 1.0)) if seed % 4 < 2 else 1.0
             point[node] *= sign * 10.0**exponent
         yield point

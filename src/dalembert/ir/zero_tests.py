@@ -25,6 +25,15 @@ _ROUNDING = 0.01
 """Rounding of an operation of this test, as a share of its result: 1e-15 after `TOLERANCE`."""
 
 _POINTS, _DRAWS, _CHANGES = 3, 8, 3
+_WIDE, _WIDE_DRAWS = 1000, 24
+"""Draws from `_WIDE` on have inputs of many orders of magnitude; its multiples are used."""
+
+BRANCHING = (*DECIDED, "select", "min", "max", "abs")
+"""Operations with branches."""
+
+DECADES = 3.0
+"""Orders of magnitude of inputs, up and down, at points on both sides of branches."""
+
 _STEP = 1e-7
 
 Sized = tuple[float, float, bool]
@@ -51,8 +60,19 @@ def vanishes(node: Node) -> bool:
             return False
         found += 1
         if found == _POINTS:
-            return True
+            return not _differs_by_branch(graph, [node])
     return False
+
+
+def _differs_by_branch(graph: Algebra, nodes: Sequence[Node]) -> bool:
+    """Return whether values with branches are not zero at some points with inputs of many orders of magnitude.
+
+    Inputs of moderate size may all lie on one side of a branch.
+    """
+    if not any(node.op in BRANCHING for node in Graph.topological(nodes)):
+        return False
+    sampled = (_sampled(graph, node, _WIDE * draw) for draw in range(1, 1 + _WIDE_DRAWS) for node in nodes)
+    return any(abs(value) > TOLERANCE * size for value, size, _ in sampled if math.isfinite(value + size))
 
 
 def _is_rounding(graph: Algebra, node: Node, draw: int, value: float) -> bool:
@@ -85,7 +105,7 @@ def agree(first: Sequence[Node], second: Sequence[Node]) -> bool:
             return False
         found += 1
         if found == _POINTS:
-            return True
+            return not _differs_by_branch(graph, rest)
     return False
 
 
@@ -156,7 +176,11 @@ def _place(node: Node, draw: int) -> float:
         source = random.Random(f"{name.quaternion} {draw}")
         four = [source.uniform(0.2, 1.0) for _ in range(4)]
         return four[name.place] / math.hypot(*four)
-    return random.Random(f"{name} {draw}").uniform(0.4, 1.3)
+    value = random.Random(f"{name} {draw}").uniform(0.4, 1.3)
+    if draw < _WIDE:
+        return value
+    source = random.Random(f"{name if draw // _WIDE % 2 else ''} {draw} magnitude")
+    return float(value * 10.0 ** source.uniform(-DECADES, DECADES))
 
 
 def _constant(graph: Algebra, node: Node, change: int) -> Sized:
@@ -189,7 +213,10 @@ def _operation(op: str, args: Sequence[Sized]) -> Sized:
         return value, (s + abs(value) * r) / abs(b) + _ROUNDING * abs(value) if b else math.inf, decimal
     x = [arg[0] for arg in args]
     function: Callable[..., float] = weighted_select if op == "select" else GRAPH_OPERATIONS[op].evaluate
-    value = float(function(*x))
+    try:
+        value = float(function(*x))
+    except (OverflowError, ValueError):
+        return _UNDEFINED
     size = _ROUNDING * abs(value)
     for place, (point, error, _) in enumerate(args):
         named = place >= TABLE_ARGUMENTS.get(op, len(args))
