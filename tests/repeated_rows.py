@@ -30,6 +30,11 @@ LONG_SCRIPTS = (
     "a42",
     "a43",
     "a44",
+    "a45",
+    "a46",
+    "a47",
+    "a48",
+    "a49",
 )
 """Scripts of the gallery that take more than a few seconds."""
 

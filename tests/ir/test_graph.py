@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 
 from dalembert.ir import fingerprint as fp
 from dalembert.ir.graph import Graph
-from dalembert.ir.zero_tests import values_of
+from dalembert.ir.random_points import values_of
 from dalembert.transforms.derivatives import tangents
 from ir.trees import NAMES, POINT, TREES, OutOfDomain, build, evaluate, extended
 

@@ -9,7 +9,7 @@ from dalembert.ir.conditions import CONDITION_TIME
 from dalembert.ir.graph import Graph
 from dalembert.ir.interning import TOLERANCE
 from dalembert.ir.node import unit_names
-from dalembert.ir.zero_tests import terms_of, vanishes
+from dalembert.ir.zero_tests import agree, terms_of, vanishes
 from dalembert.transforms.linear import SingularMatrix, factorize
 
 
@@ -69,6 +69,16 @@ def test_what_is_small_does_not_vanish(g, x, y):
     assert not vanishes(d(1e-20) * x + d(1e-18) * y)
     assert not vanishes(g.call("max", g.zero, x - d(5.5)))  # zero where it is sampled
     assert not vanishes(x / (d(0.1) + d(0.2) - d(0.3)))  # undefined, not zero
+
+
+def test_what_is_zero_on_one_side_of_a_branch_does_not_vanish(g, x, y):
+    d = g.decimal
+    for low, high in ((d(0.2), d(0.5)), (d(0.002), d(5.5))):
+        clipped = d(0.5) * g.call("max", low, y)
+        assert not vanishes(clipped - d(0.5) * y) and not agree([clipped, x], [d(0.5) * y, x])
+        behind = d(0.5) * g.call("select", g.call("less", high * 8, x * y), x, y) - d(0.5) * y
+        assert not vanishes(behind)
+    assert vanishes((d(0.1) + d(0.2)) * g.call("max", x, y) - d(0.3) * g.call("max", x, y))
 
 
 def test_the_value_of_a_long_recursion_does_not_vanish(g):

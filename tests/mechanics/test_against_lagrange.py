@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
-from dalembert.ir.zero_tests import values_of
+from dalembert.ir.random_points import values_of
 from oracles.lagrange_any import lagrange_scene
 from scene.builders import FREE, four_bar
 

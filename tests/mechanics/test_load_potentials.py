@@ -20,7 +20,7 @@ from sympy.physics.mechanics import (
 import dalembert as da
 from dalembert.errors import EnergyWarning
 from dalembert.ir.graph import Graph
-from dalembert.ir.zero_tests import match
+from dalembert.ir.random_points import match
 from dalembert.mechanics import derive as deriving
 from dalembert.mechanics.equations import LoadEnergy
 from dalembert.scene.expressions import ExpressionReader
@@ -81,6 +81,9 @@ CONSERVATIVE = {
     "with decimals": lambda: bead(lambda N, O, P: [(P, -0.7 * (x - 0.3) * N.x)]),
     "nonlinear": lambda: bead(lambda N, O, P: [(P, (-k * x - a * x**3 + b * sin(2 * x) - exp(x / 3)) * N.x)]),
     "bilinear": lambda: bead(lambda N, O, P: [(P, Piecewise((-k * x, x < a), (-2 * k * x, True)) * N.x)]),
+    "steps": lambda: bead(
+        lambda N, O, P: [(P, -sp.Heaviside(x + y - 2) * (N.x + N.y) - k * sp.sign(x - 1) * N.x)], (x, y)
+    ),
     "stop": lambda: bead(lambda N, O, P: [(P, (-k * x - 90 * Max(0, x - l) ** sp.Rational(3, 2)) * N.x)]),
     "Lennard-Jones": lambda: bead(lambda N, O, P: [(P, (a / x**13 - b / x**7) * N.x)]),
     "isotropic": lambda: bead(lambda N, O, P: [(P, -k * P.pos_from(O))], (x, y, z), gravity=True),
@@ -165,6 +168,32 @@ def test_what_the_energy_leaves_out():
         da.compile_model(follower, backend="numpy", outputs=["energy"])
     curl = bead(lambda N, O, P: [(P, -k * y * N.x + k * x * N.y)], (x, y))
     assert motion(curl)[0].stages.equations.load_energy.unknown == ("force at 'P'",)
+
+
+def test_a_clipped_force_has_its_potential_on_both_sides_of_the_bound():
+    _, run = motion(bead(lambda N, O, P: [(P, Max(-1, sp.Min(1, -5 * x)) * N.x)]), end=3.0)
+    x_run = run["x"]
+    assert x_run.min() < 0 and x_run.max() > 0.6
+    expected = np.where(abs(x_run) < 0.2, 2.5 * x_run**2, abs(x_run) - 0.1)
+    differences = run["potential_energy"] - expected
+    assert np.ptp(differences) < 1e-12 and np.ptp(run["energy"]) < 1e-7
+
+
+@pytest.mark.parametrize(
+    "force",
+    [
+        Max(-1, sp.Min(1, -5 * x - 6 * y)),  # at its bound at most points of moderate size
+        -k * x - Max(0, y - 2) * x,
+        -k * x * Max(1, y / 100),
+        -k * x * Piecewise((1, y < 2), (y, True)),
+        -k * x * sp.Heaviside(y - Rational(1, 2)),  # its potential would jump at y = 1/2
+        -sp.Heaviside(x - 2) * sp.Heaviside(y + 3),
+        -k * x * da.table(y, [0, 0.5, 5], [1, 2, 2], kind="hold", extrapolate="hold"),
+    ],
+)
+def test_a_force_that_depends_on_another_coordinate_behind_a_branch_has_no_potential(force):
+    scene = bead(lambda N, O, P: [(P, force * N.x)], (x, y))
+    assert motion(scene)[0].stages.equations.load_energy.unknown == ("force at 'P'",)
 
 
 @pytest.mark.parametrize("start", [0, 5])

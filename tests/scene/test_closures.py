@@ -240,6 +240,16 @@ def test_faults_of_bodies_and_points():
     assert "the axis N.x is not fixed in 'left'" in fault(axis=N.x)
 
 
+def test_a_point_beside_a_particle():
+    scene, _, Q = rods()
+    scene.add_bodies(Particle("bead", Q.locatenew("B", N.x), 1))
+    beside = scene.bodies[-1].masscenter.locatenew("beside", N.y)
+    ends = {"parent_point": Q, "child_point": beside}
+    remedy = r"'beside' is not on 'bead', a particle, which is at 'B' alone: give that point, or make it a RigidBody"
+    with pytest.raises(SceneError, match=remedy):
+        scene.add_joints(da.Closure("top", "right", "bead", "ball", **ends))
+
+
 def test_an_axis_in_one_body_alone():
     scene, _ = closed("ball")
     with pytest.raises(SceneError, match=r"axis N.x is not fixed in 'body'; give child_axis=, fixed in the child, too"):

@@ -207,3 +207,17 @@ def test_multiples_of_a_linear_constraint_in_decimals_are_repetitions(factor):
         other = sp.Float(factor) * (a - sp.Float(0.5) * b - sp.Float(0.1301))
         scene.add_holonomic_constraints(other)
         da.compile_model(scene, backend="numpy")
+
+
+def test_constraints_that_agree_on_one_side_of_a_branch_are_two():
+    z = dynamicsymbols("z")
+    N, O = ReferenceFrame("N"), Point("O")
+    P = O.locatenew("P", x * N.x + y * N.y + z * N.z)
+    scene = da.Scene("guided", frame=N, origin=O, coordinates=[x, y, z])
+    scene.add_bodies(Particle("bead", P, 1.0))
+    scene.add_nonholonomic_constraints(x.diff() - 0.5 * sp.Max(0.2, y) * z.diff(), x.diff() - 0.5 * y * z.diff())
+    scene.add_loads((P, N.x - 0.5 * N.y))
+    start = {x: 0, y: 0.8, z: 0, y.diff(): 0, z.diff(): 0.7}
+    run = da.compile_model(scene).simulate((0, 3), start, {})
+    assert run.status.name == "SINGULAR_CONFIGURATION"  # below y = 0.2 they stop the bead, which is an impact
+    assert abs(run["y"][-1] - 0.2) < 1e-6 and abs(run.constraint_violation).max() < 1e-9

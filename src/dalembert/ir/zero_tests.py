@@ -1,4 +1,4 @@
-"""Zero tests with a tolerance for decimals: pivots, rank, redundancy, consistency; and values at random points.
+"""Zero tests with a tolerance for decimals: pivots, rank, redundancy, consistency.
 
 Identity on the graph is exact, and so is the zero test of values of symbols and rationals. Decimal numbers are rounded
 before they reach the graph: 0.1 + 0.2 - 0.3 is 2.8e-17 there, and means zero. A value of decimals therefore counts as
@@ -12,9 +12,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Mapping, Sequence
-from fractions import Fraction
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
 
 from .algebra import Algebra
 from .conditions import CONDITION_TIME, DECIDED, weighted_select
@@ -27,6 +25,15 @@ _ROUNDING = 0.01
 """Rounding of an operation of this test, as a share of its result: 1e-15 after `TOLERANCE`."""
 
 _POINTS, _DRAWS, _CHANGES = 3, 8, 3
+_WIDE, _WIDE_DRAWS = 1000, 24
+"""Draws from `_WIDE` on have inputs of many orders of magnitude; its multiples are used."""
+
+BRANCHING = (*DECIDED, "select", "min", "max", "abs")
+"""Operations with branches."""
+
+DECADES = 3.0
+"""Orders of magnitude of inputs, up and down, at points on both sides of branches."""
+
 _STEP = 1e-7
 
 Sized = tuple[float, float, bool]
@@ -53,8 +60,19 @@ def vanishes(node: Node) -> bool:
             return False
         found += 1
         if found == _POINTS:
-            return True
+            return not _differs_by_branch(graph, [node])
     return False
+
+
+def _differs_by_branch(graph: Algebra, nodes: Sequence[Node]) -> bool:
+    """Return whether values with branches are not zero at some points with inputs of many orders of magnitude.
+
+    Inputs of moderate size may all lie on one side of a branch.
+    """
+    if not any(node.op in BRANCHING for node in Graph.topological(nodes)):
+        return False
+    sampled = (_sampled(graph, node, _WIDE * draw) for draw in range(1, 1 + _WIDE_DRAWS) for node in nodes)
+    return any(abs(value) > TOLERANCE * size for value, size, _ in sampled if math.isfinite(value + size))
 
 
 def _is_rounding(graph: Algebra, node: Node, draw: int, value: float) -> bool:
@@ -87,7 +105,7 @@ def agree(first: Sequence[Node], second: Sequence[Node]) -> bool:
             return False
         found += 1
         if found == _POINTS:
-            return True
+            return not _differs_by_branch(graph, rest)
     return False
 
 
@@ -158,7 +176,11 @@ def _place(node: Node, draw: int) -> float:
         source = random.Random(f"{name.quaternion} {draw}")
         four = [source.uniform(0.2, 1.0) for _ in range(4)]
         return four[name.place] / math.hypot(*four)
-    return random.Random(f"{name} {draw}").uniform(0.4, 1.3)
+    value = random.Random(f"{name} {draw}").uniform(0.4, 1.3)
+    if draw < _WIDE:
+        return value
+    source = random.Random(f"{name if draw // _WIDE % 2 else ''} {draw} magnitude")
+    return float(value * 10.0 ** source.uniform(-DECADES, DECADES))
 
 
 def _constant(graph: Algebra, node: Node, change: int) -> Sized:
@@ -191,7 +213,10 @@ def _operation(op: str, args: Sequence[Sized]) -> Sized:
         return value, (s + abs(value) * r) / abs(b) + _ROUNDING * abs(value) if b else math.inf, decimal
     x = [arg[0] for arg in args]
     function: Callable[..., float] = weighted_select if op == "select" else GRAPH_OPERATIONS[op].evaluate
-    value = float(function(*x))
+    try:
+        value = float(function(*x))
+    except (OverflowError, ValueError):
+        return _UNDEFINED
     size = _ROUNDING * abs(value)
     for place, (point, error, _) in enumerate(args):
         named = place >= TABLE_ARGUMENTS.get(op, len(args))
@@ -200,143 +225,3 @@ def _operation(op: str, args: Sequence[Sized]) -> Sized:
             moved = float(function(*x[:place], point + step, *x[place + 1 :]))
             size += abs(moved - value) / step * error
     return value, size, decimal
-
-
-# Values of expressions at random points, for candidates and filters that are verified elsewhere.
-#
-# What decides, up to the rounding of decimals, stands above.
-
-_DIFFERENCE = 1e-5
-_CANDIDATE_POINTS, _CANDIDATE_DRAWS = 3, 24
-
-
-class Probe(NamedTuple):
-    """The value of an expression at a random point, and its derivatives along two random directions."""
-
-    value: float
-    a: float
-    b: float
-
-
-def random_inputs(nodes: Sequence[Node], draw: random.Random) -> dict[Node, float]:
-    """Return a positive number of moderate size for every input that some expressions depend on.
-
-    Conditions on time have a random value of their own, as inputs have: random times may all be on one side.
-    """
-    deciding = nodes[0].graph.known_mask(CONDITION_TIME) if nodes else 0
-    return {
-        node: draw.uniform(0.4, 1.3)
-        for node in Graph.topological(nodes)
-        if node.op == "input" or (deciding & node.deps and node.op in DECIDED)
-    }
-
-
-def values_of(nodes: Sequence[Node], inputs: Mapping[Node, float]) -> list[float]:
-    """Return the values of some expressions; NaN or infinity where they have none."""
-    return values_in_order(nodes, [node for node in Graph.topological(nodes) if node not in inputs], inputs)
-
-
-def values_in_order(nodes: Sequence[Node], order: Sequence[Node], inputs: Mapping[Node, float]) -> list[float]:
-    """Return the values of some expressions; `order` has all nodes below them that are no inputs, operands first."""
-    known = {node.index: value for node, value in inputs.items()}
-    for node in order:
-        known[node.index] = _constant_at(node) if node.op == "const" else _operation_at(node, known)
-    return [known[node.index] for node in nodes]
-
-
-def _constant_at(node: Node) -> float:
-    try:
-        return float(node.payload)  # type: ignore[arg-type]
-    except OverflowError:
-        return math.inf
-
-
-def _operation_at(node: Node, known: Mapping[int, float]) -> float:
-    if node.op == "select":
-        return weighted_select(*(known[arg.index] for arg in node.args))
-    try:
-        return float(GRAPH_OPERATIONS[node.op].evaluate(*[known[arg.index] for arg in node.args]))
-    except (OverflowError, ValueError, ZeroDivisionError):
-        return math.nan
-
-
-def probe(nodes: Sequence[Node], moving: Sequence[Node], seed: int) -> list[Probe]:
-    """Return expressions and their derivatives at a random point, NaN where they have no value.
-
-    The components of the directions are `directions(moving, seed)`. Derivatives are central differences.
-    """
-    inputs = random_inputs([*nodes, *moving], random.Random(f"point {seed}"))
-    order = [node for node in Graph.topological(nodes) if node not in inputs]
-    points = [inputs]
-    for direction in directions(moving, seed):
-        for sign in (_DIFFERENCE, -_DIFFERENCE):
-            points.append(inputs | {x: inputs[x] + sign * d for x, d in zip(moving, direction, strict=True)})
-    center, *rest = (values_in_order(nodes, order, point) for point in points)
-    a, b = ([(x - y) / (2.0 * _DIFFERENCE) for x, y in zip(*pair, strict=True)] for pair in (rest[:2], rest[2:]))
-    return [Probe(*numbers) for numbers in zip(center, a, b, strict=True)]
-
-
-def directions(moving: Sequence[Node], seed: int) -> list[list[float]]:
-    """Return the two directions of `probe`."""
-    draw = random.Random(f"directions {seed}")
-    return [[draw.uniform(-1.0, 1.0) for _ in moving] for _ in range(2)]
-
-
-def match(first: Sequence[Node], second: Sequence[Node], *, points: int = 8, tolerance: float = 1e-9) -> bool:
-    """Whether two vectors have the same values at random points of either sign, to a relative tolerance.
-
-    This is for candidates that were derived, such as an antiderivative with other branches or roots than what it is
-    compared with, which exact identity does not see.
-    """
-    if all((a - b).is_zero for a, b in zip(first, second, strict=True)):
-        return True
-    both, half, found = [*first, *second], len(first), 0
-    for seed in range(8 * points):
-        draw = random.Random(seed)
-        inputs = {node: draw.choice((-1.0, 1.0)) * value for node, value in random_inputs(both, draw).items()}
-        values = values_of(both, {x: abs(v) if seed % 4 == 0 else v for x, v in inputs.items()})
-        if not all(map(math.isfinite, values)):
-            continue
-        size = max(map(abs, values))
-        if any(abs(a - b) > tolerance * size for a, b in zip(values[:half], values[half:], strict=True)):
-            return False
-        found += 1
-        if found == points:
-            return True
-    return False
-
-
-def lost_at_zero(node: Node, reference: Sequence[Node], moving: Sequence[Node]) -> int:
-    """Return the number of special points at which an expression has no value and a reference has one.
-
-    Points with a parameter that is zero, and those with moving inputs that are all zero, or all one.
-    """
-    inputs = random_inputs([node, *reference], random.Random(0))
-    points = [{x: 0.0} for x in inputs if x not in moving]
-    points += [{x: 1.0} for x in inputs if x.op in DECIDED]
-    points += [{x: value for x in inputs if x in moving} for value in (0.0, 1.0)]
-    count = 0
-    for point in points:
-        values = values_of([node, *reference], inputs | point)
-        count += not math.isfinite(values[0]) and all(map(math.isfinite, values[1:]))
-    return count
-
-
-def constant_value(node: Node) -> Fraction | None:
-    """Return the simple rational number that an expression is at random points, or None where it is none.
-
-    An expression with roots may be a number that its form does not show: sqrt(u) * sqrt(u) / u.
-    """
-    if node.number is not None:
-        return node.number
-    found: list[float] = []
-    for seed in range(_CANDIDATE_DRAWS):
-        value = values_of([node], random_inputs([node], random.Random(seed)))[0]
-        if math.isfinite(value):
-            found.append(value)
-        if len(found) == _CANDIDATE_POINTS:
-            break
-    if len(found) < _CANDIDATE_POINTS:
-        return None
-    simple = Fraction(found[0]).limit_denominator(64)
-    return simple if all(abs(value - simple) < 1e-9 * (1.0 + abs(simple)) for value in found) else None

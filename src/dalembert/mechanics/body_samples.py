@@ -19,7 +19,7 @@ from ..ir.graph import Graph
 from ..ir.interpret import ARRAY_OPERATIONS
 from ..ir.node import Node
 from ..ir.ops import GRAPH_OPERATIONS
-from ..ir.zero_tests import random_inputs, values_of
+from ..ir.random_points import random_inputs, values_of
 from ..naming import acceleration_input
 from ..transforms.derivatives import tangents
 from .body_balances import BodyBalances

@@ -10,7 +10,8 @@ from ..errors import EnergyWarning, list_names
 from ..ir.algebra import Algebra
 from ..ir.graph import Graph
 from ..ir.node import Node
-from ..ir.zero_tests import agree, match
+from ..ir.random_points import match
+from ..ir.zero_tests import agree
 from ..transforms.derivatives import tangents
 from .equations import ConstraintRow, LoadEnergy
 from .kane import load_powers

@@ -19,7 +19,7 @@ from ..ir.calls import CALLS
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph
 from ..ir.node import Node
-from ..ir.zero_tests import directions, lost_at_zero, match, probe
+from ..ir.random_points import directions, jumps, lost_at_zero, match, probe
 from ..scene.model import Components
 from ..transforms.antiderivatives import Antiderivatives
 from . import kinematics as vec
@@ -154,10 +154,11 @@ class _Search(LoadReader):
         return LoadPart(tuple(load.name for load in loads), powers, potential, rates, time, states)
 
     def _verified(self, candidate: Node, powers: Sequence[Node]) -> bool:
-        """Whether powers are minus the gradient of a candidate, on velocities that constraints allow."""
+        """Whether powers are minus the gradient of a continuous candidate, on velocities that constraints allow."""
         gradient = [-x for x in self._gradient(candidate)]
-        if match(gradient, powers):
-            return True
+        return (match(gradient, powers) or self._match_on_manifold(gradient, powers)) and not jumps(candidate, self.q)
+
+    def _match_on_manifold(self, gradient: Sequence[Node], powers: Sequence[Node]) -> bool:
         if not self.constraints:
             return False
         positions = self.adopt([row.position for row in self.constraints if row.position is not None])

@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..ir.graph import Graph
 from ..ir.node import Node
-from ..ir.zero_tests import random_inputs, values_in_order, values_of
+from ..ir.random_points import random_inputs, values_in_order, values_of
 
 _POINTS, _DRAWS, _ITERATIONS = 3, 60, 60
 _TOLERANCE = 1e-9

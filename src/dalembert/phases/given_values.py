@@ -18,7 +18,7 @@ from ..errors import OptionError, ValueInputError, list_names
 from ..ir.graph import Graph
 from ..ir.interpret import interpret_rows
 from ..ir.program import along_run
-from ..ir.zero_tests import values_of
+from ..ir.random_points import values_of
 from ..methods.status import RUNNING, Status
 from ..options import PrepareOptions, SimulateOptions, SweepOptions, tighter
 from ..progress import meter

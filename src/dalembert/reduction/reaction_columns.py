@@ -10,7 +10,8 @@ import numpy as np
 from ..errors import ConstraintError, list_names
 from ..ir.graph import Graph
 from ..ir.node import Node
-from ..ir.zero_tests import terms_of, values_of, vanishes
+from ..ir.random_points import values_of
+from ..ir.zero_tests import terms_of, vanishes
 from ..mechanics.balance_choice import Released
 from ..mechanics.equations import EquationsOfMotion
 from ..mechanics.manifold import places_on_manifold

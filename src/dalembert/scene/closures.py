@@ -312,6 +312,11 @@ def _ends_faults(scene: Scene, closure: Closure, bodies: tuple[Any, ...]) -> lis
                 f"{side}_point {point.name!r} is not located from {scene.origin.name!r}: locate it from {name}, and add"
                 f" the joints that {str(given)!r} hangs on first"
             )
+        elif not fixed_on(scene, body, point) and isinstance(body, Particle):
+            faults.append(
+                f"{side}_point {point.name!r} is not on {name}, a particle, which is at {body.masscenter.name!r} alone:"
+                " give that point, or make it a RigidBody"
+            )
         elif not fixed_on(scene, body, point):
             faults.append(f"{side}_point {point.name!r} is not fixed on {name}; locate it from a point of {name}")
         if kind.turns and isinstance(body, Particle):

@@ -14,7 +14,7 @@ from sympy.physics.mechanics import ReferenceFrame
 from sympy.physics.vector import Vector
 
 from ..ir.node import Node
-from ..ir.zero_tests import random_inputs, values_of
+from ..ir.random_points import random_inputs, values_of
 
 _DRAWS = 4
 _OFF = 1e-9

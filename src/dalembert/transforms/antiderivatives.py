@@ -15,7 +15,8 @@ from typing import final
 
 from ..ir.graph import Graph
 from ..ir.node import Node
-from ..ir.zero_tests import Probe, constant_value, directions, lost_at_zero, match, probe, vanishes
+from ..ir.random_points import Probe, constant_value, directions, lost_at_zero, match, probe
+from ..ir.zero_tests import vanishes
 from .derivatives import tangents
 from .elementary_antiderivatives import elementary_antiderivative
 
