@@ -160,6 +160,10 @@ def render_contacts():
         model = da.compile_model(scene, outputs=outputs)
         source = c_source(model, None, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0))
         contact_simulator.c_files(source)
+        unit = c_source(model, None, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0), continued=True)
+        with mock.patch.object(shutil, "which", lambda name: None):
+            for version in ("2.0", "3.0"):
+                fmu_files(unit, version=version)
     with mock.patch.object(page, "web_assembly", lambda texts, exported: b""):
         page.page_text(source, source, scene, None)
 

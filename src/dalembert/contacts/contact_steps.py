@@ -20,11 +20,15 @@ from .contact_decisions import LOOP as DECISIONS
 from .contact_decisions import DecisionArguments
 from .phase_loop import LOOP, PhaseArguments
 
+CHANGES = 2
+"""Value of ``ContactPlace.pending``."""
+
 
 class ContactPlace(Record):
     """The runner that took the last step, where that began and ended, and the direction of time, 1 or -1.
 
-    ``pending`` is 1 where what follows from the end of a phase has not happened yet, and before the first step.
+    ``pending`` is 1 where what follows from the end of a phase has not happened yet, and before the first step;
+    `CHANGES` where contacts change at that end.
     """
 
     runner: int
@@ -56,7 +60,8 @@ def phase_step(loop: Callable[[SweepArguments], int]) -> Callable[[ContactSteps,
         place, state, paused = steps.place, runner.state, loop(runner)
         if paused != 0:
             place.runner, place.begin, place.time = number, state.tally[BEFORE, 0], state.clock[NOW, 0]
-            place.pending = 0 if state.numbers.status[0] == RUNNING else 1
+            status = state.numbers.status[0]
+            place.pending = 0 if status == RUNNING else CHANGES if status == Status.EVENT else 1
         return paused
 
     return compiled_subset(run_phase)

@@ -23,7 +23,7 @@ from ..options import PrepareOptions
 from ..phases.case_runs import CaseRuns
 from ..phases.given_values import open_contacts
 from ..phases.mode_models import ModeModels
-from ..phases.mode_runners import GatheredRows, ModeRunner
+from ..phases.mode_runners import FIRST_PARAMETER, GatheredRows, ModeRunner
 from ..phases.output_values import PhaseReductions
 from ..phases.runner_choice import RunnerChoice
 from ..pipeline import Compiled
@@ -76,8 +76,12 @@ def contact_source(
     method: str,
     tolerances: tuple[float, float],
     span: tuple[float, float],
+    *,
+    continued: bool = False,
 ) -> CSource:
     """Return what the C source of a scene with contacts is made of; see `dalembert.export.simulator.c_source`.
+
+    `continued`: its runs go on behind any time at which a step has ended.
 
     Raises
     ------
@@ -89,7 +93,7 @@ def contact_source(
     refuse_contact_scene(modes)
     names = sorted(set(modes.layout.variables if initial is None else initial))
     fitting = _methods_of_example(model, names, numbers, tolerances, span) if method == "auto" else {}
-    loop = contact_loop(model, method, fitting, tolerances, prefix_of(model.name))
+    loop = contact_loop(model, method, fitting, tolerances, prefix_of(model.name), continued=continued)
     begins = modes.model(modes.starting_mode(frozenset(names), open_contacts(modes, {**numbers, **_time(modes, span)})))
     program, reduced = begins.stages.program, begins.stages.reduced
     own = program.layout
@@ -126,7 +130,13 @@ def _methods_of_example(
 
 
 def contact_loop(
-    model: CompiledModel, method: str, fitting: Mapping[int, str], tolerances: tuple[float, float], prefix: str
+    model: CompiledModel,
+    method: str,
+    fitting: Mapping[int, str],
+    tolerances: tuple[float, float],
+    prefix: str,
+    *,
+    continued: bool = False,
 ) -> ContactLoop:
     """Return the loops of a scene with contacts, for one case.
 
@@ -141,6 +151,8 @@ def contact_loop(
         Relative and absolute.
     prefix : str
         Of the names of functions.
+    continued : bool
+        Whether runs go on behind any time at which a step has ended, and carry the signs of guards over it.
 
     Raises
     ------
@@ -158,7 +170,8 @@ def contact_loop(
     choice.runners += runners
     choice.served = np.array([runner.number for runner in runners], np.int64)
     choice.begins = np.full(len(runners), ANY_PHASE)
-    phases, decision, lanes = CaseRuns(choice, t_eval=np.full(1, np.nan)).executor.arguments_alone()
+    executor = CaseRuns(choice, t_eval=np.full(1, np.nan)).executor
+    phases, decision, lanes = executor.arguments_alone(continued=continued)
     layout, automaton = modes.layout, modes.automaton
     return ContactLoop(
         phases=phases,
@@ -230,6 +243,7 @@ def _exported(modes: ModeModels, runner: ModeRunner, lane: SweepArguments) -> Co
     program, names = runner.model.stages.program, modes.layout.outputs
     outputs = program.layout.outputs
     places = [outputs.index(name if name in outputs else modes.layout.aliases[name]) for name in names]
+    rows = GatheredRows.of(modes.layout, modes.equations.contacts).parameters
     kernel, found = program.kernel("outputs"), lane.workspace.found
     # one row more than are filled, so that compilers of C see that none is written behind the last
     space = lane.workspace._replace(found=np.zeros((len(found) + 1, found.shape[1])))
@@ -238,6 +252,7 @@ def _exported(modes: ModeModels, runner: ModeRunner, lane: SweepArguments) -> Co
         states=runner.mode,
         method=runner.method,
         arguments=alone,
-        initial=program.kernel("initial"),
+        program=program,
         outputs=EliminateDeadCode()(replace(kernel, outputs=tuple(kernel.outputs[place] for place in places))),
+        places=tuple(rows[name] - FIRST_PARAMETER for name in program.layout.parameters),
     )

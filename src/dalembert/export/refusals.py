@@ -129,22 +129,6 @@ def refuse_inputs(model: CompiledModel, start: Start) -> None:
         )
 
 
-def refuse_contacts_of_units(model: CompiledModel) -> None:
-    """Reject models whose contacts change, which functional mock-up units do not carry.
-
-    Raises
-    ------
-    CapabilityError
-        With the contacts, and the remedy.
-    """
-    if model.modes is not None:
-        raise CapabilityError(
-            f"{model.name!r} has contacts that change ({list_names(model.contacts)}), and a run with them ends at its"
-            " end, where units continue behind each communication step: export one mode, model.mode(...).export(...),"
-            ' or take kind="c", "page" or "wheel"'
-        )
-
-
 def refuse_contacts_of_files(model: CompiledModel) -> None:
     """Reject models whose contacts change, which files of Python do not carry.
 

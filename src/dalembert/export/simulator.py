@@ -59,8 +59,12 @@ def c_source(
     span: tuple[float, float],
     step: float | None = None,
     precision: str = "double",
+    *,
+    continued: bool = False,
 ) -> CSource:
     """Return what the C source of a model is made of; see `dalembert.model.exports.export` for the arguments.
+
+    `continued`: runs with contacts go on behind any time at which a step has ended, as those without them always do.
 
     Raises
     ------
@@ -72,7 +76,7 @@ def c_source(
     if model.modes is not None:
         from .contact_runs import contact_source
 
-        return contact_source(model, initial, numbers, method, tolerances, span)
+        return contact_source(model, initial, numbers, method, tolerances, span, continued=continued)
     refuse_scene(model)
     start = start_of(model, initial)
     refuse_inputs(model, start)

@@ -26,13 +26,11 @@ def _c(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
 
 def _fmu(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
     from ..export.fmu import fmu_files
-    from ..export.refusals import refuse_contacts_of_units
     from ..export.simulator import c_source
 
-    refuse_contacts_of_units(model)
     asked = dict(request)
     platforms, version = asked.pop("platforms"), asked.pop("fmi")
-    return fmu_files(c_source(model, **asked), platforms, version)
+    return fmu_files(c_source(model, **asked, continued=True), platforms, version)
 
 
 def _page(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:

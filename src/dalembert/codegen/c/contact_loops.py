@@ -22,6 +22,7 @@ from ...contacts.contact_steps import (
 )
 from ...contacts.phase_loop import PhaseArguments
 from ...ir.kernel import Kernel
+from ...ir.program import Program
 from ...lanes.sweep_arguments import SweepArguments
 from ...subset.addresses import AddressTable, OwnedAddress
 from ...subset.arguments import Vector, kind_of
@@ -49,15 +50,19 @@ class ContactMode:
         "taylor", "radau", or a Runge-Kutta pair.
     arguments : SweepArguments
         Of its loop over lanes, for one case.
-    initial, outputs : Kernel
-        The state from coordinates and rates, and outputs from the state.
+    program : Program
+    outputs : Kernel
+        Outputs of the scene from the state.
+    places : tuple of int
+        Where the values of its parameters are: among those of the scene, then those that contacts add.
     """
 
     states: tuple[str, ...]
     method: str
     arguments: SweepArguments
-    initial: Kernel
+    program: Program
     outputs: Kernel
+    places: tuple[int, ...]
 
 
 @final

@@ -65,8 +65,7 @@ class ContactSimulator(Simulator):
         loops = ContactSource(loop, self.prefix, self._taken())
         used = loop.functions.used(loops.code.text)
         self._finish(render("c/kernels.c.j2", {"kernels": self.kernels}) + used, loops.code)
-        needed = {"sampled", "place", "phases.plan.most_steps", *(f"phases.table.{name}" for name in _TABLE)}
-        needed |= {f"mode_{i}.{name}" for i in range(len(modes)) for name in ("limits", "state.constants")}
+        needed = self._needed()
         members = loops.space.members_used(loops.code.text, needed)
         members.append(f"double constants[{max(len(self.program.kernel('prepare').outputs), 1)}];")
         functions = {
@@ -77,7 +76,7 @@ class ContactSimulator(Simulator):
             "samples": loops.samples,
             "sample_end": loops.sample_end,
             "modes": modes,
-            "n_own": max(len(mode.initial.outputs) for mode in loop.modes),
+            "n_own": max(len(mode.program.kernel("initial").outputs) for mode in loop.modes),
             "n_contacts": len(loop.contacts),
             "parameters": [plain(name) for name in loop.parameters],
             "not_started": NOT_STARTED,
@@ -86,6 +85,13 @@ class ContactSimulator(Simulator):
         further = self._further_variables(loops.space.beginning_used(loops.code.text, needed), f"{self.prefix}_step")
         return {"header": self._header_variables(members), "functions": functions, **further}
 
+    def _needed(self) -> set[str]:
+        """Return the members that the public functions read or set."""
+        assert self.source.contacts is not None
+        count = len(self.source.contacts.modes)
+        needed = {"sampled", "place", "phases.plan.most_steps", *(f"phases.table.{name}" for name in _TABLE)}
+        return needed | {f"mode_{i}.{name}" for i in range(count) for name in ("limits", "state.constants")}
+
     def _mode_kernels(self, number: int) -> dict[str, str]:
         """Print the kernels of outputs in a mode; return their names."""
         assert self.source.contacts is not None
@@ -93,7 +99,7 @@ class ContactSimulator(Simulator):
             self.source.contacts.modes[number],
             {"initial": f"initial_{number}", "outputs": f"output_{number}"},
         )
-        kernels = {"initial": mode.initial, "outputs": mode.outputs}
+        kernels = {"initial": mode.program.kernel("initial"), "outputs": mode.outputs}
         for what, name in named.items() if self.layout.outputs else ():
             kernel = replace(kernels[what], arguments=STEP_ARGUMENTS)
             self._print(name, kernel, f"{what.capitalize()} where contacts {' and '.join(mode.states)}")
