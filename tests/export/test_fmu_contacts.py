@@ -167,3 +167,77 @@ def test_an_importer_takes_it(tmp_path, ball, version):
         assert len(found) == 21 + (2 * (len(run.phases) - 1) if options else 0)
         for name in model.layout.variables:
             assert found[name][-1] == pytest.approx(run[name][-1], rel=1e-11, abs=1e-11)
+
+
+# -- model exchange -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "version", "end", "error"),
+    [("block on a belt", "2.0", 20.0, 3e-6), ("plate pushed and pulled", "3.0", 8.0, 1e-7)],
+)
+def test_an_importer_integrates_through_the_phases(tmp_path, name, version, end, error):
+    """CVode of fmpy finds where guards fall through zero: the modes of `simulate`, at its times."""
+    fmpy = pytest.importorskip("fmpy", reason="extra not installed")
+    from fmpy.validation import validate_fmu
+
+    case = contact_motion(name).motion
+    model, path = case.compile("auto"), tmp_path / "a.fmu"
+    given = {"initial": case.initial, "parameters": case.parameters}
+    model.export(path, "fmu", t_span=(0, end), fmi=version, **given, rtol=1e-9, atol=1e-11)
+    assert validate_fmu(str(path)) == []
+    found = fmpy.simulate_fmu(
+        str(path), stop_time=end, output_interval=end / 40, fmi_type="ModelExchange", relative_tolerance=1e-9
+    )
+    run = model.simulate((0, end), **given, t_eval=[end], **TOLERANCES)
+    modes = found[f"mode({model.contacts[0]})"]
+    changes = [(0.0, modes[0])] + [(found["time"][k], modes[k]) for k in np.flatnonzero(np.diff(modes)) + 1]
+    assert [STATES[int(mode)] for _, mode in changes] == [phase.modes[model.contacts[0]] for phase in run.phases]
+    np.testing.assert_allclose([t for t, _ in changes], [phase.t0 for phase in run.phases], atol=error)
+    for key in (*model.layout.variables, *model.layout.outputs):
+        assert found[key][-1] == pytest.approx(run[key][-1], abs=error)
+
+
+@both_versions
+def test_an_impact_is_an_event_of_model_exchange(ball, units, version):
+    """A guard falls through zero; the event gives new rates, and a state between events none."""
+    model, given = ball
+    unit = Unit(*units[version], exchange=True)
+    assert unit.begin(0.0) == 0 and unit.updated() == (False, False)
+    names, e, g = model.layout.variables, given["parameters"]["e"], given["parameters"]["g"]
+    start = dict(zip(names, unit.vector("GetContinuousStates"), strict=True))
+    assert start == {name: given["initial"][name] for name in names}
+    rates = unit.rate(0.0, [1.0, 0.5, 2.0, -3.0])
+    np.testing.assert_allclose(rates, [2.0, -3.0, 0.0, -g], rtol=1e-15)
+    assert [unit.get(f"der({name})") for name in names] == list(rates)
+    assert unit.vector("GetEventIndicators", 1) == [0.5] == [unit.get("guard_1")]
+    assert unit.completed() == (False, False) and unit.updated() == (False, False)
+    unit.place(0.25, [1.0, -1e-12, 2.0, -3.0])
+    assert unit.vector("GetEventIndicators", 1) < 0.0
+    restore, found = unit.again(), []
+    for _ in range(2):
+        assert unit.updated() == (False, True) and unit.updated() == (False, False)
+        found.append(unit.vector("GetContinuousStates"))
+        np.testing.assert_allclose(found[-1], [1.0, 0.0, 2.0, 3.0 * e], atol=1e-11)
+        restore()
+    np.testing.assert_array_equal(*found)
+
+
+def test_states_are_put_back_onto_closed_contacts(tmp_path):
+    """Where an integrator has left them: the unit asks for an event."""
+    case = contact_motion("plate through the upright position").motion
+    model = case.compile("auto")
+    given = {"initial": case.initial, "parameters": case.parameters, **TOLERANCES}
+    unit = Unit(*unpacked(model, tmp_path / "a.fmu", **given), exchange=True)
+    assert unit.begin(0.0) == 0
+    state = unit.vector("GetContinuousStates")
+    assert STATES[int(unit.get(f"mode({model.contacts[0]})"))] == "slip"
+    unit.place(0.0, state)
+    assert unit.completed() == (False, False)
+    unit.place(0.0, state + 1e-6)
+    assert unit.completed() == (True, False) and unit.updated() == (False, True)
+    moved = unit.vector("GetContinuousStates")
+    assert 0.0 < abs(moved - state).max() < 2e-5 and unit.updated() == (False, False)
+    x, theta = moved[:2]
+    assert abs(x + case.parameters["h"] / np.tan(theta)) < 1e-15
+    assert abs(unit.vector("GetContinuousStateDerivatives")[:2] - moved[2:]).max() < 1e-13

@@ -18,6 +18,8 @@ from ..codegen.compiled_engine import CompiledEngine
 from ..contacts.contact_laws import Mode
 from ..contacts.phase_tables import ANY_PHASE
 from ..errors import CapabilityError, ConstraintError, SingularMassMatrixError
+from ..ir.kernel import Kernel
+from ..ir.program import Program
 from ..lanes.sweep_arguments import SweepArguments
 from ..options import PrepareOptions
 from ..phases.case_runs import CaseRuns
@@ -244,7 +246,8 @@ def _exported(modes: ModeModels, runner: ModeRunner, lane: SweepArguments) -> Co
     outputs = program.layout.outputs
     places = [outputs.index(name if name in outputs else modes.layout.aliases[name]) for name in names]
     rows = GatheredRows.of(modes.layout, modes.equations.contacts).parameters
-    kernel, found = program.kernel("outputs"), lane.workspace.found
+    found = lane.workspace.found
+    guards = [outputs.index(guard.output) for guard in modes.guards(runner.mode)]
     # one row more than are filled, so that compilers of C see that none is written behind the last
     space = lane.workspace._replace(found=np.zeros((len(found) + 1, found.shape[1])))
     alone = lane._replace(kernels=lane.kernels._replace(advance=NO_CODE), samples=np.empty((0, 0)), workspace=space)
@@ -253,6 +256,14 @@ def _exported(modes: ModeModels, runner: ModeRunner, lane: SweepArguments) -> Co
         method=runner.method,
         arguments=alone,
         program=program,
-        outputs=EliminateDeadCode()(replace(kernel, outputs=tuple(kernel.outputs[place] for place in places))),
+        outputs=_some_outputs(program, places),
+        guards=_some_outputs(program, guards),
+        expansion=modes.expansion(runner.mode),
         places=tuple(rows[name] - FIRST_PARAMETER for name in program.layout.parameters),
     )
+
+
+def _some_outputs(program: Program, places: Sequence[int]) -> Kernel:
+    """Return the kernel of some of the outputs of a program."""
+    kernel = program.kernel("outputs")
+    return EliminateDeadCode()(replace(kernel, outputs=tuple(kernel.outputs[place] for place in places)))

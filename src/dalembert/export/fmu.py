@@ -143,7 +143,8 @@ def _functions(simulator: AnyUnit, variables: UnitVariables, version: str) -> di
         "n_states": len(layout.state),
         "n_values": simulator.n_values,
         "n_knowns": simulator.n_knowns,
-        "n_locks": len(variables.indicators),
+        "n_locks": len(source.locking) if simulator.exchanged else 0,
+        "n_indicators": len(variables.indicators),
         "first_input": len(wanted) - len(layout.inputs),
         "starts": rows_of([double(float(source.numbers.get(name, 0.0))) for name in wanted] or ["0.0"]),
         "state_references": ", ".join(str(variable.number) for variable in variables.states),
@@ -153,7 +154,7 @@ def _functions(simulator: AnyUnit, variables: UnitVariables, version: str) -> di
         "stops": source.contacts is not None and version != "2.0",
         "span": "" if source.contacts is None else double(abs(source.span[1] - source.span[0])),
         "inputs": len(layout.inputs),
-        "first_lock": simulator.n_values - len(variables.indicators) if variables.indicators else 0,
+        "first_indicator": simulator.n_values - len(variables.indicators) if variables.indicators else 0,
         "n_all": simulator.n_values + 1,
         "n_references": len(wanted) + simulator.n_values,
         "n_known_states": simulator.n_knowns - len(layout.inputs),
@@ -166,7 +167,7 @@ def _interface(simulator: AnyUnit, functions: Mapping[str, Any], digit: str) -> 
         names = ("exchanged", "first_input", "n_wanted", "prefix", "upper")
         given = {name: functions[name] for name in names} | {"other_types": _OTHER_TYPES["2.0"]}
     else:
-        given = {name: functions[name] for name in ("contacts", "exchanged", "n_locks", "n_states", "prefix")}
+        given = {name: functions[name] for name in ("contacts", "exchanged", "n_indicators", "n_states", "prefix")}
         has = {"exchanged": simulator.exchanged, "events": simulator.exchanged or functions["contacts"]}
         given["absent"] = absent_functions(_OTHER_TYPES["3.0"], **has)
     return render(f"fmi/fmi{digit}.c.j2", given)
@@ -178,8 +179,7 @@ def _description(simulator: AnyUnit, variables: UnitVariables, digit: str, sourc
     outputs = [variable for variable in variables.all if variable.causality == "output"]
     unknowns = {variable.place: variable for variable in (*outputs, *variables.states, *variables.rates)}
     text = f"scene {source.program.name}, formulation {source.program.formulation}"
-    why = "rates of the state jump" if source.contacts is None else "contacts change"
-    text += "" if simulator.exchanged else f"; for co-simulation alone, because {why}"
+    text += "" if simulator.exchanged else "; for co-simulation alone, because rates of the state jump"
 
     def references(some: Iterable[UnitVariable]) -> list[dict[str, int]]:
         return [{place: getattr(variable, place)} for variable in some]

@@ -119,6 +119,8 @@ def _copied_states(simulator: AnyUnit) -> dict[int, int]:
     """Return the places in the state of those coordinates, rates and first-order states that are components of it."""
     if not simulator.exchanged:
         return {}
+    if simulator.source.contacts is not None:
+        return {place: place for place in range(len(simulator.source.contacts.variables))}
     expand = simulator.program.kernel("expand")
     loads = {load.target: load.index for load in expand.loads if load.array == "y"}
     pairs = ((number, loads.get(output)) for number, output in enumerate(expand.outputs) if isinstance(output, str))
@@ -131,7 +133,9 @@ def _copied_states(simulator: AnyUnit) -> dict[int, int]:
 
 def _add_exchanged(found: UnitVariables, simulator: AnyUnit, states: Mapping[int, UnitVariable], first: int) -> None:
     """Add components of the state that no variable has yet, their derivatives, and determinants of angles."""
-    names, nominal = simulator.layout.state, repr(nominal_of(simulator.source.tolerances))
+    contacts = simulator.source.contacts
+    names = simulator.layout.state if contacts is None else contacts.variables
+    nominal = repr(nominal_of(simulator.source.tolerances))
     calculated: dict[str, Any] = {"causality": "local", "initial": "calculated"}
     for place, name in enumerate(names):
         own = escape(name) in {variable.name for variable in found.all}
@@ -145,9 +149,15 @@ def _add_exchanged(found: UnitVariables, simulator: AnyUnit, states: Mapping[int
             found.add(f"der({name})", f"derivative of {name}", first + place, own=True, state=state, **calculated)
         )
     first += len(names)
-    for place in range(len(simulator.source.locking)):
-        text = "determinant of angles, which lock where it vanishes"
-        found.indicators.append(found.add(f"lock_{place + 1}", text, first + place, own=True, **calculated))
+    name, text, count = "lock", "determinant of angles, which lock where it vanishes", len(simulator.source.locking)
+    if isinstance(simulator, ContactUnitSimulator):
+        name, text, count = (
+            "guard",
+            "guard of what contacts do, which change where it falls through zero",
+            simulator.n_guards,
+        )
+    for place in range(count):
+        found.indicators.append(found.add(f"{name}_{place + 1}", text, first + place, own=True, **calculated))
 
 
 def nominal_of(tolerances: tuple[float, float]) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -43,8 +44,18 @@ def simulator_of(source: CSource) -> Simulator:
 
 
 class ContactSimulator(Simulator):
-    """A simulator in C99 of a scene whose contacts change."""
+    """A simulator in C99 of a scene whose contacts change.
 
+    Attributes
+    ----------
+    corrected : bool
+        Whether states that an integrator of others has reached are put back onto the constraints.
+    corrections : sequence of str
+        How, for each mode.
+    """
+
+    corrected = False
+    corrections: Sequence[str] = ()
     template: ClassVar[str] = "c/contact_functions.c.j2"
     contact_states: ClassVar[tuple[str, ...]] = tuple(state.upper() for state in STATES)
     statuses: ClassVar[tuple[Status, ...]] = (
@@ -62,7 +73,7 @@ class ContactSimulator(Simulator):
         self.at |= _AT
         self._start_kernels()
         modes = [self._mode_kernels(number) for number in range(len(loop.modes))]
-        loops = ContactSource(loop, self.prefix, self._taken())
+        loops = ContactSource(loop, self.prefix, self._taken(), corrected=self.corrected)
         used = loop.functions.used(loops.code.text)
         self._finish(render("c/kernels.c.j2", {"kernels": self.kernels}) + used, loops.code)
         needed = self._needed()
@@ -83,6 +94,7 @@ class ContactSimulator(Simulator):
             "rounding": double(RESOLUTION),
         }
         further = self._further_variables(loops.space.beginning_used(loops.code.text, needed), f"{self.prefix}_step")
+        self.corrections = loops.corrections
         return {"header": self._header_variables(members), "functions": functions, **further}
 
     def _needed(self) -> set[str]:

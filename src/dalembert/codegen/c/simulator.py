@@ -285,7 +285,7 @@ class Simulator:
             "n_further": len(self.layout.states),
             "n_locks": 0,
             "contact_states": self.contact_states,
-            **dict.fromkeys(("n_values", "n_knowns", "exchanged", "corrected"), 0),
+            **dict.fromkeys(("n_values", "n_knowns", "n_guards", "exchanged", "corrected"), 0),
         }
 
     def _function_variables(self) -> dict[str, Any]:
