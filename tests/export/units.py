@@ -169,17 +169,22 @@ class Unit:
         assert self.call("CompletedIntegratorStep", 1, ctypes.byref(event), ctypes.byref(end)) == 0
         return bool(event.value), bool(end.value)
 
-    def updated(self):
-        """Update discrete states; return whether the unit asks for the end, and whether it has changed the state."""
+    def updated(self, next_time=None):
+        """Update discrete states; return whether the unit asks for the end, and whether it has changed the state.
+
+        The time of its next event is checked.
+        """
         if self.version == "2.0":
             info = (ctypes.c_int * 8)()  # five flags, and a double that is aligned
             assert self.call("NewDiscreteStates", info) == 0
-            assert not info[0] and not info[2] and not info[4]
+            assert not info[0] and not info[2] and bool(info[4]) == (next_time is not None)
+            assert next_time is None or np.frombuffer(info, np.float64)[3] == pytest.approx(next_time)
             return bool(info[1]), bool(info[3])
-        flags, next_time = [ctypes.c_bool() for _ in range(5)], ctypes.c_double()
-        assert self.call("UpdateDiscreteStates", *map(ctypes.byref, flags), ctypes.byref(next_time)) == 0
+        flags, next_time_found = [ctypes.c_bool() for _ in range(5)], ctypes.c_double()
+        assert self.call("UpdateDiscreteStates", *map(ctypes.byref, flags), ctypes.byref(next_time_found)) == 0
         again, end, nominals, values, defined = (flag.value for flag in flags)
-        assert not again and not nominals and not defined
+        assert not again and not nominals and defined == (next_time is not None)
+        assert next_time is None or next_time_found.value == pytest.approx(next_time)
         return end, values
 
     def integrate(self, t, end, steps, inputs=lambda unit, t: None):

@@ -151,6 +151,7 @@ def _functions(simulator: AnyUnit, variables: UnitVariables, version: str) -> di
         "rtol": double(source.tolerances[0]) if simulator.corrected else "",
         "nominal": double(nominal_of(source.tolerances)),
         "contacts": source.contacts is not None,
+        "controlled": source.sampling is not None,
         "stops": source.contacts is not None and version != "2.0",
         "span": "" if source.contacts is None else double(abs(source.span[1] - source.span[0])),
         "inputs": len(layout.inputs),
@@ -164,10 +165,13 @@ def _functions(simulator: AnyUnit, variables: UnitVariables, version: str) -> di
 def _interface(simulator: AnyUnit, functions: Mapping[str, Any], digit: str) -> str:
     """Return the functions of a version of the standard."""
     if digit == "2":
-        names = ("exchanged", "first_input", "n_wanted", "prefix", "upper")
+        names = ("controlled", "exchanged", "first_input", "n_wanted", "prefix", "upper")
         given = {name: functions[name] for name in names} | {"other_types": _OTHER_TYPES["2.0"]}
     else:
-        given = {name: functions[name] for name in ("contacts", "exchanged", "n_indicators", "n_states", "prefix")}
+        given = {
+            name: functions[name]
+            for name in ("contacts", "controlled", "exchanged", "n_indicators", "n_states", "prefix")
+        }
         has = {"exchanged": simulator.exchanged, "events": simulator.exchanged or functions["contacts"]}
         given["absent"] = absent_functions(_OTHER_TYPES["3.0"], **has)
     return render(f"fmi/fmi{digit}.c.j2", given)

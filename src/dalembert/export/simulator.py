@@ -13,6 +13,7 @@ from ..errors import OptionError, unknown_name
 from ..methods.pairs import PAIRS
 from ..reduction.admission import admission_of_state
 from ..reduction.jumps import has_jumps
+from ..reduction.sampling_kernels import sampling_kernels
 from ..reduction.starting import Start, starting
 from ..runs.run_checks import GimbalCheck
 from ..starts.initial_states import initial_state
@@ -64,7 +65,7 @@ def c_source(
 ) -> CSource:
     """Return what the C source of a model is made of; see `dalembert.model.exports.export` for the arguments.
 
-    `continued`: runs with contacts go on behind any time at which a step has ended, as those without them always do.
+    `continued`: for a unit, whose runs go on behind any time at which a step has ended, with contacts and controllers.
 
     Raises
     ------
@@ -77,7 +78,7 @@ def c_source(
         from .contact_runs import contact_source
 
         return contact_source(model, initial, numbers, method, tolerances, span, continued=continued)
-    refuse_scene(model)
+    refuse_scene(model, unit=continued)
     start = start_of(model, initial)
     refuse_inputs(model, start)
     reduced = model.stages.reduced
@@ -97,6 +98,7 @@ def c_source(
         locking=() if check is None else locking_groups(model, check, start, numbers, span),
         step=step,
         single=single,
+        sampling=sampling_kernels(reduced),
     )
 
 

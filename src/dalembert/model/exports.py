@@ -171,10 +171,10 @@ def export(
     Raises
     ------
     CapabilityError
-        For what exports do not carry, with the remedy: contacts with many modes, sampled controllers, functions of time
-        with kinks, formulations other than "minimal", "projected" and "augmented"; in files of Python contacts that
-        change, and in those for JAX tables and angles that may lock; by steps of a fixed size contacts that change,
-        tables, and rates that jump with the state.
+        For what exports do not carry, with the remedy: contacts with many modes, sampled controllers but in units,
+        functions of time with kinks, formulations other than "minimal", "projected" and "augmented"; in files of Python
+        contacts that change, and in those for JAX tables and angles that may lock; by steps of a fixed size contacts
+        that change, tables, and rates that jump with the state.
     OptionError
         For an unknown kind, and a path at which something else is.
     InitialStateError, UnknownNameError, ValueInputError
