@@ -158,7 +158,9 @@ def _functions(simulator: AnyUnit, variables: UnitVariables, version: str) -> di
         "first_indicator": simulator.n_values - len(variables.indicators) if variables.indicators else 0,
         "n_all": simulator.n_values + 1,
         "n_references": len(wanted) + simulator.n_values,
-        "n_known_states": simulator.n_knowns - len(layout.inputs),
+        "n_known_states": simulator.n_known_states,
+        "n_known_parameters": len(source.parameters) if simulator.n_knowns else 0,
+        "first_known_parameter": simulator.n_known_states + len(layout.inputs),
     }
 
 

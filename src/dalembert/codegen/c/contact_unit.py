@@ -34,7 +34,7 @@ class ContactUnitSimulator(ContactSimulator):
     coordinates, rates and first-order states, in all modes.
     """
 
-    n_knowns = 0
+    n_knowns = n_known_states = 0
 
     def __init__(self, source: CSource) -> None:
         assert source.contacts is not None

@@ -53,8 +53,13 @@ class UnitSimulator(Simulator):
 
     @property
     def n_knowns(self) -> int:
-        """Number of values by which others are differentiated: the state and inputs."""
-        return (len(self.layout.state) if self.exchanged else 0) + len(self.layout.inputs)
+        """Number of values by which others are differentiated: the state, inputs and parameters."""
+        return self.n_known_states + len(self.layout.inputs) + len(self.source.parameters)
+
+    @property
+    def n_known_states(self) -> int:
+        """Number of components of the state among them."""
+        return len(self.layout.state) if self.exchanged else 0
 
     @property
     def actions(self) -> tuple[SamplingAction, ...]:
@@ -81,14 +86,17 @@ class UnitSimulator(Simulator):
             self._print(f"law_{number}", law, f"What the controller {action.name!r} sets")
         for what, kernel in kernels.items() if self.n_knowns else ():
             self._print(f"{what}_along", self._tangent(kernel), f"Derivatives of {what} along a direction")
+        if self.source.parameters:
+            constants = replace(self.program.kernel("prepare"), arguments=("p", "y", "c", "s"))
+            along = tangent_kernel(constants, 0, "p", len(self.layout.parameters))
+            self._print("constants_along", along, "Derivatives of the constants along a direction")
 
     def _tangent(self, kernel: Kernel) -> Kernel:
-        """Return the derivative of a kernel along a direction: parts of the state, and of inputs."""
-        n_states = len(self.layout.state)
-        places = coefficient_places(self.layout.parameters, self.layout.inputs)
-        further: Sequence[tuple[str, int]] = [("c", first + 1) for first in places]  # the value behind the time
-        count = n_states if self.exchanged else 0
-        return replace(tangent_kernel(kernel, n_states, count=count, further=further), arguments=STEP_ARGUMENTS)
+        """Return the derivative of a kernel along a direction: parts of the state, and of the constants."""
+        n_states, n_constants = len(self.layout.state), len(self.program.kernel("prepare").outputs)
+        constants = [("c", place) for place in range(n_constants)]
+        along = tangent_kernel(kernel, n_states, count=self.n_known_states, further=constants)
+        return replace(along, arguments=STEP_ARGUMENTS)
 
     def _further_calls(self, loop: RunLoop, code: LoopSource) -> dict[str, str]:
         """See `Simulator`."""
@@ -111,13 +119,30 @@ class UnitSimulator(Simulator):
                 "at": {"constants": self.at["constants"]},
                 "n_computed": self.n_computed,
                 "n_knowns": self.n_knowns,
-                "n_along": n_states + self.n_knowns,
+                **self._along_variables(),
                 "first_rate": first,
                 "first_lock": first + n_states if known["n_locks"] else 0,
                 "exchanged": self.exchanged,
             },
         )
         return text + self._controllers(known["renew"]) if self.actions else text
+
+    def _along_variables(self) -> dict[str, Any]:
+        """Return variables of directional derivatives; kernels take the state, then parts of it and of constants."""
+        first = len(self.layout.state) + self.n_known_states
+        inputs = coefficient_places(self.layout.parameters, self.layout.inputs)
+        parameters, known = self.layout.parameters, self.n_known_states
+        return {
+            "n_along": first + len(self.program.kernel("prepare").outputs),
+            "n_known_states": known,
+            "first_constant": first,
+            # the value of an input stands behind its time
+            "input_parts": [[first + place + 1, known + i] for i, place in enumerate(inputs)],
+            "parameter_parts": [
+                [parameters.index(name), known + len(inputs) + i] for i, name in enumerate(self.source.parameters)
+            ],
+            "n_parameters": len(parameters),
+        }
 
     def _controllers(self, renew: Sequence[str]) -> str:
         """Return the functions of controllers; calls follow where the state jumps."""
