@@ -241,3 +241,27 @@ def test_states_are_put_back_onto_closed_contacts(tmp_path):
     x, theta = moved[:2]
     assert abs(x + case.parameters["h"] / np.tan(theta)) < 1e-15
     assert abs(unit.vector("GetContinuousStateDerivatives")[:2] - moved[2:]).max() < 1e-13
+
+
+def test_an_importer_may_find_events_late(tmp_path):
+    """Steps of a fixed size, and events where they end: contacts that close have no gap after them."""
+    case = contact_motion("rod that falls on the ground").motion
+    model, end, steps = case.compile("auto"), 0.6, 4000
+    given = {"initial": case.initial, "parameters": case.parameters}
+    unit = Unit(*unpacked(model, tmp_path / "a.fmu", fmi="3.0", t_span=(0, end), **given), exchange=True)
+    assert unit.begin(0.0) == 0 and unit.updated() == (False, False)
+    h, state, modes = end / steps, unit.vector("GetContinuousStates"), ["open"]
+    for k in range(steps):
+        t = k * h
+        state = state + h * unit.rate(t + 0.5 * h, state + 0.5 * h * unit.rate(t, state))
+        unit.place(t + h, state)
+        ended, changed = unit.updated()
+        assert not ended
+        if changed:
+            state = unit.vector("GetContinuousStates")
+            modes.append(STATES[int(unit.get(f"mode({model.contacts[0]})"))])
+    run = model.simulate((0, end), **given, t_eval=[end], **TOLERANCES)
+    assert modes == [phase.modes[model.contacts[0]] for phase in run.phases]
+    names = model.layout.variables
+    assert state[names.index("y")] == state[names.index("y_dot")] == 0.0
+    np.testing.assert_allclose(state, [run[name][-1] for name in names], atol=1e-3)
