@@ -142,6 +142,24 @@ def render_c():
         assert source.locking
         contact_simulator.c_files(source)
     render_contacts()
+    render_controllers()
+
+
+def render_controllers():
+    """Render units of a cart whose force a sampled law holds."""
+    z, u, N, O = *dynamicsymbols("z u"), ReferenceFrame("N"), Point("O")
+    scene = da.Scene("cart", frame=N, origin=O, coordinates=[z])
+    scene.add_bodies(Particle("cart", O.locatenew("cart", z * N.x), symbols("m", positive=True)))
+    scene.add_inputs(u)
+    scene.add_loads((scene.bodies[0].masscenter, u * N.x))
+    scene.add_controllers(da.Controller("spring", period=0.1, inputs={u: -z}))
+    numbers = {"z": 0.0, "z_dot": 1.0, "m": 2.0}
+    source = c_source(
+        da.compile_model(scene), {"z": 0.0, "z_dot": 1.0}, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0), continued=True
+    )
+    with mock.patch.object(shutil, "which", lambda name: None):
+        for version in ("2.0", "3.0"):
+            fmu_files(source, version=version)
 
 
 def in_angles():
@@ -162,6 +180,10 @@ def render_contacts():
         model = da.compile_model(scene, outputs=outputs)
         source = c_source(model, None, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0))
         contact_simulator.c_files(source)
+        unit = c_source(model, None, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0), continued=True)
+        with mock.patch.object(shutil, "which", lambda name: None):
+            for version in ("2.0", "3.0"):
+                fmu_files(unit, version=version)
     with mock.patch.object(page, "web_assembly", lambda texts, exported: b""):
         page.page_text(source, source, scene, None)
 

@@ -189,8 +189,36 @@ def test_directional_derivatives_are_those_of_differences(tmp_path, sleigh_model
     assert abs(expected).max() > 0.5
     parts = [unit.directional(unknown, [name], [part]) for name, part in zip(names, seed, strict=True)]
     np.testing.assert_allclose(sum(parts), found, rtol=1e-14, atol=1e-15)
-    assert unit.directional(unknown, ["m"], [1.0]) == 3  # an error: by parameters there are none
+    assert unit.directional(unknown, ["x_start"], [1.0]) == 3  # an error: by initial values there are none
     assert unit.directional(["m"], names, seed) == 3
+
+
+@both_versions
+@pytest.mark.parametrize("name", ["sleigh", "pendulum"])
+def test_directional_derivatives_by_parameters_are_those_of_differences(tmp_path, request, name, version):
+    """With constants that parameters make, and where coordinates depend on each other; beside parts of the state."""
+    model, given = (
+        (request.getfixturevalue("sleigh_model"), SLEIGH) if name == "sleigh" else request.getfixturevalue(name)
+    )
+    unit = exchanged(model, tmp_path / "a.fmu", fmi=version, **given)
+    assert unit.begin(0.0) == 0
+    state, names, h = unit.vector("GetContinuousStates"), model.layout.state, 1e-6
+    numbers = {key: float(value) for key, value in given["parameters"].items()}
+    seed = dict(zip(numbers, (0.7, -0.4, 0.3), strict=False)) | {names[-1]: 0.5}
+    unknown = [*model.layout.outputs, *model.layout.rates, *(f"der({each})" for each in names)]
+    found, values = unit.directional(unknown, list(seed), list(seed.values())), []
+    for step in (h, -h):
+        unit.call("Reset")
+        assert unit.begin(0.0, **{key: value + step * seed[key] for key, value in numbers.items()}) == 0
+        unit.place(0.0, state + step * np.array([seed.get(each, 0.0) for each in names]))
+        values.append([unit.get(each) for each in unknown])
+    expected = (np.array(values[0]) - values[1]) / (2 * h)
+    np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-8)
+    assert abs(expected).max() > 0.1
+    unit.call("Reset")
+    assert unit.begin(0.0) == 0
+    parts = [unit.directional(unknown, [key], [part]) for key, part in seed.items()]
+    np.testing.assert_allclose(sum(parts), found, rtol=1e-13, atol=1e-14)
 
 
 @both_versions
@@ -205,6 +233,8 @@ def test_directional_derivatives_by_inputs(tmp_path, mass_model, version, exchan
     assert slope == pytest.approx(unit.get("x"))
     np.testing.assert_allclose(found, [(2.0 - 2.0) / 1.5, 1.0, (2.0 - 2.0) / 1.5, 1.0], rtol=1e-14, atol=1e-15)
     np.testing.assert_allclose(unit.directional(["x_ddot", "der(x)"], ["force"], [3.0]), [2.0, 0.0], rtol=1e-14)
+    found = unit.directional(["x_ddot", "x"], ["m", "force"], [2.0, 3.0])
+    np.testing.assert_allclose(found, [2.0 - 2.0 * unit.get("x_ddot") / 1.5, 0.0], rtol=1e-14)
 
 
 @both_versions

@@ -33,9 +33,9 @@ def _doubles(values):
 
 
 class Unit:
-    """An instance of a unit, for co-simulation or for model exchange."""
+    """An instance of a unit, for co-simulation, with `events` in FMI 3.0, or for model exchange."""
 
-    def __init__(self, description, folder, exchange=False):
+    def __init__(self, description, folder, exchange=False, events=False):
         if (platform.system(), platform.machine()) != ("Linux", "x86_64"):
             pytest.skip("the test knows the folder of binaries of this platform alone")
         compiler()
@@ -48,7 +48,7 @@ class Unit:
         self.n_states = len(description.findall(".//Derivatives/*")) or len(
             description.findall(".//ContinuousStateDerivative")
         )
-        self.exchange = exchange
+        self.exchange, self.events = exchange, events
         self.instance = self.instantiated(self.token)
 
     def instantiated(self, token):
@@ -60,7 +60,7 @@ class Unit:
         kind = "ModelExchange" if self.exchange else "CoSimulation"
         make = getattr(self.library, f"fmi3Instantiate{kind}")
         make.restype = ctypes.c_void_p
-        further = () if self.exchange else (False, False, None, ctypes.c_size_t(0))
+        further = () if self.exchange else (self.events, self.events, None, ctypes.c_size_t(0))
         callbacks = (None, None) if self.exchange else (None, None, None)
         return make(b"unit", token.encode(), b"", False, False, *further, *callbacks)
 
@@ -109,6 +109,14 @@ class Unit:
         status = self.call("DoStep", *given, True, *map(ctypes.byref, flags), ctypes.byref(last))
         assert not any(flag.value for flag in flags) and (status or last.value == pytest.approx(t + size))
         return status
+
+    def early(self, t, size):
+        """Take a communication step of FMI 3.0 with events; return its time, and whether it needs one and is early."""
+        event, ended, early, last = *(ctypes.c_bool(True) for _ in range(3)), ctypes.c_double()
+        given = (*map(ctypes.byref, (event, ended, early)), ctypes.byref(last))
+        assert self.call("DoStep", ctypes.c_double(t), ctypes.c_double(size), True, *given) == 0
+        assert not ended.value
+        return last.value, event.value, early.value
 
     def again(self):
         """Save the state of the unit, serialize it, and return a function that restores it from its bytes."""
@@ -161,17 +169,22 @@ class Unit:
         assert self.call("CompletedIntegratorStep", 1, ctypes.byref(event), ctypes.byref(end)) == 0
         return bool(event.value), bool(end.value)
 
-    def updated(self):
-        """Update discrete states; return whether the unit asks for the end, and whether it has changed the state."""
+    def updated(self, next_time=None):
+        """Update discrete states; return whether the unit asks for the end, and whether it has changed the state.
+
+        The time of its next event is checked.
+        """
         if self.version == "2.0":
             info = (ctypes.c_int * 8)()  # five flags, and a double that is aligned
             assert self.call("NewDiscreteStates", info) == 0
-            assert not info[0] and not info[2] and not info[4]
+            assert not info[0] and not info[2] and bool(info[4]) == (next_time is not None)
+            assert next_time is None or np.frombuffer(info, np.float64)[3] == pytest.approx(next_time)
             return bool(info[1]), bool(info[3])
-        flags, next_time = [ctypes.c_bool() for _ in range(5)], ctypes.c_double()
-        assert self.call("UpdateDiscreteStates", *map(ctypes.byref, flags), ctypes.byref(next_time)) == 0
+        flags, next_time_found = [ctypes.c_bool() for _ in range(5)], ctypes.c_double()
+        assert self.call("UpdateDiscreteStates", *map(ctypes.byref, flags), ctypes.byref(next_time_found)) == 0
         again, end, nominals, values, defined = (flag.value for flag in flags)
-        assert not again and not nominals and not defined
+        assert not again and not nominals and defined == (next_time is not None)
+        assert next_time is None or next_time_found.value == pytest.approx(next_time)
         return end, values
 
     def integrate(self, t, end, steps, inputs=lambda unit, t: None):

@@ -20,11 +20,15 @@ from .contact_decisions import LOOP as DECISIONS
 from .contact_decisions import DecisionArguments
 from .phase_loop import LOOP, PhaseArguments
 
+CHANGES = 2
+"""Value of ``ContactPlace.pending``."""
+
 
 class ContactPlace(Record):
     """The runner that took the last step, where that began and ended, and the direction of time, 1 or -1.
 
-    ``pending`` is 1 where what follows from the end of a phase has not happened yet, and before the first step.
+    ``pending`` is 1 where what follows from the end of a phase has not happened yet, and before the first step;
+    `CHANGES` where contacts change at that end.
     """
 
     runner: int
@@ -35,11 +39,16 @@ class ContactPlace(Record):
 
 
 class ContactSteps(NamedTuple):
-    """A motion with contacts; ``sampled`` (2 n_q + n_z,) gets coordinates, rates and first-order states."""
+    """A motion with contacts.
+
+    ``sampled`` (2 n_q + n_z,) gets coordinates, rates and first-order states; ``own`` (n_y,) is the state of a mode
+    that is to be corrected.
+    """
 
     phases: PhaseArguments
     sampled: Vector
     place: ContactPlace
+    own: Vector
 
 
 @compiled_subset
@@ -56,7 +65,8 @@ def phase_step(loop: Callable[[SweepArguments], int]) -> Callable[[ContactSteps,
         place, state, paused = steps.place, runner.state, loop(runner)
         if paused != 0:
             place.runner, place.begin, place.time = number, state.tally[BEFORE, 0], state.clock[NOW, 0]
-            place.pending = 0 if state.numbers.status[0] == RUNNING else 1
+            status = state.numbers.status[0]
+            place.pending = 0 if status == RUNNING else CHANGES if status == Status.EVENT else 1
         return paused
 
     return compiled_subset(run_phase)
@@ -81,26 +91,53 @@ def contact_step(steps: ContactSteps) -> int:
 @compiled_subset
 def sample_phase(steps: ContactSteps, runner: SweepArguments, t: float) -> None:
     """Compute coordinates and rates at a time within the last step, which a runner took."""
-    part, state, lone = runner.part, runner.state, runner.state.numbers.lone
-    tolerances, old = state.settings.shape[0] - 2, state.progress.old
-    rtol, atol = state.settings[tolerances, 0], state.settings[tolerances + 1, 0]
+    part, state = runner.part, runner.state
     part.clock[0, 0] = t
     if t == state.clock[NOW, 0]:
         for m in range(runner.shape.n):
-            part.states[m, 0] = state.states[old + m, 0]
+            part.states[m, 0] = state.states[state.progress.old + m, 0]
     else:
         interpolate(runner, 0, t)
-        lone[0] = PENDING
-        correct(
-            runner.kernels.position, runner.kernels.velocity, part.clock, part.states, 0, part.states, 0,
-            state.constants, state.delta, lone, rtol, atol,
-        )  # fmt: skip
-        if lone[0] == FAILED:  # it stays as it is
+        if not _corrects(runner):  # it stays as it is
             interpolate(runner, 0, t)
+    _expand(steps, runner)
+
+
+@compiled_subset
+def _corrects(runner: SweepArguments) -> bool:
+    """Project the state in ``part`` onto the constraints; return whether that succeeds."""
+    part, state, lone = runner.part, runner.state, runner.state.numbers.lone
+    tolerances = state.settings.shape[0] - 2
+    rtol, atol = state.settings[tolerances, 0], state.settings[tolerances + 1, 0]
+    lone[0] = PENDING
+    correct(
+        runner.kernels.position, runner.kernels.velocity, part.clock, part.states, 0, part.states, 0,
+        state.constants, state.delta, lone, rtol, atol,
+    )  # fmt: skip
+    return lone[0] != FAILED
+
+
+@compiled_subset
+def _expand(steps: ContactSteps, runner: SweepArguments) -> None:
+    """Compute coordinates and rates from the state in ``part``."""
+    part = runner.part
     clock, states = row(part.clock, 0), row(part.states, 0)
-    call_code(part.expand, clock, states, row(state.constants, 0), 0, row(part.posed, 0))
+    call_code(part.expand, clock, states, row(runner.state.constants, 0), 0, row(part.posed, 0))
     for m in range(steps.sampled.size):
         steps.sampled[m] = part.posed[m, 0]
+
+
+@compiled_subset
+def correct_phase(steps: ContactSteps, runner: SweepArguments, t: float) -> int:
+    """Compute coordinates and rates that meet the constraints of a mode, from its state ``own``; return a status."""
+    part = runner.part
+    part.clock[0, 0] = t
+    for m in range(runner.shape.n):
+        part.states[m, 0] = steps.own[m]
+    if not _corrects(runner):
+        return Status.PROJECTION_FAILED
+    _expand(steps, runner)
+    return RUNNING
 
 
 @compiled_subset

@@ -146,7 +146,7 @@ class CaseTable(NamedTuple):
         contacts add, coordinates, rates and first-order states. A full log ends the work.
     stops : PhaseStops
     carried : (k, n) or (0, 0)
-        Where there are stops, signs of the events of a case in its present phase (`EventWorkspace.carried`).
+        Where cases stop and go on, signs of the events of a case in its present phase (`EventWorkspace.carried`).
     """
 
     t0: Vector

@@ -18,12 +18,14 @@ from ..codegen.compiled_engine import CompiledEngine
 from ..contacts.contact_laws import Mode
 from ..contacts.phase_tables import ANY_PHASE
 from ..errors import CapabilityError, ConstraintError, SingularMassMatrixError
+from ..ir.kernel import Kernel
+from ..ir.program import Program
 from ..lanes.sweep_arguments import SweepArguments
 from ..options import PrepareOptions
 from ..phases.case_runs import CaseRuns
 from ..phases.given_values import open_contacts
 from ..phases.mode_models import ModeModels
-from ..phases.mode_runners import GatheredRows, ModeRunner
+from ..phases.mode_runners import FIRST_PARAMETER, GatheredRows, ModeRunner
 from ..phases.output_values import PhaseReductions
 from ..phases.runner_choice import RunnerChoice
 from ..pipeline import Compiled
@@ -76,8 +78,12 @@ def contact_source(
     method: str,
     tolerances: tuple[float, float],
     span: tuple[float, float],
+    *,
+    continued: bool = False,
 ) -> CSource:
     """Return what the C source of a scene with contacts is made of; see `dalembert.export.simulator.c_source`.
+
+    `continued`: its runs go on behind any time at which a step has ended.
 
     Raises
     ------
@@ -89,7 +95,7 @@ def contact_source(
     refuse_contact_scene(modes)
     names = sorted(set(modes.layout.variables if initial is None else initial))
     fitting = _methods_of_example(model, names, numbers, tolerances, span) if method == "auto" else {}
-    loop = contact_loop(model, method, fitting, tolerances, prefix_of(model.name))
+    loop = contact_loop(model, method, fitting, tolerances, prefix_of(model.name), continued=continued)
     begins = modes.model(modes.starting_mode(frozenset(names), open_contacts(modes, {**numbers, **_time(modes, span)})))
     program, reduced = begins.stages.program, begins.stages.reduced
     own = program.layout
@@ -126,7 +132,13 @@ def _methods_of_example(
 
 
 def contact_loop(
-    model: CompiledModel, method: str, fitting: Mapping[int, str], tolerances: tuple[float, float], prefix: str
+    model: CompiledModel,
+    method: str,
+    fitting: Mapping[int, str],
+    tolerances: tuple[float, float],
+    prefix: str,
+    *,
+    continued: bool = False,
 ) -> ContactLoop:
     """Return the loops of a scene with contacts, for one case.
 
@@ -141,6 +153,8 @@ def contact_loop(
         Relative and absolute.
     prefix : str
         Of the names of functions.
+    continued : bool
+        Whether runs go on behind any time at which a step has ended, and carry the signs of guards over it.
 
     Raises
     ------
@@ -158,7 +172,8 @@ def contact_loop(
     choice.runners += runners
     choice.served = np.array([runner.number for runner in runners], np.int64)
     choice.begins = np.full(len(runners), ANY_PHASE)
-    phases, decision, lanes = CaseRuns(choice, t_eval=np.full(1, np.nan)).executor.arguments_alone()
+    executor = CaseRuns(choice, t_eval=np.full(1, np.nan)).executor
+    phases, decision, lanes = executor.arguments_alone(continued=continued)
     layout, automaton = modes.layout, modes.automaton
     return ContactLoop(
         phases=phases,
@@ -230,7 +245,9 @@ def _exported(modes: ModeModels, runner: ModeRunner, lane: SweepArguments) -> Co
     program, names = runner.model.stages.program, modes.layout.outputs
     outputs = program.layout.outputs
     places = [outputs.index(name if name in outputs else modes.layout.aliases[name]) for name in names]
-    kernel, found = program.kernel("outputs"), lane.workspace.found
+    rows = GatheredRows.of(modes.layout, modes.equations.contacts).parameters
+    found = lane.workspace.found
+    guards = [outputs.index(guard.output) for guard in modes.guards(runner.mode)]
     # one row more than are filled, so that compilers of C see that none is written behind the last
     space = lane.workspace._replace(found=np.zeros((len(found) + 1, found.shape[1])))
     alone = lane._replace(kernels=lane.kernels._replace(advance=NO_CODE), samples=np.empty((0, 0)), workspace=space)
@@ -238,6 +255,15 @@ def _exported(modes: ModeModels, runner: ModeRunner, lane: SweepArguments) -> Co
         states=runner.mode,
         method=runner.method,
         arguments=alone,
-        initial=program.kernel("initial"),
-        outputs=EliminateDeadCode()(replace(kernel, outputs=tuple(kernel.outputs[place] for place in places))),
+        program=program,
+        outputs=_some_outputs(program, places),
+        guards=_some_outputs(program, guards),
+        expansion=modes.expansion(runner.mode),
+        places=tuple(rows[name] - FIRST_PARAMETER for name in program.layout.parameters),
     )
+
+
+def _some_outputs(program: Program, places: Sequence[int]) -> Kernel:
+    """Return the kernel of some of the outputs of a program."""
+    kernel = program.kernel("outputs")
+    return EliminateDeadCode()(replace(kernel, outputs=tuple(kernel.outputs[place] for place in places)))

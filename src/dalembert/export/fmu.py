@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
+from ..codegen.c.contact_unit import ContactUnitSimulator
 from ..codegen.c.descriptions import CSource
 from ..codegen.c.printing import double, rows_of
 from ..codegen.c.unit_simulator import UnitSimulator
@@ -17,7 +18,7 @@ from ..values import listed
 from ..version import __version__
 from .compilers import c_compiler, foreign_library, shared_library
 from .unit_functions import absent_functions
-from .unit_variables import UnitVariable, UnitVariables, nominal_of, unit_variables
+from .unit_variables import AnyUnit, UnitVariable, UnitVariables, nominal_of, unit_variables
 
 _TARGETS = {
     "linux64": ("x86_64-linux-gnu.2.17", "so", "x86_64-linux"),
@@ -63,7 +64,7 @@ def fmu_files(source: CSource, platforms: Sequence[str] | None = None, version: 
         Where the compiler fails.
     """
     refuse_missing(source, "a unit")
-    simulator = UnitSimulator(source)
+    simulator: AnyUnit = UnitSimulator(source) if source.contacts is None else ContactUnitSimulator(source)
     prefix, digit = simulator.prefix, version[0]
     texts = {name: simulator.files[name] for name in (f"{prefix}.c", f"{prefix}.h")}
     guid = hashlib.sha256("".join(texts.values()).encode()).hexdigest()[:32]
@@ -126,7 +127,7 @@ def refuse_missing(source: CSource, what: str) -> None:
         )
 
 
-def _functions(simulator: UnitSimulator, variables: UnitVariables, version: str) -> dict[str, Any]:
+def _functions(simulator: AnyUnit, variables: UnitVariables, version: str) -> dict[str, Any]:
     """Return the variables of the templates of the functions of a unit."""
     source, layout = simulator.source, simulator.layout
     wanted = [*source.start.given, *source.parameters, *layout.inputs]
@@ -142,32 +143,43 @@ def _functions(simulator: UnitSimulator, variables: UnitVariables, version: str)
         "n_states": len(layout.state),
         "n_values": simulator.n_values,
         "n_knowns": simulator.n_knowns,
-        "n_locks": len(variables.indicators),
+        "n_locks": len(source.locking) if simulator.exchanged else 0,
+        "n_indicators": len(variables.indicators),
         "first_input": len(wanted) - len(layout.inputs),
         "starts": rows_of([double(float(source.numbers.get(name, 0.0))) for name in wanted] or ["0.0"]),
         "state_references": ", ".join(str(variable.number) for variable in variables.states),
         "rtol": double(source.tolerances[0]) if simulator.corrected else "",
         "nominal": double(nominal_of(source.tolerances)),
+        "contacts": source.contacts is not None,
+        "controlled": source.sampling is not None,
+        "stops": source.contacts is not None and version != "2.0",
+        "span": "" if source.contacts is None else double(abs(source.span[1] - source.span[0])),
         "inputs": len(layout.inputs),
-        "first_lock": simulator.n_values - len(variables.indicators) if variables.indicators else 0,
+        "first_indicator": simulator.n_values - len(variables.indicators) if variables.indicators else 0,
         "n_all": simulator.n_values + 1,
         "n_references": len(wanted) + simulator.n_values,
-        "n_known_states": simulator.n_knowns - len(layout.inputs),
+        "n_known_states": simulator.n_known_states,
+        "n_known_parameters": len(source.parameters) if simulator.n_knowns else 0,
+        "first_known_parameter": simulator.n_known_states + len(layout.inputs),
     }
 
 
-def _interface(simulator: UnitSimulator, functions: Mapping[str, Any], digit: str) -> str:
+def _interface(simulator: AnyUnit, functions: Mapping[str, Any], digit: str) -> str:
     """Return the functions of a version of the standard."""
     if digit == "2":
-        names = ("exchanged", "first_input", "n_wanted", "prefix", "upper")
+        names = ("controlled", "exchanged", "first_input", "n_wanted", "prefix", "upper")
         given = {name: functions[name] for name in names} | {"other_types": _OTHER_TYPES["2.0"]}
     else:
-        given = {name: functions[name] for name in ("exchanged", "n_locks", "n_states", "prefix")}
-        given["absent"] = absent_functions(_OTHER_TYPES["3.0"], simulator.exchanged)
+        given = {
+            name: functions[name]
+            for name in ("contacts", "controlled", "exchanged", "n_indicators", "n_states", "prefix")
+        }
+        has = {"exchanged": simulator.exchanged, "events": simulator.exchanged or functions["contacts"]}
+        given["absent"] = absent_functions(_OTHER_TYPES["3.0"], **has)
     return render(f"fmi/fmi{digit}.c.j2", given)
 
 
-def _description(simulator: UnitSimulator, variables: UnitVariables, digit: str, sources: list[str]) -> dict[str, Any]:
+def _description(simulator: AnyUnit, variables: UnitVariables, digit: str, sources: list[str]) -> dict[str, Any]:
     """Return the variables of the template of a description."""
     source, place = simulator.source, "place" if digit == "2" else "number"
     outputs = [variable for variable in variables.all if variable.causality == "output"]
@@ -202,4 +214,5 @@ def _description(simulator: UnitSimulator, variables: UnitVariables, digit: str,
     }
     if digit == "2":
         return found | {"n_indicators": len(variables.indicators), "sources": sources}
+    found["contacts"] = source.contacts is not None
     return found | {"indicators": references(variables.indicators)}

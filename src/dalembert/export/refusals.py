@@ -53,14 +53,34 @@ def refuse_program(program: Program, further: tuple[str, ...] = ()) -> None:
         )
 
 
-def _refuse_controllers(controllers: Sequence[ControllerModel]) -> None:
+def _refuse_controllers(controllers: Sequence[ControllerModel], *, contacts: bool = False) -> None:
+    if controllers and contacts:
+        names = list_names(item.name for item in controllers)
+        raise CapabilityError(
+            f"exports of scenes with contacts that change do not carry sampled controllers ({names}): {WITHOUT}, or"
+            ' export one mode as a unit, model.mode(...).export(..., kind="fmu")'
+        )
     if controllers:
         names = list_names(item.name for item in controllers)
-        raise CapabilityError(f"exports do not carry sampled controllers ({names}): {WITHOUT}")
+        raise CapabilityError(f'sampled controllers ({names}) are carried by kind="fmu" alone: take that, or {WITHOUT}')
 
 
-def refuse_scene(model: CompiledModel) -> None:
-    """Reject a model that no export carries.
+def _refuse_unit_controllers(model: CompiledModel) -> None:
+    functions = [item.name for item in model.controllers if item.function is not None]
+    if functions:
+        raise CapabilityError(
+            f"laws of controllers in Python ({list_names(functions)}) are code of this process, which no export can"
+            " hold: write them as expressions, with states= and inputs= of da.Controller"
+        )
+    if model.stages.program.knot_sides is not None:
+        raise CapabilityError(
+            f"{model.name!r} has both sampled controllers and tables or forces that jump, which exports do not carry"
+            " together yet: smooth the jumps"
+        )
+
+
+def refuse_scene(model: CompiledModel, *, unit: bool = False) -> None:
+    """Reject a model that no export carries, or none but a `unit`.
 
     Raises
     ------
@@ -68,7 +88,10 @@ def refuse_scene(model: CompiledModel) -> None:
         With what it has that is not exported, and the remedy.
     """
     program, reduced = model.stages.program, model.stages.reduced
-    _refuse_controllers(model.controllers)
+    if unit and model.controllers:
+        _refuse_unit_controllers(model)
+    else:
+        _refuse_controllers(model.controllers)
     refuse_program(program)
     if program.conditions is not None:
         raise CapabilityError(
@@ -129,22 +152,6 @@ def refuse_inputs(model: CompiledModel, start: Start) -> None:
         )
 
 
-def refuse_contacts_of_units(model: CompiledModel) -> None:
-    """Reject models whose contacts change, which functional mock-up units do not carry.
-
-    Raises
-    ------
-    CapabilityError
-        With the contacts, and the remedy.
-    """
-    if model.modes is not None:
-        raise CapabilityError(
-            f"{model.name!r} has contacts that change ({list_names(model.contacts)}), and a run with them ends at its"
-            " end, where units continue behind each communication step: export one mode, model.mode(...).export(...),"
-            ' or take kind="c", "page" or "wheel"'
-        )
-
-
 def refuse_contacts_of_files(model: CompiledModel) -> None:
     """Reject models whose contacts change, which files of Python do not carry.
 
@@ -195,7 +202,7 @@ def refuse_contact_scene(modes: ModeModels) -> None:
         With what they have that is not exported, and the remedy.
     """
     name, equations = modes.equations.name, modes.equations
-    _refuse_controllers(equations.controllers)
+    _refuse_controllers(equations.controllers, contacts=True)
     if modes.layout.inputs:
         raise CapabilityError(
             f"exports of scenes with contacts that change do not carry inputs ({list_names(modes.layout.inputs)}):"

@@ -13,6 +13,7 @@ from ..errors import OptionError, unknown_name
 from ..methods.pairs import PAIRS
 from ..reduction.admission import admission_of_state
 from ..reduction.jumps import has_jumps
+from ..reduction.sampling_kernels import sampling_kernels
 from ..reduction.starting import Start, starting
 from ..runs.run_checks import GimbalCheck
 from ..starts.initial_states import initial_state
@@ -59,8 +60,12 @@ def c_source(
     span: tuple[float, float],
     step: float | None = None,
     precision: str = "double",
+    *,
+    continued: bool = False,
 ) -> CSource:
     """Return what the C source of a model is made of; see `dalembert.model.exports.export` for the arguments.
+
+    `continued`: for a unit, whose runs go on behind any time at which a step has ended, with contacts and controllers.
 
     Raises
     ------
@@ -72,8 +77,8 @@ def c_source(
     if model.modes is not None:
         from .contact_runs import contact_source
 
-        return contact_source(model, initial, numbers, method, tolerances, span)
-    refuse_scene(model)
+        return contact_source(model, initial, numbers, method, tolerances, span, continued=continued)
+    refuse_scene(model, unit=continued)
     start = start_of(model, initial)
     refuse_inputs(model, start)
     reduced = model.stages.reduced
@@ -93,6 +98,7 @@ def c_source(
         locking=() if check is None else locking_groups(model, check, start, numbers, span),
         step=step,
         single=single,
+        sampling=sampling_kernels(reduced),
     )
 
 

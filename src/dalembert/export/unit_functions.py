@@ -23,6 +23,26 @@ _EVENTS = (
         ),
     ),
 )
+_NUMBERS = (("fmi3Float64", "values[]"), _COUNT)
+_GIVEN = (("const fmi3Float64", "values[]"), _COUNT)
+_EXCHANGE = (
+    ("EnterContinuousTimeMode", ()),
+    (
+        "CompletedIntegratorStep",
+        (
+            ("fmi3Boolean", "no_set_before"),
+            *(("fmi3Boolean *", name) for name in ("enter_event_mode", "terminate")),
+        ),
+    ),
+    ("SetTime", (("fmi3Float64", "t"),)),
+    ("SetContinuousStates", _GIVEN),
+    ("GetContinuousStates", _NUMBERS),
+    ("GetContinuousStateDerivatives", _NUMBERS),
+    ("GetNominalsOfContinuousStates", _NUMBERS),
+    ("GetEventIndicators", _NUMBERS),
+    ("GetNumberOfEventIndicators", (("size_t *", "count"),)),
+    ("GetNumberOfContinuousStates", (("size_t *", "count"),)),
+)
 _COUNTED = (
     ("GetBinary", (("size_t", "sizes[]"), ("fmi3Binary", "values[]"), _N_VALUES), "there are no binaries"),
     ("SetBinary", (("const size_t", "sizes[]"), ("const fmi3Binary", "values[]"), _N_VALUES), "there are no binaries"),
@@ -80,15 +100,18 @@ _OTHERS = (
 )
 
 
-def absent_functions(types: Iterable[tuple[str, str]], exchanged: bool) -> list[dict[str, Any]]:
+def absent_functions(types: Iterable[tuple[str, str]], *, exchanged: bool, events: bool) -> list[dict[str, Any]]:
     """Return the functions as variables of their template; `types` are those of which there are no variables.
 
-    Those of events are among them where a unit is for co-simulation alone.
+    Those of model exchange are among them unless a unit is `exchanged`, and those of events unless it has `events`.
     """
     found = []
-    if not exchanged:
+    if not events:
         text = "the unit is one for co-simulation, without events"
         found += [_function(name, parameters, text) for name, parameters in _EVENTS]
+    if not exchanged:
+        text = "the unit is one for co-simulation alone"
+        found += [_function(name, parameters, text) for name, parameters in _EXCHANGE]
     for kind, what in types:
         for verb, const in (("Get", ""), ("Set", "const ")):
             values = ((f"{const}fmi3{kind}", "values[]"), _N_VALUES)

@@ -7,7 +7,11 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any, final
 
+from ..codegen.c.contact_unit import ContactUnitSimulator
 from ..codegen.c.unit_simulator import UnitSimulator
+from ..contacts.contact_laws import STATES
+
+AnyUnit = UnitSimulator | ContactUnitSimulator
 
 
 @final
@@ -71,7 +75,7 @@ class UnitVariables:
         return self.all[-1]
 
 
-def unit_variables(simulator: UnitSimulator, *, independent: bool) -> UnitVariables:
+def unit_variables(simulator: AnyUnit, *, independent: bool) -> UnitVariables:
     """Return the variables of a unit; the time is one where `independent`."""
     source, layout = simulator.source, simulator.layout
     numbers, found = source.numbers, UnitVariables()
@@ -98,17 +102,25 @@ def unit_variables(simulator: UnitSimulator, *, independent: bool) -> UnitVariab
             states |= {} if place is None else {place: variable}
             named.add(name)
     first += len(computed)
+    contacts = () if source.contacts is None else source.contacts.contacts
+    states_of_contacts = ", ".join(f"{number} {state}" for number, state in enumerate(STATES))
+    for number, (name, _) in enumerate(contacts):
+        text, kind = f"what the contact does: {states_of_contacts}", "discrete"
+        found.add(f"mode({name})", text, first + number, "output", own=True, variability=kind, initial="calculated")
+    first += len(contacts)
     if simulator.exchanged:
         _add_exchanged(found, simulator, states, first)
     if independent:
-        found.add("time", "", first + simulator.n_values - len(computed), "independent", own=True, unit="s")
+        found.add("time", "", first + simulator.n_values - simulator.n_computed, "independent", own=True, unit="s")
     return found
 
 
-def _copied_states(simulator: UnitSimulator) -> dict[int, int]:
+def _copied_states(simulator: AnyUnit) -> dict[int, int]:
     """Return the places in the state of those coordinates, rates and first-order states that are components of it."""
     if not simulator.exchanged:
         return {}
+    if simulator.source.contacts is not None:
+        return {place: place for place in range(len(simulator.source.contacts.variables))}
     expand = simulator.program.kernel("expand")
     loads = {load.target: load.index for load in expand.loads if load.array == "y"}
     pairs = ((number, loads.get(output)) for number, output in enumerate(expand.outputs) if isinstance(output, str))
@@ -119,11 +131,11 @@ def _copied_states(simulator: UnitSimulator) -> dict[int, int]:
     return found
 
 
-def _add_exchanged(
-    found: UnitVariables, simulator: UnitSimulator, states: Mapping[int, UnitVariable], first: int
-) -> None:
+def _add_exchanged(found: UnitVariables, simulator: AnyUnit, states: Mapping[int, UnitVariable], first: int) -> None:
     """Add components of the state that no variable has yet, their derivatives, and determinants of angles."""
-    names, nominal = simulator.layout.state, repr(nominal_of(simulator.source.tolerances))
+    contacts = simulator.source.contacts
+    names = simulator.layout.state if contacts is None else contacts.variables
+    nominal = repr(nominal_of(simulator.source.tolerances))
     calculated: dict[str, Any] = {"causality": "local", "initial": "calculated"}
     for place, name in enumerate(names):
         own = escape(name) in {variable.name for variable in found.all}
@@ -137,9 +149,15 @@ def _add_exchanged(
             found.add(f"der({name})", f"derivative of {name}", first + place, own=True, state=state, **calculated)
         )
     first += len(names)
-    for place in range(len(simulator.source.locking)):
-        text = "determinant of angles, which lock where it vanishes"
-        found.indicators.append(found.add(f"lock_{place + 1}", text, first + place, own=True, **calculated))
+    name, text, count = "lock", "determinant of angles, which lock where it vanishes", len(simulator.source.locking)
+    if isinstance(simulator, ContactUnitSimulator):
+        name, text, count = (
+            "guard",
+            "guard of what contacts do, which change where it falls through zero",
+            simulator.n_guards,
+        )
+    for place in range(count):
+        found.indicators.append(found.add(f"{name}_{place + 1}", text, first + place, own=True, **calculated))
 
 
 def nominal_of(tolerances: tuple[float, float]) -> float:

@@ -26,13 +26,11 @@ def _c(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
 
 def _fmu(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
     from ..export.fmu import fmu_files
-    from ..export.refusals import refuse_contacts_of_units
     from ..export.simulator import c_source
 
-    refuse_contacts_of_units(model)
     asked = dict(request)
     platforms, version = asked.pop("platforms"), asked.pop("fmi")
-    return fmu_files(c_source(model, **asked), platforms, version)
+    return fmu_files(c_source(model, **asked, continued=True), platforms, version)
 
 
 def _page(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -173,10 +171,10 @@ def export(
     Raises
     ------
     CapabilityError
-        For what exports do not carry, with the remedy: contacts with many modes, sampled controllers, functions of time
-        with kinks, formulations other than "minimal", "projected" and "augmented"; in files of Python contacts that
-        change, and in those for JAX tables and angles that may lock; by steps of a fixed size contacts that change,
-        tables, and rates that jump with the state.
+        For what exports do not carry, with the remedy: contacts with many modes, sampled controllers but in units,
+        functions of time with kinks, formulations other than "minimal", "projected" and "augmented"; in files of Python
+        contacts that change, and in those for JAX tables and angles that may lock; by steps of a fixed size contacts
+        that change, tables, and rates that jump with the state.
     OptionError
         For an unknown kind, and a path at which something else is.
     InitialStateError, UnknownNameError, ValueInputError

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from ..model.model import CompiledModel
 
 
+FIRST_PARAMETER = 2
+"""First row of parameters in ``ThreadWorkspace.gathered``, behind start and end."""
+
 FEWEST_ROWS, _MOST_ROWS, _ROOM = 16, 256, 2048
 """Rows for records of steps: at least, at most, and times the components of the state."""
 
@@ -55,8 +58,8 @@ class GatheredRows:
     def of(cls, layout: Layout, contacts: Sequence[ContactRow]) -> GatheredRows:
         """Return the rows of a scene, start and end being the first two."""
         names = [*layout.parameters, *(name for contact in contacts for name in mode_parameters(contact))]
-        first = 2 + len(names)
-        parameters = {name: row for row, name in enumerate(names, 2) if name}
+        first = FIRST_PARAMETER + len(names)
+        parameters = {name: row for row, name in enumerate(names, FIRST_PARAMETER) if name}
         states = {name: row for row, name in enumerate(layout.variables, first)}
         return cls(parameters, states, first + len(states) + 3)
 
@@ -97,10 +100,9 @@ class ModeRunner:
         """Return the call that runs the cases that are gathered in the memory of a thread.
 
         Its next case is `turn` (1,). It records the motion of a case that is alone, with at least `recorded` rows
-        for steps and for what occurs, if that is not 0. Where the table has
-        stops, cases continue where their last run has stopped.
+        for steps and for what occurs, if that is not 0. Where the table
+        carries signs of events, cases continue where their last run has stopped.
         """
-        stops = len(table.stops.table.first) > 0
         model, gathered, k = self.model, space.gathered, space.gathered.shape[1]
         given, places = {**rows.states, DIRECTION: rows.count - 1}, rows.with_switches(self.switched)
         start = model.derived.start(given)
@@ -116,7 +118,7 @@ class ModeRunner:
             atol=self.options.atol,
             max_step=self.options.max_step,
             max_steps=self.options.max_steps,
-            carried=space.carried[: k * len(self.events)].reshape(k, -1) if stops else None,
+            carried=space.carried[: k * len(self.events)].reshape(k, -1) if len(table.carried) else None,
             recorded=max(recorded, min(_MOST_ROWS, _ROOM // max(self.size, 1))) if recorded else 0,
             part=self._part(space, table) if len(table.t_eval) else None,
         )

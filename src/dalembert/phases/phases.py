@@ -160,8 +160,15 @@ class PhaseExecutor:
         """The calls of the runners of the only case, as its last run made them."""
         return () if self._made is None else self._made[1].calls
 
-    def arguments_alone(self) -> tuple[PhaseArguments, DecisionArguments, list[SweepArguments]]:
-        """Return the arguments of all loops for a case that is alone: of phases, decisions, and each runner."""
+    def arguments_alone(
+        self, *, continued: bool = False
+    ) -> tuple[PhaseArguments, DecisionArguments, list[SweepArguments]]:
+        """Return the arguments of all loops for a case that is alone: of phases, decisions, and each runner.
+
+        `continued`: its end may be moved when it is reached, over which signs of events are carried.
+        """
+        if continued:
+            self._carry_signs(True)
         threads = self._thread_memory(1)
         (space, calls, decision), alone = threads.held[0], np.zeros(1, np.int64)
         table = self.table._replace(order=alone, turn=threads.turn)
@@ -245,11 +252,11 @@ class PhaseExecutor:
         self._made, self._packed = (key, _Threads(loop, self._plan(), spaces, turn, calls, made)), []
         return self._made[1]
 
-    def _carry_signs(self) -> None:
-        """Make room for the signs of all events of a runner, where there are stops."""
+    def _carry_signs(self, stops: bool = False) -> None:
+        """Make room for the signs of all events of a runner, where there are `stops`, or the table has them."""
         width = max((len(runner.events) for runner in self.choice.runners), default=0)
         before = self.table.carried
-        if len(self.table.stops.table.first) and width > before.shape[1]:
+        if (stops or len(self.table.stops.table.first)) and width > before.shape[1]:
             carried = np.full((len(self.table.t1), width), np.nan)
             carried[: len(before), : before.shape[1]] = before
             self.table, self._packed = self.table._replace(carried=carried), []

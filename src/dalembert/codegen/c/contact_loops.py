@@ -5,15 +5,18 @@ They are those of this process, with arguments that were made for one case; `Con
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, final
+
+import numpy as np
 
 from ...contacts.contact_decisions import DecisionArguments
 from ...contacts.contact_steps import (
     ContactPlace,
     ContactSteps,
     contact_step,
+    correct_phase,
     run_implicit_phase,
     run_phase,
     sample_end,
@@ -22,6 +25,7 @@ from ...contacts.contact_steps import (
 )
 from ...contacts.phase_loop import PhaseArguments
 from ...ir.kernel import Kernel
+from ...ir.program import Program
 from ...lanes.sweep_arguments import SweepArguments
 from ...subset.addresses import AddressTable, OwnedAddress
 from ...subset.arguments import Vector, kind_of
@@ -49,15 +53,21 @@ class ContactMode:
         "taylor", "radau", or a Runge-Kutta pair.
     arguments : SweepArguments
         Of its loop over lanes, for one case.
-    initial, outputs : Kernel
-        The state from coordinates and rates, and outputs from the state.
+    program : Program
+    outputs, guards, expansion : Kernel
+        Outputs of the scene, the guards of the mode, and coordinates and rates, from its state.
+    places : tuple of int
+        Where the values of its parameters are: among those of the scene, then those that contacts add.
     """
 
     states: tuple[str, ...]
     method: str
     arguments: SweepArguments
-    initial: Kernel
+    program: Program
     outputs: Kernel
+    guards: Kernel
+    expansion: Kernel
+    places: tuple[int, ...]
 
 
 @final
@@ -120,7 +130,10 @@ class ContactSource:
         How the state is taken where a run is over.
     """
 
-    def __init__(self, loop: ContactLoop, prefix: str, reserved: Collection[str]) -> None:
+    corrections: Sequence[str] = ()
+    """How coordinates and rates at a time ``t`` are put onto the constraints, for each mode; of units alone."""
+
+    def __init__(self, loop: ContactLoop, prefix: str, reserved: Collection[str], *, corrected: bool = False) -> None:
         self.space, places = _memory(loop, prefix)
         self.code = code = LoopSource(self.space, prefix, "fused", frozenset(reserved))
         steps = Value(kind_of(ContactSteps), (), "run", 0)
@@ -135,6 +148,8 @@ class ContactSource:
         time = Value(NUMBER, ("t",))
         self.samples = [code.call(sample_phase, [steps, runner, time])[0] for runner in runners]
         self.sample_end = code.call(sample_end, [steps])[0]
+        if corrected:
+            self.corrections = [code.call(correct_phase, [steps, runner, time])[0] for runner in runners]
 
     @staticmethod
     def _made(call: tuple[str, Any, Any], name: str) -> None:
@@ -161,10 +176,12 @@ def _memory(loop: ContactLoop, prefix: str) -> tuple[Workspace, dict[str, Value]
         plan=phases.plan._replace(decide=entry("select_modes")), space=phases.space._replace(entries=entries)
     )
     sampled = phases.table.cases.x[0].copy()
+    own = np.zeros(max(len(mode.program.kernel("initial").outputs) for mode in loop.modes))
     fields: list[tuple[str, Any]] = [("phases", PhaseArguments), ("sampled", Vector), ("place", ContactPlace)]
+    fields += [("own", Vector)]
     fields += [("decision", DecisionArguments), *((f"mode_{i}", SweepArguments) for i in range(len(modes)))]
     kind: Callable[..., Any] = NamedTuple("ContactRun", fields)  # type: ignore[misc]
-    arguments: Any = kind(*(phases, sampled, ContactPlace(), loop.decision, *modes))
+    arguments: Any = kind(*(phases, sampled, ContactPlace(), own, loop.decision, *modes))
     constant = {
         f"{path}.{name}"
         for part, names in _CONSTANT.items()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -43,8 +44,18 @@ def simulator_of(source: CSource) -> Simulator:
 
 
 class ContactSimulator(Simulator):
-    """A simulator in C99 of a scene whose contacts change."""
+    """A simulator in C99 of a scene whose contacts change.
 
+    Attributes
+    ----------
+    corrected : bool
+        Whether states that an integrator of others has reached are put back onto the constraints.
+    corrections : sequence of str
+        How, for each mode.
+    """
+
+    corrected = False
+    corrections: Sequence[str] = ()
     template: ClassVar[str] = "c/contact_functions.c.j2"
     contact_states: ClassVar[tuple[str, ...]] = tuple(state.upper() for state in STATES)
     statuses: ClassVar[tuple[Status, ...]] = (
@@ -62,11 +73,10 @@ class ContactSimulator(Simulator):
         self.at |= _AT
         self._start_kernels()
         modes = [self._mode_kernels(number) for number in range(len(loop.modes))]
-        loops = ContactSource(loop, self.prefix, self._taken())
+        loops = ContactSource(loop, self.prefix, self._taken(), corrected=self.corrected)
         used = loop.functions.used(loops.code.text)
         self._finish(render("c/kernels.c.j2", {"kernels": self.kernels}) + used, loops.code)
-        needed = {"sampled", "place", "phases.plan.most_steps", *(f"phases.table.{name}" for name in _TABLE)}
-        needed |= {f"mode_{i}.{name}" for i in range(len(modes)) for name in ("limits", "state.constants")}
+        needed = self._needed()
         members = loops.space.members_used(loops.code.text, needed)
         members.append(f"double constants[{max(len(self.program.kernel('prepare').outputs), 1)}];")
         functions = {
@@ -77,14 +87,22 @@ class ContactSimulator(Simulator):
             "samples": loops.samples,
             "sample_end": loops.sample_end,
             "modes": modes,
-            "n_own": max(len(mode.initial.outputs) for mode in loop.modes),
+            "n_own": max(len(mode.program.kernel("initial").outputs) for mode in loop.modes),
             "n_contacts": len(loop.contacts),
             "parameters": [plain(name) for name in loop.parameters],
             "not_started": NOT_STARTED,
             "rounding": double(RESOLUTION),
         }
         further = self._further_variables(loops.space.beginning_used(loops.code.text, needed), f"{self.prefix}_step")
+        self.corrections = loops.corrections
         return {"header": self._header_variables(members), "functions": functions, **further}
+
+    def _needed(self) -> set[str]:
+        """Return the members that the public functions read or set."""
+        assert self.source.contacts is not None
+        count = len(self.source.contacts.modes)
+        needed = {"sampled", "place", "phases.plan.most_steps", *(f"phases.table.{name}" for name in _TABLE)}
+        return needed | {f"mode_{i}.{name}" for i in range(count) for name in ("limits", "state.constants")}
 
     def _mode_kernels(self, number: int) -> dict[str, str]:
         """Print the kernels of outputs in a mode; return their names."""
@@ -93,7 +111,7 @@ class ContactSimulator(Simulator):
             self.source.contacts.modes[number],
             {"initial": f"initial_{number}", "outputs": f"output_{number}"},
         )
-        kernels = {"initial": mode.initial, "outputs": mode.outputs}
+        kernels = {"initial": mode.program.kernel("initial"), "outputs": mode.outputs}
         for what, name in named.items() if self.layout.outputs else ():
             kernel = replace(kernels[what], arguments=STEP_ARGUMENTS)
             self._print(name, kernel, f"{what.capitalize()} where contacts {' and '.join(mode.states)}")

@@ -8,6 +8,7 @@ from typing import Any, final
 
 from ...ir.kernel import Kernel
 from ...ir.program import Program, hidden_parameters
+from ...reduction.sampling_kernels import SamplingKernels
 from ...reduction.starting import Start
 from ...transforms.periodic import angles_of
 from ...transforms.taylor import order_at
@@ -48,6 +49,8 @@ class CSource:
         Size of the steps of "rk4" [s].
     single : bool
         Whether it computes in single precision.
+    sampling : SamplingKernels or None
+        Sampled controllers, which act in units.
     """
 
     program: Program
@@ -64,6 +67,7 @@ class CSource:
     contacts: ContactLoop | None = None
     step: float | None = None
     single: bool = False
+    sampling: SamplingKernels | None = None
 
     @property
     def parameters(self) -> tuple[str, ...]:

@@ -212,7 +212,8 @@ class Simulator:
         kind = type(loop.arguments)
         calls = {"take_step": code.entry(loop.step, kind), "sample": code.entry(loop.sample, kind, "t")}
         further = self._further_calls(loop, code)
-        renew = [] if loop.renew is None or not self.layout.inputs else [code.entry(loop.renew, kind)]
+        jumps = bool(self.layout.inputs) or source.sampling is not None
+        renew = [] if loop.renew is None or not jumps else [code.entry(loop.renew, kind)]
         printed = render("c/kernels.c.j2", {"kernels": self.kernels}) + "".join(self.order_loops)
         self._finish(printed, code)
         n_locks = len(source.locking)
@@ -285,7 +286,7 @@ class Simulator:
             "n_further": len(self.layout.states),
             "n_locks": 0,
             "contact_states": self.contact_states,
-            **dict.fromkeys(("n_values", "n_knowns", "exchanged", "corrected"), 0),
+            **dict.fromkeys(("n_values", "n_knowns", "n_guards", "exchanged", "corrected", "controlled"), 0),
         }
 
     def _function_variables(self) -> dict[str, Any]:

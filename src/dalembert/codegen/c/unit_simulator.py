@@ -8,16 +8,19 @@ from typing import Any
 
 from ...ir.kernel import Kernel
 from ...ir.program import coefficient_places
+from ...methods.step_constants import SMALLEST_OF_TIME
+from ...reduction.sampling_kernels import SamplingAction
 from ...transforms.nonsmooth import decisions
 from ...transforms.partials import tangent_kernel
 from ...transforms.taylor import STEP_ARGUMENTS
 from ..rendering import render
-from .descriptions import CSource
+from .descriptions import CSource, plain
+from .printing import double
 from .run_loops import RunLoop
 from .simulator import Simulator
 from .source import LoopSource
 
-_PUBLIC = ("values", "directional", "rate", "correct")
+_PUBLIC = ("values", "directional", "rate", "correct", "begin", "advance", "act", "instant")
 """Ends of the names of public functions that only units have."""
 
 
@@ -50,8 +53,18 @@ class UnitSimulator(Simulator):
 
     @property
     def n_knowns(self) -> int:
-        """Number of values by which others are differentiated: the state and inputs."""
-        return (len(self.layout.state) if self.exchanged else 0) + len(self.layout.inputs)
+        """Number of values by which others are differentiated: the state, inputs and parameters."""
+        return self.n_known_states + len(self.layout.inputs) + len(self.source.parameters)
+
+    @property
+    def n_known_states(self) -> int:
+        """Number of components of the state among them."""
+        return len(self.layout.state) if self.exchanged else 0
+
+    @property
+    def actions(self) -> tuple[SamplingAction, ...]:
+        """What the sampled controllers do at their instants."""
+        return () if self.source.sampling is None else self.source.sampling.actions
 
     def _state_kernels(self) -> None:
         """See `Simulator`."""
@@ -64,16 +77,26 @@ class UnitSimulator(Simulator):
                 self._program_kernel("rates", "rhs", "Rate of the state")
             locks = self._locks()
             kernels |= {} if locks is None else {"locks": locks}
+        if self.source.sampling is not None:
+            times = replace(self.source.sampling.times, arguments=STEP_ARGUMENTS)
+            self._print("schedule", times, "Periods of controllers, then their offsets")
+        for number, action in enumerate(self.actions):
+            assert action.kernel is not None
+            law = replace(action.kernel, arguments=STEP_ARGUMENTS)
+            self._print(f"law_{number}", law, f"What the controller {action.name!r} sets")
         for what, kernel in kernels.items() if self.n_knowns else ():
             self._print(f"{what}_along", self._tangent(kernel), f"Derivatives of {what} along a direction")
+        if self.source.parameters:
+            constants = replace(self.program.kernel("prepare"), arguments=("p", "y", "c", "s"))
+            along = tangent_kernel(constants, 0, "p", len(self.layout.parameters))
+            self._print("constants_along", along, "Derivatives of the constants along a direction")
 
     def _tangent(self, kernel: Kernel) -> Kernel:
-        """Return the derivative of a kernel along a direction: parts of the state, and of inputs."""
-        n_states = len(self.layout.state)
-        places = coefficient_places(self.layout.parameters, self.layout.inputs)
-        further: Sequence[tuple[str, int]] = [("c", first + 1) for first in places]  # the value behind the time
-        count = n_states if self.exchanged else 0
-        return replace(tangent_kernel(kernel, n_states, count=count, further=further), arguments=STEP_ARGUMENTS)
+        """Return the derivative of a kernel along a direction: parts of the state, and of the constants."""
+        n_states, n_constants = len(self.layout.state), len(self.program.kernel("prepare").outputs)
+        constants = [("c", place) for place in range(n_constants)]
+        along = tangent_kernel(kernel, n_states, count=self.n_known_states, further=constants)
+        return replace(along, arguments=STEP_ARGUMENTS)
 
     def _further_calls(self, loop: RunLoop, code: LoopSource) -> dict[str, str]:
         """See `Simulator`."""
@@ -88,7 +111,7 @@ class UnitSimulator(Simulator):
         known, n_states = {**variables["functions"], **variables["state"]}, len(self.layout.state)
         first = self.n_computed + n_states
         names = ("prefix", "n_states", "n_outputs", "n_variables")
-        return render(
+        text = render(
             "fmi/simulator.c.j2",
             {
                 **{name: known[name] for name in names},
@@ -96,19 +119,68 @@ class UnitSimulator(Simulator):
                 "at": {"constants": self.at["constants"]},
                 "n_computed": self.n_computed,
                 "n_knowns": self.n_knowns,
-                "n_along": n_states + self.n_knowns,
+                **self._along_variables(),
                 "first_rate": first,
                 "first_lock": first + n_states if known["n_locks"] else 0,
                 "exchanged": self.exchanged,
             },
         )
+        return text + self._controllers(known["renew"]) if self.actions else text
+
+    def _along_variables(self) -> dict[str, Any]:
+        """Return variables of directional derivatives; kernels take the state, then parts of it and of constants."""
+        first = len(self.layout.state) + self.n_known_states
+        inputs = coefficient_places(self.layout.parameters, self.layout.inputs)
+        parameters, known = self.layout.parameters, self.n_known_states
+        return {
+            "n_along": first + len(self.program.kernel("prepare").outputs),
+            "n_known_states": known,
+            "first_constant": first,
+            # the value of an input stands behind its time
+            "input_parts": [[first + place + 1, known + i] for i, place in enumerate(inputs)],
+            "parameter_parts": [
+                [parameters.index(name), known + len(inputs) + i] for i, name in enumerate(self.source.parameters)
+            ],
+            "n_parameters": len(parameters),
+        }
+
+    def _controllers(self, renew: Sequence[str]) -> str:
+        """Return the functions of controllers; calls follow where the state jumps."""
+        count = len(self.actions)
+        laws = [
+            {
+                "name": plain(action.name),
+                "law": self._name(f"law_{number}"),
+                "number": number,
+                "offset": count + number,
+                "places": list(action.places),
+            }
+            for number, action in enumerate(self.actions)
+        ]
+        return render(
+            "fmi/controllers.c.j2",
+            {
+                "prefix": self.prefix,
+                "upper": self.prefix.upper(),
+                "at": {name: self.at[name] for name in ("constants", "evaluated", "now", "time")},
+                "controllers": laws,
+                "n_controllers": count,
+                "n_schedule": 2 * count,
+                "n_states": len(self.layout.state),
+                "most_set": max(len(action.places) for action in self.actions),
+                "renew": list(renew),
+                "nearness": double(SMALLEST_OF_TIME),
+            },
+        )
 
     def _header_variables(self, members: list[str]) -> dict[str, Any]:
         """See `Simulator`."""
+        members = [*members, "double origin;", f"int64_t acted[{len(self.actions)}];"] if self.actions else members
         return {
             **super()._header_variables(members),
             "n_values": self.n_values,
             "n_knowns": self.n_knowns,
             "exchanged": self.exchanged,
             "corrected": self.corrected,
+            "controlled": len(self.actions),
         }
