@@ -35,6 +35,7 @@ LONG_SCRIPTS = (
     "a47",
     "a48",
     "a49",
+    "a50",
 )
 """Scripts of the gallery that take more than a few seconds."""
 

@@ -221,3 +221,21 @@ def test_constraints_that_agree_on_one_side_of_a_branch_are_two():
     run = da.compile_model(scene).simulate((0, 3), start, {})
     assert run.status.name == "SINGULAR_CONFIGURATION"  # below y = 0.2 they stop the bead, which is an impact
     assert abs(run["y"][-1] - 0.2) < 1e-6 and abs(run.constraint_violation).max() < 1e-9
+
+
+def test_identities_are_tried_on_both_sides_of_branches():
+    """Of functions that are the same for positive arguments of moderate size, and differ elsewhere."""
+    x, k = sp.Symbol("x"), sp.Symbol("k", positive=True)
+    for other in (
+        sp.Max(sp.Rational(1, 5), x),
+        sp.Abs(x),
+        sp.Max(-5, sp.Min(5, x)),
+        sp.Piecewise((x, x < 20), (20, True)),
+    ):
+        assert not equal(other, x)
+        assert not vanishes(other - x)
+        assert not equal(sp.Float("0.5") * other, x / 2)
+    assert equal(sp.sqrt(x**2), sp.Abs(x))
+    assert equal(sp.Abs(k * x), k * sp.Abs(x))
+    assert equal(sp.Float("0.25") * sp.Max(x, -x), sp.Abs(x) / 4)
+    assert vanishes(sp.Abs(x) ** 2 - x**2)

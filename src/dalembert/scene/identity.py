@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import sympy as sp
@@ -23,10 +23,45 @@ def leaves_of(expressions: Iterable[Any]) -> list[Any]:
     return sorted(found, key=sp.default_sort_key)
 
 
+_BRANCHING = (sp.Abs, sp.sign, sp.floor, sp.ceiling, sp.Max, sp.Min, sp.Heaviside, sp.Piecewise)
+"""Functions that may be different expressions on two sides of a value, so that values on one side say nothing."""
+_FURTHER, _DECADES = 32, (-3.0, 3.0)
+"""Further points where an expression has such functions, and the powers of ten between which their sizes lie."""
+
+
 def _random_values(leaves: Iterable[Any], seed: int) -> dict[Any, Any]:
     """Return a positive number of moderate size for every leaf."""
     draw = random.Random(seed)
     return {leaf: sp.Float(str(draw.uniform(0.4, 1.3)), DIGITS) for leaf in leaves}
+
+
+def _places(expressions: Sequence[Any], points: int) -> Iterator[tuple[dict[Any, Any], bool]]:
+    """Yield values of the leaves of expressions, and whether these must have a value there.
+
+    Where they have branches, further points are of many sizes, and of both signs as far as assumptions of symbols go.
+    """
+    leaves = leaves_of(expressions)
+    for seed in range(points):
+        yield _random_values(leaves, seed), True
+    if any(e.has(*_BRANCHING) for e in expressions):
+        for seed in range(_FURTHER):
+            draw = random.Random(f"further {seed}")
+            sizes = {leaf: 10.0 ** draw.uniform(*_DECADES) * draw.choice((-1.0, 1.0)) for leaf in leaves}
+            yield {leaf: sp.Float(repr(_of_sign(leaf, size)), DIGITS) for leaf, size in sizes.items()}, False
+
+
+def _of_sign(leaf: Any, value: float) -> float:
+    """Return a value with the sign that the assumptions of a leaf demand."""
+    return abs(value) if leaf.is_nonnegative else -abs(value) if leaf.is_nonpositive else value
+
+
+def _number(expression: Any, place: Mapping[Any, Any]) -> Any:
+    """Return the value of an expression, NaN where it has none."""
+    try:
+        number = sp.N(expression.xreplace(place), DIGITS)
+    except TypeError:  # a comparison of what is not real
+        return sp.nan
+    return number if number.is_number and number is not sp.zoo else sp.nan
 
 
 def _exact(expression: Any) -> Any:
@@ -38,8 +73,9 @@ def vanishes(expression: Any, values: Mapping[Any, Any] | None = None, *, points
     """Return whether `expression` is zero for all values of its symbols.
 
     It is evaluated with 50 digits at random points: an expression that is zero is never mistaken, one
-    that is not could only be if it vanished at all of them (Schwartz and Zippel). Where decimals occur in it, it is
-    zero when what remains is as small as their rounding makes it, relative to the terms that it is a sum of.
+    that is not could only be if it vanished at all of them (Schwartz and Zippel); one with branches is tried on both
+    sides of them. Where decimals occur in it, it is zero when what remains is as small as their rounding makes it,
+    relative to the terms that it is a sum of.
 
     Parameters
     ----------
@@ -57,12 +93,12 @@ def vanishes(expression: Any, values: Mapping[Any, Any] | None = None, *, points
     decimals = e.has(sp.Float)
     if decimals:
         e = _exact(e)
-    leaves = leaves_of([e])
-    for seed in range(points):
-        place = _random_values(leaves, seed)
-        number = sp.N(e.xreplace(place), DIGITS)
-        if not number.is_number or number is sp.nan:
-            return False
+    for place, necessary in _places([e], points):
+        number = _number(e, place)
+        if number is sp.nan:
+            if necessary:
+                return False
+            continue
         size = sum(abs(sp.N(term.xreplace(place), DIGITS)) for term in sp.Add.make_args(e)) if decimals else 0
         if abs(number) > max(THRESHOLD, ROUNDING * size):
             return False
@@ -78,12 +114,12 @@ def equal(first: Any, second: Any) -> bool:
     if not (a.has(sp.Float) or b.has(sp.Float)):
         return vanishes(a - b)
     a, b = _exact(a), _exact(b)
-    leaves = leaves_of([a, b])
-    for seed in range(2):
-        place = _random_values(leaves, seed)
-        x, y = (sp.N(e.xreplace(place), DIGITS) for e in (a, b))
-        if not (x.is_number and y.is_number) or sp.nan in (x, y):
-            return False
+    for place, necessary in _places([a, b], 2):
+        x, y = (_number(e, place) for e in (a, b))
+        if sp.nan in (x, y):
+            if necessary:
+                return False
+            continue
         if abs(x - y) > ROUNDING * max(abs(x), abs(y)):
             return False
     return True
