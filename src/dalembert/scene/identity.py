@@ -25,8 +25,9 @@ def leaves_of(expressions: Iterable[Any]) -> list[Any]:
 
 _BRANCHING = (sp.Abs, sp.sign, sp.floor, sp.ceiling, sp.Max, sp.Min, sp.Heaviside, sp.Piecewise)
 """Functions that may be different expressions on two sides of a value, so that values on one side say nothing."""
-_FURTHER, _DECADES = 32, (-3.0, 3.0)
-"""Further points where an expression has such functions, and the powers of ten between which their sizes lie."""
+_SIZES, _DECADES = 24, (-3.0, 3.0)
+"""Sizes that leaves are tried with where an expression has such functions, with both signs, and the powers of ten between
+which they lie."""
 
 
 def _random_values(leaves: Iterable[Any], seed: int) -> dict[Any, Any]:
@@ -44,10 +45,19 @@ def _places(expressions: Sequence[Any], points: int) -> Iterator[tuple[dict[Any,
     for seed in range(points):
         yield _random_values(leaves, seed), True
     if any(e.has(*_BRANCHING) for e in expressions):
-        for seed in range(_FURTHER):
-            draw = random.Random(f"further {seed}")
-            sizes = {leaf: 10.0 ** draw.uniform(*_DECADES) * draw.choice((-1.0, 1.0)) for leaf in leaves}
-            yield {leaf: sp.Float(repr(_of_sign(leaf, size)), DIGITS) for leaf, size in sizes.items()}, False
+        sizes = {leaf: _sizes(number) for number, leaf in enumerate(leaves)}
+        for place in range(2 * _SIZES):
+            values = {leaf: _of_sign(leaf, sizes[leaf][place]) for leaf in leaves}
+            yield {leaf: sp.Float(repr(value), DIGITS) for leaf, value in values.items()}, False
+
+
+def _sizes(number: int) -> list[float]:
+    """Return values of both signs, spread evenly over the decades, in an order of its own for each leaf."""
+    draw, (low, high) = random.Random(f"leaf {number}"), _DECADES
+    exponents = [low + (high - low) * (place + draw.random()) / _SIZES for place in range(_SIZES)]
+    values = [sign * 10.0**exponent for exponent in exponents for sign in (1.0, -1.0)]
+    draw.shuffle(values)
+    return values
 
 
 def _of_sign(leaf: Any, value: float) -> float:
