@@ -26,8 +26,8 @@ def leaves_of(expressions: Iterable[Any]) -> list[Any]:
 _BRANCHING = (sp.Abs, sp.sign, sp.floor, sp.ceiling, sp.Max, sp.Min, sp.Heaviside, sp.Piecewise)
 """Functions that may be different expressions on two sides of a value, so that values on one side say nothing."""
 _SIZES, _DECADES = 24, (-3.0, 3.0)
-"""Sizes that leaves are tried with where an expression has such functions, with both signs, and the powers of ten between
-which they lie."""
+"""Sizes that leaves are tried with where an expression has such functions, with both signs, and between which powers of
+ten they lie."""
 
 
 def _random_values(leaves: Iterable[Any], seed: int) -> dict[Any, Any]:
