@@ -173,16 +173,20 @@ def test_an_importer_takes_it(tmp_path, ball, version):
 
 
 @pytest.mark.parametrize(
-    ("name", "version", "end", "error"),
-    [("block on a belt", "2.0", 20.0, 3e-6), ("plate pushed and pulled", "3.0", 8.0, 1e-7)],
+    ("name", "formulation", "version", "end", "error"),
+    [
+        ("block on a belt", "auto", "2.0", 20.0, 3e-6),
+        ("plate pushed and pulled", "auto", "3.0", 8.0, 1e-7),
+        ("plate pushed and pulled", "projected", "2.0", 8.0, 1e-7),
+    ],
 )
-def test_an_importer_integrates_through_the_phases(tmp_path, name, version, end, error):
+def test_an_importer_integrates_through_the_phases(tmp_path, name, formulation, version, end, error):
     """CVode of fmpy finds where guards fall through zero: the modes of `simulate`, at its times."""
     fmpy = pytest.importorskip("fmpy", reason="extra not installed")
     from fmpy.validation import validate_fmu
 
     case = contact_motion(name).motion
-    model, path = case.compile("auto"), tmp_path / "a.fmu"
+    model, path = case.compile(formulation), tmp_path / "a.fmu"
     given = {"initial": case.initial, "parameters": case.parameters}
     model.export(path, "fmu", t_span=(0, end), fmi=version, **given, rtol=1e-9, atol=1e-11)
     assert validate_fmu(str(path)) == []

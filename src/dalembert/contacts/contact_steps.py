@@ -24,6 +24,10 @@ CHANGES = 2
 """Value of ``ContactPlace.pending``."""
 
 
+_ERRORS = 1000.0
+"""Multiple of the tolerances that errors of others' integrators may have, which add up from step to step."""
+
+
 class ContactPlace(Record):
     """The runner that took the last step, where that began and ended, and the direction of time, 1 or -1.
 
@@ -130,8 +134,10 @@ def _expand(steps: ContactSteps, runner: SweepArguments) -> None:
 @compiled_subset
 def correct_phase(steps: ContactSteps, runner: SweepArguments, t: float) -> int:
     """Compute coordinates and rates that meet the constraints of a mode, from its state ``own``; return a status."""
-    part = runner.part
+    part, settings = runner.part, runner.state.settings
     part.clock[0, 0] = t
+    for m in range(settings.shape[0] - 2, settings.shape[0]):
+        settings[m, 0] = _ERRORS * runner.limits[0, m]
     for m in range(runner.shape.n):
         part.states[m, 0] = steps.own[m]
     if not _corrects(runner):
