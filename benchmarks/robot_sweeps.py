@@ -125,7 +125,7 @@ def _least(points: Points, wanted: float) -> float | None:
 def _cell(seconds: float | None, of_lanes: float | None, lanes: bool) -> str:
     if seconds is None:
         return ""
-    ratio = "" if lanes or of_lanes is None else f" ({seconds / of_lanes:.2g}x)"
+    ratio = "" if lanes or of_lanes is None else f" ({float(f'{seconds / of_lanes:.2g}'):g}x)"
     return f"{1e3 * seconds / CASES:.3g}{ratio}"
 
 
