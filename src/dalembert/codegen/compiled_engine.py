@@ -43,9 +43,7 @@ _TIGHT = 1e-9
 """Tolerance below which Runge-Kutta steps come to an end where constraints lose rank."""
 
 _LONGEST_SCREENED = 20_000
-"""Lines of a right-hand side up to which it is compiled to look at cases before a sweep: some second.
-
-Compiling takes as long as some twenty looks by interpretation, whatever the length, and is done after sixteen."""
+"""Lines of a right-hand side up to which it is compiled to look at cases: as dear as twenty looks without."""
 
 _STUCK = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED)
 """Statuses with which such runs end."""
