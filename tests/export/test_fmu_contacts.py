@@ -43,9 +43,9 @@ def computed(unit, model):
     ("name", "method", "version", "steps", "error"),
     [
         ("block on a belt", "auto", "3.0", 40, 1e-11),
-        ("plate through the upright position", "auto", "2.0", 30, 1e-11),
+        pytest.param("plate through the upright position", "auto", "2.0", 30, 1e-11, marks=pytest.mark.matrix),
         ("plate pushed and pulled", "dop853", "3.0", 70, 1e-10),
-        ("rod that falls on the ground", "radau", "2.0", 12, 1e-8),
+        pytest.param("rod that falls on the ground", "radau", "2.0", 12, 1e-8, marks=pytest.mark.matrix),
     ],
 )
 def test_motions_in_phases_are_those_of_simulate(tmp_path, name, method, version, steps, error):
@@ -175,9 +175,9 @@ def test_an_importer_takes_it(tmp_path, ball, version):
 @pytest.mark.parametrize(
     ("name", "formulation", "version", "end", "error"),
     [
-        ("block on a belt", "auto", "2.0", 20.0, 3e-6),
+        pytest.param("block on a belt", "auto", "2.0", 20.0, 3e-6, marks=pytest.mark.matrix),
         ("plate pushed and pulled", "auto", "3.0", 8.0, 1e-7),
-        ("plate pushed and pulled", "projected", "2.0", 8.0, 1e-7),
+        pytest.param("plate pushed and pulled", "projected", "2.0", 8.0, 1e-7, marks=pytest.mark.matrix),
     ],
 )
 def test_an_importer_integrates_through_the_phases(tmp_path, name, formulation, version, end, error):
