@@ -103,14 +103,8 @@ class Formula:
     def __init__(self, *, fused: bool) -> None:
         lines = Lines()
         self.body, self.fused = lines.body, fused
-        self.op, self.add, self.sub, self.mul, self.neg, self.fma = (
-            lines.op,
-            lines.add,
-            lines.sub,
-            lines.mul,
-            lines.neg,
-            lines.fma,
-        )
+        self.op, self.add, self.sub = lines.op, lines.add, lines.sub
+        self.mul, self.neg, self.fma = lines.mul, lines.neg, lines.fma
 
     def polynomial(self, coefficients: Sequence[float], x: Operand) -> Operand:
         """Return a polynomial by Estrin's scheme."""
