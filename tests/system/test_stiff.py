@@ -98,7 +98,7 @@ def test_runs_with_events_that_few_steps_complete_need_no_test_of_stiffness(monk
 
     tested = runs()
     assert len(asked) == 2 and tested[0].stats.steps < method_choice.EXPLICIT_STEPS
-    monkeypatch.setattr(compiled_engine, "_LONGEST_SCREENED", 0)
+    monkeypatch.setattr(compiled_engine, "_LONG", 0)
     tried = runs()
     assert len(asked) == 3 and [run.stats.method for run in tried] == [run.stats.method for run in tested]
     assert tried[1].stats.method == "radau"

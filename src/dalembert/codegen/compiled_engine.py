@@ -42,8 +42,8 @@ if TYPE_CHECKING:
 _TIGHT = 1e-9
 """Tolerance below which Runge-Kutta steps come to an end where constraints lose rank."""
 
-_LONGEST_SCREENED = 20_000
-"""Lines of a right-hand side up to which it is compiled to look at cases: as dear as twenty looks without."""
+_LONG, _LONGEST_SCREENED = 2000, 20_000
+"""Lines from which on rates are dear to interpret, and up to which they are compiled for the screens of sweeps."""
 
 _STUCK = (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.PROJECTION_FAILED)
 """Statuses with which such runs end."""
@@ -214,7 +214,7 @@ class CompiledEngine(Engine):
     @property
     def tries_first(self) -> bool:
         """See `Engine.tries_first`: where the rates, which are interpreted there, are long."""
-        return self._operations > _LONGEST_SCREENED
+        return self._operations > _LONG
 
     def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
         """See `Engine.surely_not_stiff`: long right-hand sides are not compiled for that."""

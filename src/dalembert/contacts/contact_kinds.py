@@ -42,7 +42,7 @@ SOON, SOON_IN_A_ROW, _ENOUGH_HOPS = 1e-11, 1000, 500
 contact with a restitution below 1 rests that hops."""
 
 _ENOUGH_STOPS = 16
-"""How many phases in a row may end too soon before slip at a dead centre is taken to go the other way."""
+"""Number of phases in a row that may end too soon, after which slip at a dead centre goes the other way."""
 
 _JUMPED = 1e-4
 """Share of the slip speeds so far above which slip has not ended: its velocity has jumped through zero."""

@@ -131,7 +131,7 @@ class ContactSource:
     """
 
     corrections: Sequence[str] = ()
-    """How coordinates and rates at a time ``t`` are put onto the constraints, for each mode; of units alone."""
+    """Calls that put coordinates and rates at a time ``t`` onto the constraints, one a mode; units alone have them."""
 
     def __init__(self, loop: ContactLoop, prefix: str, reserved: Collection[str], *, corrected: bool = False) -> None:
         self.space, places = _memory(loop, prefix)

@@ -1,4 +1,4 @@
-"""What modules of LLVM assembly use besides their own functions: elementary functions, tables, compiled functions."""
+"""Definitions for modules of LLVM assembly: elementary functions, tables, and declarations of compiled functions."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ class _Printer:
         self._set(target, "fsub", self._number(f"{target}.far", whole), constant(2.0**52 + 1023.0, self._lanes))
 
     def _significand(self, target: str, x: str) -> None:
-        """X / 2^k with that k."""
+        """Print x / 2^k with that k."""
         low = self._set(f"{target}.low", "and", self._above_root(target, x), integer(_FRACTION, self._lanes))
         self._number(target, self._set(f"{target}.near", "add", low, integer(_ROOT_OF_HALF, self._lanes)))
 
