@@ -179,7 +179,7 @@ class _Comparison:
         worst, order = 0.0, self._order(model)
         n, evaluate = len(order), self._evaluator(scene, model)
         for t, y, truth in self.judge.solved_along()[:3]:
-            if self._at_kink(t):
+            if self._at_kink(t) or self.judge.contradictory(truth):
                 continue
             ours = evaluate(t, y[:n][order], y[n:][order])
             # terms of gravity that cancel, which the scale does not know, leave some 4e-15 of rounding

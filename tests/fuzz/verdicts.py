@@ -100,7 +100,7 @@ class Judge:
         s, rows = self.start, e.rows.shape[1]
         empty = [i for i in range(rows) if np.abs(e.rows[0, i]).max() < 1e-12]
         rank, regular = int(s.rank[0]), float(s.regular[0])
-        if s.clash[0] > 1e-7 * max(1.0, float(s.scale[0])):
+        if self.contradictory(s):
             return Verdict("contradictory", f"second rates clash by {s.clash[0]:.1e}")
         if rank and s.gap[0] < 1e-5:
             return Verdict("unclear", f"singular value {s.gap[0]:.1e}")
@@ -204,6 +204,10 @@ class Judge:
         _, parameters = self._single()
         pairs = zip(times, states, strict=True)
         return min(float(solved(self.reference.equations(float(t), y[:, None], parameters)).gap[0]) for t, y in pairs)
+
+    def contradictory(self, found: Solved) -> bool:
+        """Whether no second rates of the middle case obey all constraints, as off a motion that cannot go on."""
+        return float(found.clash[0]) > 1e-7 * max(1.0, float(found.scale[0]))
 
     def solved_along(self) -> list[tuple[float, Any, Solved]]:
         """Return (time, state (2 n,), second rates) of the middle case at the times of comparison."""
