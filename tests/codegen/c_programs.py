@@ -21,7 +21,7 @@ def compiler():
 @cache
 def fuses():
     """Return whether the compiler fuses products and sums on this processor."""
-    text = "#include <math.h>\n#ifdef FP_FAST_FMA\nfused\n#endif\n"
+    text = "#include <math.h>\n#if defined(FP_FAST_FMA) || defined(__FMA__)\nfused\n#endif\n"
     command = [compiler(), "-std=c99", "-march=native", "-E", "-P", "-x", "c", "-"]
     return "fused" in subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout
 
