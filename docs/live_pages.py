@@ -16,7 +16,8 @@ from sympy import Symbol, symbols
 import dalembert as da
 
 GALLERY = Path(__file__).parent / "gallery"
-COMPILING = "model = da.compile_model(scene)"
+COMPILING = "model = da.compile_model(scene"
+"""What follows the scene in a script of the gallery."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,23 @@ BICYCLE |= {"xB": 0.3, "zB": -0.9, "mB": 85, "IBxx": 9.2, "IByy": 11, "IBzz": 2.
 BICYCLE |= {"xH": 0.9, "zH": -0.7, "mH": 4, "IHxx": 0.05892, "IHyy": 0.06, "IHzz": 0.00708, "IHxz": -0.00756}
 BICYCLE |= {"rF": 0.35, "mF": 3, "IFxx": 0.1405, "IFyy": 0.28}
 
+ANDREWS = {"beta": -0.06171389001427642, "Theta": 0.0, "gamma": 0.45527981916307037, "Phi": 0.22266839016588544}
+ANDREWS |= {"delta": 0.4873649795438427, "Omega": -0.22266839016588522, "epsilon": 1.230547444549821, "Theta_dot": 0.0}
+SEVEN = {"d": 0.028, "d_a": 0.0115, "e": 0.02, "e_a": 0.01421, "rr": 0.007, "ra": 0.00092, "l_0": 0.07785, "ss": 0.035}
+SEVEN |= {"sa": 0.01874, "sb": 0.01043, "sc": 0.018, "sd": 0.02, "ta": 0.02308, "tb": 0.00916, "u": 0.04, "ua": 0.01228}
+SEVEN |= {
+    "ub": 0.00449,
+    "zf": 0.02,
+    "zt": 0.04,
+    "fa": 0.01421,
+    "c_0": 4530.0,
+    "mom": 0.033,
+    "m1": 0.04325,
+    "m2": 0.00365,
+}
+SEVEN |= {"m3": 0.02373, "m4": 0.00706, "m5": 0.0705, "m6": 0.00706, "m7": 0.05498, "I1": 2.194e-6, "I2": 4.41e-7}
+SEVEN |= {"I3": 5.255e-6, "I4": 5.667e-7, "I5": 1.169e-5, "I6": 5.667e-7, "I7": 1.912e-5}
+
 PAGES = {
     "sleigh": Live(
         sleigh,
@@ -168,6 +186,45 @@ PAGES = {
         BICYCLE,
         6.0,
         {"lean_dot": (-0.8, 0.8), "rear_dot": (12, 30), "c": (0.02, 0.15), "mB": (40, 120), "zB": (-1.2, -0.6)},
+    ),
+    "slider_crank": Live(
+        of_gallery("a03_slider_crank"),
+        {"alpha": 0.3, "beta": -0.09866674653012757, "s": 0.39407456415626446, "alpha_dot": 5},
+        {"m_c": 1, "m_r": 0.5, "m_p": 0.8, "l_c": 0.1, "l_r": 0.3, "M": 2, "c": 20},
+        3.0,
+        {"alpha_dot": (-20, 20), "M": (-4, 4), "c": (0, 60), "m_c": (0.5, 5), "m_p": (0.2, 3)},
+    ),
+    "four_bar": Live(
+        of_gallery("a20_four_bar"),
+        {"beta": 0.9272952180016121, "gamma": 1.5707963267948963},
+        {"l_1": 0.5, "l_2": 1.5, "l_3": 1.2, "d": 1.4, "p": 0.8, "q": 0.2, "w": 6.283185307179586, "m": 1},
+        2.0,
+        {"p": (-0.5, 2), "q": (-1, 1), "w": (-10, 10)},
+    ),
+    "snakeboard": Live(
+        of_gallery("a17_snakeboard"),
+        {"x": 0, "y": 0, "theta": 0, "x_dot": 0},
+        {"m": 6, "J": 0.2, "J_r": 0.1, "L": 0.2, "A": 0.7, "B": 0.5, "w": 4},
+        20.0,
+        {"A": (-1.2, 1.2), "B": (-1, 1), "w": (1, 8), "L": (0.1, 0.4), "x_dot": (-1, 1)},
+    ),
+    "tippe_top": Live(
+        of_gallery("a19_tippe_top"),
+        {**dict.fromkeys(["x", "y", "x_dot", "y_dot", "z_dot", "e2_T", "e3_T", "omega_T_x", "omega_T_y"], 0), "z": 0.02}
+        | {"e0_T": 0.9987502603949663, "e1_T": 0.04997916927067833, "omega_T_z": 155},
+        {"m": 0.006, "r": 0.02, "a": 0.003, "A": 7.2e-7, "C": 8e-7, "g": 9.81, "mu": 0.3, "eps": 0.01},
+        8.0,
+        {"omega_T_z": (20, 300), "mu": (0.05, 0.6), "a": (0.001, 0.006)},
+    ),
+    "squeezing_mechanism": Live(
+        of_gallery("a26_andrews"), ANDREWS, SEVEN, 0.03, {"mom": (-0.1, 0.1), "c_0": (1000, 9000), "m7": (0.01, 0.2)}
+    ),
+    "backlash": Live(
+        of_gallery("a46_backlash"),
+        {"a": 0, "b": 0, "a_dot": 20, "b_dot": -13.333333333333334},
+        {"M": 3, "w": 200, "play": 0.004, "e": 0.6, "swing": 15},
+        0.5,
+        {"swing": (0, 30), "M": (0.5, 10), "w": (50, 400), "e": (0.1, 0.95), "play": (0.001, 0.005)},
     ),
 }
 

@@ -122,6 +122,20 @@ def test_points_axes_and_lengths_follow_the_run_and_the_parameters(tmp_path):
     assert next(shape for shape in picture["shapes"] if shape["kind"] == "sphere")["color"] == "#2ca02c"
 
 
+def test_meshes_have_their_triangles():
+    scene = coin()
+    triangle = ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    still = da.Mesh(triangle, offset=[0, 0, 2], fixed=True)
+    scene.add_shapes({"coin": da.Mesh(triangle, scale=0.5, color="red"), "wall": still})
+    layout = da.compile_model(scene, backend="numpy").layout
+    described = pictures.picture_of(scene, {"m": 1, "r": 0.2, "k": 3}, layout).description["shapes"]
+    turned, wall = (shape for shape in described if shape["kind"] == "mesh")
+    assert turned["vertices"] == [[0, 0, 0], [0.5, 0, 0], [0, 0.5, 0]] and turned["faces"] == [[0, 1, 2]]
+    assert (turned["body"], turned["point"], turned["frame"], turned["color"]) == (0, 0, 0, "red")
+    assert wall["vertices"] == [[0, 0, 2], [1, 0, 2], [0, 1, 2]] and wall["color"] is None
+    assert (wall["body"], wall["point"], wall["frame"]) == (-1, -1, -1)
+
+
 def driven():
     """Return a cart that an input pushes."""
     x, push, N, O = *dynamicsymbols("x push"), ReferenceFrame("N"), Point("O")

@@ -10,9 +10,9 @@ from ..errors import OptionError
 from ..ir.kernel import Kernel
 from ..ir.program import Layout
 from ..mechanics.skeleton import Skeleton, skeleton
-from ..results.drawing import BODY_COLORS, checked_body, shape_points
+from ..results.drawing import BODY_COLORS, checked_body, shape_points, triangles_of
 from ..results.drawn_parts import undrawn
-from ..scene.shapes import BODY_SHAPES, Ground, Path, Rod, Spring, length_value, shape_numbers, vector_value
+from ..scene.shapes import BODY_SHAPES, Ground, Mesh, Path, Rod, Spring, length_value, shape_numbers, vector_value
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -72,10 +72,15 @@ def picture_of(scene: Scene, values: Mapping[str, float], layout: Layout) -> Pic
 
 def _body_frame(scene: Scene, name: str, shape: Any) -> Any:
     """Return the frame that a shape is fixed in."""
-    if not isinstance(shape, BODY_SHAPES):
+    if not isinstance(shape, BODY_SHAPES) or _still(shape):
         return scene.frame
     body = checked_body(name, tuple(scene.body_names()))
     return getattr(scene.bodies[body], "frame", scene.frame)
+
+
+def _still(shape: Any) -> bool:
+    """Whether a shape is a mesh that is fixed in the frame of the scene."""
+    return isinstance(shape, Mesh) and shape.fixed
 
 
 def _check(name: str, shape: Any, frame: Any, scene: Scene, values: Mapping[str, float]) -> None:
@@ -100,10 +105,16 @@ def _shape(drawn: Skeleton, item: tuple[str, Any, Any], place: tuple[int, int]) 
         found["point"] = drawn.points.index(shape.point.name)
     elif isinstance(shape, Ground):
         found["point"] = -1 if shape.at is None else drawn.points.index(shape.at.name)
+    elif _still(shape):
+        found |= {"point": -1 if shape.at is None else drawn.points.index(shape.at.name), "frame": -1, "body": -1}
     else:
         body = drawn.bodies.index(name)
         found["point"] = body if shape.at is None else drawn.points.index(shape.at.name)
         found |= {"body": body, "frame": drawn.framed.index(body) if body in drawn.framed else -1}
+    if isinstance(shape, Mesh):
+        surface = triangles_of(name, shape)
+        found["vertices"] = [[float(f"{x:.6g}") for x in vertex] for vertex in surface.vertices]
+        found["faces"] = surface.faces.tolist()
     return found
 
 

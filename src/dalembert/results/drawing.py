@@ -55,6 +55,16 @@ _MOST_VERTICES = 400
 """Vertices of a mesh of a file: those of every picture are on a page."""
 
 
+def triangles_of(name: str, shape: Mesh) -> shape_meshes.Triangles:
+    """Return the surface of a mesh on the axes of its body, or of the scene for one that is fixed."""
+    if isinstance(shape.source, str | PathLike):
+        found = read_mesh(shape.source, name).thinned(_MOST_VERTICES)
+    else:
+        vertices, faces = shape.source
+        found = shape_meshes.Triangles(np.asarray(vertices, dtype=float), np.asarray(faces, dtype=np.intp))
+    return found.placed(*shape.rigid)
+
+
 def shape_points(scene: Scene) -> list[Any]:
     """Return the points that shapes of a scene need."""
     found = [getattr(shape, name, None) for _, shape in scene.shapes for name in ("at", "start", "end", "point")]
@@ -222,7 +232,7 @@ class _Builder:
 
     def _on_body(self, name: str, shape: Sphere | Disk | Box | Cylinder | Mesh) -> None:
         if isinstance(shape, Mesh) and shape.fixed:
-            mesh, at = self._triangles(name, shape), np.zeros(3) if shape.at is None else self.point(shape.at)[0]
+            mesh, at = triangles_of(name, shape), np.zeros(3) if shape.at is None else self.point(shape.at)[0]
             still = (mesh.vertices + at)[np.newaxis]
             self.surfaces.append(Surface(name, shape.color or _GREY, still, mesh.faces, 0.6))
             return
@@ -238,7 +248,7 @@ class _Builder:
         elif isinstance(shape, Box):
             mesh = shape_meshes.box(np.array([self.number(edge, name) for edge in (shape.x, shape.y, shape.z)]))
         elif isinstance(shape, Mesh):
-            mesh = self._triangles(name, shape)
+            mesh = triangles_of(name, shape)
         else:
             axis = self.vector(shape.axis, frame, name)
             mesh = shape_meshes.cylinder(self.number(shape.radius, name), self.number(shape.length, name), axis)
@@ -251,15 +261,6 @@ class _Builder:
         self.surfaces.append(Surface(name, color, placed(mesh.vertices), mesh.faces, 0.6))
         self.lines += [Line("", color, placed(mark), 1.2) for mark in mesh.marks]
 
-    @staticmethod
-    def _triangles(name: str, shape: Mesh) -> shape_meshes.Triangles:
-        """Return the surface of a mesh on the axes of its body."""
-        if isinstance(shape.source, str | PathLike):
-            found = read_mesh(shape.source, name).thinned(_MOST_VERTICES)
-        else:
-            vertices, faces = shape.source
-            found = shape_meshes.Triangles(np.asarray(vertices, dtype=float), np.asarray(faces, dtype=np.intp))
-        return found.placed(*shape.rigid)
 
     def add_skeleton(self, left: Undrawn) -> None:
         """Add the mass centres of bodies, points, and paths, links and axes that no shape replaces."""
