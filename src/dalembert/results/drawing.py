@@ -261,7 +261,6 @@ class _Builder:
         self.surfaces.append(Surface(name, color, placed(mesh.vertices), mesh.faces, 0.6))
         self.lines += [Line("", color, placed(mark), 1.2) for mark in mesh.marks]
 
-
     def add_skeleton(self, left: Undrawn) -> None:
         """Add the mass centres of bodies, points, and paths, links and axes that no shape replaces."""
         drawn, count = self.drawn, len(self.drawn.bodies)
