@@ -29,6 +29,7 @@ from exports import (
     ran,
 )
 
+from export.units import Unit, unpacked
 from hard_cases.contacts import contact_motion
 
 Measure = Callable[[Motion, Path], Measured]
@@ -47,6 +48,7 @@ FIXED = (
 SINGLE = FIXED[:1] + FIXED[2:3]
 PYTHON = ("chaplygin sleigh", "double pendulum, angles")
 PACKED = ("chaplygin sleigh",)
+UNITS = ("chaplygin sleigh", "double pendulum, angles", "slider-crank")
 
 STEPS = """
 int main(int argc, char **argv)
@@ -107,15 +109,18 @@ print(json.dumps({"first": first, "run": best, "end": end, "status": int(found.g
 def further(quick: bool) -> Iterator[tuple[Measure, Motion]]:
     """Yield motions, and how each is measured."""
     known = {motion.name: motion for motion in motions(quick)}
+    changing = []
     for name in CONTACTS[:1] if quick else CONTACTS:
         case = contact_motion(name).motion
         end = min(case.times()[-1], 10.0)
-        yield contacts, Motion(name, case.compile("auto"), case.initial, case.parameters, end)
+        changing.append(Motion(name, case.compile("auto"), case.initial, case.parameters, end))
+    yield from ((contacts, motion) for motion in changing)
+    yield from ((unit, motion) for motion in (*(known[name] for name in UNITS if name in known), *changing))
     for precision, names in (("double", FIXED), ("single", SINGLE)):
         yield from ((partial(fixed, precision=precision), known[name]) for name in names if name in known)
     for kind in ("numba", "jax"):
         yield from ((partial(file, kind=kind), known[name]) for name in PYTHON if name in known)
-    yield from ((partial(packed, kind=kind), known[name]) for kind in ("wheel", "fmu", "page") for name in PACKED)
+    yield from ((partial(packed, kind=kind), known[name]) for kind in ("wheel", "page") for name in PACKED)
 
 
 def _example(motion: Motion) -> dict[str, Any]:
@@ -195,9 +200,36 @@ def file(motion: Motion, folder: Path, *, kind: str) -> Measured:
     )
 
 
+def unit(motion: Motion, folder: Path) -> Measured:
+    """Measure a unit of FMI 3.0 whose co-simulation takes one step over the whole span."""
+    model, end, options = motion.model, motion.end, {"rtol": RTOL, "atol": ATOL}
+    begin = time.perf_counter()
+    path = folder / "unit.fmu"
+    description, unit_folder = unpacked(model, path, fmi="3.0", **options, **_example(motion))
+    compilation, best, begun = time.perf_counter() - begin, np.inf, time.perf_counter()
+    while time.perf_counter() - begun < LEAST:
+        made = Unit(description, unit_folder)
+        start = time.perf_counter()
+        if made.begin(0.0) or made.step(0.0, end):
+            raise RuntimeError(f"the unit of {motion.name} fails")
+        best = min(best, time.perf_counter() - start)
+    run = model.simulate((0, end), motion.initial, motion.parameters, t_eval=[end], **options)
+    found = np.array([made.get(name) for name in model.layout.variables])
+    expected = np.array([run[name][-1] for name in model.layout.variables])
+    return Measured(
+        name=motion.name,
+        kind="fmu" if model.modes is None else "fmu, contacts",
+        method="auto",
+        own=float(best),
+        difference=difference_of(found, expected),
+        size=path.stat().st_size,
+        compilation=compilation,
+    )
+
+
 def packed(motion: Motion, folder: Path, *, kind: str) -> Measured:
-    """Measure the size of a package, unit or page, and the seconds until it is written."""
-    names, options = {"wheel": "package", "fmu": "unit.fmu", "page": "page.html"}, {"rtol": RTOL, "atol": ATOL}
+    """Measure the size of a package or page, and the seconds until it is written."""
+    names, options = {"wheel": "package", "page": "page.html"}, {"rtol": RTOL, "atol": ATOL}
     begin = time.perf_counter()
     path = motion.model.export(folder / names[kind], kind, method="taylor", **options, **_example(motion))
     seconds = time.perf_counter() - begin
