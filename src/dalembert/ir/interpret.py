@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import operator
+import weakref
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..once import once_property
 from . import ieee
 from .calls import CALLS, array_call
 from .kernel import Kernel
@@ -44,6 +45,8 @@ def interpret(
     list
         One number an output.
     """
+    if operations is None and literal is float:
+        return _tape(kernel).run(_tape(kernel).numbers, arguments)
     values: dict[str, Any] = {}
     for load in kernel.loads:
         source: Any = arguments[load.array]
@@ -53,9 +56,8 @@ def interpret(
         return values[operand] if isinstance(operand, str) else literal(operand)
 
     for line in kernel.body:
-        operands: Sequence[Any] = [value(arg) for arg in line.args]
         function = ALL_OPERATIONS[line.op].evaluate if operations is None else operations[line.op]
-        values[line.target] = function(*operands)
+        values[line.target] = function(*[value(arg) for arg in line.args])
     return [value(output) for output in kernel.outputs]
 
 
@@ -116,59 +118,52 @@ def _of_one(name: str) -> Callable[..., float]:
     return lambda *operands: float(function(*(np.array((number,)) for number in operands))[0])
 
 
+Lines = Sequence[tuple[Callable[..., Any], tuple[int, ...], int]]
+"""Operations on the places of their operands, each with the place of its result."""
+
+
 @final
-@dataclass(frozen=True, eq=False)
 class _Tape:
-    """A kernel on places of one list: loads, literals, and operations on the places of their operands.
+    """A kernel on places of one list: loads, literals, and lines with one of three meanings of the operations."""
 
-    `single` has the operations on single numbers; None where the kernel reads tables or calls functions of arrays.
-    """
-
-    kernel: Kernel
-    loads: tuple[tuple[int, str, int | None], ...]
-    start: tuple[Any, ...]
-    lines: tuple[tuple[Callable[..., Any], tuple[int, ...], int], ...]
-    single: tuple[tuple[Callable[..., float], tuple[int, ...], int], ...] | None
-    outputs: tuple[int, ...]
-
-    @classmethod
-    def of(cls, kernel: Kernel) -> _Tape:
-        """Return the tape of a kernel, for arrays."""
+    def __init__(self, kernel: Kernel) -> None:
         places = {load.target: i for i, load in enumerate(kernel.loads)}
-        start: list[Any] = [None] * len(places)
+        self._start: list[Any] = [None] * len(places)
 
         def place(operand: str | float) -> int:
             key = operand if isinstance(operand, str) else repr(operand)  # no name; and -0.0 is not 0.0
             if key not in places:
-                places[key] = len(start)
-                start.append(None if isinstance(operand, str) else float(operand))
+                places[key] = len(self._start)
+                self._start.append(None if isinstance(operand, str) else float(operand))
             return places[key]
 
-        loads = tuple((places[load.target], load.array, load.index) for load in kernel.loads)
-        lines = tuple(
-            (ARRAY_OPERATIONS[line.op], tuple(place(arg) for arg in line.args), place(line.target))
-            for line in kernel.body
+        self._loads = tuple((places[load.target], load.array, load.index) for load in kernel.loads)
+        self._lines = tuple(
+            (line.op, tuple(place(arg) for arg in line.args), place(line.target)) for line in kernel.body
         )
-        outputs = tuple(place(output) for output in kernel.outputs)
-        single = None
-        if not {"piece", "entry", *CALLS} & {line.op for line in kernel.body}:
-            single = tuple(
-                (_of_one(line.op), args, target) for line, (_, args, target) in zip(kernel.body, lines, strict=True)
-            )
-        return cls(kernel, loads, tuple(start), lines, single, outputs)
+        self.outputs = tuple(place(output) for output in kernel.outputs)
 
-    def __call__(self, arguments: Mapping[str, Any]) -> list[Any]:
-        """Return the outputs as columns, one number a state."""
-        return self._run(self.lines, arguments)
+    @once_property
+    def arrays(self) -> Lines:
+        """Lines on columns, one number a state."""
+        return [(ARRAY_OPERATIONS[op], args, target) for op, args, target in self._lines]
 
-    def of_one(self, arguments: Mapping[str, Any]) -> list[float]:
-        """Return the outputs of a single state, from numbers and lists of numbers; for tapes with `single`."""
-        assert self.single is not None
-        return self._run(self.single, arguments)
+    @once_property
+    def numbers(self) -> Lines:
+        """Lines on Python floats."""
+        return [(ALL_OPERATIONS[op].evaluate, args, target) for op, args, target in self._lines]
 
-    def _run(self, lines: Sequence[Any], arguments: Mapping[str, Any]) -> list[Any]:
-        values = list(self.start)
-        for place, array, index in self.loads:
+    @once_property
+    def of_one(self) -> Lines | None:
+        """Lines on single numbers with the bits of `arrays`; None where there are tables or functions of arrays."""
+        if {"piece", "entry", *CALLS} & {op for op, *_ in self._lines}:
+            return None
+        return [(_of_one(op), args, target) for op, args, target in self._lines]
+
+    def run(self, lines: Lines, arguments: Mapping[str, Any]) -> list[Any]:
+        """Return the outputs."""
+        values = list(self._start)
+        for place, array, index in self._loads:
             source = arguments[array]
             values[place] = source if index is None else source[index]
         for function, args, target in lines:
@@ -179,17 +174,15 @@ class _Tape:
         return [values[place] for place in self.outputs]
 
 
-_MOST_TAPES = 1024
 _TAPES: dict[int, _Tape] = {}
-"""Tapes by the identity of their kernel, which each keeps, so that no other can have it."""
+"""Tapes by the identity of their kernel, as long as it lives."""
 
 
 def _tape(kernel: Kernel) -> _Tape:
     found = _TAPES.get(id(kernel))
     if found is None:
-        if len(_TAPES) >= _MOST_TAPES:
-            _TAPES.clear()
-        found = _TAPES[id(kernel)] = _Tape.of(kernel)
+        found = _TAPES[id(kernel)] = _Tape(kernel)
+        weakref.finalize(kernel, _TAPES.pop, id(kernel), None).atexit = False
     return found
 
 
@@ -199,10 +192,10 @@ def interpret_rows(
     """Return the outputs (k, n_out) of a kernel at times t (k,), states y (k, n) and constants c (n_c,) or (k, n_c)."""
     tape = _tape(kernel)
     with np.errstate(all="ignore"):
-        if len(t) == 1 and tape.single is not None:
+        if len(t) == 1 and tape.of_one is not None:
             numbers = {"t": float(t[0]), "y": y[0].tolist(), "c": c.ravel().tolist()}
-            return np.array([tape.of_one(numbers)], dtype=float).reshape(1, len(tape.outputs))
-        columns = tape({"t": t, "y": y.T, "c": c.T})
+            return np.array([tape.run(tape.of_one, numbers)], dtype=float).reshape(1, len(tape.outputs))
+        columns = tape.run(tape.arrays, {"t": t, "y": y.T, "c": c.T})
     return rows_of_columns(columns, len(t))
 
 

@@ -44,7 +44,7 @@ class Assignment:
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, weakref_slot=True)
 class Kernel:
     """Named inputs, straight-line assignments, outputs.
 
