@@ -220,6 +220,7 @@ def _runner(modes: ModeModels, mode: Mode, options: PrepareOptions, fitting: Map
     known = {*GatheredRows.of(modes.layout, modes.equations.contacts).parameters}
     refuse_program(program, ("prescribed",))
     unsuitable = {
+        "nothing that moves": not program.layout.state,
         "angles that may lock": any(isinstance(check, GimbalCheck) for check in model.checks),
         "constraints that follow from others at some places only": bool(reduced.unproven or reduced.redundancy),
         "velocities that jump": modes.impulses(mode) is not None,
@@ -228,8 +229,8 @@ def _runner(modes: ModeModels, mode: Mode, options: PrepareOptions, fitting: Map
     for what, is_so in unsuitable.items():
         if is_so:
             raise CapabilityError(
-                f"{modes.equations.name!r} has {what} in the mode {{{named}}}, which simulate looks at along the run;"
-                " exports of scenes with contacts that change do not: export one mode, model.mode(...).export(...)"
+                f"{modes.equations.name!r} has {what} in the mode {{{named}}}, which simulate runs, and exports of scenes"
+                " with contacts that change do not carry: export one mode, model.mode(...).export(...)"
             )
     number = modes.automaton.number(mode)
     fits = fitting.get(number, "")  # of any backend
