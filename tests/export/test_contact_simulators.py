@@ -102,6 +102,25 @@ def ball():
     return da.compile_model(da.scenes.bouncing_ball()), case.initial, case.parameters
 
 
+def test_a_ball_on_a_line_rests_and_is_lifted(tmp_path):
+    """While it rests, nothing moves, and there is no state."""
+    x, (m, g, e, A) = dynamicsymbols("x"), symbols("m g e A", positive=True)
+    N, O, R = ReferenceFrame("N"), Point("O"), da.unknowns("R")
+    P = O.locatenew("P", x * N.x)
+    scene = da.Scene("ball", frame=N, origin=O, coordinates=[x])
+    scene.add_bodies(Particle("ball", P, m))
+    scene.add_loads((P, (A * cos(2 * dynamicsymbols._t) - m * g) * N.x))
+    scene.add_joints(da.Joint("floor", body="ball", at=P, force=R * N.x))
+    scene.add_contacts(da.UnilateralContact(R, x, name="floor", restitution=e))
+    model, start, numbers = da.compile_model(scene), {"x": 1, "x_dot": 0}, {"m": 1, "g": 9.81, "e": 0.5, "A": 12}
+    program, _ = exported(tmp_path, model, start, numbers, 6, **TOLERANCES)
+    found = rows(output(program))
+    run = model.simulate((0, 6), start, numbers, t_eval=found["t"], **TOLERANCES)
+    assert {phase.modes["floor"] for phase in run.phases} == {"open", "closed"} and run["x"].max() > 0.8
+    for name in ("x", "x_dot"):
+        np.testing.assert_allclose(found[name], run[name], rtol=1e-9, atol=1e-9)
+
+
 def test_what_contacts_do_is_told_and_a_copy_is_the_same_run(tmp_path):
     case = contact_motion("block on a belt").motion
     model, end = case.compile("auto"), 10.0

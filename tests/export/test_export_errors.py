@@ -137,15 +137,3 @@ def test_constraints_that_depend_on_each_other_at_the_start_are_refused_where_th
     assert model.simulate((0, 0.1), start, {"F": 0.1}).success
     with pytest.raises(CapabilityError, match="depend on each other at this start; simulate leaves out those that"):
         model.export(tmp_path / "bars", initial=start, parameters={"F": 0.1})
-
-
-def test_a_contact_that_leaves_nothing_that_moves_is_refused(tmp_path):
-    scene, x, P, N = cart()
-    R = da.unknowns("R")
-    scene.add_loads((P, -symbols("F") * N.x))
-    scene.add_joints(da.Joint("wall", body="cart", at=P, force=R * N.x))
-    scene.add_contacts(da.UnilateralContact(R, x, name="wall"))
-    model = da.compile_model(scene)
-    assert model.simulate((0, 2), {"x": 1, "x_dot": 0}, {"m": 1, "F": 3}).q[-1, 0] == 0.0
-    with pytest.raises(CapabilityError, match=r"nothing that moves in the mode \{'wall': closed\}.*export one mode"):
-        model.export(tmp_path / "a")

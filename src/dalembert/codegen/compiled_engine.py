@@ -263,7 +263,7 @@ class CompiledEngine(Engine):
         self, cases: CaseColumns, method: str, result: BlockResult, kept: KeptStarts, share: int
     ) -> CaseRun | None:
         """See `Engine.sweeper`: lanes are refilled as cases end."""
-        if not self._sizes["rhs"]:
+        if not self._sizes["rhs"] and method != "taylor":  # other steps divide by the number of components
             return None
         return self._lanes.cases(cases, method, result, kept, share)
 

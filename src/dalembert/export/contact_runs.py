@@ -220,7 +220,6 @@ def _runner(modes: ModeModels, mode: Mode, options: PrepareOptions, fitting: Map
     known = {*GatheredRows.of(modes.layout, modes.equations.contacts).parameters}
     refuse_program(program, ("prescribed",))
     unsuitable = {
-        "nothing that moves": not program.layout.state,
         "angles that may lock": any(isinstance(check, GimbalCheck) for check in model.checks),
         "constraints that follow from others at some places only": bool(reduced.unproven or reduced.redundancy),
         "velocities that jump": modes.impulses(mode) is not None,
@@ -235,6 +234,8 @@ def _runner(modes: ModeModels, mode: Mode, options: PrepareOptions, fitting: Map
     number = modes.automaton.number(mode)
     fits = fitting.get(number, "")  # of any backend
     asked = fits if fits in model.methods else options.method
+    if not program.layout.state:  # nothing moves
+        asked = "taylor"
     method = model.choose_method(asked, options.rtol, options.atol, many=True)
     expand = model.engine.code(modes.expansion(mode))[0]
     return ModeRunner(number, mode, model, tuple(modes.events(mode)), {}, method, options, expand, {})
