@@ -228,8 +228,8 @@ def _runner(modes: ModeModels, mode: Mode, options: PrepareOptions, fitting: Map
     for what, is_so in unsuitable.items():
         if is_so:
             raise CapabilityError(
-                f"{modes.equations.name!r} has {what} in the mode {{{named}}}, which simulate runs, and exports of scenes"
-                " with contacts that change do not carry: export one mode, model.mode(...).export(...)"
+                f"{modes.equations.name!r} has {what} in the mode {{{named}}}, which simulate runs, and exports of"
+                " scenes with contacts that change do not carry: export one mode, model.mode(...).export(...)"
             )
     number = modes.automaton.number(mode)
     fits = fitting.get(number, "")  # of any backend
