@@ -1,10 +1,19 @@
-"""Type aliases of NumPy arrays."""
+"""Types of NumPy arrays, and of columns of values of many cases."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray: TypeAlias = NDArray[np.float64]
+
+Column: TypeAlias = float | FloatArray
+"""Values of cases: one for all of them, as a number or (1,), or one each (k,)."""
+
+
+def arrays_of(columns: Mapping[str, Column]) -> dict[str, FloatArray]:
+    """Return columns as arrays (1,) or (k,)."""
+    return {name: np.array((value,)) if isinstance(value, float) else value for name, value in columns.items()}

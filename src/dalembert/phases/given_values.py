@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, arrays_of
 from ..codegen.llvm.prepared import Admission
 from ..codegen.runs import Final, Prepared, PreparedStates
 from ..contacts.contact_cases import UNDECIDED
@@ -241,7 +241,7 @@ def run_cases(
     )
     block, status = cases.block(slice(0, cases.count), settings)
     own, p = cases.parameters_of(slice(0, cases.count)), np.zeros((cases.count, 0))
-    columns = {name: own[name] for name in layout.parameters}
+    columns = arrays_of({name: own[name] for name in layout.parameters})
     if columns:
         p = np.column_stack([np.broadcast_to(values, cases.count) for values in columns.values()])
     request = MotionRequest(

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, TypeVar, cast, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray
+from ..arrays import Column, FloatArray, arrays_of
 from ..errors import UnknownNameError, ValueInputError, list_names
 from ..ir.interpret import interpret, interpret_rows
 from ..ir.program import DIRECTION, Program, directed_rates
@@ -23,11 +23,14 @@ from ..starts.input_values import GivenInputs
 from ..steps.problem import IntegrationProblem
 from ..stops.breakpoints import CaseBreaks
 from ..stops.input_records import InputRecords
-from .case_columns import CaseReaders, case_readers
+from .case_columns import CaseReaders, Columns, case_readers
 from .case_settings import CaseSettings, spans_of
 
 if TYPE_CHECKING:
     from ..starts.initial_states import QuickStart
+
+
+_NO_TIMES = np.empty(0)
 
 
 @final
@@ -50,13 +53,13 @@ class Cases:
         self.program = program
         self.records = None if given is None else given.records(layout, program.knot_sides)
         readers = case_readers(layout)
-        self.initial = readers.initial(initial)
+        self._initial = readers.initial(initial)
         inputs.refuse_inputs(layout, parameters)
-        self.parameters = readers.parameters(parameters)
+        self._parameters = readers.parameters(parameters)
         for name, value in layout.defaults.items():
-            self.parameters.setdefault(name, np.array([value]))
-        missing = [name for name in layout.parameters if name not in self.parameters]
-        if missing:
+            self._parameters.setdefault(name, float(value))
+        if len(self._parameters) < len(layout.parameters):
+            missing = [name for name in layout.parameters if name not in self._parameters]
             raise UnknownNameError(
                 f"missing parameters: {list_names(missing)}. The scene needs: {list_names(layout.given)}."
             )
@@ -66,11 +69,11 @@ class Cases:
         self.count = self._count()
         self.refused = self._refused(readers)
         self._begin = first if self.refused is None else np.where(self.refused, np.nan, first)  # NaN is not run
-        self._values = {**self.initial}
+        self._values: Columns = self._initial
         ends = (float(first[0]), float(last[0])) if first.shape == last.shape == (1,) else (math.nan, math.nan)
         self.together = math.isfinite(ends[0]) and math.isfinite(ends[1])
         if ends[1] < ends[0] if self.together else np.any(last < first):
-            self._values[DIRECTION] = np.where(last < first, -1.0, 1.0)
+            self._values = {**self._initial, DIRECTION: np.where(last < first, -1.0, 1.0)}
         self.start = start(self._values)
 
     @property
@@ -78,10 +81,26 @@ class Cases:
         """Duration of the longest run [s]."""
         return float(np.max(np.abs(self.span["end"] - self.span["start"])))
 
+    @property
+    def initial(self) -> dict[str, FloatArray]:
+        """Initial values (1,) or (k,) by name."""
+        return arrays_of(self._initial)
+
+    @property
+    def parameters(self) -> dict[str, FloatArray]:
+        """Parameters (1,) or (k,) by name."""
+        return arrays_of(self._parameters)
+
+    @property
+    def given(self) -> tuple[Columns, Columns]:
+        """Initial values and parameters."""
+        return self._initial, self._parameters
+
     def _count(self) -> int:
-        tables = (("parameter", self.parameters), ("initial", self.initial), ("t_span", self.span))
-        counts = {len(values) for _, table in tables for values in table.values() if values.size != 1} - {1}
+        columns = (*self._parameters.values(), *self._initial.values(), *self.span.values())
+        counts = {len(values) for values in columns if not isinstance(values, float) and values.size != 1}
         if len(counts) > 1:
+            tables = (("parameter", self.parameters), ("initial", self.initial), ("t_span", self.span))
             known = {*self.program.layout.given, *self.initial, *self.span}  # others are parameters of inputs
             lengths = {
                 f"{kind} {name}" if name in known else f"input {name.rpartition(' of ')[2]}": len(values)
@@ -98,8 +117,8 @@ class Cases:
 
         Values for all cases are rejected at once.
         """
-        by_parameters = readers.parameters.refused(self.parameters)
-        by_initial = readers.initial.refused(self.initial)
+        by_parameters = readers.parameters.refused(self._parameters)
+        by_initial = readers.initial.refused(self._initial)
         if by_parameters is None or by_initial is None:
             return by_initial if by_parameters is None else by_parameters
         return by_parameters | by_initial
@@ -109,20 +128,25 @@ class Cases:
         count = len(range(*block.indices(self.count)))
         names = self.program.layout.parameters
         p = np.empty((count, len(names)))
-        for i, column in enumerate(self.parameters_of(block).values()):
+        for i, column in enumerate(self._parameter_columns(block)):
             p[:, i] = column
         self._decide(p, block)
         return inputs.prepare_rows(self.program, p)
 
-    def parameters_of(self, block: slice) -> dict[str, FloatArray]:
-        """Return the columns (1,) or (k,) of parameters of a block of cases by name, as their runs take them."""
-        names, given = self.program.layout.parameters, self.parameters
-        columns = dict(zip(names, self._parts(map(given.__getitem__, names), block), strict=True))
-        rate = self.program.layout.decay_rate
-        if rate is not None:
-            backward = _part(self.span["end"], block) < _part(self.span["start"], block)
-            columns[rate] = directed_rates(columns[rate], backward)
-        return columns
+    def parameters_of(self, block: slice) -> Columns:
+        """Return the columns of parameters of a block of cases by name, as their runs take them."""
+        return dict(zip(self.program.layout.parameters, self._parameter_columns(block), strict=True))
+
+    def _parameter_columns(self, block: slice) -> tuple[Column, ...]:
+        layout = self.program.layout
+        columns = self._parts(map(self._parameters.__getitem__, layout.parameters), block)
+        if layout.decay_rate is None:
+            return columns
+        place, backward = layout.parameters.index(layout.decay_rate), self._backward(block)
+        return (*columns[:place], directed_rates(columns[place], backward), *columns[place + 1 :])
+
+    def _backward(self, block: slice) -> NDArray[np.bool_]:
+        return _part(self.span["end"], block) < _part(self.span["start"], block)
 
     def _decide(self, p: FloatArray, block: slice) -> None:
         """Set conditions in parameters p (k, n_p) to those of the first segment of each case."""
@@ -178,22 +202,22 @@ class Cases:
 
     def set_parameter(self, name: str, values: FloatArray) -> None:
         """Give all cases another value (1,), or others (k,), of a parameter."""
-        self.parameters[name], self._whole = values, None
+        self._parameters[name], self._whole = values, None
 
     def _is_whole(self, block: slice) -> bool:
         return block.start == 0 and block.stop == self.count and block.step is None
 
-    def _parts(self, columns: Iterable[FloatArray], block: slice) -> tuple[FloatArray, ...]:
+    def _parts(self, columns: Iterable[Column], block: slice) -> tuple[Column, ...]:
         if self._is_whole(block):
             return tuple(columns)
         return tuple([_part(values, block) for values in columns])
 
     def _new_columns(self, block: slice, settings: CaseSettings) -> CaseColumns:
-        t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
+        t_eval = _NO_TIMES if settings.t_eval is None else settings.t_eval
         return CaseColumns(
             self.count if self._is_whole(block) else len(range(*block.indices(self.count))),
-            self._parts((self._begin, self.span["end"]), block),
-            tuple(self.parameters_of(block).values()),
+            (_part(self._begin, block), _part(self.span["end"], block)),
+            self._parameter_columns(block),
             self._parts(map(self._values.__getitem__, self.start.given), block),
             self.start,
             t_eval,
@@ -242,7 +266,7 @@ class Cases:
             y,
             c,
             self._spans(block, len(y)),
-            np.empty(0) if settings.t_eval is None else settings.t_eval,
+            _NO_TIMES if settings.t_eval is None else settings.t_eval,
             settings.rtol,
             settings.atol,
             settings.max_step,
@@ -266,8 +290,8 @@ class Cases:
             return None
         block = slice(number, number + 1)
         spans = self._spans(block, 1)
-        values = {name: float(_part(column, block)[0]) for name, column in self._values.items()}
-        p = np.array([column[0] for column in self.parameters_of(block).values()])
+        values = {name: _number(_part(column, block)) for name, column in self._values.items()}
+        p = np.array([_number(column) for column in self._parameter_columns(block)])
         found = quick_start(self._values)(float(spans[0, 0]), values, p) if np.all(np.isfinite(spans)) else None
         return None if found is None else self._started(block, settings, found[0][np.newaxis], found[1][np.newaxis])
 
@@ -321,8 +345,19 @@ def _finite_rows(values: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(finite)
 
 
-def _part(values: FloatArray, block: slice) -> FloatArray:
-    return values if len(values) == 1 else values[block]
+AnyColumn = TypeVar("AnyColumn", bound=Column)
+
+
+def _part(values: AnyColumn, block: slice) -> AnyColumn:
+    """Return the values of a block of cases."""
+    if isinstance(values, float) or len(values) == 1:
+        return values
+    return cast(AnyColumn, values[block])
+
+
+def _number(values: Column) -> float:
+    """Return the first of some values."""
+    return values if isinstance(values, float) else float(values[0])
 
 
 def single_problem(

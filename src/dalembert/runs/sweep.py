@@ -319,7 +319,7 @@ def _results(
         methods={(NO_MODE, settings.rtol): settings.method},
     )
     samples = None if settings.t_eval is None else done.samples
-    varied, program = (cases.initial, cases.parameters), model.stages.program
+    varied, program = cases.given, model.stages.program
     t_eval, about = settings.t_eval, (program.name, program.formulation, program.layout, varied)
     states = ProgramStates(program, cases.constants_at, done.ends[:, 0], done.y, samples, t_eval)
     run = Sweep(*about, done.ends, t_eval, axes, statistics, states)

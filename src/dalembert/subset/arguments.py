@@ -209,11 +209,14 @@ def unpack(arguments: Callable[..., T], words: NDArray[np.int64], wrap: Callable
 
 def address_of(array: NDArray[Any]) -> int:
     """Return the address of the first element of an array, 0 where it is empty."""
-    if array.size == 0:
-        return 0
-    if array.flags.writeable:
+    try:
         return ctypes.addressof(_CHARACTER.from_buffer(array))
-    return int(array.__array_interface__["data"][0])
+    except TypeError:  # it cannot be written to
+        return int(array.__array_interface__["data"][0]) if array.size else 0
+    except ValueError:
+        if array.size:
+            raise
+        return 0
 
 
 def owned_address(array: NDArray[Any]) -> OwnedAddress:

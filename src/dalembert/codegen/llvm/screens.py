@@ -36,10 +36,11 @@ _INDEPENDENT = 1e-5
 
 @final
 class _Memory:
-    """Memory of one thread at a time: packed arguments of a loop, and what they point to."""
+    """Memory of one thread at a time: packed arguments of a loop, and what they point to; which cases are chosen."""
 
-    def __init__(self, loop: str, arguments: tuple[Any, ...]) -> None:
+    def __init__(self, loop: str, arguments: Any) -> None:
         self.made, self.words = arguments, pack(arguments)
+        self.chosen: Sequence[int] = ()
         self._call, self._pointer = loop_named(loop).call, ctypes.c_void_p(address_of(self.words))
 
     def passes(self) -> bool:
@@ -116,8 +117,9 @@ class StiffnessScreen:
 
         def fill(memory: _Memory) -> None:
             memory.words[_COLUMNS : _COLUMNS + 4] = cases.table.fields
-            chosen: Any = memory.made
-            chosen.starts.cases[:] = [*numbers, *[numbers[-1]] * (self._lanes - len(numbers))]
+            if memory.chosen != numbers:
+                memory.chosen, made = numbers, memory.made
+                made.starts.cases[:] = [*numbers, *[numbers[-1]] * (self._lanes - len(numbers))]
 
         return self._memories.passes(fill)
 

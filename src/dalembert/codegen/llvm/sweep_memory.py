@@ -111,6 +111,7 @@ class _Memory:
         self.code, self.pointer = loop_named(arrays.loop_name).call, ctypes.c_void_p(address_of(self._words))
         self.progress: LoopProgress = made.state.progress
         self.held: object = None
+        self._limits: tuple[float, int] | None = None
 
     def begin(self, arrays: CaseArrays, turn: NDArray[np.int64]) -> None:
         """Set the arguments to those of a run that begins."""
@@ -118,9 +119,11 @@ class _Memory:
         self._block[:] = 0
         begin_progress(self.progress)
         constant = cases.inputs is None and cases.constants_at is None
-        self.progress.common = constant and all([column.size == 1 for column in cases.parameters])
-        self._made.limits[0, :2] = cases.max_step, cases.max_steps
-        self._numbers[_LARGEST] = cases.max_step
+        self.progress.common = constant and all([isinstance(p, float) or p.size == 1 for p in cases.parameters])
+        limits = cases.max_step, cases.max_steps
+        if limits != self._limits:
+            self._limits = self._made.limits[0, :2] = limits
+            self._numbers[_LARGEST] = cases.max_step
         words[_CASES], words[_SHARE] = cases.count, arrays.share
         before, behind = arrays.results
         words[_COLUMNS:_STATE] = (*cases.table.fields, *_words((turn, *before)))

@@ -255,7 +255,8 @@ def _state(made: LaneState) -> LaneState:
 
 def _columns(cases: CaseColumns) -> Columns:
     """Return address and stride of every column."""
-    columns = (*cases.spans, *cases.parameters, *cases.given)
+    given = (*cases.spans, *cases.parameters, *cases.given)
+    columns = [np.array((column,)) if isinstance(column, float) else column for column in given]
     assert all(column.dtype == np.float64 and column.flags.c_contiguous for column in columns)
     strides = [int(len(column) > 1) for column in columns]
     return Columns(AddressTable(map(owned_address, columns)), np.array(strides))
