@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,15 @@ FloatArray: TypeAlias = NDArray[np.float64]
 
 Column: TypeAlias = float | FloatArray
 """Values of cases: one for all of them, as a number or (1,), or one each (k,)."""
+
+AnyColumn = TypeVar("AnyColumn", bound=Column)
+
+
+def part_of(values: AnyColumn, cases: slice | list[int]) -> AnyColumn:
+    """Return the values of some cases."""
+    if isinstance(values, float) or len(values) == 1:
+        return values
+    return cast(AnyColumn, values[cases])
 
 
 def arrays_of(columns: Mapping[str, Column]) -> dict[str, FloatArray]:

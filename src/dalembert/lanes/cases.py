@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Column, FloatArray
+from ..arrays import AnyColumn, Column, FloatArray, part_of
 from ..methods.status import Status
 from ..steps.problem import IntegrationProblem
 from ..stops.input_records import InputRecords
@@ -117,6 +117,23 @@ class CaseColumns:
     part: PartSamples | None = None
 
     _table: ColumnTable | None = field(default=None, init=False)
+
+    def some(self, numbers: Sequence[int]) -> CaseColumns:
+        """Return the cases of these numbers, which are without inputs and stops."""
+        assert self.inputs is None and self.stops is None and self.rows is None and self.part is None
+        places = [*numbers]
+
+        def of(columns: tuple[AnyColumn, ...]) -> tuple[AnyColumn, ...]:
+            return tuple([part_of(column, places) for column in columns])
+
+        return replace(
+            self,
+            count=len(places),
+            spans=of(self.spans),
+            parameters=of(self.parameters),
+            given=of(self.given),
+            carried=None if self.carried is None else self.carried[places],
+        )
 
     @property
     def table(self) -> ColumnTable:

@@ -42,17 +42,25 @@ _WORTH, _MANY = 1e-4, 2048
 
 
 def fitted(
-    engine: Engine, cases: Cases, settings: CaseSettings, quick_start: Callable[[Iterable[str]], QuickStart]
+    engine: Engine,
+    cases: Cases,
+    settings: CaseSettings,
+    quick_start: Callable[[Iterable[str]], QuickStart],
+    *,
+    whole: bool = True,
 ) -> CaseSettings:
     """Return the settings with another method where the first, the middle or the last case shows need of it.
 
-    `quick_start` is that of the model, by names of given values.
+    `quick_start` is that of the model, by names of given values. Cases that are not `whole` motions of these settings
+    are not tried.
     """
     if not cases.program.layout.state or not cases.count:
         return settings
     numbers = sorted({0, cases.count // 2, cases.count - 1})
-    if cases.plain and engine.surely_not_stiff(cases.columns(slice(0, cases.count), settings), numbers):
-        return settings
+    if cases.plain:
+        columns = cases.columns(slice(0, cases.count), settings)
+        if engine.surely_not_stiff(columns, numbers, settings.method if whole else None):
+            return settings
     for i in numbers:
         problem = single_problem(cases, settings, i, quick_start)
         if problem is None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar, cast, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Column, FloatArray, arrays_of
+from ..arrays import Column, FloatArray, arrays_of, part_of
 from ..errors import UnknownNameError, ValueInputError, list_names
 from ..ir.interpret import interpret, interpret_rows
 from ..ir.program import DIRECTION, Program, directed_rates
@@ -146,21 +146,21 @@ class Cases:
         return (*columns[:place], directed_rates(columns[place], backward), *columns[place + 1 :])
 
     def _backward(self, block: slice) -> NDArray[np.bool_]:
-        return _part(self.span["end"], block) < _part(self.span["start"], block)
+        return part_of(self.span["end"], block) < part_of(self.span["start"], block)
 
     def _decide(self, p: FloatArray, block: slice) -> None:
         """Set conditions in parameters p (k, n_p) to those of the first segment of each case."""
         conditions = self.program.conditions
         if conditions is None or not conditions.decides:
             return
-        t0, t1 = (np.broadcast_to(_part(self.span[end], block), len(p)) for end in ("start", "end"))
+        t0, t1 = (np.broadcast_to(part_of(self.span[end], block), len(p)) for end in ("start", "end"))
         conditions.decide_at(p, CaseBreaks.of(conditions, p, t0, t1).middles(np.arange(len(p)), t0))
 
     def constants_at(self, block: slice, t: FloatArray) -> FloatArray:
         """Return the constants (k m, n_c) of a block of cases at times (k, m) of each."""
         count, width = t.shape
         c, conditions = self.constants(block), self.program.conditions
-        t0, t1 = (np.broadcast_to(_part(self.span[end], block), count) for end in ("start", "end"))
+        t0, t1 = (np.broadcast_to(part_of(self.span[end], block), count) for end in ("start", "end"))
         each = np.repeat(np.arange(count), width)
         if conditions is None or not conditions.decides:
             rows = np.repeat(c, width, axis=0)
@@ -210,13 +210,13 @@ class Cases:
     def _parts(self, columns: Iterable[Column], block: slice) -> tuple[Column, ...]:
         if self._is_whole(block):
             return tuple(columns)
-        return tuple([_part(values, block) for values in columns])
+        return tuple([part_of(values, block) for values in columns])
 
     def _new_columns(self, block: slice, settings: CaseSettings) -> CaseColumns:
         t_eval = _NO_TIMES if settings.t_eval is None else settings.t_eval
         return CaseColumns(
             self.count if self._is_whole(block) else len(range(*block.indices(self.count))),
-            (_part(self._begin, block), _part(self.span["end"], block)),
+            (part_of(self._begin, block), part_of(self.span["end"], block)),
             self._parameter_columns(block),
             self._parts(map(self._values.__getitem__, self.start.given), block),
             self.start,
@@ -279,7 +279,7 @@ class Cases:
     def _spans(self, block: slice, count: int) -> FloatArray:
         """Return starts and ends (count, 2) of a block of cases; a start is NaN where the case is not run."""
         spans = np.empty((count, 2))
-        spans[:, 0], spans[:, 1] = _part(self._begin, block), _part(self.span["end"], block)
+        spans[:, 0], spans[:, 1] = part_of(self._begin, block), part_of(self.span["end"], block)
         return spans
 
     def alone(
@@ -290,7 +290,7 @@ class Cases:
             return None
         block = slice(number, number + 1)
         spans = self._spans(block, 1)
-        values = {name: _number(_part(column, block)) for name, column in self._values.items()}
+        values = {name: _number(part_of(column, block)) for name, column in self._values.items()}
         p = np.array([_number(column) for column in self._parameter_columns(block)])
         found = quick_start(self._values)(float(spans[0, 0]), values, p) if np.all(np.isfinite(spans)) else None
         return None if found is None else self._started(block, settings, found[0][np.newaxis], found[1][np.newaxis])
@@ -312,13 +312,13 @@ class Cases:
         """Return the given initial values (count, n) of a block of cases, in the order of the start."""
         given = np.empty((count, len(self.start.given)))
         for i, name in enumerate(self.start.given):
-            given[:, i] = _part(self._values[name], block)
+            given[:, i] = part_of(self._values[name], block)
         return given
 
     def lost_pivots(self, block: slice) -> NDArray[np.bool_]:
         """Return in which cases of a block (k,) the formulation divides a constraint by something that vanishes."""
         c = self.constants(block)
-        t = np.broadcast_to(_part(self._begin, block), (len(c),))
+        t = np.broadcast_to(part_of(self._begin, block), (len(c),))
         checks = interpret_rows(self.start.kernel, t, self._given(block, len(c)), c)[
             :, len(self.program.layout.state) :
         ]
@@ -343,16 +343,6 @@ def _finite_rows(values: FloatArray) -> NDArray[np.bool_]:
     large = np.flatnonzero(~finite)  # or a sum of finite numbers that is not
     finite[large] = np.isfinite(values[large]).all(axis=1)
     return np.asarray(finite)
-
-
-AnyColumn = TypeVar("AnyColumn", bound=Column)
-
-
-def _part(values: AnyColumn, block: slice) -> AnyColumn:
-    """Return the values of a block of cases."""
-    if isinstance(values, float) or len(values) == 1:
-        return values
-    return cast(AnyColumn, values[block])
 
 
 def _number(values: Column) -> float:

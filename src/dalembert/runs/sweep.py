@@ -129,11 +129,12 @@ def sweep_in_own_time(
     model, cases, settings, independent = _model_and_cases(model, t_span, initial, parameters, options, begin)
     if carried is not None or times is not None:
         settings = replace(settings, carried=carried, t_eval=settings.t_eval if times is None else times)
+    chosen = settings
+    settings = _guarded(model, cases, chosen, options)
     if options.fits:
         settings = fitted(model.engine, cases, settings, model.derived.quick_start)
-    if model.checks and any(check.guards(settings.method) for check in model.checks):
-        watch = model.derived.events(options.events, options.reduce, ranks=cases.duration)
-        settings = replace(settings, watch=watch)
+        if settings.method != chosen.method:
+            settings = _guarded(model, cases, replace(settings, watch=chosen.watch), options)
     give_gains(model.engine, cases, settings, parameters)
     axes = {} if options.grid is None else options.grid.axes
     if not independent:
@@ -232,6 +233,14 @@ def _new_settings(model: CompiledModel, cases: Cases, options: SweepOptions, met
     if watch is not None and options.error_estimate:
         raise OptionError(NO_ESTIMATE)
     return replace(settings, watch=watch, judge=partial(checked_cases, model.checks) if model.checks else None)
+
+
+def _guarded(model: CompiledModel, cases: Cases, settings: CaseSettings, options: SweepOptions) -> CaseSettings:
+    """Return settings whose cases are watched for what the checks of the model look for, where they have to be."""
+    if not model.checks or not any([check.guards(settings.method) for check in model.checks]):
+        return settings
+    watch = model.derived.events(options.events, options.reduce, ranks=cases.duration)
+    return replace(settings, watch=watch)
 
 
 def _divisible_cases(model: CompiledModel, cases: Cases) -> CompiledModel:
