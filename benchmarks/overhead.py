@@ -4,15 +4,15 @@
 compiled loop that takes and records its steps, and of their difference, which is what Python adds: reading what is
 given, the consistent start, the choice of the method, and the results. Of sweeps it prints a call with two cases of one
 short step each, and what each further case adds, also with events, reductions and times to record; and how long after
-the first thread the second begins to take steps. The least of many short samples counts, because other work of the
-machine only adds to it.
+the first thread the second begins to take steps. Calls are measured by processor time. The least of many short samples
+counts, because other work of the machine only adds to it.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,7 +76,7 @@ def sweep_overhead(name: str, problem: Problem, rounds: int, work: str = "") -> 
     """Return the overhead of sweeps of one scene."""
     formulation, options = WORK[work]
     model = da.compile_model(problem.build(), formulation=formulation)
-    two, few = (_least(_sweep(model, problem, count, **options), rounds, calls=1) for count in (2, FEW))
+    two, few = (_least(_sweep(model, problem, count, **options), rounds) for count in (2, FEW))
     many = _least(_sweep(model, problem, MANY, **options), max(1, rounds // 10), calls=1)
     return SweepOverhead(f"{name} {work}".strip(), two, (many - few) / (MANY - FEW))
 
@@ -114,13 +114,13 @@ def second_thread(problem: Problem, rounds: int) -> float:
 
 
 def _least(call: Callable[[], Any], rounds: int, calls: int = CALLS) -> float:
-    """Return the least seconds of a call, of samples of some calls in a row."""
+    """Return the least seconds of a call on the processor, of samples of some calls in a row."""
     best = float("inf")
     for _ in range(rounds):
-        begin = perf_counter()
+        begin = process_time()
         for _ in range(calls):
             call()
-        best = min(best, (perf_counter() - begin) / calls)
+        best = min(best, (process_time() - begin) / calls)
     return best
 
 
@@ -164,7 +164,7 @@ def sweep_table(found: list[SweepOverhead]) -> str:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=500, help="samples of 20 calls, or of one sweep")
+    parser.add_argument("--rounds", type=int, default=500, help="samples of 20 calls")
     rounds = parser.parse_args().rounds
     print(table([overhead(name, PROBLEMS[name], rounds) for name in SCENES]))
     print()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from threading import get_ident
 from typing import TYPE_CHECKING, Any
 
@@ -97,10 +98,10 @@ def _results(
     """Return the results of cases that have been run."""
     numbers, options, methods, modes = runs.numbers, request.options, runs.choice.methods, request.modes
     assert options.threads is not None
-    stats = SweepStatistics(
+    stats = partial(
+        SweepStatistics,
         method=", ".join(dict.fromkeys(methods.values())),
         threads=options.threads,
-        steps=int(numbers.steps.sum()),
         compile_seconds=runs.choice.compile_seconds,
         run_seconds=seconds - runs.choice.compile_seconds,
         rtol=options.rtol,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self, cast, final
@@ -75,7 +75,7 @@ class Sweep(Estimated):
         ends: FloatArray,
         t_eval: FloatArray | None,
         axes: Mapping[str, FloatArray],
-        stats: SweepStatistics,
+        stats: Callable[..., SweepStatistics],
         states: ProgramStates | ContactStates,
     ) -> None:
         self._name, self._formulation, self._layout = name, formulation, layout
@@ -83,7 +83,12 @@ class Sweep(Estimated):
         self.t, self.status, self.steps = ends[:, 0], ends[:, 1].astype(np.int8), ends[:, 2].astype(np.int64)
         self.t_eval = None if t_eval is None else t_eval.copy()
         self._own_t = self.t
-        self.axes, self.stats, self._states = dict(axes), stats, states
+        self.axes, self._stats, self._states = dict(axes), stats, states
+
+    @cached_property
+    def stats(self) -> SweepStatistics:
+        """Cost of the sweep, and its tolerances."""
+        return self._stats(steps=int(np.sum(self.steps)))
 
     @cached_property
     def initial(self) -> dict[str, FloatArray]:

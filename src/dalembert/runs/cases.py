@@ -37,7 +37,8 @@ _NO_TIMES = np.empty(0)
 class Cases:
     """Parameters, initial values and spans of all cases, as given: one value for all, or one a case.
 
-    They are `together` where one finite span serves all.
+    They are `together` where one finite span serves all, whose `ends` are numbers, and `changing` where constants
+    change along runs.
     """
 
     def __init__(
@@ -52,6 +53,8 @@ class Cases:
         layout = program.layout
         self.program = program
         self.records = None if given is None else given.records(layout, program.knot_sides)
+        conditions = program.conditions
+        self.changing = self.records is not None or (conditions is not None and conditions.decides)
         readers = case_readers(layout)
         self._initial = readers.initial(initial)
         inputs.refuse_inputs(layout, parameters)
@@ -70,7 +73,8 @@ class Cases:
         self.refused = self._refused(readers)
         self._begin = first if self.refused is None else np.where(self.refused, np.nan, first)  # NaN is not run
         self._values: Columns = self._initial
-        ends = (float(first[0]), float(last[0])) if first.shape == last.shape == (1,) else (math.nan, math.nan)
+        one = first.shape == last.shape == (1,)
+        self.ends = ends = (float(first[0]), float(last[0])) if one else (math.nan, math.nan)
         self.together = math.isfinite(ends[0]) and math.isfinite(ends[1])
         if ends[1] < ends[0] if self.together else np.any(last < first):
             self._values = {**self._initial, DIRECTION: np.where(last < first, -1.0, 1.0)}
@@ -228,14 +232,8 @@ class Cases:
             settings.watch,
             self._records_of(block),
             carried=None if settings.carried is None else settings.carried[block],
-            constants_at=partial(self.constants_at, block) if self._changing else None,
+            constants_at=partial(self.constants_at, block) if self.changing else None,
         )
-
-    @property
-    def _changing(self) -> bool:
-        """Whether constants change along runs."""
-        conditions = self.program.conditions
-        return self.records is not None or (conditions is not None and conditions.decides)
 
     def block(self, block: slice, settings: CaseSettings, *, exact: bool = False) -> tuple[CaseBlock, FloatArray]:
         """Return a block of cases ready to run, and the status of those that cannot (k,), -1 for the others.
@@ -298,7 +296,7 @@ class Cases:
     def to_keep(self, count: int, settings: CaseSettings) -> KeptStarts:
         """Return arrays for what a run of `count` cases keeps of their starts: what checks of the results look at."""
         layout = self.program.layout
-        if settings.judge is None or self._changing:
+        if settings.judge is None or self.changing:
             return KeptStarts.nothing()
         return KeptStarts(np.zeros((count, layout.constants)), np.zeros((count, len(layout.state))))  # some may not run
 

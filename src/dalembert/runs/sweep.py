@@ -220,10 +220,11 @@ def _settings(model: CompiledModel, cases: Cases, options: SweepOptions, method:
     kept, key = model.derived.sweep_settings, (options, method, options.threads or available_threads())
     found = kept.get(key)
     if found is None:
-        found = kept[key] = _new_settings(model, cases, options, method)
-    elif not cases.together or options.t_eval is not None:
+        found = kept[key] = _new_settings(model, cases, options, method), cases.ends
+    elif not cases.together or (options.t_eval is not None and found[1] != cases.ends):
         check_settings(cases, options)
-    return found
+        kept[key] = found[0], cases.ends
+    return found[0]
 
 
 def _new_settings(model: CompiledModel, cases: Cases, options: SweepOptions, method: str) -> CaseSettings:
@@ -316,10 +317,10 @@ def _results(
         done.refuse(settings.apart, Status.SINGULAR_CONFIGURATION)
     if cases.refused is not None:
         done.refuse(cases.refused, Status.ASSUMPTION)
-    statistics = SweepStatistics(
+    statistics = partial(
+        SweepStatistics,
         method=settings.method,
         threads=settings.threads,
-        steps=int(np.add.reduce(done.ends[:, 2])),
         compile_seconds=model.stages.compile_seconds,
         run_seconds=time.perf_counter() - begin,
         note=settings.note,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import ctypes
 import inspect
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from typing import Annotated, Any, ClassVar, NoReturn, TypeVar, get_args, get_origin, get_type_hints
 
@@ -217,6 +217,18 @@ def address_of(array: NDArray[Any]) -> int:
         if array.size:
             raise
         return 0
+
+
+def words_of(arrays: Iterable[NDArray[Any]]) -> list[int]:
+    """Return what packed arguments have of arrays: the address of each, and its lengths."""
+    words: list[int] = []
+    for array in arrays:
+        if array.size == 0:
+            words += (0, *array.shape)
+        else:
+            assert array.flags.c_contiguous
+            words += (address_of(array), *array.shape)
+    return words
 
 
 def owned_address(array: NDArray[Any]) -> OwnedAddress:

@@ -77,10 +77,14 @@ class SweepShape:
     events_with_series: int = 0
 
 
-def begin_progress(progress: LoopProgress) -> None:
-    """Set the progress of a loop that begins, and returns to Python every so often."""
-    progress.words[:] = 0
-    progress.patience, progress.returns = _FIRST_ROUNDS, 1
+_PATIENCE, _RETURNS, _COMMON = map(LoopProgress.kind.names.index, ("patience", "returns", "common"))
+
+
+def begin_progress(progress: LoopProgress, *, common: bool) -> None:
+    """Set the progress of a loop that begins, and returns to Python every so often; see `LoopProgress` for `common`."""
+    words = progress.words
+    words[:] = 0
+    words[_PATIENCE], words[_RETURNS], words[_COMMON] = _FIRST_ROUNDS, 1, common
 
 
 def run_loop(
