@@ -22,8 +22,11 @@ import dalembert as da
 from dalembert.codegen.llvm import sweep_memory
 from dalembert.starts import inputs
 from dalembert.steps.problem import IntegrationProblem
+from hard_cases import hard_case
 
 SCENES = ("sleigh", "sphere")
+LOOPS = ("double pendulum, Cartesian", "four-bar")
+"""Hard cases of which one call is measured, too."""
 CALLS = 20
 SHORT, FEW, MANY = 1e-3, 64, 4096
 """Duration of the cases of sweeps [s], and numbers of cases between which one more is measured."""
@@ -81,12 +84,23 @@ def sweep_overhead(name: str, problem: Problem, rounds: int, work: str = "") -> 
     return SweepOverhead(f"{name} {work}".strip(), two, (many - few) / (MANY - FEW))
 
 
+def loop_overhead(name: str, rounds: int) -> float:
+    """Return the seconds of a sweep of two equal short cases of a hard case."""
+    case = hard_case(name)
+    first, value = next(iter(case.initial.items()))
+    given = {**case.initial, first: np.full(2, value)}, case.parameters
+    return _least(_warm_sweep(case.compile("auto"), *given, threads=1), rounds)
+
+
 def _sweep(model: Any, problem: Problem, count: int, threads: int = 1, **options: Any) -> Callable[[], Any]:
     """Return a sweep of so many short cases, for which everything is compiled."""
     initial = {**problem.initial, "x": problem.initial["x"] + np.linspace(0.0, 1.0, count)}
+    return _warm_sweep(model, initial, problem.parameters, threads=threads, **options)
 
+
+def _warm_sweep(model: Any, initial: Any, parameters: Any, **options: Any) -> Callable[[], Any]:
     def call() -> Any:
-        return model.sweep((0.0, SHORT), initial, problem.parameters, threads=threads, **options)
+        return model.sweep((0.0, SHORT), initial, parameters, **options)
 
     for _ in range(CALLS):
         call()
@@ -170,6 +184,8 @@ def main() -> None:
     print()
     print(sweep_table([sweep_overhead(name, PROBLEMS[name], rounds, work) for name in SCENES for work in WORK]))
     print()
+    for name in LOOPS:
+        print(f"{name}: a sweep of two cases takes {1e6 * loop_overhead(name, rounds):.0f} us")
     for name in SCENES:
         seconds = second_thread(PROBLEMS[name], rounds)
         print(f"{name}: a second thread begins {1e6 * seconds:.0f} us after the first")

@@ -19,8 +19,10 @@ Columns = dict[str, Column]
 """Values by name."""
 
 
-def columns_of(kind: str, given: Mapping[Any, Any], known: Sequence[str], aliases: Mapping[str, str]) -> Columns:
-    """Return columns by name; numbers that are not finite are left for the status of their case.
+def columns_of(
+    kind: str, given: Mapping[Any, Any], known: Sequence[str], aliases: Mapping[str, str]
+) -> dict[str, FloatArray]:
+    """Return arrays (k,) or (1,) by name; numbers that are not finite are left for the status of their case.
 
     They are copies: results are evaluated from them later, whatever the caller does with the arrays given.
     """
@@ -47,7 +49,7 @@ def columns_of(kind: str, given: Mapping[Any, Any], known: Sequence[str], aliase
         raise UnknownNameError("\n".join(unknown))
     if wrong:
         raise ValueInputError("; ".join(wrong))
-    return {**columns}
+    return columns
 
 
 _MOST_KEPT = 64
@@ -75,14 +77,14 @@ class ColumnReader:
         self._limits = {name: limits_of(declared, rounding) for name, declared in self._assumptions.items()}
         self._resolved: dict[tuple[Any, ...], tuple[str, ...]] = {}
 
-    def __call__(self, given: Mapping[Any, Any]) -> Columns:
-        """Return the columns of a mapping, as `columns_of` does."""
+    def __call__(self, given: Mapping[Any, Any], lengths: set[int]) -> Columns:
+        """Return the columns of a mapping, as `columns_of` does, and add their `lengths` where these are not 1."""
         if type(given) is not dict and not isinstance(given, Mapping):
-            return columns_of(self._kind, given, self._known, self._aliases)
+            return self._read(given, lengths)
         keys = tuple(given)
         names = self._resolved.get(keys)
         if names is None:
-            found = columns_of(self._kind, given, self._known, self._aliases)
+            found = self._read(given, lengths)
             if len(self._resolved) >= _MOST_KEPT:
                 self._resolved.clear()
             self._resolved[keys] = tuple(found)
@@ -95,9 +97,16 @@ class ColumnReader:
                 columns[name] = float(value)
             elif type(value) is np.ndarray and value.dtype is _DOUBLE and value.ndim == 1:
                 columns[name] = value.copy()
+                if len(value) != 1:
+                    lengths.add(len(value))
             else:
-                return columns_of(self._kind, given, self._known, self._aliases)
+                return self._read(given, lengths)
         return columns
+
+    def _read(self, given: Mapping[Any, Any], lengths: set[int]) -> Columns:
+        columns = columns_of(self._kind, given, self._known, self._aliases)
+        lengths |= {len(values) for values in columns.values() if len(values) != 1}
+        return {**columns}
 
     def refused(self, columns: Columns) -> NDArray[np.bool_] | None:
         """Return which cases (k,) have values that their symbols exclude, None where there are none.

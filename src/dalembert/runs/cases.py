@@ -56,9 +56,10 @@ class Cases:
         conditions = program.conditions
         self.changing = self.records is not None or (conditions is not None and conditions.decides)
         readers = case_readers(layout)
-        self._initial = readers.initial(initial)
+        lengths: set[int] = set()
+        self._initial = readers.initial(initial, lengths)
         inputs.refuse_inputs(layout, parameters)
-        self._parameters = readers.parameters(parameters)
+        self._parameters = readers.parameters(parameters, lengths)
         for name, value in layout.defaults.items():
             self._parameters.setdefault(name, float(value))
         if len(self._parameters) < len(layout.parameters):
@@ -69,7 +70,8 @@ class Cases:
         first, last = spans_of(t_span)
         self.span = {"start": first, "end": last}
         self._whole: tuple[CaseSettings, CaseColumns] | None = None
-        self.count = self._count()
+        lengths.update([len(times) for times in (first, last) if times.size != 1])
+        self.count = self._count(lengths)
         self.refused = self._refused(readers)
         self._begin = first if self.refused is None else np.where(self.refused, np.nan, first)  # NaN is not run
         self._values: Columns = self._initial
@@ -100,9 +102,7 @@ class Cases:
         """Initial values and parameters."""
         return self._initial, self._parameters
 
-    def _count(self) -> int:
-        columns = (*self._parameters.values(), *self._initial.values(), *self.span.values())
-        counts = {len(values) for values in columns if not isinstance(values, float) and values.size != 1}
+    def _count(self, counts: set[int]) -> int:
         if len(counts) > 1:
             tables = (("parameter", self.parameters), ("initial", self.initial), ("t_span", self.span))
             known = {*self.program.layout.given, *self.initial, *self.span}  # others are parameters of inputs
