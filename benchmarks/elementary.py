@@ -68,6 +68,26 @@ FUNCTIONS: dict[str, tuple[Any, str, list[Draw]]] = {
         "1e-20 to 30",
         [lambda g, n: (g.normal(0.0, 1.0, n),), lambda g, n: (_sizes(g, -20.0, 1.5, n),)],
     ),
+    "sinh": (
+        np.sinh,
+        "1e-20 to 708",
+        [lambda g, n: (g.normal(0.0, 1.0, n),), lambda g, n: (_sizes(g, -20.0, 2.85, n),)],
+    ),
+    "cosh": (
+        np.cosh,
+        "1e-20 to 708",
+        [lambda g, n: (g.normal(0.0, 1.0, n),), lambda g, n: (_sizes(g, -20.0, 2.85, n),)],
+    ),
+    "asin": (
+        np.arcsin,
+        "1e-20 to 1",
+        [lambda g, n: (g.uniform(-1.0, 1.0, n),), lambda g, n: (_sizes(g, -20.0, 0.0, n),)],
+    ),
+    "acos": (
+        np.arccos,
+        "1e-20 to 1",
+        [lambda g, n: (g.uniform(-1.0, 1.0, n),), lambda g, n: (_sizes(g, -20.0, 0.0, n),)],
+    ),
     "atan": (
         np.arctan,
         "1e-20 to 1e20",

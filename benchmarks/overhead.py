@@ -4,15 +4,15 @@
 compiled loop that takes and records its steps, and of their difference, which is what Python adds: reading what is
 given, the consistent start, the choice of the method, and the results. Of sweeps it prints a call with two cases of one
 short step each, and what each further case adds, also with events, reductions and times to record; and how long after
-the first thread the second begins to take steps. The least of many short samples counts, because other work of the
-machine only adds to it.
+the first thread the second begins to take steps. Calls are measured by processor time. The least of many short samples
+counts, because other work of the machine only adds to it.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,8 +22,11 @@ import dalembert as da
 from dalembert.codegen.llvm import sweep_memory
 from dalembert.starts import inputs
 from dalembert.steps.problem import IntegrationProblem
+from hard_cases import hard_case
 
 SCENES = ("sleigh", "sphere")
+LOOPS = ("double pendulum, Cartesian", "four-bar")
+"""Hard cases of which one call is measured, too."""
 CALLS = 20
 SHORT, FEW, MANY = 1e-3, 64, 4096
 """Duration of the cases of sweeps [s], and numbers of cases between which one more is measured."""
@@ -76,17 +79,28 @@ def sweep_overhead(name: str, problem: Problem, rounds: int, work: str = "") -> 
     """Return the overhead of sweeps of one scene."""
     formulation, options = WORK[work]
     model = da.compile_model(problem.build(), formulation=formulation)
-    two, few = (_least(_sweep(model, problem, count, **options), rounds, calls=1) for count in (2, FEW))
+    two, few = (_least(_sweep(model, problem, count, **options), rounds) for count in (2, FEW))
     many = _least(_sweep(model, problem, MANY, **options), max(1, rounds // 10), calls=1)
     return SweepOverhead(f"{name} {work}".strip(), two, (many - few) / (MANY - FEW))
+
+
+def loop_overhead(name: str, rounds: int) -> float:
+    """Return the seconds of a sweep of two equal short cases of a hard case."""
+    case = hard_case(name)
+    first, value = next(iter(case.initial.items()))
+    given = {**case.initial, first: np.full(2, value)}, case.parameters
+    return _least(_warm_sweep(case.compile("auto"), *given, threads=1), rounds)
 
 
 def _sweep(model: Any, problem: Problem, count: int, threads: int = 1, **options: Any) -> Callable[[], Any]:
     """Return a sweep of so many short cases, for which everything is compiled."""
     initial = {**problem.initial, "x": problem.initial["x"] + np.linspace(0.0, 1.0, count)}
+    return _warm_sweep(model, initial, problem.parameters, threads=threads, **options)
 
+
+def _warm_sweep(model: Any, initial: Any, parameters: Any, **options: Any) -> Callable[[], Any]:
     def call() -> Any:
-        return model.sweep((0.0, SHORT), initial, problem.parameters, threads=threads, **options)
+        return model.sweep((0.0, SHORT), initial, parameters, **options)
 
     for _ in range(CALLS):
         call()
@@ -114,13 +128,13 @@ def second_thread(problem: Problem, rounds: int) -> float:
 
 
 def _least(call: Callable[[], Any], rounds: int, calls: int = CALLS) -> float:
-    """Return the least seconds of a call, of samples of some calls in a row."""
+    """Return the least seconds of a call on the processor, of samples of some calls in a row."""
     best = float("inf")
     for _ in range(rounds):
-        begin = perf_counter()
+        begin = process_time()
         for _ in range(calls):
             call()
-        best = min(best, (perf_counter() - begin) / calls)
+        best = min(best, (process_time() - begin) / calls)
     return best
 
 
@@ -164,12 +178,14 @@ def sweep_table(found: list[SweepOverhead]) -> str:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=500, help="samples of 20 calls, or of one sweep")
+    parser.add_argument("--rounds", type=int, default=500, help="samples of 20 calls")
     rounds = parser.parse_args().rounds
     print(table([overhead(name, PROBLEMS[name], rounds) for name in SCENES]))
     print()
     print(sweep_table([sweep_overhead(name, PROBLEMS[name], rounds, work) for name in SCENES for work in WORK]))
     print()
+    for name in LOOPS:
+        print(f"{name}: a sweep of two cases takes {1e6 * loop_overhead(name, rounds):.0f} us")
     for name in SCENES:
         seconds = second_thread(PROBLEMS[name], rounds)
         print(f"{name}: a second thread begins {1e6 * seconds:.0f} us after the first")

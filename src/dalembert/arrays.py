@@ -1,10 +1,28 @@
-"""Type aliases of NumPy arrays."""
+"""Types of NumPy arrays, and of columns of values of many cases."""
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from collections.abc import Mapping
+from typing import TypeAlias, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray: TypeAlias = NDArray[np.float64]
+
+Column: TypeAlias = float | FloatArray
+"""Values of cases: one for all of them, as a number or (1,), or one each (k,)."""
+
+AnyColumn = TypeVar("AnyColumn", bound=Column)
+
+
+def part_of(values: AnyColumn, cases: slice | list[int]) -> AnyColumn:
+    """Return the values of some cases."""
+    if isinstance(values, float) or len(values) == 1:
+        return values
+    return cast(AnyColumn, values[cases])
+
+
+def arrays_of(columns: Mapping[str, Column]) -> dict[str, FloatArray]:
+    """Return columns as arrays (1,) or (k,)."""
+    return {name: np.array((value,)) if isinstance(value, float) else value for name, value in columns.items()}

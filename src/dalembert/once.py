@@ -90,13 +90,11 @@ class BoundedTable(OrderedDict[K, T]):
 
     def get(self, key: Any, default: Any = None) -> Any:
         """Return the value of a key, which counts as a use of it."""
-        found = super().get(key, default)
-        if found is not default:
-            try:  # this is called in every run, and a context takes a while
-                self.move_to_end(key)
-            except KeyError:  # another thread has just removed it
-                pass
-        return found
+        try:  # this is called in every run
+            self.move_to_end(key)
+            return self[key]
+        except KeyError:  # or another thread has just removed it
+            return default
 
     def __setitem__(self, key: K, value: T) -> None:
         super().__setitem__(key, value)

@@ -15,13 +15,20 @@ from contextlib import contextmanager
 STOPPED = 1 << 62
 """Value of the shared count of cases begun which makes loops over lanes stop, whatever they are at."""
 
-_THREAD = threading.local()
+
+class _Thread(threading.local):
+    """What this thread calls between blocks of steps, or None."""
+
+    observe: Callable[[float], None] | None = None
+
+
+_THREAD = _Thread()
 
 
 @contextmanager
 def called_between_blocks(observe: Callable[[float], None]) -> Iterator[None]:
     """Context in which `check` calls a function of the time that a run of this thread has reached."""
-    outer = getattr(_THREAD, "observe", None)
+    outer = _THREAD.observe
     _THREAD.observe = observe
     try:
         yield
@@ -49,14 +56,14 @@ def check(t: float = math.nan) -> None:
     KeyboardInterrupt
         In a thread that is to stop.
     """
-    observe = getattr(_THREAD, "observe", None)
+    observe = _THREAD.observe
     if observe is not None:
         observe(t)
 
 
 def is_observed() -> bool:
     """Return whether this thread is in a context of `called_between_blocks`."""
-    return getattr(_THREAD, "observe", None) is not None
+    return _THREAD.observe is not None
 
 
 def available_threads() -> int:

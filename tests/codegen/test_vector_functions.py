@@ -114,6 +114,13 @@ def spread(name):
             return np.concatenate([rng.uniform(-708.0, 709.7, 300), rng.normal(0.0, 1.0, 300)])[np.newaxis]
         case "log":
             return np.concatenate([10.0 ** rng.uniform(-307, 308, 300), rng.uniform(0.5, 2.0, 300)])[np.newaxis]
+        case "sinh" | "cosh":
+            joined = [b * (1.0 + rng.uniform(-1e-3, 1e-3, 60)) for b in (1.0, -1.0)]
+            return np.concatenate([rng.normal(0.0, 1.0, 300), rng.uniform(-710.0, 710.0, 300), *joined])[np.newaxis]
+        case "asin" | "acos":
+            joined = [b * (1.0 + rng.uniform(-1e-3, 1e-3, 60)) for b in (0.5, -0.5)]
+            ends = np.concatenate([1.0 - 10.0 ** rng.uniform(-16, -1, 100), 10.0 ** rng.uniform(-300, 0, 100)])
+            return np.concatenate([rng.uniform(-1.0, 1.0, 300), *joined, ends, -ends])[np.newaxis]
         case "tanh":
             return np.concatenate([rng.normal(0.0, 1.0, 300), rng.uniform(-30.0, 30.0, 100), near])[np.newaxis]
         case "atan":
@@ -132,6 +139,10 @@ def spread(name):
 ELEMENTARY_OF = {"tan": mpmath.tan, "exp": mpmath.exp, "log": mpmath.log, "tanh": mpmath.tanh, "atan": mpmath.atan} | {
     "atan2": mpmath.atan2,
     "pow": mpmath.power,
+    "sinh": mpmath.sinh,
+    "cosh": mpmath.cosh,
+    "asin": mpmath.asin,
+    "acos": mpmath.acos,
 }
 
 
@@ -162,7 +173,7 @@ def test_elementary_functions_of_special_values_are_those_of_the_c_library(name,
     if ALL_OPERATIONS[name].arity == 2:
         given = np.array(list(map(np.ravel, np.meshgrid(SPECIAL, SPECIAL))))
     found = machine_code((name,), lanes)(given)[0]
-    named = {"atan": np.arctan, "atan2": np.arctan2, "pow": np.power}
+    named = {"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "atan2": np.arctan2, "pow": np.power}
     with np.errstate(all="ignore"):
         expected = named.get(name, getattr(np, name, None))(*given)
     np.testing.assert_array_max_ulp(found, expected, 2)

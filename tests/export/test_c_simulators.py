@@ -6,7 +6,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from sympy import Float, atan, atan2, cos, exp, log, sin, symbols, tan, tanh
+from sympy import Float, acos, asin, atan, atan2, cos, cosh, exp, log, sin, sinh, symbols, tan, tanh
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
@@ -127,6 +127,7 @@ def elementary_scene():
     losses = (
         tanh(z) + atan(z) * exp(-(z**2)) + z * (1 + z**2) ** Float("-0.37") + atan2(z, 2 + sin(x)) + log(1 + z**2) * z
     )
+    losses += sinh(z / 4) * cosh(x / 4) + asin(x / 3) - acos(sin(x) / 2) / 9
     scene = da.Scene("lossy", frame=N, origin=O, coordinates=[x])
     scene.add_bodies(Particle("particle", P, m))
     scene.add_loads((P, -(k * tan(x / 4) + losses / 10) * N.x))

@@ -102,7 +102,7 @@ def test_methods_are_chosen_once_for_all_cases(tmp_path, monkeypatch):
     """What "auto" finds by looking at motions is found in the first, the middle and the last case, and sent."""
     looked = []
 
-    def fitting(engine, cases, settings, quick_start):
+    def fitting(engine, cases, settings, quick_start, **about):
         looked.append(engine)
         return replace(settings, method="dop853")
 

@@ -107,6 +107,35 @@ def test_runs_with_events_that_few_steps_complete_need_no_test_of_stiffness(monk
         np.testing.assert_array_equal(one.events["turn"].t, other.events["turn"].t)
 
 
+def test_sweeps_that_few_steps_complete_need_no_test_of_stiffness(monkeypatch):
+    """Of long right-hand sides some cases are tried: the same motions, and stiff ones are still found."""
+    model, asked = compiled(damped_pair), []
+    own = method_choice.fitting
+    monkeypatch.setattr(method_choice, "fitting", lambda *about: asked.append(about) or own(*about))
+    monkeypatch.setattr(model.engine._lanes, "_looked", 0)
+    watched = {"events": ["x0_dot"], "reduce": {"far": da.maximum("x0")}, "t_eval": np.array([0.0, 1.0, 3.0])}
+
+    def runs():
+        gentle = [model.sweep((0, 3), PAIR_START, {**PAIR, "c": np.array([0.5, 1.0])}, **o) for o in ({}, watched)]
+        stiff = model.sweep((0, 2), PAIR_START, {**PAIR, "c": np.array([0.5, 1e4])}, rtol=1e-4, atol=1e-6)
+        ends = np.array([1.0, 2000.0])
+        long = model.sweep((0, ends), PAIR_START, {**PAIR, "c": 1e-3}, rtol=1e-4, atol=1e-6)
+        return [*gentle, stiff, long]
+
+    tested = runs()
+    assert len(asked) == 8
+    monkeypatch.setattr(compiled_engine, "_LONG", 0)
+    tried = runs()
+    assert len(asked) == 12 and [run.stats.method for run in tried] == ["taylor", "taylor", "radau", "taylor"]
+    assert tried[3].steps[1] > method_choice.EXPLICIT_STEPS
+    for one, other in zip(tested, tried, strict=True):
+        assert one.stats.method == other.stats.method and one.stats.note == other.stats.note
+        np.testing.assert_array_equal(one.y, other.y)
+    np.testing.assert_array_equal(tested[1].samples, tried[1].samples)
+    np.testing.assert_array_equal(tested[1].reduced["far"], tried[1].reduced["far"])
+    np.testing.assert_array_equal(tested[1].events["x0_dot"].first, tried[1].events["x0_dot"].first)
+
+
 def test_numpy_finds_stiffness_too():
     run = compiled(damped_pair, "numpy").simulate((0, 1), PAIR_START, PAIR, rtol=1e-4, atol=1e-6)
     assert run.success and run.stats.method == "radau" and "stiff" in run.message

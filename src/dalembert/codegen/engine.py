@@ -100,11 +100,11 @@ class Engine(ABC):
         """Whether some hundred explicit steps take less time than `fit`, so that runs are tried with these before."""
         return False
 
-    def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
-        """Return whether `fit` certainly keeps the method of the cases of these numbers, which can all start.
+    def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int], method: str | None) -> bool:
+        """Return whether `fit` certainly keeps the method of the cases of these numbers.
 
-        They are without inputs, conditions and stops. Where that would take longer to find out than `fit`, the answer
-        is False.
+        They are without inputs, conditions and stops, and are to be run by `method`; None where they are not run as
+        they are. Where that would take longer to find out than `fit`, the answer is False.
         """
         return False
 

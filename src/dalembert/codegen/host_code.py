@@ -18,7 +18,15 @@ HOST_LANES = 8
 """Lanes of interpreted kernels: eight rows take about as long as one."""
 
 _SIGNATURE = ctypes.CFUNCTYPE(ctypes.c_int64, *(ctypes.c_int64,) * 5)
-_THREAD = threading.local()
+
+
+class _Thread(threading.local):
+    """What code of this thread has raised, or None."""
+
+    failure: BaseException | None = None
+
+
+_THREAD = _Thread()
 
 
 def host_code(function: Callable[..., int]) -> OwnedAddress:
@@ -29,7 +37,7 @@ def host_code(function: Callable[..., int]) -> OwnedAddress:
     """
 
     def run(*addresses: int) -> int:
-        if getattr(_THREAD, "failure", None) is not None:
+        if _THREAD.failure is not None:
             return 1
         try:
             return function(*addresses)
@@ -43,7 +51,7 @@ def host_code(function: Callable[..., int]) -> OwnedAddress:
 
 def raise_failure() -> None:
     """Raise what code of this thread has raised since the last call, if anything."""
-    failure: BaseException | None = getattr(_THREAD, "failure", None)
+    failure = _THREAD.failure
     if failure is not None:
         _THREAD.failure = None
         raise failure

@@ -6,14 +6,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
+import numpy as np
+
 from ..arrays import FloatArray
 from ..events.event_code import EventCode
 from ..lanes.cases import BlockResult, CaseColumns
 from ..lanes.sweep_arguments import KeptStarts, SweepKernels
 from ..lanes.workspace import EventKernels
+from ..methods.status import Status
 from ..methods.step_constants import SMALLEST_OF_REST, SMALLEST_OF_TIME
 from ..once import BoundedTable, computed_once, once
 from ..options import DEFAULT_TOLERANCES
+from ..steps.method_choice import EXPLICIT_STEPS
 from ..steps.problem import IntegrationProblem
 from ..subset.addresses import NO_CODE, OwnedAddress
 from .kernel_code import INTERPRETED, KernelCode
@@ -186,8 +190,23 @@ class LaneRuns:
             watched=watched is not None or each_step or alone,
         )
 
+    @property
+    def screens(self) -> bool:
+        """Whether enough sweeps were looked at with NumPy that a screen for stiffness is worth its compilation."""
+        return self._looked >= INTERPRETED
+
+    def end_soon(self, cases: CaseColumns, numbers: Sequence[int], method: str) -> bool:
+        """Return whether the cases of these numbers end within `EXPLICIT_STEPS` attempts, so that none is stiff."""
+        some = cases.some(numbers)
+        some.max_steps = min(cases.max_steps, EXPLICIT_STEPS)
+        tried = BlockResult.empty(some.count, self._code.sizes["rhs"], len(some.t_eval))
+        if some.watch is not None:
+            tried.happened, tried.totals = tried.at_start(some.count, len(some.watch.events), some.watch.kinds)
+        self.cases(some, method, tried, KeptStarts.nothing(), some.count).work()
+        return not np.any(tried.ends[:, 1] == Status.MAX_STEPS)
+
     def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
-        """See `Engine.surely_not_stiff`."""
+        """Return whether a screen finds that the cases of these numbers start, and no mode can decay so fast."""
         if self._looked < INTERPRETED:
             self._looked += 1
             return False

@@ -258,7 +258,7 @@ class EventCode:
             else:
                 extreme = np.minimum if kind == "minimum" else np.maximum
                 extreme(totals[:, number], last[:, number], out=column)
-        ran = (status == Status.SUCCESS) | (status == Status.EVENT)
+        ran = (status == _SUCCESS) | (status == _EVENT)
         if not ran.all():
             out[~ran] = np.nan
         return out
@@ -284,6 +284,9 @@ class EventCode:
         checks = out[:, size:]
         allowed = np.all(np.abs(checks[:, ::2]) <= checks[:, 1::2], axis=1) & np.all(np.isfinite(out), axis=1)
         return out[:, :size], allowed
+
+
+_SUCCESS, _EVENT = float(Status.SUCCESS), float(Status.EVENT)
 
 
 def _oscillating(kernel: Kernel) -> bool:

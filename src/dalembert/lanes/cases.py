@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray
+from ..arrays import AnyColumn, Column, FloatArray, part_of
 from ..methods.status import Status
 from ..steps.problem import IntegrationProblem
 from ..stops.input_records import InputRecords
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # frozen ones take microseconds longer to make, and nothing changes these
 class CaseBlock:
     """Cases to be integrated together: states y (k, n_y), constants c (k, n_c), spans (k, 2), and common settings.
 
@@ -68,7 +68,7 @@ class CaseBlock:
 
 
 @final
-@dataclass(eq=False)  # frozen ones take three microseconds longer to make, and nothing changes these
+@dataclass(eq=False)  # for the same reason
 class CaseColumns:
     """Cases as they are given, and common settings: columns of one value for all cases, or one each.
 
@@ -76,8 +76,8 @@ class CaseColumns:
     ----------
     count : int
         Number of cases, k.
-    spans, parameters, given : tuple of ndarray (1,) or (k,)
-        Start and end; parameters in the order of the layout; initial values in the order of ``start.given``.
+    spans, parameters, given : tuple of float, ndarray (1,) or (k,)
+        Start and end, as arrays; parameters in the order of the layout; initial values in the order of ``start.given``.
     start : Start
         From given values to states.
     first_step : float or None
@@ -98,8 +98,8 @@ class CaseColumns:
 
     count: int
     spans: tuple[FloatArray, ...]
-    parameters: tuple[FloatArray, ...]
-    given: tuple[FloatArray, ...]
+    parameters: tuple[Column, ...]
+    given: tuple[Column, ...]
     start: Start | None
     t_eval: FloatArray
     rtol: float
@@ -117,6 +117,23 @@ class CaseColumns:
     part: PartSamples | None = None
 
     _table: ColumnTable | None = field(default=None, init=False)
+
+    def some(self, numbers: Sequence[int]) -> CaseColumns:
+        """Return the cases of these numbers, which are without inputs and stops."""
+        assert self.inputs is None and self.stops is None and self.rows is None and self.part is None
+        places = [*numbers]
+
+        def of(columns: tuple[AnyColumn, ...]) -> tuple[AnyColumn, ...]:
+            return tuple([part_of(column, places) for column in columns])
+
+        return replace(
+            self,
+            count=len(places),
+            spans=of(self.spans),
+            parameters=of(self.parameters),
+            given=of(self.given),
+            carried=None if self.carried is None else self.carried[places],
+        )
 
     @property
     def table(self) -> ColumnTable:
@@ -148,7 +165,9 @@ class BlockResult:
     def empty(cls, count: int, size: int, n_times: int, events: int = 0, reductions: int = 0) -> BlockResult:
         """Return results of cases that did not run, for a size of states, times to record, events and reductions."""
         samples = np.full((count, n_times, size), np.nan) if n_times else np.empty((count, 0, size))
-        happened, totals = cls.at_start(count, events, ())
+        happened = totals = np.empty((count, 0))
+        if events:
+            happened, _ = cls.at_start(count, events, ())
         if reductions:
             totals = np.full((count, reductions), np.nan)
         return cls(np.zeros((count, size)), np.zeros((count, 3)), samples, happened, totals)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 from typing import NamedTuple, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Column
 from ..once import once
 from ..stops.stops import StopTable
 from ..subset.addresses import NO_CODE, AddressTable
@@ -86,17 +87,25 @@ class ColumnTable:
         What takes the place of `Columns` in packed arguments; the table must live as long as it is used.
     """
 
-    def __init__(self, columns: Sequence[NDArray[np.float64]]) -> None:
+    def __init__(self, columns: Sequence[Column]) -> None:
         count, self._columns = len(columns), columns
-        self._values = np.array([column.item() if column.size == 1 else 0.0 for column in columns])
-        first = address_of(self._values)
-        words = [*range(first, first + 8 * count, 8), *[0] * count]
+        numbers, varied = [], []
         for i, column in enumerate(columns):
-            if column.size > 1:
-                assert column.dtype == np.float64 and column.flags.c_contiguous
-                words[i], words[count + i] = address_of(column), 1
-        self._words = np.array(words, np.int64)
-        place = address_of(self._words)
+            if isinstance(column, float):
+                numbers.append(column)
+            elif column.size == 1:
+                numbers.append(column.item())
+            else:
+                numbers.append(0.0)
+                varied.append((i, column))
+        self._values = array("d", numbers)  # made in a third of the time of NumPy's
+        first, _ = self._values.buffer_info()
+        words = [*range(first, first + 8 * count, 8), *[0] * count]
+        for i, values in varied:
+            assert values.dtype == np.float64 and values.flags.c_contiguous
+            words[i], words[count + i] = address_of(values), 1
+        self._words = array("q", words)
+        place, _ = self._words.buffer_info()
         self.fields = place, count, place + 8 * count, count
 
 

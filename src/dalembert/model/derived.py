@@ -49,7 +49,7 @@ class Derived:
     partials : Partials
         Kernels of the program and their derivatives.
     sweep_settings : table
-        Settings of sweeps by options, method and number of threads.
+        Settings of sweeps by options, method and number of threads, with the span of the last ones.
     """
 
     def __init__(self, stages: Stages, engine: Engine) -> None:
@@ -64,7 +64,8 @@ class Derived:
         self._quick_starts: BoundedTable[frozenset[str], QuickStart] = BoundedTable(_MOST)
         self._events: BoundedTable[str, EventCode | None] = BoundedTable(_MOST)
         self._by_tuple: BoundedTable[int, tuple[Any, EventCode]] = BoundedTable(_MOST)
-        self.sweep_settings: BoundedTable[tuple[SweepOptions, str, int], CaseSettings] = BoundedTable(_MOST)
+        self.sweep_settings: BoundedTable[tuple[SweepOptions, str, int], tuple[CaseSettings, tuple[float, float]]]
+        self.sweep_settings = BoundedTable(_MOST)
         self._variations: BoundedTable[tuple[tuple[str, ...], ...], Variation] = BoundedTable(_MOST)
 
     def start(self, given: Iterable[str]) -> Start:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from threading import get_ident
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, arrays_of
 from ..codegen.llvm.prepared import Admission
 from ..codegen.runs import Final, Prepared, PreparedStates
 from ..contacts.contact_cases import UNDECIDED
@@ -97,10 +98,10 @@ def _results(
     """Return the results of cases that have been run."""
     numbers, options, methods, modes = runs.numbers, request.options, runs.choice.methods, request.modes
     assert options.threads is not None
-    stats = SweepStatistics(
+    stats = partial(
+        SweepStatistics,
         method=", ".join(dict.fromkeys(methods.values())),
         threads=options.threads,
-        steps=int(numbers.steps.sum()),
         compile_seconds=runs.choice.compile_seconds,
         run_seconds=seconds - runs.choice.compile_seconds,
         rtol=options.rtol,
@@ -241,7 +242,7 @@ def run_cases(
     )
     block, status = cases.block(slice(0, cases.count), settings)
     own, p = cases.parameters_of(slice(0, cases.count)), np.zeros((cases.count, 0))
-    columns = {name: own[name] for name in layout.parameters}
+    columns = arrays_of({name: own[name] for name in layout.parameters})
     if columns:
         p = np.column_stack([np.broadcast_to(values, cases.count) for values in columns.values()])
     request = MotionRequest(

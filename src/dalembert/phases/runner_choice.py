@@ -196,7 +196,7 @@ class RunnerChoice:
         if alike not in self._fitted:
             limits = own.rtol, own.atol, own.max_step, own.max_steps
             settings = CaseSettings(None, method, *limits, threads=1, progress=False)
-            self._fitted[alike] = fitted(model.engine, cases, settings, model.derived.quick_start).method
+            self._fitted[alike] = fitted(model.engine, cases, settings, model.derived.quick_start, whole=False).method
         return self._fitted[alike]
 
     def _first_cases(self, mode: Mode, table: CaseTable, some: NDArray[np.intp]) -> Cases | None:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self, cast, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray
+from ..arrays import Column, FloatArray, arrays_of
 from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
 from ..ir.program import Layout
 from ..methods.status import Status
@@ -70,23 +71,45 @@ class Sweep(Estimated):
         name: str,
         formulation: str,
         layout: Layout,
-        varied: tuple[dict[str, FloatArray], dict[str, FloatArray]],
+        varied: tuple[Mapping[str, Column], Mapping[str, Column]],
         ends: FloatArray,
         t_eval: FloatArray | None,
         axes: Mapping[str, FloatArray],
-        stats: SweepStatistics,
+        stats: Callable[..., SweepStatistics],
         states: ProgramStates | ContactStates,
     ) -> None:
         self._name, self._formulation, self._layout = name, formulation, layout
-        self.initial, parameters = varied
-        own = layout.set_by_runs
-        self.parameters = {name: values for name, values in parameters.items() if name not in own}
-        self.events: NamedValues[EventCounts] = NamedValues("event", {})
-        self.reduced: NamedValues[FloatArray] = NamedValues("reduction", {})
+        self.given = varied
         self.t, self.status, self.steps = ends[:, 0], ends[:, 1].astype(np.int8), ends[:, 2].astype(np.int64)
         self.t_eval = None if t_eval is None else t_eval.copy()
         self._own_t = self.t
-        self.axes, self.stats, self._states = dict(axes), stats, states
+        self.axes, self._stats, self._states = dict(axes), stats, states
+
+    @cached_property
+    def stats(self) -> SweepStatistics:
+        """Cost of the sweep, and its tolerances."""
+        return self._stats(steps=int(np.sum(self.steps)))
+
+    @cached_property
+    def initial(self) -> dict[str, FloatArray]:
+        """Given initial values (n_case,) or (1,)."""
+        return arrays_of(self.given[0])
+
+    @cached_property
+    def parameters(self) -> dict[str, FloatArray]:
+        """Parameters (n_case,) or (1,)."""
+        own = self._layout.set_by_runs
+        return {name: values for name, values in arrays_of(self.given[1]).items() if name not in own}
+
+    @cached_property
+    def events(self) -> NamedValues[EventCounts]:
+        """Counts and times of events by name."""
+        return NamedValues("event", {})
+
+    @cached_property
+    def reduced(self) -> NamedValues[FloatArray]:
+        """Reductions by name."""
+        return NamedValues("reduction", {})
 
     @property
     def y(self) -> FloatArray:

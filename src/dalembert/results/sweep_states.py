@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,8 +146,8 @@ class ProgramStates:
     y: FloatArray
     samples: FloatArray | None
     t_eval: FloatArray | None
-    phases: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64), init=False)
-    modes: dict[str, NDArray[np.str_]] = field(default_factory=dict, init=False)
+    phases: ClassVar[NDArray[np.int64]] = np.zeros(0, np.int64)
+    modes: ClassVar[dict[str, NDArray[np.str_]]] = {}
 
     def at_ends(self, names: Sequence[str]) -> list[FloatArray]:
         """Return final values (n_case,)."""

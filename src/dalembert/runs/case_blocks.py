@@ -35,6 +35,7 @@ _LARGEST_SHARE, _SHARES_PER_THREAD = 64, 64
 _LARGEST_PART = 1 << 13
 """Cases of a thread whose starts are kept together: so many that memory which was freed before is large enough."""
 
+_INTERRUPTED = float(Status.INTERRUPTED)
 _BETWEEN_LOOKS = 0.1
 _MOST_THREADS = 4096
 _WORTH, _MANY = 1e-4, 2048
@@ -42,17 +43,25 @@ _WORTH, _MANY = 1e-4, 2048
 
 
 def fitted(
-    engine: Engine, cases: Cases, settings: CaseSettings, quick_start: Callable[[Iterable[str]], QuickStart]
+    engine: Engine,
+    cases: Cases,
+    settings: CaseSettings,
+    quick_start: Callable[[Iterable[str]], QuickStart],
+    *,
+    whole: bool = True,
 ) -> CaseSettings:
     """Return the settings with another method where the first, the middle or the last case shows need of it.
 
-    `quick_start` is that of the model, by names of given values.
+    `quick_start` is that of the model, by names of given values. Cases that are not `whole` motions of these settings
+    are not tried.
     """
     if not cases.program.layout.state or not cases.count:
         return settings
     numbers = sorted({0, cases.count // 2, cases.count - 1})
-    if cases.plain and engine.surely_not_stiff(cases.columns(slice(0, cases.count), settings), numbers):
-        return settings
+    if cases.plain:
+        columns = cases.columns(slice(0, cases.count), settings)
+        if engine.surely_not_stiff(columns, numbers, settings.method if whole else None):
+            return settings
     for i in numbers:
         problem = single_problem(cases, settings, i, quick_start)
         if problem is None:
@@ -72,7 +81,7 @@ def run_cases(engine: Engine, cases: Cases, settings: CaseSettings, stop: bool =
     watch, n = settings.watch, len(cases.program.layout.state)
     events, reductions = (0, 0) if watch is None else (watch.reported, len(watch.plan))
     result = BlockResult.empty(count, n, samples, events, reductions)
-    result.ends[:, 1] = float(Status.INTERRUPTED)
+    result.ends[:, 1] = _INTERRUPTED
     if stop:
         return _interrupted(result)
     threads = settings.threads if engine.parallel else 1
@@ -107,7 +116,7 @@ def _slices(count: int, length: int) -> list[slice]:
 
 def _interrupted(result: BlockResult) -> BlockResult:
     """Set NaN for the results of cases that an interrupt has stopped, or kept from running."""
-    result.refuse(result.ends[:, 1] == float(Status.INTERRUPTED), Status.INTERRUPTED)
+    result.refuse(result.ends[:, 1] == _INTERRUPTED, Status.INTERRUPTED)
     return result
 
 
@@ -126,7 +135,7 @@ def _in_blocks(engine: Engine, cases: Cases, settings: CaseSettings, result: Blo
                 _run_block(engine, cases, settings, block, result[block], kept)
                 _check_results(cases, settings, block, result[block], kept)
             except KeyboardInterrupt:  # its events and totals are not written yet, and nothing is checked
-                result.ends[block, 1] = float(Status.INTERRUPTED)
+                result.ends[block, 1] = _INTERRUPTED
                 raise
         return block.stop - block.start
 

@@ -9,24 +9,26 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray
+from ..arrays import Column, FloatArray
 from ..errors import UnknownNameError, ValueInputError, unknown_name
 from ..ir.program import Layout
 from ..starts.symbol_assumptions import ROUNDING, contradicts, excluded, limits_of, refuse_contradictions
 from ..values import EXACT, array_of
 
-Columns = dict[str, FloatArray]
-"""Values by name: one for all cases (1,), or one each (k,)."""
+Columns = dict[str, Column]
+"""Values by name."""
 
 
-def columns_of(kind: str, given: Mapping[Any, Any], known: Sequence[str], aliases: Mapping[str, str]) -> Columns:
+def columns_of(
+    kind: str, given: Mapping[Any, Any], known: Sequence[str], aliases: Mapping[str, str]
+) -> dict[str, FloatArray]:
     """Return arrays (k,) or (1,) by name; numbers that are not finite are left for the status of their case.
 
     They are copies: results are evaluated from them later, whatever the caller does with the arrays given.
     """
     if not isinstance(given, Mapping):
         raise ValueInputError(f"{kind}s must be a mapping of names or symbols to numbers or arrays, not {given!r}")
-    columns: Columns = {}
+    columns: dict[str, FloatArray] = {}
     unknown, wrong = [], []
     for key, value in given.items():
         name = aliases.get(str(key), str(key))
@@ -75,37 +77,36 @@ class ColumnReader:
         self._limits = {name: limits_of(declared, rounding) for name, declared in self._assumptions.items()}
         self._resolved: dict[tuple[Any, ...], tuple[str, ...]] = {}
 
-    def __call__(self, given: Mapping[Any, Any]) -> Columns:
-        """Return the columns of a mapping, as `columns_of` does."""
+    def __call__(self, given: Mapping[Any, Any], lengths: set[int]) -> Columns:
+        """Return the columns of a mapping, as `columns_of` does, and add their `lengths` where these are not 1."""
         if type(given) is not dict and not isinstance(given, Mapping):
-            return columns_of(self._kind, given, self._known, self._aliases)
+            return self._read(given, lengths)
         keys = tuple(given)
         names = self._resolved.get(keys)
         if names is None:
-            found = columns_of(self._kind, given, self._known, self._aliases)
+            found = self._read(given, lengths)
             if len(self._resolved) >= _MOST_KEPT:
                 self._resolved.clear()
             self._resolved[keys] = tuple(found)
             return found
-        numbers: list[float] = []
-        columns: dict[str, Any] = {}
+        columns: Columns = {}
         for name, value in zip(names, given.values(), strict=True):
-            if type(value) is float or type(value) is np.float64:
-                numbers.append(value)
-                columns[name] = None
-            elif type(value) is int and -EXACT < value < EXACT:
-                numbers.append(value)
-                columns[name] = None
+            if type(value) is float:
+                columns[name] = value
+            elif type(value) is np.float64 or (type(value) is int and -EXACT < value < EXACT):
+                columns[name] = float(value)
             elif type(value) is np.ndarray and value.dtype is _DOUBLE and value.ndim == 1:
                 columns[name] = value.copy()
+                if len(value) != 1:
+                    lengths.add(len(value))
             else:
-                return columns_of(self._kind, given, self._known, self._aliases)
-        common, place = np.array(numbers, float), 0  # one array: as many of their own take longer
-        for name, column in columns.items():
-            if column is None:
-                columns[name] = common[place : place + 1]
-                place += 1
+                return self._read(given, lengths)
         return columns
+
+    def _read(self, given: Mapping[Any, Any], lengths: set[int]) -> Columns:
+        columns = columns_of(self._kind, given, self._known, self._aliases)
+        lengths |= {len(values) for values in columns.values() if len(values) != 1}
+        return {**columns}
 
     def refused(self, columns: Columns) -> NDArray[np.bool_] | None:
         """Return which cases (k,) have values that their symbols exclude, None where there are none.
@@ -117,14 +118,16 @@ class ColumnReader:
         """
         whole, one = None, {}
         for name, (least, largest, others) in self._limits.items():
-            values = columns.get(name)
-            if values is None or values.size == 0:
+            value = columns.get(name)
+            if value is None:
                 continue
-            if values.size > 1:
-                found = contradicts(self._assumptions[name], values, self._rounding)
-                whole = found if whole is None else whole | found
-                continue
-            value = float(values[0])
+            if not isinstance(value, float):
+                if value.size > 1:
+                    found = contradicts(self._assumptions[name], value, self._rounding)
+                    whole = found if whole is None else whole | found
+                if value.size != 1:
+                    continue
+                value = value.item()
             if not least <= value <= largest or (others and math.isfinite(value) and excluded(others, value)):
                 one[name] = value
         if one:  # or not finite

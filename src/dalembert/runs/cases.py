@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray
+from ..arrays import Column, FloatArray, arrays_of, part_of
 from ..errors import UnknownNameError, ValueInputError, list_names
 from ..ir.interpret import interpret, interpret_rows
 from ..ir.program import DIRECTION, Program, directed_rates
@@ -23,18 +23,22 @@ from ..starts.input_values import GivenInputs
 from ..steps.problem import IntegrationProblem
 from ..stops.breakpoints import CaseBreaks
 from ..stops.input_records import InputRecords
-from .case_columns import CaseReaders, case_readers
+from .case_columns import CaseReaders, Columns, case_readers
 from .case_settings import CaseSettings, spans_of
 
 if TYPE_CHECKING:
     from ..starts.initial_states import QuickStart
 
 
+_NO_TIMES = np.empty(0)
+
+
 @final
 class Cases:
     """Parameters, initial values and spans of all cases, as given: one value for all, or one a case.
 
-    They are `together` where one finite span serves all.
+    They are `together` where one finite span serves all, whose `ends` are numbers, and `changing` where constants
+    change along runs.
     """
 
     def __init__(
@@ -49,28 +53,33 @@ class Cases:
         layout = program.layout
         self.program = program
         self.records = None if given is None else given.records(layout, program.knot_sides)
+        conditions = program.conditions
+        self.changing = self.records is not None or (conditions is not None and conditions.decides)
         readers = case_readers(layout)
-        self.initial = readers.initial(initial)
+        lengths: set[int] = set()
+        self._initial = readers.initial(initial, lengths)
         inputs.refuse_inputs(layout, parameters)
-        self.parameters = readers.parameters(parameters)
+        self._parameters = readers.parameters(parameters, lengths)
         for name, value in layout.defaults.items():
-            self.parameters.setdefault(name, np.array([value]))
-        missing = [name for name in layout.parameters if name not in self.parameters]
-        if missing:
+            self._parameters.setdefault(name, float(value))
+        if len(self._parameters) < len(layout.parameters):
+            missing = [name for name in layout.parameters if name not in self._parameters]
             raise UnknownNameError(
                 f"missing parameters: {list_names(missing)}. The scene needs: {list_names(layout.given)}."
             )
         first, last = spans_of(t_span)
         self.span = {"start": first, "end": last}
         self._whole: tuple[CaseSettings, CaseColumns] | None = None
-        self.count = self._count()
+        lengths.update([len(times) for times in (first, last) if times.size != 1])
+        self.count = self._count(lengths)
         self.refused = self._refused(readers)
         self._begin = first if self.refused is None else np.where(self.refused, np.nan, first)  # NaN is not run
-        self._values = {**self.initial}
-        ends = (float(first[0]), float(last[0])) if first.shape == last.shape == (1,) else (math.nan, math.nan)
+        self._values: Columns = self._initial
+        one = first.shape == last.shape == (1,)
+        self.ends = ends = (float(first[0]), float(last[0])) if one else (math.nan, math.nan)
         self.together = math.isfinite(ends[0]) and math.isfinite(ends[1])
         if ends[1] < ends[0] if self.together else np.any(last < first):
-            self._values[DIRECTION] = np.where(last < first, -1.0, 1.0)
+            self._values = {**self._initial, DIRECTION: np.where(last < first, -1.0, 1.0)}
         self.start = start(self._values)
 
     @property
@@ -78,10 +87,24 @@ class Cases:
         """Duration of the longest run [s]."""
         return float(np.max(np.abs(self.span["end"] - self.span["start"])))
 
-    def _count(self) -> int:
-        tables = (("parameter", self.parameters), ("initial", self.initial), ("t_span", self.span))
-        counts = {len(values) for _, table in tables for values in table.values() if values.size != 1} - {1}
+    @property
+    def initial(self) -> dict[str, FloatArray]:
+        """Initial values (1,) or (k,) by name."""
+        return arrays_of(self._initial)
+
+    @property
+    def parameters(self) -> dict[str, FloatArray]:
+        """Parameters (1,) or (k,) by name."""
+        return arrays_of(self._parameters)
+
+    @property
+    def given(self) -> tuple[Columns, Columns]:
+        """Initial values and parameters."""
+        return self._initial, self._parameters
+
+    def _count(self, counts: set[int]) -> int:
         if len(counts) > 1:
+            tables = (("parameter", self.parameters), ("initial", self.initial), ("t_span", self.span))
             known = {*self.program.layout.given, *self.initial, *self.span}  # others are parameters of inputs
             lengths = {
                 f"{kind} {name}" if name in known else f"input {name.rpartition(' of ')[2]}": len(values)
@@ -98,8 +121,8 @@ class Cases:
 
         Values for all cases are rejected at once.
         """
-        by_parameters = readers.parameters.refused(self.parameters)
-        by_initial = readers.initial.refused(self.initial)
+        by_parameters = readers.parameters.refused(self._parameters)
+        by_initial = readers.initial.refused(self._initial)
         if by_parameters is None or by_initial is None:
             return by_initial if by_parameters is None else by_parameters
         return by_parameters | by_initial
@@ -109,34 +132,39 @@ class Cases:
         count = len(range(*block.indices(self.count)))
         names = self.program.layout.parameters
         p = np.empty((count, len(names)))
-        for i, column in enumerate(self.parameters_of(block).values()):
+        for i, column in enumerate(self._parameter_columns(block)):
             p[:, i] = column
         self._decide(p, block)
         return inputs.prepare_rows(self.program, p)
 
-    def parameters_of(self, block: slice) -> dict[str, FloatArray]:
-        """Return the columns (1,) or (k,) of parameters of a block of cases by name, as their runs take them."""
-        names, given = self.program.layout.parameters, self.parameters
-        columns = dict(zip(names, self._parts(map(given.__getitem__, names), block), strict=True))
-        rate = self.program.layout.decay_rate
-        if rate is not None:
-            backward = _part(self.span["end"], block) < _part(self.span["start"], block)
-            columns[rate] = directed_rates(columns[rate], backward)
-        return columns
+    def parameters_of(self, block: slice) -> Columns:
+        """Return the columns of parameters of a block of cases by name, as their runs take them."""
+        return dict(zip(self.program.layout.parameters, self._parameter_columns(block), strict=True))
+
+    def _parameter_columns(self, block: slice) -> tuple[Column, ...]:
+        layout = self.program.layout
+        columns = self._parts(map(self._parameters.__getitem__, layout.parameters), block)
+        if layout.decay_rate is None:
+            return columns
+        place, backward = layout.parameters.index(layout.decay_rate), self._backward(block)
+        return (*columns[:place], directed_rates(columns[place], backward), *columns[place + 1 :])
+
+    def _backward(self, block: slice) -> NDArray[np.bool_]:
+        return part_of(self.span["end"], block) < part_of(self.span["start"], block)
 
     def _decide(self, p: FloatArray, block: slice) -> None:
         """Set conditions in parameters p (k, n_p) to those of the first segment of each case."""
         conditions = self.program.conditions
         if conditions is None or not conditions.decides:
             return
-        t0, t1 = (np.broadcast_to(_part(self.span[end], block), len(p)) for end in ("start", "end"))
+        t0, t1 = (np.broadcast_to(part_of(self.span[end], block), len(p)) for end in ("start", "end"))
         conditions.decide_at(p, CaseBreaks.of(conditions, p, t0, t1).middles(np.arange(len(p)), t0))
 
     def constants_at(self, block: slice, t: FloatArray) -> FloatArray:
         """Return the constants (k m, n_c) of a block of cases at times (k, m) of each."""
         count, width = t.shape
         c, conditions = self.constants(block), self.program.conditions
-        t0, t1 = (np.broadcast_to(_part(self.span[end], block), count) for end in ("start", "end"))
+        t0, t1 = (np.broadcast_to(part_of(self.span[end], block), count) for end in ("start", "end"))
         each = np.repeat(np.arange(count), width)
         if conditions is None or not conditions.decides:
             rows = np.repeat(c, width, axis=0)
@@ -178,22 +206,22 @@ class Cases:
 
     def set_parameter(self, name: str, values: FloatArray) -> None:
         """Give all cases another value (1,), or others (k,), of a parameter."""
-        self.parameters[name], self._whole = values, None
+        self._parameters[name], self._whole = values, None
 
     def _is_whole(self, block: slice) -> bool:
         return block.start == 0 and block.stop == self.count and block.step is None
 
-    def _parts(self, columns: Iterable[FloatArray], block: slice) -> tuple[FloatArray, ...]:
+    def _parts(self, columns: Iterable[Column], block: slice) -> tuple[Column, ...]:
         if self._is_whole(block):
             return tuple(columns)
-        return tuple([_part(values, block) for values in columns])
+        return tuple([part_of(values, block) for values in columns])
 
     def _new_columns(self, block: slice, settings: CaseSettings) -> CaseColumns:
-        t_eval = np.empty(0) if settings.t_eval is None else settings.t_eval
+        t_eval = _NO_TIMES if settings.t_eval is None else settings.t_eval
         return CaseColumns(
             self.count if self._is_whole(block) else len(range(*block.indices(self.count))),
-            self._parts((self._begin, self.span["end"]), block),
-            tuple(self.parameters_of(block).values()),
+            (part_of(self._begin, block), part_of(self.span["end"], block)),
+            self._parameter_columns(block),
             self._parts(map(self._values.__getitem__, self.start.given), block),
             self.start,
             t_eval,
@@ -204,14 +232,8 @@ class Cases:
             settings.watch,
             self._records_of(block),
             carried=None if settings.carried is None else settings.carried[block],
-            constants_at=partial(self.constants_at, block) if self._changing else None,
+            constants_at=partial(self.constants_at, block) if self.changing else None,
         )
-
-    @property
-    def _changing(self) -> bool:
-        """Whether constants change along runs."""
-        conditions = self.program.conditions
-        return self.records is not None or (conditions is not None and conditions.decides)
 
     def block(self, block: slice, settings: CaseSettings, *, exact: bool = False) -> tuple[CaseBlock, FloatArray]:
         """Return a block of cases ready to run, and the status of those that cannot (k,), -1 for the others.
@@ -242,7 +264,7 @@ class Cases:
             y,
             c,
             self._spans(block, len(y)),
-            np.empty(0) if settings.t_eval is None else settings.t_eval,
+            _NO_TIMES if settings.t_eval is None else settings.t_eval,
             settings.rtol,
             settings.atol,
             settings.max_step,
@@ -255,7 +277,7 @@ class Cases:
     def _spans(self, block: slice, count: int) -> FloatArray:
         """Return starts and ends (count, 2) of a block of cases; a start is NaN where the case is not run."""
         spans = np.empty((count, 2))
-        spans[:, 0], spans[:, 1] = _part(self._begin, block), _part(self.span["end"], block)
+        spans[:, 0], spans[:, 1] = part_of(self._begin, block), part_of(self.span["end"], block)
         return spans
 
     def alone(
@@ -266,15 +288,15 @@ class Cases:
             return None
         block = slice(number, number + 1)
         spans = self._spans(block, 1)
-        values = {name: float(_part(column, block)[0]) for name, column in self._values.items()}
-        p = np.array([column[0] for column in self.parameters_of(block).values()])
+        values = {name: _number(part_of(column, block)) for name, column in self._values.items()}
+        p = np.array([_number(column) for column in self._parameter_columns(block)])
         found = quick_start(self._values)(float(spans[0, 0]), values, p) if np.all(np.isfinite(spans)) else None
         return None if found is None else self._started(block, settings, found[0][np.newaxis], found[1][np.newaxis])
 
     def to_keep(self, count: int, settings: CaseSettings) -> KeptStarts:
         """Return arrays for what a run of `count` cases keeps of their starts: what checks of the results look at."""
         layout = self.program.layout
-        if settings.judge is None or self._changing:
+        if settings.judge is None or self.changing:
             return KeptStarts.nothing()
         return KeptStarts(np.zeros((count, layout.constants)), np.zeros((count, len(layout.state))))  # some may not run
 
@@ -288,13 +310,13 @@ class Cases:
         """Return the given initial values (count, n) of a block of cases, in the order of the start."""
         given = np.empty((count, len(self.start.given)))
         for i, name in enumerate(self.start.given):
-            given[:, i] = _part(self._values[name], block)
+            given[:, i] = part_of(self._values[name], block)
         return given
 
     def lost_pivots(self, block: slice) -> NDArray[np.bool_]:
         """Return in which cases of a block (k,) the formulation divides a constraint by something that vanishes."""
         c = self.constants(block)
-        t = np.broadcast_to(_part(self._begin, block), (len(c),))
+        t = np.broadcast_to(part_of(self._begin, block), (len(c),))
         checks = interpret_rows(self.start.kernel, t, self._given(block, len(c)), c)[
             :, len(self.program.layout.state) :
         ]
@@ -321,8 +343,9 @@ def _finite_rows(values: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(finite)
 
 
-def _part(values: FloatArray, block: slice) -> FloatArray:
-    return values if len(values) == 1 else values[block]
+def _number(values: Column) -> float:
+    """Return the first of some values."""
+    return values if isinstance(values, float) else float(values[0])
 
 
 def single_problem(

@@ -225,8 +225,9 @@ def warn_of_small_cases(sweep: Sweep, rtol: float, atol: float) -> None:
     if isinstance(atol, NamedTolerances):
         warn_of_components(case_sizes(sweep), rtol, atol)
         return
-    for values in sweep.initial.values():
-        if len(values) == 1 and FEW * atol <= abs(float(values[0])):
+    for value in sweep.given[0].values():
+        number_for_all = value if isinstance(value, float) else value.item() if value.size == 1 else 0.0
+        if FEW * atol <= abs(number_for_all):
             return  # no case starts small
     sizes = _start_sizes(sweep)
     if not np.any((sizes > ROUNDING) & (sizes < FEW * atol)):

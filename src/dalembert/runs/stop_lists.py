@@ -80,7 +80,7 @@ class Stopping:
 
     def columns(self, cases: CaseColumns) -> CaseColumns:
         """Return cases with their stops; those whose controllers have no instants have no start."""
-        parameters, spans = list(cases.parameters), cases.spans
+        parameters, spans = [*cases.parameters], cases.spans
         if self._place is not None:
             parameters[self._place] = self.begin
         if np.any(self.bad):

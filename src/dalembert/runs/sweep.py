@@ -129,11 +129,12 @@ def sweep_in_own_time(
     model, cases, settings, independent = _model_and_cases(model, t_span, initial, parameters, options, begin)
     if carried is not None or times is not None:
         settings = replace(settings, carried=carried, t_eval=settings.t_eval if times is None else times)
+    chosen = settings
+    settings = _guarded(model, cases, chosen, options)
     if options.fits:
         settings = fitted(model.engine, cases, settings, model.derived.quick_start)
-    if model.checks and any(check.guards(settings.method) for check in model.checks):
-        watch = model.derived.events(options.events, options.reduce, ranks=cases.duration)
-        settings = replace(settings, watch=watch)
+        if settings.method != chosen.method:
+            settings = _guarded(model, cases, replace(settings, watch=chosen.watch), options)
     give_gains(model.engine, cases, settings, parameters)
     axes = {} if options.grid is None else options.grid.axes
     if not independent:
@@ -219,10 +220,11 @@ def _settings(model: CompiledModel, cases: Cases, options: SweepOptions, method:
     kept, key = model.derived.sweep_settings, (options, method, options.threads or available_threads())
     found = kept.get(key)
     if found is None:
-        found = kept[key] = _new_settings(model, cases, options, method)
-    elif not cases.together or options.t_eval is not None:
+        found = kept[key] = _new_settings(model, cases, options, method), cases.ends
+    elif not cases.together or (options.t_eval is not None and found[1] != cases.ends):
         check_settings(cases, options)
-    return found
+        kept[key] = found[0], cases.ends
+    return found[0]
 
 
 def _new_settings(model: CompiledModel, cases: Cases, options: SweepOptions, method: str) -> CaseSettings:
@@ -232,6 +234,14 @@ def _new_settings(model: CompiledModel, cases: Cases, options: SweepOptions, met
     if watch is not None and options.error_estimate:
         raise OptionError(NO_ESTIMATE)
     return replace(settings, watch=watch, judge=partial(checked_cases, model.checks) if model.checks else None)
+
+
+def _guarded(model: CompiledModel, cases: Cases, settings: CaseSettings, options: SweepOptions) -> CaseSettings:
+    """Return settings whose cases are watched for what the checks of the model look for, where they have to be."""
+    if not model.checks or not any([check.guards(settings.method) for check in model.checks]):
+        return settings
+    watch = model.derived.events(options.events, options.reduce, ranks=cases.duration)
+    return replace(settings, watch=watch)
 
 
 def _divisible_cases(model: CompiledModel, cases: Cases) -> CompiledModel:
@@ -307,10 +317,10 @@ def _results(
         done.refuse(settings.apart, Status.SINGULAR_CONFIGURATION)
     if cases.refused is not None:
         done.refuse(cases.refused, Status.ASSUMPTION)
-    statistics = SweepStatistics(
+    statistics = partial(
+        SweepStatistics,
         method=settings.method,
         threads=settings.threads,
-        steps=int(np.add.reduce(done.ends[:, 2])),
         compile_seconds=model.stages.compile_seconds,
         run_seconds=time.perf_counter() - begin,
         note=settings.note,
@@ -319,7 +329,7 @@ def _results(
         methods={(NO_MODE, settings.rtol): settings.method},
     )
     samples = None if settings.t_eval is None else done.samples
-    varied, program = (cases.initial, cases.parameters), model.stages.program
+    varied, program = cases.given, model.stages.program
     t_eval, about = settings.t_eval, (program.name, program.formulation, program.layout, varied)
     states = ProgramStates(program, cases.constants_at, done.ends[:, 0], done.y, samples, t_eval)
     run = Sweep(*about, done.ends, t_eval, axes, statistics, states)

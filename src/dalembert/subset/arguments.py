@@ -11,7 +11,7 @@ from __future__ import annotations
 import ctypes
 import inspect
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from typing import Annotated, Any, ClassVar, NoReturn, TypeVar, get_args, get_origin, get_type_hints
 
@@ -209,11 +209,26 @@ def unpack(arguments: Callable[..., T], words: NDArray[np.int64], wrap: Callable
 
 def address_of(array: NDArray[Any]) -> int:
     """Return the address of the first element of an array, 0 where it is empty."""
-    if array.size == 0:
-        return 0
-    if array.flags.writeable:
+    try:
         return ctypes.addressof(_CHARACTER.from_buffer(array))
-    return int(array.__array_interface__["data"][0])
+    except TypeError:  # it cannot be written to
+        return int(array.__array_interface__["data"][0]) if array.size else 0
+    except ValueError:
+        if array.size:
+            raise
+        return 0
+
+
+def words_of(arrays: Iterable[NDArray[Any]]) -> list[int]:
+    """Return what packed arguments have of arrays: the address of each, and its lengths."""
+    words: list[int] = []
+    for array in arrays:
+        if array.size == 0:
+            words += (0, *array.shape)
+        else:
+            assert array.flags.c_contiguous
+            words += (address_of(array), *array.shape)
+    return words
 
 
 def owned_address(array: NDArray[Any]) -> OwnedAddress:

@@ -6,6 +6,7 @@ What they do not pass is looked at with NumPy, which decides; so what is decided
 from __future__ import annotations
 
 import ctypes
+from array import array
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
@@ -21,7 +22,7 @@ from ...loops.sign_screen import SignArguments
 from ...loops.stiffness_screen import ScreenArguments
 from ...steps.method_choice import TIME_SCALES
 from ...subset.addresses import OwnedAddress
-from ...subset.arguments import address_of, pack, place_of
+from ...subset.arguments import pack, place_of, words_of
 from .loops import loop_named
 
 if TYPE_CHECKING:
@@ -36,11 +37,12 @@ _INDEPENDENT = 1e-5
 
 @final
 class _Memory:
-    """Memory of one thread at a time: packed arguments of a loop, and what they point to."""
+    """Memory of one thread at a time: packed arguments of a loop, and what they point to; which cases are chosen."""
 
-    def __init__(self, loop: str, arguments: tuple[Any, ...]) -> None:
-        self.made, self.words = arguments, pack(arguments)
-        self._call, self._pointer = loop_named(loop).call, ctypes.c_void_p(address_of(self.words))
+    def __init__(self, loop: str, arguments: Any) -> None:
+        self.made, self.words = arguments, array("q", pack(arguments).tobytes())
+        self.chosen: Sequence[int] = ()
+        self._call, self._pointer = loop_named(loop).call, ctypes.c_void_p(self.words.buffer_info()[0])
 
     def passes(self) -> bool:
         """Return what the loop finds."""
@@ -115,9 +117,10 @@ class StiffnessScreen:
             return False
 
         def fill(memory: _Memory) -> None:
-            memory.words[_COLUMNS : _COLUMNS + 4] = cases.table.fields
-            chosen: Any = memory.made
-            chosen.starts.cases[:] = [*numbers, *[numbers[-1]] * (self._lanes - len(numbers))]
+            memory.words[_COLUMNS : _COLUMNS + 4] = array("q", cases.table.fields)
+            if memory.chosen != numbers:
+                memory.chosen, made = numbers, memory.made
+                made.starts.cases[:] = [*numbers, *[numbers[-1]] * (self._lanes - len(numbers))]
 
         return self._memories.passes(fill)
 
@@ -193,7 +196,7 @@ class RankScreen:
         """Return whether all cases start, and have independent constraints."""
 
         def fill(memory: _Memory) -> None:
-            memory.words[_RANK_COLUMNS : _RANK_COLUMNS + 4] = cases.table.fields
+            memory.words[_RANK_COLUMNS : _RANK_COLUMNS + 4] = array("q", cases.table.fields)
             memory.words[_COUNT] = cases.count
 
         return self._memories.passes(fill)
@@ -236,11 +239,9 @@ class SignScreen:
         """Return whether all cases succeeded, and all signs are certainly the same."""
         if len(block.c) != len(done.y):
             return False
-        arrays = block.spans, done.ends, block.y, block.c, done.y
-        assert all([array.flags.c_contiguous for array in arrays])
+        words = array("q", words_of((block.spans, done.ends, block.y, block.c, done.y)))
 
         def fill(memory: _Memory) -> None:
-            words = [word for array in arrays for word in (address_of(array), *array.shape)]
             memory.words[_ARRAYS : _ARRAYS + len(words)] = words
 
         return self._memories.passes(fill)

@@ -77,10 +77,14 @@ class SweepShape:
     events_with_series: int = 0
 
 
-def begin_progress(progress: LoopProgress) -> None:
-    """Set the progress of a loop that begins, and returns to Python every so often."""
-    progress.words[:] = 0
-    progress.patience, progress.returns = _FIRST_ROUNDS, 1
+_PATIENCE, _RETURNS, _COMMON = map(LoopProgress.kind.names.index, ("patience", "returns", "common"))
+
+
+def begin_progress(progress: LoopProgress, *, common: bool) -> None:
+    """Set the progress of a loop that begins, and returns to Python every so often; see `LoopProgress` for `common`."""
+    words = progress.words
+    words[:] = 0
+    words[_PATIENCE], words[_RETURNS], words[_COMMON] = _FIRST_ROUNDS, 1, common
 
 
 def run_loop(
@@ -255,7 +259,8 @@ def _state(made: LaneState) -> LaneState:
 
 def _columns(cases: CaseColumns) -> Columns:
     """Return address and stride of every column."""
-    columns = (*cases.spans, *cases.parameters, *cases.given)
+    given = (*cases.spans, *cases.parameters, *cases.given)
+    columns = [np.array((column,)) if isinstance(column, float) else column for column in given]
     assert all(column.dtype == np.float64 and column.flags.c_contiguous for column in columns)
     strides = [int(len(column) > 1) for column in columns]
     return Columns(AddressTable(map(owned_address, columns)), np.array(strides))
