@@ -217,19 +217,9 @@ class CompiledEngine(Engine):
         return self._operations > _LONG
 
     def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int], method: str | None) -> bool:
-        """See `Engine.surely_not_stiff`: with long right-hand sides the cases are tried, which compiles nothing more.
-
-        The screen comes first where it is compiled: by sweeps whose cases take many steps, and have no longer ones.
-        """
-        if not self.steps.compiles_starts:
-            return False
-        lanes, screened = self._lanes, self._operations <= _LONGEST_SCREENED
-        ready = screened and lanes.screens
-        if ready and lanes.surely_not_stiff(cases, numbers):
-            return True
-        if self.tries_first and method is not None and lanes.end_soon(cases, numbers, method):
-            return True
-        return screened and not ready and lanes.surely_not_stiff(cases, numbers)
+        """See `Engine.surely_not_stiff`: cases of long right-hand sides are tried, which compiles nothing more."""
+        tried, screened = method if self.tries_first else None, self._operations <= _LONGEST_SCREENED
+        return self.steps.compiles_starts and self._lanes.surely_not_stiff(cases, numbers, tried, screened)
 
     def surely_independent(self, cases: CaseColumns, rows: Sequence[int]) -> bool:
         """See `Engine.surely_independent`."""

@@ -190,10 +190,17 @@ class LaneRuns:
             watched=watched is not None or each_step or alone,
         )
 
-    @property
-    def screens(self) -> bool:
-        """Whether enough sweeps were looked at with NumPy that a screen for stiffness is worth its compilation."""
-        return self._looked >= INTERPRETED
+    def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int], tried: str | None, screened: bool) -> bool:
+        """Return whether a screen, or a trial by a method, finds that no motion from these cases is stiff.
+
+        The screen comes first where it is compiled: by sweeps whose cases take many steps, and have no longer ones.
+        """
+        ready = screened and self._looked >= INTERPRETED
+        if ready and self._decay_slowly(cases, numbers):
+            return True
+        if tried is not None and self.end_soon(cases, numbers, tried):
+            return True
+        return screened and not ready and self._decay_slowly(cases, numbers)
 
     def end_soon(self, cases: CaseColumns, numbers: Sequence[int], method: str) -> bool:
         """Return whether the cases of these numbers end within `EXPLICIT_STEPS` attempts, so that none is stiff."""
@@ -205,7 +212,7 @@ class LaneRuns:
         self.cases(some, method, tried, KeptStarts.nothing(), some.count).work()
         return not np.any(tried.ends[:, 1] == Status.MAX_STEPS)
 
-    def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
+    def _decay_slowly(self, cases: CaseColumns, numbers: Sequence[int]) -> bool:
         """Return whether a screen finds that the cases of these numbers start, and no mode can decay so fast."""
         if self._looked < INTERPRETED:
             self._looked += 1
