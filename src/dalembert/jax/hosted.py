@@ -7,7 +7,6 @@ from typing import Any, final
 
 import jax
 import jax.numpy as jnp
-from jax.custom_derivatives import SymbolicZero
 
 from ..codegen.runs import HostedRuns, HostRun
 from ..errors import OptionError
@@ -17,11 +16,10 @@ from ..stops.feedback import Feedback
 from ..stops.samples import Samples
 from .arguments import parameters_of, register_samples, times, vector
 from .host_calls import on_host
-from .hosted_derivatives import HostedChanges
+from .hosted_derivatives import changes_of
 from .pointwise import StateFunctions
 from .pure import Solve
 from .run_inputs import Given, inputs_of, parameters_at, refuse_given
-from .runs.linear_maps import apply
 from .runs.unknown import without_derivative
 from .solved import Dense, EventTimes, Solved, States, raise_failure, solved_of
 
@@ -138,13 +136,8 @@ class HostedSolve:
 
         def push(values: Any, tangents: Any) -> Any:
             self._refuse_derivatives(values[-1])
-            # What does not change is left out: derivatives by knots may not exist.
-            flat, tree = jax.tree.flatten(values)
-            changes = jax.tree.leaves(tangents)
-            moving = tuple(i for i, change in enumerate(changes) if not isinstance(change, SymbolicZero))
             held = self._called(*jax.lax.stop_gradient(values))
-            pushed = apply(HostedChanges(self, tree, moving), (flat, held), [changes[i] for i in moving])
-            return held, pushed
+            return held, changes_of(self, held, values, tangents)
 
         run.defjvp(push, symbolic_zeros=True)
         return run

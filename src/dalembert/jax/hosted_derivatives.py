@@ -5,20 +5,20 @@ They are those of traced runs to the times of events, and those of these times b
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import jax
 import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
 
 from ..codegen.printers import JAX
 from ..codegen.runs import HostRun
 from ..methods.status import Status
 from .modules import compile_kernel
-from .pure import Solve
+from .pure import Solve, refusing
 from .run_inputs import Given
-from .runs.linear_maps import FirstOrder, apply
+from .runs.linear_maps import apply
 from .runs.run_constants import stacked
 from .runs.unknown import Sloped, without_derivative
 
@@ -26,54 +26,40 @@ if TYPE_CHECKING:
     from .hosted import HostedSolve
 
 
+_NO_SECOND = (
+    "runs with events have first derivatives only: take those of second order without events=, over a span that ends"
+    " before them"
+)
+
+
+def changes_of(solve: HostedSolve, held: HostRun, values: Any, tangents: Any) -> HostRun:
+    """Return the changes of a `HostRun` with times, initial values, parameters and inputs.
+
+    What does not change is left out: derivatives by knots may not exist.
+    """
+    flat, tree = jax.tree.flatten(refusing(_NO_SECOND, values))
+    changes = jax.tree.leaves(tangents)
+    moving = [i for i, change in enumerate(changes) if not isinstance(change, SymbolicZero)]
+
+    def run(some: Any) -> HostRun:
+        whole = list(flat)
+        for i, value in zip(moving, some, strict=True):
+            whole[i] = value
+        return _Followed(solve)(held, *jax.tree.unflatten(tree, whole))
+
+    found: HostRun = jax.jvp(run, ([flat[i] for i in moving],), ([changes[i] for i in moving],))[1]
+    return found
+
+
 @final
 @dataclass(frozen=True)
-class HostedChanges(FirstOrder):
-    """Changes of a `HostRun`, from what the run was given, flat, and how it went, and changes of some of the former.
-
-    Attributes
-    ----------
-    solve : HostedSolve
-        The runs.
-    tree : PyTreeDef
-        Of times, initial values, parameters and inputs.
-    moving : tuple of int
-        Numbers of the arrays that change.
-    """
+class _Followed:
+    """Runs as they went, with the changes of traced runs to the times of events."""
 
     solve: HostedSolve
-    tree: Any
-    moving: tuple[int, ...]
 
-    no_second = (
-        "runs with events have first derivatives only: take those of second order without events=, over a span that"
-        " ends before them"
-    )
-
-    def __call__(self, held: Any, moving: Any) -> HostRun:
-        """See `LinearMap`."""
-        function, at = self._function(*held)
-        found: HostRun = jax.jvp(function, (at,), (tuple(moving),))[1]
-        return found
-
-    def pulled(self, held: Any, given: Any) -> Any:
-        """See `FirstOrder`."""
-        function, at = self._function(*held)
-        return list(jax.vjp(function, at)[1](given)[0])
-
-    def _function(self, given: Any, run: HostRun) -> tuple[Callable[[Any], HostRun], Any]:
-        """Return the run as a function of what changes, and where it is differentiated."""
-
-        def function(some: Any) -> HostRun:
-            whole = list(given)
-            for i, value in zip(self.moving, some, strict=True):
-                whole[i] = value
-            return self._followed(run, *jax.tree.unflatten(self.tree, whole))
-
-        return function, tuple(given[i] for i in self.moving)
-
-    def _followed(self, held: HostRun, t: Any, initial: Any, p: Any, given: Given) -> HostRun:
-        """Return a run as it went, with the changes of a traced run to the times of events."""
+    def __call__(self, held: HostRun, t: Any, initial: Any, p: Any, given: Given) -> HostRun:
+        """Return a run as it went; see the class."""
         native, hosted = self.solve.native, self.solve.hosted
         assert native is not None
         forward, count = jnp.where(t[-1] >= t[0], 1.0, -1.0), len(hosted.runner.labels)

@@ -27,11 +27,12 @@ from .feedback import FeedbackKernels
 from .foreign import ForeignRuns
 from .modules import compile_kernel
 from .runs.adjoint import InTurn
+from .runs.derivatives import Stepping
 from .runs.lanes import Sides, TaylorAttempts
 from .runs.pairs import PairAttempts
 from .runs.precision import LARGEST_FUSED
 from .runs.run_constants import ArrayKernels, Function, OnArrays, RunConstants
-from .runs.run_data import RunPieces, Stepping
+from .runs.run_data import RunPieces
 from .runs.step_rules import Projections, Rows
 from .step_derivatives import PairSteps, WholeSteps, implicit_ends, series_ends
 
@@ -47,7 +48,8 @@ _LARGEST_AT_ONCE = 200
 two thirds of the time, 288 some 1.7 times, 413 and 1,201 some four times (on CPU, measured in turn)."""
 
 _SHORT = 50
-"""Operations up to which a gradient is faster in chunks of steps than one stage after the other."""
+"""Operations up to which derivatives, and steps to requested times, are faster together than one stage after the other:
+of the sleigh, whose right-hand side has nine, they take half of the time or less (on CPU)."""
 
 
 @once
@@ -154,10 +156,10 @@ def _pair_pieces(
         limits = one_row(_knots_of_one(program, kernels)), rows(compile_kernel(program.kernel("knots")))
     rates, length = one_row(_on_one_row(_of_one(program, kernels, "rhs"))), len(rhs.body)
     in_turn: InTurn | None = None
-    if not (moved or tableau.implicit or constants.extended or only_in_branches(rhs)):
+    if length > _SHORT and not (moved or tableau.implicit or constants.extended or only_in_branches(rhs)):
         sizes = len(program.layout.state), program.layout.constants or len(program.layout.parameters)
         pulling = cache(partial(cotangents_of, rhs, *sizes))
-        in_turn = InTurn(tableau, looped(rhs), pulling, whole=len(rhs.body) > _SHORT)
+        in_turn = InTurn(tableau, looped(rhs), pulling)
     in_blocks, decided = blocked(rhs), _decided(program)
 
     def in_steps(go: Any) -> Function:

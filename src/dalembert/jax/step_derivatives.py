@@ -81,7 +81,7 @@ class PairSteps:
     in_turn
         What pulls a run of one case back one stage after the other, where that is faster and possible.
     constants
-        See `Linear`.
+        See `Stepping`.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class PairSteps:
         return _settled(self._projections, steps, self._stages(steps)[1])
 
     def moved(self, steps: Steps) -> Rows:
-        """See `Differentiable`."""
+        """See `Stepping`."""
         return _again(self._projections, steps, self._stages(steps)[1])
 
     def rates(self, steps: Steps) -> Rows:
@@ -116,7 +116,7 @@ class PairSteps:
         return slopes, tuple(a + h * contracted(self._weights, k) for a, k in zip(y, slopes, strict=True))
 
     def along(self, steps: Steps) -> tuple[Any, Any]:
-        """See `Linear`: h, derivatives (stages, n_y, n_y) of the slopes, and (n_y, n_y) of the projection."""
+        """See `Stepping`: h, derivatives (stages, n_y, n_y) of the slopes, and (n_y, n_y) of the projection."""
         t, h, y, c, go = steps
         slopes, ends = self._stages(steps)
         points = tuple(a + h * contracted(self._matrix, k) for a, k in zip(y, slopes, strict=True))
@@ -129,7 +129,7 @@ class PairSteps:
         return (h, matrices, held), (times, points, ends)
 
     def shifts(self, steps: Steps, places: Any, dc: Rows) -> Any:
-        """See `Linear`: changes (stages, n_y) of the slopes, and (n_y,) of the projection."""
+        """See `Stepping`: changes (stages, n_y) of the slopes, and (n_y,) of the projection."""
         times, points, ends = places
         rates = jax.jvp(lambda *c: slopes_of(self._rhs(steps.go), times, points, c), steps.c, dc)[1]
         shift = jnp.stack([rate.T for rate in rates], axis=-1)
@@ -139,7 +139,7 @@ class PairSteps:
         return shift, jnp.stack(moves, axis=-1)
 
     def push(self, along: Any, shift: Any, dy: Any) -> Any:
-        """See `Linear`."""
+        """See `Stepping`."""
         h, matrices, *held = along
         slopes: list[Any] = []
         for i, row in enumerate(self._matrix.tolist()):  # numbers of no precision of their own
@@ -149,7 +149,7 @@ class PairSteps:
         return product(held[0], end) + shift[1] if held else end
 
     def pull(self, along: Any, ahead: Any) -> tuple[Any, Any]:
-        """See `Linear`: cotangents (stages, n_y) of the slopes, and (n_y,) of the end."""
+        """See `Stepping`: cotangents (stages, n_y) of the slopes, and (n_y,) of the end."""
         h, matrices, *held = along
         end = product(ahead, held[0]) if held else ahead
         before, matrix, weights = end, self._matrix.tolist(), self._weights.tolist()
@@ -163,7 +163,7 @@ class PairSteps:
         return before, (jnp.stack(slopes), ahead)
 
     def share(self, steps: Steps, places: Any, within: Any) -> Rows:
-        """See `Linear`."""
+        """See `Stepping`."""
         (times, points, ends), (slopes, ahead) = places, within
         rates = tuple(slopes[..., i].T for i in range(len(points)))
         found: Rows = jax.vjp(lambda *c: slopes_of(self._rhs(steps.go), times, points, c), *steps.c)[1](rates)
@@ -186,7 +186,7 @@ class WholeSteps:
     projections
         From a condition to what moves the end of a step.
     constants
-        See `Linear`.
+        See `Stepping`.
     """
 
     def __init__(
@@ -204,7 +204,7 @@ class WholeSteps:
         return _settled(self._projections, steps, self._ends(steps, steps.y, steps.c))
 
     def moved(self, steps: Steps) -> Rows:
-        """See `Differentiable`."""
+        """See `Stepping`."""
         return _again(self._projections, steps, self._ends(steps, steps.y, steps.c))
 
     def rates(self, steps: Steps) -> Rows:
@@ -212,7 +212,7 @@ class WholeSteps:
         return slopes_of(self._rhs(steps.go), steps.t, steps.y, steps.c)
 
     def along(self, steps: Steps) -> tuple[Any, Any]:
-        """See `Linear`: derivatives (n_y, n_y) of the step, and (n_y, n_y) of the projection."""
+        """See `Stepping`: derivatives (n_y, n_y) of the step, and (n_y, n_y) of the projection."""
         step = jacobians(lambda at: self._ends(steps, at, steps.c), steps.y)
         if not self._projections(steps.go):
             return (step,), None
@@ -221,7 +221,7 @@ class WholeSteps:
         return (step, held), ends
 
     def shifts(self, steps: Steps, places: Any, dc: Rows) -> Any:
-        """See `Linear`: changes (n_y,) of the end, and of the projection."""
+        """See `Stepping`: changes (n_y,) of the end, and of the projection."""
         step = jnp.stack(jax.jvp(lambda *c: self._ends(steps, steps.y, c), steps.c, dc)[1], axis=-1)
         if places is None:
             return (step,)
@@ -229,17 +229,17 @@ class WholeSteps:
         return step, jnp.stack(moves, axis=-1)
 
     def push(self, along: Any, shift: Any, dy: Any) -> Any:
-        """See `Linear`."""
+        """See `Stepping`."""
         end = product(along[0], dy) + shift[0]
         return product(along[1], end) + shift[1] if along[1:] else end
 
     def pull(self, along: Any, ahead: Any) -> tuple[Any, Any]:
-        """See `Linear`: the cotangents of the end, before it is projected and after."""
+        """See `Stepping`: the cotangents of the end, before it is projected and after."""
         end = product(ahead, along[1]) if along[1:] else ahead
         return product(end, along[0]), (end, ahead)
 
     def share(self, steps: Steps, places: Any, within: Any) -> Rows:
-        """See `Linear`."""
+        """See `Stepping`."""
         end, ahead = within
         found: Rows = jax.vjp(lambda *c: self._ends(steps, steps.y, c), *steps.c)[1](tuple(end.T))
         if places is not None:

@@ -112,14 +112,11 @@ class InTurn:
         The right-hand side (t, y, c) -> rates of one case, on arrays.
     pulling
         What makes its cotangents, when a gradient is first asked for.
-    whole
-        Whether whole runs go back so; else steps to requested times alone.
     """
 
     tableau: Tableau
     rates: Callable[[Any, Any, Any], Any]
     pulling: Callable[[], Pull]
-    whole: bool = True
 
     def ends(self, over: Over, states: Any, c: Any) -> Any:
         """Return the ends (n_t, n_y) of steps from states (n_t, n_y), by constants (n_c,)."""
@@ -153,28 +150,18 @@ class InTurn:
         over
             Nothing, or steps to requested times (see `Over`) and the cotangents (n_t, n_y) of their ends.
         """
-        rows = _Rows(record, given, end, *(*over, _firsts(over[0])) if over else ())
-        ahead, memory, _ = self._through(rows, end, c)
-        return (jnp.where(record.count > 0, ahead, end) if over else ahead), self.pulling().sums(memory)
-
-    def starts(self, record: StepsRecord, c: Any, over: Over, cotangents: Any) -> tuple[Any, Any]:
-        """Return the cotangents of the starts of steps to times (n_t, n_y), those of one attempt summed, and of c."""
-        alone = _Rows(record._replace(count=0), (), record.end, over, cotangents, _firsts(over))
-        _, memory, (starts, _) = self._through(alone, record.end, c)
-        return starts, self.pulling().sums(memory)
-
-    def _through(self, rows: _Rows, end: Any, c: Any) -> tuple[Any, Any, Any]:
-        """Return the cotangent of the first state, the memory, and what is kept of steps to times."""
+        # The numbers of the first step to a time from the start of the same attempt come with the steps.
+        rows = _Rows(record, given, end, *(*over, jnp.searchsorted(over[0].at, over[0].at)) if over else ())
         pull, chunks = self.pulling(), -(-rows.count // _CHUNK)
-        begin = varying_like((end, pull.begin(c), rows.kept), (rows.record, end, c))
+        begin = varying_like((end, pull.begin(c), rows.kept), (record, end, c))
 
         def chunk(number: Any, carry: Any) -> Any:
             first = (chunks - 1 - number) * _CHUNK
             count = jnp.minimum(rows.count - first, _CHUNK)
             return self._back(rows, (first, count, self._points(rows, first, count, c)), carry)
 
-        found: tuple[Any, Any, Any] = lax.fori_loop(0, chunks, chunk, begin)
-        return found
+        ahead, memory, _ = lax.fori_loop(0, chunks, chunk, begin)
+        return (jnp.where(record.count > 0, ahead, end) if over else ahead), pull.sums(memory)
 
     def _stage(self, slopes: Any, stage: Any, step: Any, c: Any) -> tuple[Any, Any]:
         """Return slopes (stages, n_y) with that of one stage of a step (t, h, y), and the state it is evaluated at.
@@ -227,8 +214,3 @@ class InTurn:
             0, count * stages, one, varying_like((ahead, ahead, jnp.zeros((stages, len(ahead))), memory, kept), carry)
         )
         return ahead, memory, kept
-
-
-def _firsts(over: Over) -> Any:
-    """Return the numbers (n_t,) of the first step to a time from the start of the same attempt."""
-    return jnp.searchsorted(over.at, over.at)

@@ -9,22 +9,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, Protocol, final
+from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
 
-from .derivatives import CHUNK, Linear, Over, Steps, StepsRecord, Turns, pulled, pushed
+from .derivatives import CHUNK, Over, Stepping, Steps, StepsRecord, pulled, pushed
 from .linear_maps import Given, LinearMap, PushedRows, apply
 from .mesh_axes import stack
-from .step_rules import Rows
 
-
-class Differentiable(Linear, Protocol):
-    """Steps, their first derivatives, and steps that JAX differentiates."""
-
-    def moved(self, steps: Steps) -> Rows:
-        """Return the ends of steps, made so that JAX finds their derivatives."""
+if TYPE_CHECKING:
+    from .adjoint import InTurn
 
 
 @final
@@ -60,7 +55,7 @@ class Course(NamedTuple):
 class Step:
     """Ends of steps (k, n_y) from states (k, n_y) and constants (n_c,); where nothing moves, states as they are."""
 
-    linear: Differentiable
+    linear: Stepping
 
     def __call__(self, sizes: Any, y: Any, c: Any, end: Any) -> Any:
         """Return the ends; `sizes` are starts (k,), sizes (k,), and the number of attempts (k,)."""
@@ -121,7 +116,7 @@ class Along:
     steps (room, n_y) and at requested times (n_t, n_y) follow those of the constants.
     """
 
-    linear: Differentiable
+    linear: Stepping
     kept: bool = False
     sources: bool = False
 
@@ -170,14 +165,14 @@ class Along:
 class _Against:
     """The transpose of `Along`."""
 
-    linear: Differentiable
+    linear: Stepping
     kept: bool
     sources: bool
 
     def __call__(self, held: Course, moving: Any) -> Any:
-        turns, timed = self.linear.in_turn, len(held.at) > 0
+        turns = self.linear.in_turn
         # Elsewhere it is long rows that are fast.
-        if turns is None or self.sources or jax.default_backend() != "cpu" or not (turns.whole or timed):
+        if turns is None or self.sources or jax.default_backend() != "cpu":
             return self._in_rows(held, moving)
         alone = jax.custom_batching.custom_vmap(partial(self._in_turn, turns))
 
@@ -188,29 +183,19 @@ class _Against:
 
         return alone(held, moving)
 
-    def _in_turn(self, turns: Turns, held: Course, moving: Any) -> Any:
+    def _in_turn(self, turns: InTurn, held: Course, moving: Any) -> Any:
         """Return the same, one stage after the other, of one run."""
         end, at_times, *kept = moving
-        over = Over(held.at.astype(int), held.begins, held.sizes)
-        if turns.whole:
-            timed = (over, at_times) if len(held.at) else ()
-            return self._with_start(held, at_times, turns(held.record, held.c, tuple(kept), end, timed))
-        starts, share = turns.starts(held.record, held.c, over, at_times)
-        return self._with_starts(held, moving, starts, share)
+        over = (Over(held.at.astype(int), held.begins, held.sizes), at_times) if len(held.at) else ()
+        return self._with_start(held, at_times, turns(held.record, held.c, tuple(kept), end, over))
 
     def _in_rows(self, held: Course, moving: Any) -> Any:
         """Return the same, of chunks of steps at once, as a batch of runs has it."""
-        at_times, starts, share = moving[1], (), jnp.zeros_like(held.c)
+        end, at_times, *kept = moving
+        given, share = tuple(kept), jnp.zeros_like(held.c)
         if len(held.at):
             sizes, states = _times(held)
             starts, share = PulledStep(Step(self.linear))(sizes, (states, at_times), (held.c, held.end))
-        return self._with_starts(held, moving, starts, share)
-
-    def _with_starts(self, held: Course, moving: Any, starts: Any, share: Any) -> Any:
-        """Return the same, from the cotangents of the starts of steps to times, and what these add to the constants."""
-        end, at_times, *kept = moving
-        given = tuple(kept)
-        if len(held.at):
             rows = kept[0] if kept else jnp.zeros_like(held.record.y)
             given = (rows.at[held.at.astype(int)].add(starts),)
         first, added, *ahead = pulled(self.linear, held.record, held.c, given, end, sources=self.sources)

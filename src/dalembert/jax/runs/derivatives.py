@@ -7,7 +7,7 @@ rows; one after the other there are but products of small matrices and vectors.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol, final
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, final
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +17,9 @@ from jax.custom_derivatives import SymbolicZero
 from .mesh_axes import varying_like
 from .run_constants import RunConstants
 from .step_rules import Rows
+
+if TYPE_CHECKING:
+    from .adjoint import InTurn
 
 CHUNK = 16
 """Steps that are differentiated together."""
@@ -79,30 +82,8 @@ class Over(NamedTuple):
     sizes: Any
 
 
-class Turns(Protocol):
-    """The stages of the steps of a run of one case, one after the other."""
-
-    @property
-    def whole(self) -> bool:
-        """Whether whole runs go back so; else steps to requested times alone."""
-
-    def ends(self, over: Over, states: Any, c: Any) -> Any:
-        """Return the ends (n_t, n_y) of steps from states (n_t, n_y), by constants (n_c,)."""
-
-    def starts(self, record: StepsRecord, c: Any, over: Over, cotangents: Any) -> tuple[Any, Any]:
-        """Return the cotangents of the starts of steps to times (n_t, n_y), those of one attempt summed, and of c."""
-
-    def __call__(
-        self, record: StepsRecord, c: Any, given: tuple[Any, ...], end: Any, over: tuple[Any, ...] = ()
-    ) -> tuple[Any, Any]:
-        """Return the result of `pulled` for a run with steps to requested times.
-
-        `over` is empty, or (`Over`, cotangents (n_t, n_y)).
-        """
-
-
-class Linear(Protocol):
-    """The derivatives of one method's steps.
+class Stepping(Protocol):
+    """The steps of one method, of given sizes, and their derivatives.
 
     ``in_turn`` goes over a run of one case one stage after the other, where that is faster and possible (see
     `dalembert.jax.runs.adjoint`).
@@ -118,8 +99,17 @@ class Linear(Protocol):
         """See the class."""
 
     @property
-    def in_turn(self) -> Turns | None:
+    def in_turn(self) -> InTurn | None:
         """See the class."""
+
+    def __call__(self, steps: Steps) -> Rows:
+        """Return the states at the ends of steps, n_y rows (k,)."""
+
+    def moved(self, steps: Steps) -> Rows:
+        """Return the same, made so that JAX finds their derivatives."""
+
+    def rates(self, steps: Steps) -> Rows:
+        """Return the rates of the states at the starts of steps, n_y rows (k,)."""
 
     def along(self, steps: Steps) -> tuple[Any, Any]:
         """Return the derivatives by the states, and where they were taken, for `shifts` and `share`."""
@@ -157,7 +147,7 @@ def jacobians(function: Any, y: Rows) -> Any:
 
 
 def pushed(
-    linear: Linear, record: StepsRecord, c: Any, dy: Any, dc: Any, *, keep: bool, sources: Any = None
+    linear: Stepping, record: StepsRecord, c: Any, dy: Any, dc: Any, *, keep: bool, sources: Any = None
 ) -> tuple[Any, Any]:
     """Return the change of the states at the starts of attempts (room, n_y) and at the end (n_y,).
 
@@ -199,7 +189,7 @@ def pushed(
 
 
 def pulled(
-    linear: Linear,
+    linear: Stepping,
     record: StepsRecord,
     c: Any,
     given: tuple[Any, ...],
@@ -250,7 +240,7 @@ def pulled(
     return (first, share, kept) if sources else (first, share)
 
 
-def _steps(linear: Linear, record: StepsRecord, first: Any, c: Any) -> Steps:
+def _steps(linear: Stepping, record: StepsRecord, first: Any, c: Any) -> Steps:
     """Return CHUNK of the attempts of a run; where nothing moved, with a state that the run has been in."""
     taken = lax.dynamic_slice_in_dim(record.taken, first, CHUNK)
     h = taken[:, 1]

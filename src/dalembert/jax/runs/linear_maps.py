@@ -25,7 +25,6 @@ import jax.numpy as jnp
 from jax import lax
 from jax.custom_derivatives import SymbolicZero
 
-from ...errors import OptionError
 from .derivatives import instantiate
 from .mesh_axes import laid_on_mesh, mesh_of, varying_alike, varying_like, vectorised
 
@@ -48,64 +47,6 @@ class LinearMap(Protocol):
 
         `still` is a tree like `held` of whether each array is known not to change.
         """
-
-
-class FirstOrder:
-    """A `LinearMap` that does not change with what it hangs on; its transpose is `pulled`.
-
-    Attributes
-    ----------
-    no_second : str
-        Why it has no derivatives of its own.
-    """
-
-    no_second: str
-
-    def __call__(self, held: Any, moving: Any) -> Any:
-        """See `LinearMap`."""
-        raise NotImplementedError
-
-    def pulled(self, held: Any, given: Any) -> Any:
-        """Return the cotangents of `moving`, from those of the value."""
-        raise NotImplementedError
-
-    @property
-    def transposed(self) -> LinearMap:
-        """See `LinearMap`."""
-        return _Transposed(self)
-
-    def change(self, held: Any, dheld: Any, moving: Any, still: Any) -> Any:
-        """See `LinearMap`.
-
-        Raises
-        ------
-        OptionError
-            Always.
-        """
-        raise OptionError(self.no_second)
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class _Transposed(FirstOrder):
-    """The transpose of a map."""
-
-    forward: FirstOrder
-
-    @property
-    def no_second(self) -> str:  # type: ignore[override]
-        """See `FirstOrder`."""
-        return self.forward.no_second
-
-    def __call__(self, held: Any, moving: Any) -> Any:
-        return self.forward.pulled(held, moving)
-
-    def pulled(self, held: Any, given: Any) -> Any:
-        return self.forward(held, given)
-
-    @property
-    def transposed(self) -> LinearMap:
-        return self.forward
 
 
 def apply(function: LinearMap, held: Any, moving: Any) -> Any:

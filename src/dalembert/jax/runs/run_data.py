@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, Protocol, final
+from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
@@ -17,39 +16,13 @@ from ...methods.status import Status
 from ...steps.dense_output import PiecewisePolynomial
 from ...steps.problem import IntegrationProblem, Solution
 from ...steps.projection import end_in, projected
-from .along import Differentiable
-from .derivatives import Steps, StepsRecord
+from .derivatives import Stepping
 from .lanes import Attempts, Function
 from .mesh_axes import vectorised
-from .step_rules import Projections, Rows
+from .step_rules import Projections
 
-
-class Stepping(Differentiable, Protocol):
-    """Steps of given sizes, and their derivatives."""
-
-    def __call__(self, steps: Steps) -> Rows:
-        """Return the states at the ends of steps, n_y rows (k,)."""
-
-    def rates(self, steps: Steps) -> Rows:
-        """Return the rates of the states at the starts of steps, n_y rows (k,)."""
-
-
-class Foreign(Protocol):
-    """Runs as calls of machine code."""
-
-    @property
-    def serves(self) -> bool:
-        """Whether the present trace may have such calls."""
-        ...
-
-    def __call__(
-        self, limits: Limits, room: int, traced: Callable[..., StepsRecord], cases: int, t: Any, y: Any, c: Any
-    ) -> StepsRecord:
-        """Return the results of runs, with rows of times, first states and constants: one for each case, or for all.
-
-        `traced` is a function of rows (t, y, c) of all cases that does so in a traced loop.
-        """
-        ...
+if TYPE_CHECKING:
+    from ..foreign import ForeignRuns
 
 
 @final
@@ -80,7 +53,7 @@ class RunPieces:
     steps: Stepping
     decided: Function | None = None
     moved_by: tuple[int, ...] = ()
-    foreign: Foreign | None = None
+    foreign: ForeignRuns | None = None
 
 
 @final
