@@ -92,7 +92,7 @@ def test_faults(cart_pole):
         step(y, {"u": 0.0}, 0.1, PARAMETERS, method="leapfrog")
     with pytest.raises(OptionError, match="substeps must be a whole number from 1 on, not 0"):
         step(y, {"u": 0.0}, 0.1, PARAMETERS, substeps=0)
-    with pytest.raises(OptionError, match=r"control must have shape \(1,\), for the inputs u, not \(2,\)"):
+    with pytest.raises(OptionError, match=r"inputs must have shape \(1,\), for u, not \(2,\)"):
         step(y, jnp.zeros(2), 0.1, PARAMETERS)
     for wrapped in (step, jax.jit(step)):
         with pytest.raises(OptionError, match=r"the state must have shape"):

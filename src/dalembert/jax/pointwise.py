@@ -17,7 +17,7 @@ from ..values import common_rows
 from .arguments import parameters_of, vector
 from .modules import kernels_of
 from .run_inputs import inputs_of, parameters_at
-from .stepping import Stepper, control_by_name
+from .stepping import Stepper
 
 
 def _checked(kind: str, values: Any, names: tuple[str, ...]) -> Any:
@@ -211,7 +211,8 @@ class StateFunctions(_OfProgram):
         if substeps != int(substeps) or substeps < 1:
             raise OptionError(f"substeps must be a whole number from 1 on, not {substeps!r}")
         y = _checked("the state", y, layout.state)
-        p = jnp.asarray(parameters_of(layout, p, control_by_name(layout, control)), dtype=y.dtype)
+        given = dict(zip(layout.inputs, vector("input", control, layout.inputs, layout.aliases), strict=True))
+        p = jnp.asarray(parameters_of(layout, p, given), dtype=y.dtype)
         return _stepper(program, method)(t, y, p, dt, int(substeps))
 
     def at_coordinates(

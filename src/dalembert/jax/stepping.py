@@ -10,14 +10,14 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..codegen.printers import JAX
-from ..errors import OptionError, UnknownNameError, list_names, unknown_name
-from ..ir.program import Layout, Program
+from ..errors import OptionError, unknown_name
+from ..ir.program import Program
 from ..methods.fixed_steps import CLASSICAL, CORRECTIONS, EULER, FixedTableau
-from .arguments import by_name
 from .modules import compile_kernel
 from .pieces import EXPLICIT
 from .runs.mesh_axes import stack, varying_like
-from .runs.pairs import slopes_of
+from .runs.pairs import slopes_in_turn
+from .runs.precision import contracted
 from .runs.step_rules import Projections, Rows, project
 
 
@@ -84,46 +84,9 @@ class Stepper:
         return stack(rows) if rows else y
 
     def _step(self, t: Any, y: Rows, c: Rows, h: Any) -> Rows:
-        rows, weights, nodes = self.tableau
-        slopes: list[Rows] = []
-        for own, node in zip(rows, nodes, strict=True):
-            slopes.append(slopes_of(self.rates, t + node * h, _moved(y, h, own, slopes), c))
-        new = _moved(y, h, weights, slopes)
+        slopes = slopes_in_turn(self.rates, self.tableau.rows, self.tableau.nodes, (t, y), h, c)
+        new = tuple(a + h * contracted(self.tableau.weights, k) for a, k in zip(y, slopes, strict=True))
         if not self.projections:
             return new
         held, settled = project(self.projections, t + h, new, c)
         return tuple(jnp.where(settled, row, jnp.nan) for row in held)
-
-
-def _moved(y: Rows, h: Any, weights: tuple[float, ...], slopes: list[Rows]) -> Rows:
-    """Return a state after a step along a sum of slopes."""
-    terms = [(weight, slope) for weight, slope in zip(weights, slopes, strict=True) if weight]
-    if not terms:
-        return y
-    return tuple(row + h * sum(weight * slope[i] for weight, slope in terms) for i, row in enumerate(y))
-
-
-def control_by_name(layout: Layout, control: Any) -> dict[str, Any]:
-    """Return the inputs of a step by name, from an array (n_inputs,) in their order or from a mapping.
-
-    Raises
-    ------
-    OptionError, UnknownNameError
-        For a control of another length, or with other names.
-    """
-    names = layout.inputs
-    if not isinstance(control, Mapping):
-        array = jnp.asarray(control)
-        if array.shape != (len(names),):
-            raise OptionError(
-                f"control must have shape ({len(names)},), for the inputs {list_names(names)}, not {array.shape}"
-            )
-        return dict(zip(names, array, strict=True))
-    table = by_name("input", control, layout.aliases)
-    wrong = [unknown_name("input", name, names) for name in table if name not in names]
-    missing = [name for name in names if name not in table]
-    if missing:
-        wrong.append(f"missing inputs: {list_names(missing)}")
-    if wrong:
-        raise UnknownNameError("\n".join(wrong))
-    return table

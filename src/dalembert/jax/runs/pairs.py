@@ -152,16 +152,15 @@ def weighted(rhs: Callable[..., Rows], tableau: Tableau, count: int, start: Any,
     return slopes
 
 
-def _one_by_one(
-    rhs: Callable[..., Rows], tableau: Tableau, count: int, start: Any, h: Any, c: Any, first: Rows
+def slopes_in_turn(
+    rhs: Callable[..., Rows], rows: Any, nodes: Any, start: Any, h: Any, c: Any, first: Rows = ()
 ) -> tuple[Rows, ...]:
-    """Return the result of `weighted`, each row a tuple of `count` slopes, without a loop."""
+    """Return the result of `weighted`, each row a tuple of slopes, without a loop: stages have these rows and nodes."""
     (t, y), slopes = start, [first] if first else []
-    for i in range(len(slopes), count):
-        weights = tableau.A[i, :i]
-        sums = (contracted(weights, tuple(k)) for k in zip(*slopes, strict=True)) if i else (0.0 for _ in y)
+    for i in range(len(slopes), len(rows)):
+        sums = (contracted(rows[i][:i], tuple(k)) for k in zip(*slopes, strict=True)) if i else (0.0 for _ in y)
         point = tuple(a + h * total for a, total in zip(y, sums, strict=True))
-        slopes.append(slopes_of(rhs, t + float(tableau.c[i]) * h, point, c))
+        slopes.append(slopes_of(rhs, t + float(nodes[i]) * h, point, c))
     return tuple(zip(*slopes, strict=True))
 
 
@@ -204,8 +203,7 @@ class PairAttempts:
     ) -> None:
         self._rhs, self._tableau, self._knots, self.sides, self.sized = rhs, tableau, knots, sides, True
         self._stages = tableau.end + (1 if tableau.fsal else 0)
-        looped = jax.default_backend() == "cpu" or operations * self._stages > _LARGEST_UNROLLED
-        self._slopes: Callable[..., Any] = weighted if looped else _one_by_one
+        self._looped = jax.default_backend() == "cpu" or operations * self._stages > _LARGEST_UNROLLED
         self._goes_on = tableau.fsal and not moved
 
     def start(self, batch: Batch, direction: Any) -> Any:
@@ -249,8 +247,11 @@ class PairAttempts:
             rates, own = partial(slopes_of, self._rhs), of_rows(batch.atol, y)
             scales = tuple(atol + batch.rtol * jnp.abs(a) for a, atol in zip(y, own, strict=True))
             slopes = implicit_slopes(rates, self._tableau, (t, y), h, batch.c, first, scales)
+        elif self._looped:
+            slopes = weighted(self._rhs, self._tableau, self._stages, (t, y), h, batch.c, first)
         else:
-            slopes = self._slopes(self._rhs, self._tableau, self._stages, (t, y), h, batch.c, first)
+            A, nodes = self._tableau.A[: self._stages], self._tableau.c
+            slopes = slopes_in_turn(self._rhs, A, nodes, (t, y), h, batch.c, first)
         weights = self._tableau.b[: self._stages]
         new = tuple(a + h * contracted(weights, k) for a, k in zip(y, slopes, strict=True))
         error = self._error(batch, y, new, slopes, size)
