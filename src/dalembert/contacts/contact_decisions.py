@@ -15,7 +15,6 @@ from ..subset.arguments import IntVector, Matrix
 from ..subset.compiled_subset import compiled_subset, sqrt
 from .contact_cases import (
     ADDED,
-    NOISE,
     REST,
     SIDE,
     UNDECIDED,
@@ -41,15 +40,13 @@ from .contact_kinds import (
     way_of_slip,
 )
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, dot, inertial_terms, opening_power, terms
-from .mode_candidates import FREE, GRIPPED, HOVERING, JAMS, LIFT, LIFTING, SLIDING, TOUCHING, TURN, Candidates
+from .mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, TURN, Candidates
 from .mode_selection import select_mode
+from .slow_slip import REST_SHARE, begins_anew, jams, rest_share, stop_slow_slip
 
-_REST, _REST_TOLERANCES, _REST_OF_SPAN, _LEAST_REST = 1e-6, 10.0, 1e-7, 1e-8
-"""Rest speed in a plane: a share of the slip speeds so far, at least so many relative tolerances of the run; or
-a share of what friction and the motion do within the span; and of the least terms of a slip velocity."""
-
-_SLOW = 1e-3
-"""Share of the slip speeds so far up to which slip in a plane is slow: reactions without bound stop it at once."""
+_REST_OF_SPAN, _LEAST_REST = 1e-7, 1e-8
+"""Rest speed in a plane where there was no slip so far: a share of what friction and the motion do within the span; and
+of the least terms of a slip velocity."""
 
 _ENORMOUS = 1e300
 _LOADS = 1024.0 * EPSILON
@@ -286,62 +283,13 @@ def _rest_speeds(system: ContactSystem, pick: Candidates, cases: ContactCases, c
             force += abs(system.forces[r, 0])
             moved += abs(system.slip[r])
         speed = max(cases.speeds[case, i], change * force * abs(cases.passed[case]))
-        rest = max(_REST, _REST_TOLERANCES * tolerance) * speed
+        rest = rest_share(tolerance) * speed
         if rest == 0.0:
-            rest = max(_REST * slip_terms(system, i), _REST_OF_SPAN * (change * force + moved) * abs(cases.span[case]))
+            rest = max(
+                REST_SHARE * slip_terms(system, i), _REST_OF_SPAN * (change * force + moved) * abs(cases.span[case])
+            )
         rest = max(rest, _LEAST_REST * slow_terms(system, cases.x[case], system.row[i]))
         cases.added[case, ADDED * i + REST] = rest if pick.kind[i] == GRIPPED else -rest
-
-
-@compiled_subset
-def _stop_slow_slip(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int, tolerance: float) -> bool:
-    """Let contacts in a plane count as at rest whose slip is as slow as rest; return whether there are any."""
-    stops = False
-    for i in range(system.contacts):
-        rest = max(_REST, _REST_TOLERANCES * tolerance) * cases.speeds[case, i]
-        closed = pick.kind[i] == SLIDING or pick.kind[i] == LIFTING
-        if closed and system.width[i] > 1 and slip_speed(system, i) <= rest:
-            pick.kind[i], stops = GRIPPED, True
-    return stops
-
-
-@compiled_subset
-def _slows(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int, i: int) -> bool:
-    """Return whether a closed contact slips in a plane, but slowly."""
-    closed = pick.kind[i] >= TOUCHING or pick.kind[i] == LIFTING
-    if not closed or system.width[i] < 2:
-        return False
-    return NOISE * cases.speeds[case, i] < slip_speed(system, i) <= _SLOW * cases.speeds[case, i]
-
-
-@compiled_subset
-def _jams(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> int:
-    """Stop slow slip in a plane by an impulse, where no reactions satisfy the laws; return a status.
-
-    Slow slip turns fast. Where it turns to directions in which steep friction has no reactions, these have grown
-    without bound before, and stop it: an impact without collision (F. Genot and B. Brogliato, European Journal of
-    Mechanics A 18 (1999) 653-677).
-    """
-    slows, stops = False, True
-    for i in range(system.contacts):
-        pick.struck[i] = JAMS if _slows(system, pick, cases, case, i) else 0
-        slows = slows or pick.struck[i] == JAMS
-    if not slows or cases.span[case] < 0.0:
-        return _IMPOSSIBLE
-    status = strike(system, pick, cases, case)
-    for i in range(system.contacts):
-        stops = stops and (pick.best.mode[i] == STICK or not _slows(system, pick, cases, case, i))
-    return status if stops else _IMPOSSIBLE
-
-
-@compiled_subset
-def _begins_anew(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> bool:
-    """Return whether a contact whose normal reaction has vanished is to begin to slip in a plane, as if at rest."""
-    begins = False
-    for i in range(system.contacts):
-        anew = cases.fired[case, i] & LIFT != 0 and pick.kind[i] == GRIPPED and system.width[i] > 1
-        begins = begins or (anew and pick.best.mode[i] == SLIP)
-    return begins
 
 
 @compiled_subset
@@ -369,11 +317,11 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
     _weigh(system, pick, cases, case)
     if cases.status[case] != _IMPOSSIBLE:  # else the last mode has lost its reactions
         cases.status[case] = select_mode(system, pick, known, meets)
-    slow = cases.status[case] == _IMPOSSIBLE and _stop_slow_slip(system, pick, cases, case, arguments.rtol)
+    slow = cases.status[case] == _IMPOSSIBLE and stop_slow_slip(system, pick, cases, case, arguments.rtol)
     if slow:
         cases.status[case] = select_mode(system, pick, known, meets)
     if cases.status[case] == _IMPOSSIBLE:
-        cases.status[case] = _jams(system, pick, cases, case)
+        cases.status[case] = jams(system, pick, cases, case)
         return cases.status[case] == _SUCCESS
     if cases.status[case] == _SUCCESS and _past_unknown(pick, cases, case):
         cases.status[case] = _AMBIGUOUS
@@ -384,7 +332,7 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
     if cases.span[case] >= 0.0 and _stopped(system, pick, cases, case):
         cases.status[case] = strike(system, pick, cases, case)
         return cases.status[case] == _SUCCESS
-    anew = slow or _begins_anew(system, pick, cases, case)
+    anew = slow or begins_anew(system, pick, cases, case)
     sticking = _enter(system, pick, cases, case)
     _rest_speeds(system, pick, cases, case, arguments.rtol)
     if anew or ((closing or sticking) and moves_in_mode(system, pick, cases, case)):
