@@ -30,6 +30,7 @@ def block(*, forcing=(0.0, 0.0), rates=(0.0, 0.0), gap=0.0, mass=None, power_of_
         impacts=0,
         several=0,
         slides_by=np.array([[1, 0]]),
+        loose=np.zeros(1, np.int64),
         row_owner=np.array([0, 0]),
         owner=np.array([0, -2]),
         angle=np.zeros(2, np.int64),

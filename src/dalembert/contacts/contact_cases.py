@@ -57,7 +57,7 @@ class ContactCases(NamedTuple):
     after : (k, c)
         What is known of each contact after an impact, else `UNDECIDED`.
     status : (k,)
-        SUCCESS where a mode was selected.
+        SUCCESS where a mode was selected; CONTACT_IMPOSSIBLE before, where the last mode has lost its reactions.
     motion : (k, n_q)
         Accelerations in the mode.
     """

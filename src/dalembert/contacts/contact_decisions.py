@@ -13,7 +13,17 @@ from ..methods.status import Status
 from ..methods.step_constants import EPSILON
 from ..subset.arguments import IntVector, Matrix
 from ..subset.compiled_subset import compiled_subset, sqrt
-from .contact_cases import ADDED, REST, SIDE, UNDECIDED, ContactCases, set_mode, slip_speed, slip_terms, slow_terms
+from .contact_cases import (
+    ADDED,
+    REST,
+    SIDE,
+    UNDECIDED,
+    ContactCases,
+    set_mode,
+    slip_speed,
+    slip_terms,
+    slow_terms,
+)
 from .contact_forces import compliance, load_accelerations, solve_mode
 from .contact_impacts import close_gaps, hold, moves_in_mode, strike
 from .contact_kinds import (
@@ -32,17 +42,19 @@ from .contact_kinds import (
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, dot, inertial_terms, opening_power, terms
 from .mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, TURN, Candidates
 from .mode_selection import select_mode
+from .slow_slip import REST_SHARE, begins_anew, jams, rest_share, stop_slow_slip
 
-_REST, _REST_TOLERANCES, _REST_OF_SPAN, _LEAST_REST = 1e-6, 10.0, 1e-7, 1e-8
-"""Rest speed in a plane: a share of the slip speeds so far, at least so many relative tolerances of the run; or
-a share of what friction and the motion do within the span; and of the least terms of a slip velocity."""
+_REST_OF_SPAN, _LEAST_REST = 1e-7, 1e-8
+"""Rest speed in a plane where there was no slip so far: a share of what friction and the motion do within the span; and
+of the least terms of a slip velocity."""
 
 _ENORMOUS = 1e300
 _LOADS = 1024.0 * EPSILON
 """Share of the terms of a gap's acceleration that rounding of positions and forces leaves of one that is zero."""
 
 _SUCCESS, _INITIAL_STATE = int(Status.SUCCESS), int(Status.INITIAL_STATE)
-_AMBIGUOUS, _NON_FINITE = int(Status.CONTACT_AMBIGUOUS), int(Status.NON_FINITE)
+_IMPOSSIBLE, _AMBIGUOUS = int(Status.CONTACT_IMPOSSIBLE), int(Status.CONTACT_AMBIGUOUS)
+_NON_FINITE = int(Status.NON_FINITE)
 
 
 class DecisionArguments(NamedTuple):
@@ -271,9 +283,11 @@ def _rest_speeds(system: ContactSystem, pick: Candidates, cases: ContactCases, c
             force += abs(system.forces[r, 0])
             moved += abs(system.slip[r])
         speed = max(cases.speeds[case, i], change * force * abs(cases.passed[case]))
-        rest = max(_REST, _REST_TOLERANCES * tolerance) * speed
+        rest = rest_share(tolerance) * speed
         if rest == 0.0:
-            rest = max(_REST * slip_terms(system, i), _REST_OF_SPAN * (change * force + moved) * abs(cases.span[case]))
+            rest = max(
+                REST_SHARE * slip_terms(system, i), _REST_OF_SPAN * (change * force + moved) * abs(cases.span[case])
+            )
         rest = max(rest, _LEAST_REST * slow_terms(system, cases.x[case], system.row[i]))
         cases.added[case, ADDED * i + REST] = rest if pick.kind[i] == GRIPPED else -rest
 
@@ -301,7 +315,14 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
     known, meets, closing = _what_is_known(pick, cases, case, begins)
     load_accelerations(system)
     _weigh(system, pick, cases, case)
-    cases.status[case] = select_mode(system, pick, known, meets)
+    if cases.status[case] != _IMPOSSIBLE:  # else the last mode has lost its reactions
+        cases.status[case] = select_mode(system, pick, known, meets)
+    slow = cases.status[case] == _IMPOSSIBLE and stop_slow_slip(system, pick, cases, case, arguments.rtol)
+    if slow:
+        cases.status[case] = select_mode(system, pick, known, meets)
+    if cases.status[case] == _IMPOSSIBLE:
+        cases.status[case] = jams(system, pick, cases, case)
+        return cases.status[case] == _SUCCESS
     if cases.status[case] == _SUCCESS and _past_unknown(pick, cases, case):
         cases.status[case] = _AMBIGUOUS
     if cases.status[case] == _SUCCESS and _overflows(pick):
@@ -311,9 +332,10 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
     if cases.span[case] >= 0.0 and _stopped(system, pick, cases, case):
         cases.status[case] = strike(system, pick, cases, case)
         return cases.status[case] == _SUCCESS
+    anew = slow or begins_anew(system, pick, cases, case)
     sticking = _enter(system, pick, cases, case)
     _rest_speeds(system, pick, cases, case, arguments.rtol)
-    if (closing or sticking) and moves_in_mode(system, pick, cases, case):
+    if anew or ((closing or sticking) and moves_in_mode(system, pick, cases, case)):
         hold(system, pick, cases, case)
     if pick.given.mode[0] != UNDECIDED:
         close_gaps(system, pick, cases, case)

@@ -21,14 +21,14 @@ from .contact_system import (
     inertial_size,
     inertial_terms,
 )
+from .dead_centres import motionless
 from .dense_solve import solve_dense
 
 _STEP, _MOST_STEPS = 2.0**20, 50
 """Factor between scales, and most of them: sizes of ordinary units keep the scale one."""
 
 _POWERLESS = 1e-12
-"""Share of the slip acceleration that friction would cause if nothing else held, up to which rounding makes it; and
-share of the slopes of a gap, up to which it makes those of a slip velocity."""
+"""Share of the slip acceleration that friction would cause if nothing else held, up to which rounding makes it."""
 
 
 @compiled_subset
@@ -264,16 +264,6 @@ def _along(system: ContactSystem, row: int, j: int) -> float:
     for m in range(system.coordinates):
         value += system.jacobian[row, m] * system.saddle_right[m, j]
     return value - system.demand[row] if j == 0 else value
-
-
-@compiled_subset
-def motionless(system: ContactSystem, row: int) -> bool:
-    """Return whether a slip velocity does not depend on the rates here, compared with how the gap does."""
-    constraint = system.constraint[system.row_owner[row]]
-    if constraint < 0:
-        return False
-    gap = inertial_size(system, system.jacobian[constraint])
-    return inertial_size(system, system.jacobian[row]) <= _POWERLESS * gap
 
 
 @compiled_subset

@@ -199,11 +199,14 @@ def moves_in_mode(system: ContactSystem, pick: Candidates, cases: ContactCases, 
 
 @compiled_subset
 def hold(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> None:
-    """Give a case the rates nearest to the present ones, by kinetic energy, that its mode allows."""
+    """Give a case the rates nearest to the present ones, by kinetic energy, that its mode allows.
+
+    A contact that begins to slip in a plane is at rest, and stays so: else this would choose the direction of its slip.
+    """
     load_impact(system)
     for i in range(system.contacts):
         if pick.best.mode[i] != OPEN and pick.best.mode[i] != STICK:
-            pick.best.mode[i] = CLOSED
+            pick.best.mode[i] = STICK if pick.kind[i] == GRIPPED and system.width[i] > 1 else CLOSED
     solve_mode(system, pick.best)
     for j in range(system.coordinates):
         cases.x[case, system.coordinates + j] = system.motion[j]

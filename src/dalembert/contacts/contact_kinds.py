@@ -18,8 +18,8 @@ from .contact_cases import (
     slip_speed,
     slip_terms,
 )
-from .contact_forces import motionless
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, drift, inertial_size, opening_power, terms
+from .dead_centres import motionless
 from .mode_candidates import BREAK_DOWN, BREAK_UP, FREE, LIFT, LIFTING, MEET, STOP, closed_kind
 
 RESTING = 1e-7

@@ -8,9 +8,12 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..ir.conditions import CONDITION_TIME
+from ..ir.graph import Graph
+from ..ir.node import Node
 from ..options.compilation import IMPACTS
 from ..subset.arguments import IntMatrix, IntVector, Matrix, Record, Vector
 from ..subset.compiled_subset import compiled_subset, sqrt
+from ..transforms.linear import dependence
 from .automaton import NUMBERS
 from .contact_laws import STATES
 from .dense_solve import DenseWorkspace, dense_workspace
@@ -103,6 +106,8 @@ class ContactSystem(NamedTuple):
         Number of the friction force along each slip velocity among the reactions.
     slides_by : (n_slips, n_q)
         1 where a slip velocity depends on a rate, at one position at least.
+    loose : (n_slips,)
+        1 where no contact opens, and a slip velocity does not follow from the constraints: at dead centres it does.
     row_owner, owner : (n_rows,), (n_reactions,)
         Contact of each row, and the one that leads at each normal reaction; -1 for others, -2 for friction forces.
     angle : (n_q,)
@@ -178,6 +183,7 @@ class ContactSystem(NamedTuple):
     jumping: IntVector
     tangential: IntVector
     slides_by: IntMatrix
+    loose: IntVector
     row_owner: IntVector
     owner: IntVector
     angle: IntVector
@@ -242,6 +248,7 @@ def contact_system(automaton: HybridAutomaton) -> ContactSystem:
         several=int(any(contact.leader is not None for contact in automaton.contacts)),
         **named,
         slides_by=np.array(entries, np.int64).reshape(s, n),
+        loose=_loose(equations),
         values=values,
         rates=np.zeros(n),
         weight=np.ones(k),
@@ -306,6 +313,19 @@ def _angles(equations: EquationsOfMotion) -> list[int]:
         for place in group.coordinates:
             found[place] = 2 + number
     return found
+
+
+def _loose(equations: EquationsOfMotion) -> IntVector:
+    """Return `ContactSystem.loose`, of scenes without quaternions."""
+    own, slips = Graph(), [row for contact in equations.contacts for row in contact.slips]
+    if any(contact.opens for contact in equations.contacts) or any(group.norm for group in equations.groups):
+        return np.zeros(len(slips), np.int64)
+    held = list[list[Node]]()
+    for row in equations.constraints:
+        slopes = own.adopt(row.jacobian)
+        if dependence(own, held, slopes) is None:
+            held.append(slopes)
+    return np.array([dependence(own, held, own.adopt(row.jacobian)) is None for row in slips], np.int64)
 
 
 def _may_jump(equations: EquationsOfMotion, contact: ContactRow) -> bool:

@@ -23,6 +23,9 @@ if no other impact follows at the same instant."""
 RELEASED = 2
 """Side of an option in which a contact separates while it returns a part of its impulse."""
 
+JAMS = 3
+"""Of `Candidates.struck`: an impulse of friction stops the slip of a contact."""
+
 _MOST_OPTIONS = 8
 
 FEW_CONTACTS, _FEW, ALL = 3, 256, 2**62
@@ -40,6 +43,8 @@ class Found(Record):
         The number of those that hold beyond rounding; 1 where a motion was not finite; 1 where two exclude each other.
     most : int
         Number of combinations up to which all are tried; where there are more, a search goes from one to the next.
+    guided : int
+        1 where the given directions of contacts at rest are guesses of those in which they begin to slip.
     """
 
     best: int
@@ -47,6 +52,7 @@ class Found(Record):
     lost: int
     ambiguous: int
     most: int
+    guided: int
 
 
 class Candidates(NamedTuple):
@@ -59,7 +65,8 @@ class Candidates(NamedTuple):
     fired : (n_contacts,)
         Guards that have fired, as bits: what has just failed to hold is not tried in its old state.
     struck : (n_contacts,)
-        1 where it is being struck, 2 without restitution: it is closed during the impact, if that contradicts nothing.
+        1 where it is being struck, 2 without restitution: it is closed during the impact, if that contradicts nothing;
+        `JAMS` where it sticks at its end, in the same way.
     rebounds : (n_contacts,)
         1 where it returns a part of its impulse, by Poisson's law.
     slides : (n_contacts,)
@@ -208,6 +215,9 @@ def list_options(system: ContactSystem, pick: Candidates, expected: bool) -> Non
         pick.base_sides[i] = pick.given.sides[i] if expected or turned(pick, i) else 1.0
         if pick.kind[i] == FREE or pick.kind[i] == LIFTING:
             _add_option(pick, i, OPEN, 1, 0)
+            continue
+        if pick.struck[i] == JAMS:
+            _add_option(pick, i, STICK, 1, 0)
             continue
         sides = 1 if turned(pick, i) or system.sided[i] == 0 or expected else 2
         sides = 2 if system.restored[i] > 0.0 else sides

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from ..methods.step_constants import EPSILON
 from ..subset.compiled_subset import compiled_subset, sqrt
-from .contact_forces import compliance, motionless
+from .contact_forces import compliance
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertia_of, inertial_size
+from .dead_centres import motionless
 from .mode_candidates import (
     FREE,
     LIFTING,

@@ -16,7 +16,7 @@ from ..subset.compiled_subset import compiled_subset, sqrt
 from .complementary_forces import choose_complementary
 from .contact_forces import compliance, gap_compliance, load_compliances, normal_load, solve_mode
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertial_size
-from .mode_candidates import RELEASED, TOUCHING, Candidates, combine, find_option, list_options
+from .mode_candidates import GRIPPED, RELEASED, TOUCHING, Candidates, combine, find_option, list_options
 from .mode_laws import (
     ROUNDING,
     all_forces,
@@ -232,6 +232,20 @@ def _guess(system: ContactSystem, pick: Candidates) -> None:
             pick.choice[i] = max(find_option(pick, i, SLIP, side, way), 0)
         elif side != 0:
             pick.choice[i] = sticks if sticks >= 0 else max(find_option(pick, i, system.closed[i], side, 0), 0)
+
+
+@compiled_subset
+def guess_directions(system: ContactSystem, pick: Candidates) -> bool:
+    """Write the directions in which iterations on the forces let contacts in a plane begin to slip; return if any."""
+    _guess(system, pick)
+    for i in range(system.contacts):
+        r, slipping = system.first[i], pick.kind[i] == GRIPPED and system.width[i] > 1
+        size = sqrt(pick.guessed[r] * pick.guessed[r] + pick.guessed[r + 1] * pick.guessed[r + 1]) if slipping else 0.0
+        if size > 0.0:
+            pick.found.guided = 1
+            for a in range(2):
+                pick.given.along[i, a] = -pick.guessed[r + a] / size
+    return pick.found.guided != 0
 
 
 @compiled_subset

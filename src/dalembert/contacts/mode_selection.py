@@ -19,7 +19,7 @@ from .mode_candidates import (
     list_options,
     next_combination,
 )
-from .mode_search import friction_decides, search_modes
+from .mode_search import friction_decides, guess_directions, search_modes
 from .mode_trials import try_combination
 
 _SUCCESS, _NON_FINITE = int(Status.SUCCESS), int(Status.NON_FINITE)
@@ -84,6 +84,7 @@ def select_mode(system: ContactSystem, pick: Candidates, known: bool, meets: boo
         SUCCESS, CONTACT_IMPOSSIBLE, CONTACT_AMBIGUOUS or NON_FINITE.
     """
     sided, status, relaxed = False, _IMPOSSIBLE, True
+    pick.found.guided = 0
     for i in range(system.contacts):
         sided = sided or system.sided[i] != 0
     while relaxed:
@@ -92,6 +93,8 @@ def select_mode(system: ContactSystem, pick: Candidates, known: bool, meets: boo
             if pick.found.best == 2:
                 return status
         status = _find(system, pick, False, meets)
+        if status == _IMPOSSIBLE and pick.found.guided == 0 and guess_directions(system, pick):
+            status = _find(system, pick, False, meets)
         if status != _IMPOSSIBLE:
             return status
         relaxed = False

@@ -17,6 +17,7 @@ from ..errors import ConstraintError, list_names
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Guard
+from ..reduction.unit_sphere import unit_values
 from ..transforms.linear import dependence
 from .contact_laws import OPEN, SLIP, SMOOTH, STICK, ContactLaws, Mode, mode_parameters
 from .shared_loads import Direction, SharedLaw, lawful_sums, undetermined_directions
@@ -64,12 +65,17 @@ class _ModeEquations:
         Returns, by the name of the contact that holds them, the others that cannot slip while it does not.
         """
         held, own = len(self.rows), Graph()  # weights are not computed here as forces will be
-        jacobians = [own.adopt(row.jacobian) for row in self.rows]
+        units = unit_values(self.whole)  # contacts of one body depend on each other where its quaternion has length one
+
+        def slopes_of(row: ConstraintRow) -> list[Node]:
+            return own.adopt(self.graph.substitute(row.jacobian, units) if units else row.jacobian)
+
+        jacobians = [slopes_of(row) for row in self.rows]
         self.idle: list[ContactRow] = []
         groups: dict[str, list[ContactRow]] = {}
         owners: list[str] = []
         for contact, row in ((each, row) for each in sticking for row in each.slips):
-            slopes = own.adopt(row.jacobian)
+            slopes = slopes_of(row)
             weights = dependence(own, jacobians, slopes)
             if weights is None:
                 self.rows.append(row)
@@ -81,11 +87,12 @@ class _ModeEquations:
             lined = all(len(c.slips) == 1 for c in sticking if c is contact or c.name in holding)
             several = lined and any(c.leader is not None for c in sticking if c is contact or c.name in holding)
             if (len(holding) > 1 and not several) or len(contact.slips) > 1 or (holding and given):
+                others = dict.fromkeys(o for o in holding if o != contact.name)
                 raise ConstraintError(
                     f"scene {self.whole.name!r}: the contacts {contact.name!r} and"
-                    f" {list_names(repr(o) for o in holding)} hold each other while they stick, and which of"
-                    " them slips first is not determined: give one of them a regularization, or write those with given"
-                    " normal loads as one law with the sum of the loads"
+                    f" {list_names(repr(o) for o in others)} hold each other while they stick, and which of"
+                    " them slips first is not determined: give one of them friction=0 or a regularization, or write"
+                    " those with given normal loads as one law with the sum of the loads"
                 )
             for owner in holding:
                 groups.setdefault(owner, []).append(contact)

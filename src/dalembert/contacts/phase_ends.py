@@ -127,8 +127,7 @@ def ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int
         return False
     jumps = numbers.runner[i] == JUMPS
     if not jumps and _fire(plan, table, space, runner, i, first, t):
-        numbers.state[i] = _IMPOSSIBLE
-        return False
+        cases.status[i] = _IMPOSSIBLE
     cases.soon[i] = cases.soon[i] + 1 if abs(cases.passed[i]) <= SOON * abs(cases.span[i]) else 0
     if cases.soon[i] >= SOON_IN_A_ROW:
         numbers.state[i] = _ACCUMULATE

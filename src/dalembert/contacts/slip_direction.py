@@ -11,8 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..subset.compiled_subset import compiled_subset, sqrt
-from .contact_forces import compliance, hold_constraints, motionless, open_contacts, solve_mode
+from .contact_forces import compliance, hold_constraints, open_contacts, solve_mode
 from .contact_system import SLIP, STICK, Combination, ContactSystem, inertia_of, inertial_size
+from .dead_centres import motionless
 from .dense_solve import solve_dense
 from .mode_candidates import Candidates
 
@@ -46,10 +47,14 @@ def _slip_across(system: ContactSystem, pick: Candidates, i: int) -> float:
 
 @compiled_subset
 def _across(system: ContactSystem, pick: Candidates, i: int, x: float, y: float) -> float:
-    """Return the slip acceleration across a direction, which is written; friction opposes that direction."""
+    """Return the slip acceleration across a direction, which is written; friction opposes that direction.
+
+    It has the sign of the normal reaction, too: where steep friction makes both infinite, both change their signs.
+    """
     _turn(pick, i, x, y)
     solve_mode(system, pick.now)
-    return _slip_across(system, pick, i)
+    across = _slip_across(system, pick, i)
+    return -across if system.press[i] < 0.0 else across
 
 
 @compiled_subset
@@ -93,11 +98,17 @@ def _bisect(
 
 @compiled_subset
 def _steady(system: ContactSystem, pick: Candidates, i: int) -> None:
-    """Write the direction of one contact, the nearest to the present one; the others keep theirs."""
+    """Write the direction of one contact, the nearest to the present one; the others keep theirs.
+
+    Steep friction may make a contact pull where it slips in the nearest: then another is taken if there is one.
+    """
     x0, y0 = pick.now.along[i, 0], pick.now.along[i, 1]
+    pulling_x = pulling_y = 0.0
     _across(system, pick, i, x0, y0)
     if _even(system, pick, i, _EXACT) and _along_slip(system, pick, i):
-        return
+        if pick.now.sides[i] * system.press[i] >= 0.0:
+            return
+        pulling_x, pulling_y = x0, y0
     for step in range(_SECTORS // 2):
         for side in (1.0, -1.0):
             ax, ay = x0 * _COSINES[step] - side * y0 * _SINES[step], y0 * _COSINES[step] + side * x0 * _SINES[step]
@@ -107,23 +118,18 @@ def _steady(system: ContactSystem, pick: Candidates, i: int) -> None:
             if fa * _across(system, pick, i, bx, by) <= 0.0:
                 _bisect(system, pick, i, ax, ay, bx, by, fa)
                 if _along_slip(system, pick, i):
-                    return
+                    if pick.now.sides[i] * system.press[i] >= 0.0:
+                        return
+                    if pulling_x == 0.0 and pulling_y == 0.0:
+                        pulling_x, pulling_y = pick.now.along[i, 0], pick.now.along[i, 1]
+    if pulling_x != 0.0 or pulling_y != 0.0:
+        x0, y0 = pulling_x, pulling_y
     _across(system, pick, i, x0, y0)
 
 
 @compiled_subset
-def steady_directions(system: ContactSystem, pick: Candidates) -> None:
-    """Write the directions in which slip in a plane begins in a combination: first those against friction of stick."""
-    for i in range(system.contacts):
-        if pick.begins[i] != 0:
-            pick.now.mode[i] = STICK
-    solve_mode(system, pick.now)
-    count = 0
-    for i in range(system.contacts):
-        if pick.begins[i] != 0:
-            first, count = system.first[i], count + 1
-            pick.now.mode[i] = SLIP
-            _turn(pick, i, -system.forces[first, 0], -system.forces[first + 1, 0])
+def _improve(system: ContactSystem, pick: Candidates, count: int) -> bool:
+    """Write the directions of so many contacts, one contact after the other; return whether all are found."""
     for _ in range(_ROUNDS):
         change = 0.0
         for i in range(system.contacts):
@@ -133,6 +139,37 @@ def steady_directions(system: ContactSystem, pick: Candidates) -> None:
                 change = max(change, abs(pick.now.along[i, 0] - x), abs(pick.now.along[i, 1] - y))
         if count == 1 or change <= _EXACT:
             break
+    found = True
+    for i in range(system.contacts):
+        if pick.begins[i] != 0:
+            found = found and _even(system, pick, i, _UNEVEN) and _along_slip(system, pick, i)
+            found = found and pick.now.sides[i] * system.press[i] >= 0.0
+    return found
+
+
+@compiled_subset
+def steady_directions(system: ContactSystem, pick: Candidates) -> None:
+    """Write the directions in which slip in a plane begins in a combination.
+
+    They are looked for from those against friction of stick. Where that does not find them, it is tried from the given
+    ones: those in which contacts slide into an impact, or guesses.
+    """
+    for i in range(system.contacts):
+        if pick.begins[i] != 0:
+            pick.now.mode[i] = STICK
+    solve_mode(system, pick.now)
+    count, known = 0, False
+    for i in range(system.contacts):
+        if pick.begins[i] != 0:
+            first, count = system.first[i], count + 1
+            pick.now.mode[i], known = SLIP, known or pick.found.guided != 0 or pick.slides[i] != 0
+            _turn(pick, i, -system.forces[first, 0], -system.forces[first + 1, 0])
+    if _improve(system, pick, count) or not known:
+        return
+    for i in range(system.contacts):
+        if pick.begins[i] != 0 and (pick.found.guided != 0 or pick.slides[i] != 0):
+            _turn(pick, i, pick.given.along[i, 0], pick.given.along[i, 1])
+    _improve(system, pick, count)
 
 
 @compiled_subset

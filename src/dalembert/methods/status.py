@@ -96,7 +96,8 @@ _MESSAGES = {
     ),
     Status.CONTACT_IMPOSSIBLE: (
         "No normal reactions satisfy the laws of contact and friction here (Painleve's paradox: a body would have to "
-        "jam or be struck at once): lower the coefficient of friction, or start elsewhere."
+        "jam or be struck at once): lower the coefficient of friction, describe the contact by a load of a spring and "
+        "a damper, or start elsewhere."
     ),
     Status.CONTACT_AMBIGUOUS: (
         "Several motions satisfy the laws of contact and friction here (Painleve's paradox: a contact may stay closed "

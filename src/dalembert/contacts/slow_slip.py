@@ -1,0 +1,75 @@
+"""Slow slip in a plane: the speeds that count as rest, and slip that reactions without bound stop."""
+
+from __future__ import annotations
+
+from ..methods.status import Status
+from ..subset.compiled_subset import compiled_subset
+from .contact_cases import NOISE, ContactCases, slip_speed
+from .contact_impacts import strike
+from .contact_system import SLIP, STICK, ContactSystem
+from .mode_candidates import GRIPPED, JAMS, LIFT, LIFTING, SLIDING, TOUCHING, Candidates
+
+REST_SHARE, _REST_TOLERANCES = 1e-6, 10.0
+"""Rest speed in a plane: a share of the slip speeds so far, at least so many relative tolerances of the run."""
+
+_SLOW = 1e-3
+"""Share of the slip speeds so far up to which slip in a plane is slow: reactions without bound stop it at once."""
+
+_IMPOSSIBLE = int(Status.CONTACT_IMPOSSIBLE)
+
+
+@compiled_subset
+def rest_share(tolerance: float) -> float:
+    """Return the share of the slip speeds so far below which slip in a plane counts as rest."""
+    return max(REST_SHARE, _REST_TOLERANCES * tolerance)
+
+
+@compiled_subset
+def stop_slow_slip(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int, tolerance: float) -> bool:
+    """Let contacts in a plane count as at rest whose slip is as slow as rest; return whether there are any."""
+    stops = False
+    for i in range(system.contacts):
+        rest = rest_share(tolerance) * cases.speeds[case, i]
+        closed = pick.kind[i] == SLIDING or pick.kind[i] == LIFTING
+        if closed and system.width[i] > 1 and slip_speed(system, i) <= rest:
+            pick.kind[i], stops = GRIPPED, True
+    return stops
+
+
+@compiled_subset
+def _slows(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int, i: int) -> bool:
+    """Return whether a closed contact slips in a plane, but slowly."""
+    closed = pick.kind[i] >= TOUCHING or pick.kind[i] == LIFTING
+    if not closed or system.width[i] < 2:
+        return False
+    return NOISE * cases.speeds[case, i] < slip_speed(system, i) <= _SLOW * cases.speeds[case, i]
+
+
+@compiled_subset
+def jams(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> int:
+    """Stop slow slip in a plane by an impulse, where no reactions satisfy the laws; return a status.
+
+    Slow slip turns fast. Where it turns to directions in which steep friction has no reactions, these have grown
+    without bound before, and stop it: an impact without collision (F. Genot and B. Brogliato, European Journal of
+    Mechanics A 18 (1999) 653-677).
+    """
+    slows, stops = False, True
+    for i in range(system.contacts):
+        pick.struck[i] = JAMS if _slows(system, pick, cases, case, i) else 0
+        slows = slows or pick.struck[i] == JAMS
+    if not slows or cases.span[case] < 0.0:
+        return _IMPOSSIBLE
+    status = strike(system, pick, cases, case)
+    for i in range(system.contacts):
+        stops = stops and (pick.best.mode[i] == STICK or not _slows(system, pick, cases, case, i))
+    return status if stops else _IMPOSSIBLE
+
+
+@compiled_subset
+def begins_anew(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> bool:
+    """Return whether a contact whose normal reaction has vanished is to begin to slip in a plane, as if at rest."""
+    begins = False
+    for i in range(system.contacts):
+        anew = cases.fired[case, i] & LIFT != 0 and pick.kind[i] == GRIPPED and system.width[i] > 1
+        begins = begins or (anew and pick.best.mode[i] == SLIP)
+    return begins
