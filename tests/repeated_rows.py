@@ -43,6 +43,20 @@ WHOLE = ("hard_cases/test_motions.py",)
 """Files whose products run whole: other tests there need the same runs."""
 
 REPEATED = (
+    # pages, in C and in a browser: test_pages, and contacts in C beside it
+    ("export/test_contact_simulators.py", "test_a_page_moves_as_in_simulate_and_shows_what_contacts_do"),
+    ("export/test_fmu_contacts.py", "test_an_importer_may_find_events_late"),
+    # products with Hessians of single runs stay
+    ("jax_backend/test_jax_second.py", "test_products_with_hessians_in_batches"),
+    # loops of four kinds by all formulations, and random ones, stay
+    ("fuzz/loops/test_loops.py", "test_long_loops_move_as_derived_by_hand*"),
+    # lanes of other instruction sets: the parts for the least and between
+    ("codegen/test_target.py", "test_targets_give_the_same_motions_with_lanes_of_their_own"),
+    # chains on a base that turns, and on one that moves in a plane, stay
+    ("mechanics/test_many_bodies.py", "test_chains_on_moving_bases_are_those_of_the_dense_matrix[[]satellite-*"),
+    ("mechanics/test_many_bodies.py", "test_chains_on_moving_bases_are_those_of_the_dense_matrix[[]aircraft-*"),
+    # a rocking block in test_gallery and hard cases stays
+    ("fuzz/contacts/test_closed_forms.py", "test_a_plate_rocks_to_rest*"),
     # derivatives by complex steps: of the sleigh, and of the sphere in minimal coordinates
     ("jax_backend/test_jax_derivatives.py", "test_derivatives_are_those_of_complex_steps[[]edge_plate-*"),
     ("jax_backend/test_jax_derivatives.py", "test_derivatives_are_those_of_complex_steps[[]corner_plate-*"),
