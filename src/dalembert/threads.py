@@ -17,7 +17,7 @@ STOPPED = 1 << 62
 
 
 class _Thread(threading.local):
-    """What this thread calls between blocks of steps, or None."""
+    """The function that this thread calls between blocks of steps, or None."""
 
     observe: Callable[[float], None] | None = None
 

@@ -21,7 +21,7 @@ _SIGNATURE = ctypes.CFUNCTYPE(ctypes.c_int64, *(ctypes.c_int64,) * 5)
 
 
 class _Thread(threading.local):
-    """What code of this thread has raised, or None."""
+    """The exception that code of this thread has raised, or None."""
 
     failure: BaseException | None = None
 

@@ -13,17 +13,7 @@ from ..methods.status import Status
 from ..methods.step_constants import EPSILON
 from ..subset.arguments import IntVector, Matrix
 from ..subset.compiled_subset import compiled_subset, sqrt
-from .contact_cases import (
-    ADDED,
-    REST,
-    SIDE,
-    UNDECIDED,
-    ContactCases,
-    set_mode,
-    slip_speed,
-    slip_terms,
-    slow_terms,
-)
+from .contact_cases import ADDED, REST, SIDE, UNDECIDED, ContactCases, set_mode, slip_speed, slip_terms, slow_terms
 from .contact_forces import compliance, load_accelerations, solve_mode
 from .contact_impacts import close_gaps, hold, moves_in_mode, strike
 from .contact_kinds import (
@@ -42,7 +32,7 @@ from .contact_kinds import (
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, dot, inertial_terms, opening_power, terms
 from .mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, TURN, Candidates
 from .mode_selection import select_mode
-from .slow_slip import REST_SHARE, begins_anew, jams, rest_share, stop_slow_slip
+from .slow_slip import REST_SHARE, begins_anew, jam, rest_share, take_as_rest
 
 _REST_OF_SPAN, _LEAST_REST = 1e-7, 1e-8
 """Rest speed in a plane where there was no slip so far: a share of what friction and the motion do within the span; and
@@ -317,11 +307,11 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
     _weigh(system, pick, cases, case)
     if cases.status[case] != _IMPOSSIBLE:  # else the last mode has lost its reactions
         cases.status[case] = select_mode(system, pick, known, meets)
-    slow = cases.status[case] == _IMPOSSIBLE and stop_slow_slip(system, pick, cases, case, arguments.rtol)
+    slow = cases.status[case] == _IMPOSSIBLE and take_as_rest(system, pick, cases, case, arguments.rtol)
     if slow:
         cases.status[case] = select_mode(system, pick, known, meets)
     if cases.status[case] == _IMPOSSIBLE:
-        cases.status[case] = jams(system, pick, cases, case)
+        cases.status[case] = jam(system, pick, cases, case)
         return cases.status[case] == _SUCCESS
     if cases.status[case] == _SUCCESS and _past_unknown(pick, cases, case):
         cases.status[case] = _AMBIGUOUS

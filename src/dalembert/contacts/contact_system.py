@@ -107,7 +107,7 @@ class ContactSystem(NamedTuple):
     slides_by : (n_slips, n_q)
         1 where a slip velocity depends on a rate, at one position at least.
     loose : (n_slips,)
-        1 where no contact opens, and a slip velocity does not follow from the constraints: at dead centres it does.
+        1 where a slip velocity is independent of the constraints, but at dead centres; 0 where a contact may open.
     row_owner, owner : (n_rows,), (n_reactions,)
         Contact of each row, and the one that leads at each normal reaction; -1 for others, -2 for friction forces.
     angle : (n_q,)

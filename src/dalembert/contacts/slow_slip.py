@@ -25,7 +25,7 @@ def rest_share(tolerance: float) -> float:
 
 
 @compiled_subset
-def stop_slow_slip(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int, tolerance: float) -> bool:
+def take_as_rest(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int, tolerance: float) -> bool:
     """Let contacts in a plane count as at rest whose slip is as slow as rest; return whether there are any."""
     stops = False
     for i in range(system.contacts):
@@ -46,7 +46,7 @@ def _slows(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
 
 
 @compiled_subset
-def jams(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> int:
+def jam(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> int:
     """Stop slow slip in a plane by an impulse, where no reactions satisfy the laws; return a status.
 
     Slow slip turns fast. Where it turns to directions in which steep friction has no reactions, these have grown
