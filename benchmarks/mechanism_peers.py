@@ -232,7 +232,7 @@ def _exudyn_run(system: Any, end: float, tolerance: float, read: Callable[[], Ve
     integration = settings.timeIntegration
     integration.numberOfSteps, integration.endTime = 1, end
     integration.initialStepSize = end / 1000  # the first step of a long chain else has no finite error
-    integration.minimumStepSize = end / 100_000  # a run that diverges at a loose tolerance else takes hours
+    integration.minimumStepSize = end / 10_000  # a run that diverges at a loose tolerance else takes hours
     integration.absoluteTolerance = integration.relativeTolerance = tolerance
     integration.verboseMode = 0
     integration.explicitIntegration.computeEndOfStepAccelerations = False

@@ -255,3 +255,22 @@ def test_comparison_of_some_formulations_with_a_method_each():
         table["ggl"]
     with pytest.raises(OptionError, match="unknown formulation 'minimum'"):
         model.compare_formulations((0, 5), SLEIGH_START, SLEIGH, formulations=["minimum"])
+
+
+@pytest.mark.filterwarnings("ignore::dalembert.errors.PrecisionWarning")
+@pytest.mark.parametrize("rtol", [1e-10, 1e-12])
+def test_ggl_of_nearly_dependent_constraints(rtol):
+    """Rounding moves the multipliers of two surfaces that nearly touch far along a direction that moves nothing."""
+    x, y, z, m, g, e = *dynamicsymbols("x y z"), *sp.symbols("m g e", positive=True)
+    N, O = ReferenceFrame("N"), Point("O")
+    bead = O.locatenew("bead", x * N.x + y * N.y + z * N.z)
+    scene = da.Scene("bead", N, O, [x, y, z])
+    scene.add_bodies(Particle("bead", bead, m))
+    scene.apply_uniform_gravity(-g * N.y)
+    scene.add_holonomic_constraints(z, z + e * (x**2 + y**2 - 1))
+    begin = (0, 5), {"x": 0.6, "y": -0.8, "z": 0, "x_dot": 0.8, "y_dot": 0.6}, {"m": 1, "g": 9.81, "e": 1e-4}
+    run = da.compile_model(scene, formulation="ggl").simulate(*begin, rtol=rtol, atol=rtol, max_steps=20_000)
+    assert run.success, run.message
+    assert run.stats.rejected < 20
+    truth = da.compile_model(scene, formulation="projected").simulate(*begin, rtol=1e-13, atol=1e-13)
+    assert abs(run["x"][-1] - truth["x"][-1]) < 1e-9

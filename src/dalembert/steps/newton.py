@@ -154,23 +154,27 @@ def _residuals(work: FloatArray, space: NewtonWorkspace, h: float, differential:
 
 
 @compiled_subset
-def _correct(work: FloatArray, space: NewtonWorkspace) -> float:
-    """Add the corrections to modes and increments; return the sum of their squares in units of ``work[SCALE]``."""
+def _correct(work: FloatArray, space: NewtonWorkspace, differential: int) -> tuple[float, float]:
+    """Add the corrections to modes and increments; return the sums of their squares in units of ``work[SCALE]``.
+
+    The first sum is that of all components, the second that of the state.
+    """
     first, second, third = space.first, space.second, space.third
-    total = 0.0
+    total, of_state = 0.0, 0.0
     for m in range(work.shape[1]):
         work[W, m] += first[m]
         work[W + 1, m] += second[m]
         work[W + 2, m] += third[m]
         weight = 1.0 / work[SCALE, m]
         total += square(first[m] * weight) + square(second[m] * weight) + square(third[m] * weight)
+        of_state = total if m < differential else of_state
         for i in range(3):
             work[Z + i, m] = fma(
                 FROM_MODES[i, 2],
                 work[W + 2, m],
                 fma(FROM_MODES[i, 0], work[W, m], FROM_MODES[i, 1] * work[W + 1, m]),
             )
-    return total
+    return total, of_state
 
 
 @compiled_subset
@@ -191,7 +195,7 @@ def newton(
     first correction is judged.
     """
     work, n = run.work, run.work.shape[1]
-    rate, before, factor_ = 0.0, 0.0, known_rate
+    rate, before, size_of_state, factor_ = 0.0, 0.0, 0.0, known_rate
     # With multipliers every other iteration gains little: they follow what the one before has done to the state.
     most = MAX_ITERATIONS if differential == n else MAX_ITERATIONS + 3
     for iteration in range(most):
@@ -203,25 +207,30 @@ def newton(
             return BROKEN, iteration + 1, rate
         solve(space.real, space.real_pivots, space.first)
         solve_pair(space.re, space.im, space.pair_pivots, space.second, space.third)
-        size = sqrt(_correct(work, space) / (3 * n))
+        total, of_state = _correct(work, space, differential)
+        size, size_of_state = sqrt(total / (3 * n)), sqrt(of_state / (3 * n))
         if not size < np.inf:
             return BROKEN, iteration + 1, rate
         if iteration > 0:
             quotient = size / before if before > 0.0 else 0.0
             rate = quotient if iteration == 1 else sqrt(quotient * rate)
             if rate >= 0.99:
-                return _undecided(size, differential == n), iteration + 1, rate
+                return _undecided(size_of_state, iteration > 1 or differential == n), iteration + 1, rate
             factor_ = rate / (1.0 - rate)
             hopeless = factor_ * size * _power(rate, max(most - 2 - iteration, 0)) > tolerance
             if hopeless and (iteration > 1 or differential == n):
-                return _undecided(size, differential == n), iteration + 1, rate
+                return _undecided(size_of_state, iteration > 1 or differential == n), iteration + 1, rate
         before = max(size, SMALLEST_NORMAL)
         if factor_ * size <= tolerance:
             return CONVERGED, iteration + 1, rate
-    return _undecided(before, differential == n), most, rate
+    return _undecided(size_of_state, True), most, rate
 
 
 @compiled_subset
-def _undecided(size: float, plain: bool) -> int:
-    """Return how an iteration ends that does not become smaller: beside a jump, stages go from side to side."""
-    return CONVERGED if plain and size <= _NEGLIGIBLE else DIVERGED
+def _undecided(size_of_state: float, told: bool) -> int:
+    """Return how an iteration ends that does not become smaller, where it is ``told`` that it will not.
+
+    Beside a jump, stages go from side to side. Where constraints are nearly dependent, rounding moves multipliers far
+    along a direction that hardly moves the state.
+    """
+    return CONVERGED if told and size_of_state <= _NEGLIGIBLE else DIVERGED
