@@ -131,7 +131,7 @@ def render_c():
             nothing = {"shared_library": lambda compiler, texts: b"", "c_compiler": lambda: ["cc"]}
             with mock.patch.multiple(wheel, **nothing):
                 wheel.wheel_files(source)
-            with mock.patch.object(page, "web_assembly", lambda texts, exported: b""):
+            with mock.patch.object(page, "web_assembly", lambda texts, **options: b""):
                 page.page_text(source, source, scene, None)
     sleigh = da.compile_model(da.scenes.chaplygin_sleigh(), outputs=["Y"])
     jax_text(c_source(sleigh, None, {}, "dop853", (1e-8, 1e-10), (0.0, 1.0)))
@@ -184,7 +184,7 @@ def render_contacts():
         with mock.patch.object(shutil, "which", lambda name: None):
             for version in ("2.0", "3.0"):
                 fmu_files(unit, version=version)
-    with mock.patch.object(page, "web_assembly", lambda texts, exported: b""):
+    with mock.patch.object(page, "web_assembly", lambda texts, **options: b""):
         page.page_text(source, source, scene, None)
 
 

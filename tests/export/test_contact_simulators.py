@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from sympy import Piecewise, cos, symbols
-from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
 from codegen.c_programs import built, compiler, fuses, output
@@ -188,6 +188,34 @@ def test_a_page_moves_as_in_simulate_and_shows_what_contacts_do(tmp_path):
     shown = next(name for name in parts(path)[0]["outputs"] if name.startswith(f"{contact}: "))
     middles = [run.phases[np.searchsorted([p.t0 for p in run.phases], t) - 1].modes[contact] for t in times[1:]]
     assert [STATES[int(value)] for value in found[shown][1:]] == middles
+
+
+def falling_rod():
+    """Return a rod that falls onto a rough floor with both ends."""
+    (x, y, a), (m, g, mu) = dynamicsymbols("x y a"), symbols("m g mu", positive=True)
+    N, O = ReferenceFrame("N"), Point("O")
+    R, G = N.orientnew("R", "Axis", (a, N.z)), O.locatenew("G", x * N.x + y * N.y)
+    scene = da.Scene("falling_rod", frame=N, origin=O, coordinates=[x, y, a])
+    scene.add_bodies(RigidBody("rod", G, R, m, (inertia(R, 0, 0, m / 12), G)))
+    scene.apply_uniform_gravity(-g * N.y)
+    ends = {name: G.locatenew(name, side * R.x / 2) for name, side in (("left", -1), ("right", 1))}
+    about = {"body": "rod", "plane": (O, N.y), "friction": mu, "restitution": 0.4}
+    scene.add_contacts(*(da.PointPlane(name, point=point, **about) for name, point in ends.items()))
+    return scene
+
+
+def test_two_rough_contacts_that_open_fit_in_a_page(tmp_path):
+    need_pages()
+    model, times = da.compile_model(falling_rod()), np.linspace(0, 1.0, 21)
+    initial = {"x": 0, "y": 0.5, "a": 0.2, "x_dot": 1, "y_dot": 0, "a_dot": 0}
+    given = {"initial": initial, "parameters": {"m": 1, "g": 9.81, "mu": 0.3}, "rtol": 1e-9}
+    path = model.export(tmp_path / "page.html", "page", t_span=(0, 1.0), **given)
+    assert path.stat().st_size < 500_000
+    printed, found = run_of(path, times)
+    run = model.simulate((0, 1.0), t_eval=times, **given)
+    assert printed["status"] == run.status == 0 and len(run.phases) > 2
+    for key in model.layout.variables:
+        np.testing.assert_allclose(found[key], run[key], rtol=1e-9, atol=1e-9, err_msg=key)
 
 
 # -- what is not exported -------------------------------------------------------------------------

@@ -177,7 +177,7 @@ def test_a_start_that_contradicts_a_constraint_says_so(tmp_path):
 @pytest.fixture
 def nothing_compiled(monkeypatch):
     """Make pages without their simulators."""
-    monkeypatch.setattr(page, "web_assembly", lambda texts, exported: b"")
+    monkeypatch.setattr(page, "web_assembly", lambda texts, **options: b"")
 
 
 @pytest.fixture(scope="module")
@@ -240,7 +240,7 @@ def test_a_compiler_that_fails_is_told_of(monkeypatch):
     monkeypatch.setattr(compilers, "find_spec", lambda name: name)
     monkeypatch.setattr(compilers, "_ZIG", ("false",))
     with pytest.raises(OptionError, match="cannot compile the export"):
-        compilers.web_assembly({"a.c": "int a;"}, ["b"])
+        compilers.web_assembly({"a.c": "int a;"}, ["b"], small=False)
 
 
 @pytest.mark.parametrize(

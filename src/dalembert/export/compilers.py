@@ -15,7 +15,8 @@ from ..errors import MissingExtraError, OptionError
 _ZIG = (sys.executable, "-m", "ziglang", "cc")
 _OTHER = "Install another release of ziglang, or remove its cache (~/.cache/zig)"
 _LIBRARY = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=default")
-_WEB = ("-target", "wasm32-wasi", "-mexec-model=reactor", "-std=c99", "-O2", "-Wl,--strip-all")
+_WEB = ("-target", "wasm32-wasi", "-mexec-model=reactor", "-std=c99", "-Wl,--strip-all")
+_FAST, _SMALL = ("-O2",), ("-Os", "-fno-inline")
 
 
 def c_compiler() -> list[str] | None:
@@ -52,7 +53,7 @@ def foreign_library(target: str, texts: Mapping[str, str]) -> bytes:
     return _compiled([*_ZIG, "-target", target, *_LIBRARY, "-s"], ["-lm"], texts, _OTHER)
 
 
-def web_assembly(texts: Mapping[str, str], exported: Sequence[str]) -> bytes:
+def web_assembly(texts: Mapping[str, str], exported: Sequence[str], *, small: bool) -> bytes:
     """Return C sources as a module of WebAssembly that imports nothing.
 
     Parameters
@@ -61,6 +62,8 @@ def web_assembly(texts: Mapping[str, str], exported: Sequence[str]) -> bytes:
         Sources and headers by their names.
     exported : sequence of str
         Functions that are called from outside.
+    small : bool
+        Whether its size matters more than its speed.
 
     Raises
     ------
@@ -70,7 +73,7 @@ def web_assembly(texts: Mapping[str, str], exported: Sequence[str]) -> bytes:
         Where the compiler fails.
     """
     _need_ziglang("WebAssembly")
-    command = [*_ZIG, *_WEB, *(f"-Wl,--export={name}" for name in exported)]
+    command = [*_ZIG, *_WEB, *(_SMALL if small else _FAST), *(f"-Wl,--export={name}" for name in exported)]
     return _compiled(command, [], texts, _OTHER)
 
 

@@ -7,6 +7,7 @@ import json
 import zlib
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -59,7 +60,8 @@ def page_text(source: CSource, finer: CSource, scene: Scene, sliders: Mapping[st
     layout, numbers = source.program.layout, source.numbers
     picture = picture_of(scene, {name: float(numbers.get(name, 0.0)) for name in layout.parameters}, layout)
     with ThreadPoolExecutor() as pool:  # the compiler is a process of its own
-        compiled = pool.map(web_assembly, [_texts(each, picture) for each in (source, finer)], [FUNCTIONS] * 2)
+        compile_one = partial(web_assembly, exported=FUNCTIONS, small=source.contacts is not None)
+        compiled = pool.map(compile_one, [_texts(each, picture) for each in (source, finer)])
         modules = dict(zip(("run", "finer"), compiled, strict=True))
     variables, shown = len(source.program.kernel("expand").outputs), [*layout.outputs, *_contacts(source)]
     described = {
