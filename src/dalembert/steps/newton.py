@@ -29,7 +29,7 @@ ROWS = 20
 
 MAX_ITERATIONS = 7
 _NEGLIGIBLE = 0.1
-"""Corrections of a short step, in tolerances, that need not become smaller."""
+"""Corrections of the state, in tolerances, that need not become smaller."""
 CONVERGED, DIVERGED, BROKEN = 0, 1, 2
 
 _A, _B = COMPLEX.real, -COMPLEX.imag
@@ -214,23 +214,24 @@ def newton(
         if iteration > 0:
             quotient = size / before if before > 0.0 else 0.0
             rate = quotient if iteration == 1 else sqrt(quotient * rate)
+            rate_is_known = iteration > 1 or differential == n
             if rate >= 0.99:
-                return _undecided(size_of_state, iteration > 1 or differential == n), iteration + 1, rate
+                return _undecided(size_of_state) if rate_is_known else DIVERGED, iteration + 1, rate
             factor_ = rate / (1.0 - rate)
             hopeless = factor_ * size * _power(rate, max(most - 2 - iteration, 0)) > tolerance
-            if hopeless and (iteration > 1 or differential == n):
-                return _undecided(size_of_state, iteration > 1 or differential == n), iteration + 1, rate
+            if hopeless and rate_is_known:
+                return _undecided(size_of_state), iteration + 1, rate
         before = max(size, SMALLEST_NORMAL)
         if factor_ * size <= tolerance:
             return CONVERGED, iteration + 1, rate
-    return _undecided(size_of_state, True), most, rate
+    return _undecided(size_of_state), most, rate
 
 
 @compiled_subset
-def _undecided(size_of_state: float, told: bool) -> int:
-    """Return how an iteration ends that does not become smaller, where it is ``told`` that it will not.
+def _undecided(size_of_state: float) -> int:
+    """Return how an iteration ends whose corrections do not become smaller, from those of the state.
 
     Beside a jump, stages go from side to side. Where constraints are nearly dependent, rounding moves multipliers far
     along a direction that hardly moves the state.
     """
-    return CONVERGED if told and size_of_state <= _NEGLIGIBLE else DIVERGED
+    return CONVERGED if size_of_state <= _NEGLIGIBLE else DIVERGED
