@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sympy import Symbol, symbols
+from sympy import Symbol, cos, symbols
+from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 
@@ -22,7 +23,7 @@ COMPILING = "model = da.compile_model(scene"
 
 @dataclass(frozen=True)
 class Live:
-    """A page: a scene, what it starts with, its end [s], its sliders, and outputs that are shown."""
+    """A page: a scene, what it starts with, its end [s], its sliders, outputs that are shown, and events."""
 
     scene: Callable[[], da.Scene]
     initial: dict[str, float]
@@ -30,17 +31,17 @@ class Live:
     end: float
     sliders: dict[str, tuple[float, float]]
     outputs: list[str] = field(default_factory=list)
+    events: Callable[[], list[da.Event]] = list
 
 
-def of_gallery(name: str) -> Callable[[], da.Scene]:
-    """Return the scene that a script of the gallery builds."""
+def of_gallery(name: str, what: str = "scene") -> Callable[[], Any]:
+    """Return a function that returns the scene that a script of the gallery builds, or another name of it."""
 
-    def build() -> da.Scene:
+    def build() -> Any:
         names: dict[str, Any] = {}
         text = (GALLERY / f"{name}.py").read_text(encoding="utf-8").partition(COMPILING)[0]
         exec(compile(text, name, "exec"), names)
-        scene: da.Scene = names["scene"]
-        return scene
+        return names[what]
 
     return build
 
@@ -81,6 +82,21 @@ def corner_plate() -> da.Scene:
     step = da.Rod(scene.origin, corner)
     scene.add_shapes({"plate": da.Box(2 * l, l / 25, l), "ground": da.Ground(scene.frame.y), "step": step})
     return scene
+
+
+def walker() -> da.Scene:
+    """Return the compass walker with shapes; its foot at rest is drawn in one place."""
+    scene = of_gallery("a38_compass_walker")()
+    hip, foot = (body.masscenter for body in scene.bodies)
+    legs = {"stance leg": da.Rod(scene.origin, hip, "gray"), "swing leg": da.Rod(hip, foot, "orange")}
+    scene.add_shapes({**legs, "hip": da.Sphere(0.08), "slope": da.Ground(scene.frame.y)})
+    return scene
+
+
+def strikes() -> list[da.Event]:
+    """Return the events of the compass walker: its strikes, and its fall, which ends the run."""
+    fall = da.Event(cos(dynamicsymbols("stance")) - 0.5, direction=-1, terminal=True, name="fall")
+    return [of_gallery("a38_compass_walker", "strike")(), fall]
 
 
 def bouncing_ball() -> da.Scene:
@@ -151,6 +167,14 @@ PAGES = {
         {"m": 1, "g": 9.81, "e": 0.8},
         6.0,
         {"e": (0.01, 1), "y": (0.1, 2), "x_dot": (-2, 2), "y_dot": (-4, 4), "g": (1, 20)},
+    ),
+    "walker": Live(
+        walker,
+        {"stance": 0.2003109, "swing": -0.2003109, "stance_dot": -0.1998325, "swing_dot": -0.1840095},
+        {"m": 1e-9, "slope": 0.009, "g": 1},
+        20.0,
+        {"slope": (0.002, 0.016), "stance_dot": (-0.22, -0.18), "swing_dot": (-0.22, -0.15)},
+        events=strikes,
     ),
     "double_pendulum": Live(
         of_gallery("a02_double_pendulum"),
@@ -235,6 +259,7 @@ def write(folder: Path) -> None:
     for name, live in PAGES.items():
         model = da.compile_model(live.scene(), outputs=live.outputs)
         given = {"initial": live.initial, "parameters": live.parameters, "sliders": live.sliders}
+        given |= {"events": live.events()}
         model.export(folder / f"{name}.html", "page", t_span=(0, live.end), rtol=1e-9, **given)
 
 

@@ -33,7 +33,6 @@ foot = hip.locatenew("foot", sin(swing) * N.x - cos(swing) * N.y)
 scene = da.Scene("walker", frame=N, origin=O, coordinates=[stance, swing])
 scene.add_bodies(Particle("hip", hip, 1), Particle("foot", foot, m))
 scene.apply_uniform_gravity(g * (sin(slope) * N.x - cos(slope) * N.y))
-model = da.compile_model(scene)
 
 # %%
 # The foot strikes where the angles are opposite. Then the legs change their
@@ -48,6 +47,7 @@ strike = da.Event(
     apply={stance: swing, swing: stance, **rates},
     name="strike",
 )
+model = da.compile_model(scene)
 values = {slope: 0.009, m: 1e-9, g: 1}
 
 

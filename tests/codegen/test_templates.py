@@ -141,6 +141,8 @@ def render_c():
         source = c_source(in_angles(), None, {}, method, (1e-8, 1e-10), (0.0, 1.0), step)
         assert source.locking
         contact_simulator.c_files(source)
+    angle = da.Event(dynamicsymbols("a") - 1)
+    contact_simulator.c_files(c_source(in_angles(), None, {}, "taylor", (1e-8, 1e-10), (0.0, 1.0), events=(angle,)))
     render_contacts()
     render_controllers()
 

@@ -283,13 +283,13 @@ class LaneRuns:
         try:
             lane = kept.pop()
         except IndexError:
-            lane = self._recorded_lane(problem, method, watch, carried)
+            lane = self.recorded_lane(problem, method, watch, carried)
         run = lane.run(problem)
         if again:
             kept.append(lane)
         return run
 
-    def _recorded_lane(
+    def recorded_lane(
         self, problem: IntegrationProblem, method: str, watch: EventCode, carried: FloatArray | None
     ) -> RecordedLane:
         """Return the memory for runs like a problem."""

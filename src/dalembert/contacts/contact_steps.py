@@ -11,9 +11,9 @@ from typing import NamedTuple
 from ..lanes.lane_steps import interpolate
 from ..lanes.sweep_arguments import SweepArguments
 from ..lanes.workspace import BEFORE, NOW
+from ..loops.event_steps import corrects
 from ..loops.lane_loop import EVENT_LOOP, IMPLICIT_LOOP
 from ..methods.status import RUNNING, Status
-from ..steps.projection import FAILED, PENDING, correct
 from ..subset.arguments import Record, Vector
 from ..subset.compiled_subset import call_code, compiled_subset, row
 from .contact_decisions import LOOP as DECISIONS
@@ -102,23 +102,9 @@ def sample_phase(steps: ContactSteps, runner: SweepArguments, t: float) -> None:
             part.states[m, 0] = state.states[state.progress.old + m, 0]
     else:
         interpolate(runner, 0, t)
-        if not _corrects(runner):  # it stays as it is
+        if not corrects(runner):  # it stays as it is
             interpolate(runner, 0, t)
     _expand(steps, runner)
-
-
-@compiled_subset
-def _corrects(runner: SweepArguments) -> bool:
-    """Project the state in ``part`` onto the constraints; return whether that succeeds."""
-    part, state, lone = runner.part, runner.state, runner.state.numbers.lone
-    tolerances = state.settings.shape[0] - 2
-    rtol, atol = state.settings[tolerances, 0], state.settings[tolerances + 1, 0]
-    lone[0] = PENDING
-    correct(
-        runner.kernels.position, runner.kernels.velocity, part.clock, part.states, 0, part.states, 0,
-        state.constants, state.delta, lone, rtol, atol,
-    )  # fmt: skip
-    return lone[0] != FAILED
 
 
 @compiled_subset
@@ -140,7 +126,7 @@ def correct_phase(steps: ContactSteps, runner: SweepArguments, t: float) -> int:
         settings[m, 0] = _ERRORS * runner.limits[0, m]
     for m in range(runner.shape.n):
         part.states[m, 0] = steps.own[m]
-    if not _corrects(runner):
+    if not corrects(runner):
         return Status.PROJECTION_FAILED
     _expand(steps, runner)
     return RUNNING

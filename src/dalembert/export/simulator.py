@@ -10,6 +10,7 @@ import numpy as np
 from ..codegen.c.descriptions import CSource
 from ..codegen.c.single import start_in_single
 from ..errors import OptionError, unknown_name
+from ..events.event_code import Event
 from ..methods.pairs import PAIRS
 from ..reduction.admission import admission_of_state
 from ..reduction.jumps import has_jumps
@@ -19,7 +20,8 @@ from ..runs.run_checks import GimbalCheck
 from ..starts.initial_states import initial_state
 from ..starts.inputs import constants
 from ..starts.symbol_assumptions import ROUNDING
-from .refusals import refuse_fixed_steps, refuse_inputs, refuse_scene
+from .event_runs import event_run
+from .refusals import refuse_events, refuse_fixed_steps, refuse_inputs, refuse_scene
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
@@ -61,6 +63,7 @@ def c_source(
     step: float | None = None,
     precision: str = "double",
     *,
+    events: Sequence[Event] = (),
     continued: bool = False,
 ) -> CSource:
     """Return what the C source of a model is made of; see `dalembert.model.exports.export` for the arguments.
@@ -72,6 +75,8 @@ def c_source(
     CapabilityError, InitialStateError, OptionError
         For what is not exported, and for initial values that are not enough.
     """
+    if events:
+        refuse_events(model)
     if step is not None:
         refuse_fixed_steps(model)
     if model.modes is not None:
@@ -84,12 +89,13 @@ def c_source(
     reduced = model.stages.reduced
     admission, single = admission_of_state(reduced, ROUNDING), precision != "double"
     check = GimbalCheck.of(model)
+    found = method_of(model, method, *tolerances) if step is None else method
     return CSource(
         program=model.stages.program,
         start=start_in_single(start) if single else start,
         admission=admission,
         dependent=model.derived.dependence is not None,
-        method=method_of(model, method, *tolerances) if step is None else method,
+        method=found,
         tolerances=tolerances,
         forward_only=has_jumps(reduced),
         numbers=numbers,
@@ -99,6 +105,7 @@ def c_source(
         step=step,
         single=single,
         sampling=sampling_kernels(reduced),
+        events=event_run(model, events, found, tolerances, span) if events else None,
     )
 
 

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import CapabilityError, OptionError, list_names, nesting_named, unknown_name
+from ..events.event_code import Event, event_list
 from ..ir.program import hidden_parameters
 from ..options import DEFAULT_TOLERANCES, TIGHTER, NamedTolerances, tolerances
+from ..runs.events import moving_events, with_event_parameters
 from ..starts.inputs import resolve_names, span_of
 
 if TYPE_CHECKING:
@@ -89,6 +91,9 @@ PRECISIONS = ("double", "single")
 INSTEAD = {("jax", "auto"): "dop853", ("jax", "taylor"): "dop853"}
 """Methods of kinds in place of those that "auto" finds."""
 
+EVENT_KINDS = ("c", "page")
+"""Kinds that carry events."""
+
 ENDINGS = {"fmu": ".fmu", "page": ".html", "numba": ".py", "jax": ".py"}
 """Kinds that are one file, and how its name ends; others are folders."""
 
@@ -115,6 +120,7 @@ def export(
     fmi: str = "2.0",
     platforms: Sequence[str] | None = None,
     sliders: Mapping[Any, tuple[float, float]] | None = None,
+    events: Any = (),
 ) -> Path:
     """Write a simulator of the model that needs nothing of dalembert.
 
@@ -162,6 +168,9 @@ def export(
     sliders : mapping of symbols or names to (float, float), optional
         Initial values, parameters and inputs that have a slider on a page, and its ends. By default all have one, about
         the value that is given.
+    events : sequence of Event, SymPy expression or str, or one of these
+        Events that occur in runs of the kinds "c" and "page": as in `simulate`, they are counted, end runs, and map the
+        state.
 
     Returns
     -------
@@ -217,6 +226,11 @@ def export(
         )
     if rtol == atol == 0.0:
         raise OptionError("rtol and atol must not both be 0: set one of them above 0")
+    if not isinstance(events, tuple) or events:
+        events = event_list(events, self.layout.aliases)
+        _refuse_kind(kind, method, events)
+        self = with_event_parameters(self, parameters or {}, events)
+        events = moving_events(self.layout, events)
     given = None if initial is None else dict(self.read_initial(initial))
     numbers = dict(given or {})
     if parameters is not None:
@@ -230,7 +244,7 @@ def export(
         refuse_dependent(self, state, self.parameter_vector(parameters or {}), span)
     if method == "auto":
         if complete:
-            method = _method_of_example(self, (initial, parameters, inputs), t_span, rtol, atol)
+            method = _method_of_example(self, (initial, parameters, inputs), t_span, rtol, atol, events)
         method = INSTEAD.get((kind, method), method)
     request: dict[str, Any] = {
         "initial": given,
@@ -239,6 +253,7 @@ def export(
         "tolerances": (rtol, atol),
         "span": span,
         **({} if step is None else {"step": step, "precision": precision}),
+        **({"events": events} if events else {}),
     }
     if kind == "page":
         request["sliders"] = _sliders(self, given, sliders)
@@ -254,6 +269,16 @@ def export(
     if "file" in files:
         return write_file(place, files["file"])
     return write_folder(place, files) if ending is None else write_archive(place, files)
+
+
+def _refuse_kind(kind: str, method: str, events: Sequence[Event]) -> None:
+    """Reject events of exports that do not carry them."""
+    if events and (kind not in EVENT_KINDS or method == FIXED):
+        asked = f"method={FIXED!r}" if method == FIXED else f"kind={kind!r}"
+        raise CapabilityError(
+            f"exports with {asked} do not carry events ({list_names(event.label for event in events)}): take one of the"
+            f" kinds {list_names(map(repr, EVENT_KINDS))} with another method than {FIXED!r}, or leave the events out"
+        )
 
 
 def _step(kind: str, method: str, tolerances: tuple[float, float], step: Any) -> float:
@@ -351,12 +376,25 @@ def _complete(model: CompiledModel, numbers: Mapping[str, float], given: Mapping
 
 
 def _method_of_example(
-    model: CompiledModel, example: tuple[Any, Any, Any], t_span: tuple[float, float], rtol: float, atol: float
+    model: CompiledModel,
+    example: tuple[Any, Any, Any],
+    t_span: tuple[float, float],
+    rtol: float,
+    atol: float,
+    events: Sequence[Event],
 ) -> str:
     """Return the method that a run of the example takes, "auto" where it takes several."""
     initial, parameters, inputs = example
     run = model.simulate(
-        t_span, initial, parameters or {}, inputs=inputs, rtol=rtol, atol=atol, t_eval=t_span, dense=False
+        t_span,
+        initial,
+        parameters or {},
+        inputs=inputs,
+        events=events,
+        rtol=rtol,
+        atol=atol,
+        t_eval=t_span,
+        dense=False,
     )
     return run.stats.method if run.stats.method in model.methods else "auto"
 

@@ -101,12 +101,15 @@ class ContactLoop:
     contacts: tuple[tuple[str, tuple[str, ...]], ...]
 
 
+CONSTANT_OF_LANE = "events.directions events.last events.used events.kinds events.read columns.stride"
+"""Arrays among the arguments of a loop over lanes that never change."""
+
 _CONSTANT = {
     "decision.system": "leader constraint sense normal first row width closed sided given jumping tangential slides_by"
     " row_owner owner angle",
     "phases.plan": "columns guards terminal jumps runners.mode runners.size runners.parameters runners.events"
     " runners.first_guard runners.inside",
-    "mode": "events.directions events.last events.used events.kinds events.read columns.stride",
+    "mode": CONSTANT_OF_LANE,
 }
 """Arrays that never change; "mode" is that of each."""
 

@@ -9,13 +9,12 @@ from typing import Any, ClassVar
 from ...contacts.contact_laws import STATES
 from ...contacts.phase_tables import NOT_STARTED
 from ...methods.status import Status
-from ...methods.step_constants import RESOLUTION
 from ...transforms.taylor import STEP_ARGUMENTS
 from ..rendering import render
 from .contact_loops import ContactSource
 from .descriptions import CSource, plain
+from .event_simulator import EventSimulator
 from .fixed_simulator import FixedSimulator
-from .printing import double
 from .simulator import Simulator
 
 _AT = {
@@ -40,6 +39,8 @@ def simulator_of(source: CSource) -> Simulator:
     """Return a simulator in C99."""
     if source.step is not None:
         return FixedSimulator(source)
+    if source.events is not None:
+        return EventSimulator(source)
     return Simulator(source) if source.contacts is None else ContactSimulator(source)
 
 
@@ -83,7 +84,6 @@ class ContactSimulator(Simulator):
             **self._function_variables(),
             "at": {name: self.at[name] for name in ("time", "direction", "constants")},
             "n_outputs": len(self.layout.outputs),
-            "take_step": loops.take_step,
             "samples": loops.samples,
             "sample_end": loops.sample_end,
             "modes": modes,
@@ -91,11 +91,11 @@ class ContactSimulator(Simulator):
             "n_contacts": len(loop.contacts),
             "parameters": [plain(name) for name in loop.parameters],
             "not_started": NOT_STARTED,
-            "rounding": double(RESOLUTION),
         }
         further = self._further_variables(loops.space.beginning_used(loops.code.text, needed), f"{self.prefix}_step")
         self.corrections = loops.corrections
-        return {"header": self._header_variables(members), "functions": functions, **further}
+        steps = self._changing_steps(loops.take_step, n_events=0, n_locks=0)
+        return {"header": self._header_variables(members), "functions": functions, "steps": steps, **further}
 
     def _needed(self) -> set[str]:
         """Return the members that the public functions read or set."""

@@ -8,12 +8,37 @@ from typing import Any, final
 
 from ...ir.kernel import Kernel
 from ...ir.program import Program, hidden_parameters
+from ...lanes.sweep_arguments import SweepArguments
 from ...reduction.sampling_kernels import SamplingKernels
 from ...reduction.starting import Start
 from ...transforms.periodic import angles_of
 from ...transforms.taylor import order_at
 from .contact_loops import ContactLoop
+from .library import CFunctions
 from .printing import double, identifiers
+
+
+@final
+@dataclass(frozen=True)
+class EventRun:
+    """The loop of a run with events.
+
+    Attributes
+    ----------
+    events : tuple of str
+        Their names.
+    arguments : SweepArguments
+        Of the loop over lanes, for one case, whose record has room for one step.
+    functions : CFunctions
+        The kernels that stand at its addresses.
+    implicit : bool
+        Whether its steps are implicit.
+    """
+
+    events: tuple[str, ...]
+    arguments: SweepArguments
+    functions: CFunctions
+    implicit: bool
 
 
 @final
@@ -51,6 +76,8 @@ class CSource:
         Whether it computes in single precision.
     sampling : SamplingKernels or None
         Sampled controllers, which act in units.
+    events : EventRun or None
+        The loop of a run with events.
     """
 
     program: Program
@@ -68,6 +95,7 @@ class CSource:
     step: float | None = None
     single: bool = False
     sampling: SamplingKernels | None = None
+    events: EventRun | None = None
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -137,6 +165,7 @@ def enumerations(source: CSource) -> list[dict[str, Any]]:
         ("Inputs", "input", layout.inputs),
         ("Outputs", "output", layout.outputs),
         ("Contacts", "contact", _contacts(source)),
+        ("Events", "event", _events(source)),
     ]
     return [{"title": title, "kind": kind, "entries": _entries(names)} for title, kind, names in groups]
 
@@ -186,6 +215,7 @@ def readme_variables(source: CSource, prefix: str) -> dict[str, Any]:
         ("State", layout.state, False),
         ("Coordinates", layout.coordinates, False),
         ("Contacts", _contacts(source), False),
+        ("Events", _events(source), False),
     ]
     return {
         "prefix": prefix,
@@ -202,6 +232,7 @@ def readme_variables(source: CSource, prefix: str) -> dict[str, Any]:
         "constraints": [plain(label) for label in layout.constraints],
         "locks": bool(source.locking),
         "contacts": source.contacts is not None,
+        "events": source.events is not None,
         "step": step_of(source),
         "single": source.single,
     }
@@ -216,6 +247,10 @@ def _steps(source: CSource) -> str:
 
 def _contacts(source: CSource) -> tuple[str, ...]:
     return () if source.contacts is None else tuple(name for name, _ in source.contacts.contacts)
+
+
+def _events(source: CSource) -> tuple[str, ...]:
+    return () if source.events is None else source.events.events
 
 
 def _entries(names: tuple[str, ...]) -> list[dict[str, str]]:

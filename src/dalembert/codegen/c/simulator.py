@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 from ...ir.kernel import Kernel
 from ...ir.program import coefficient_places
 from ...methods.status import Status
+from ...methods.step_constants import RESOLUTION
 from ...options import MAX_STEPS
 from ...transforms.passes import EliminateDeadCode
 from ...transforms.periodic import angles_of
@@ -52,7 +53,7 @@ STATUSES = (
 
 _PUBLIC = (
     *("run", "start", "step", "at", "continue", "set_input", "simulate", "time", "expand", "outputs", "energy"),
-    *("check_text", "status_text", "contact"),
+    *("check_text", "status_text", "contact", "event"),
 )
 """Ends of the names of public functions."""
 
@@ -100,6 +101,7 @@ class Simulator:
             + render("c/starts.c.j2", variables["starts"])
             + (render("c/locks.c.j2", variables["locks"]) if "locks" in variables else "")
             + render(self.template, variables["functions"])
+            + (render("c/changing_steps.c.j2", variables["steps"]) if "steps" in variables else "")
             + (render("c/state_functions.c.j2", variables["state"]) if "state" in variables else "")
             + self._further_functions(variables)
             + render("c/texts.c.j2", variables["texts"]),
@@ -285,6 +287,7 @@ class Simulator:
             "step": step_of(self.source),
             "n_further": len(self.layout.states),
             "n_locks": 0,
+            "n_events": 0 if self.source.events is None else len(self.source.events.events),
             "contact_states": self.contact_states,
             **dict.fromkeys(("n_values", "n_knowns", "n_guards", "exchanged", "corrected", "controlled"), 0),
         }
@@ -298,6 +301,19 @@ class Simulator:
             "n_states": len(self.layout.state),
             "n_started": max(len(self.source.start.kernel.outputs), 1),
             "max_steps": MAX_STEPS,
+        }
+
+    def _changing_steps(self, take_step: str, *, n_events: int, n_locks: int) -> dict[str, Any]:
+        """Return the variables of ``c/changing_steps.c.j2``."""
+        return {
+            "prefix": self.prefix,
+            "upper": self.prefix.upper(),
+            "at": {name: self.at[name] for name in ("time", "direction")},
+            "take_step": take_step,
+            "n_states": len(self.layout.state),
+            "n_events": n_events,
+            "n_locks": n_locks,
+            "rounding": double(RESOLUTION),
         }
 
     def _start_variables(self, beginning: Sequence[tuple[str, str]]) -> dict[str, Any]:

@@ -193,9 +193,9 @@ class _Layout:
         name, numbers = Known(f"constant_{path.replace('.', '_')}"), [value[i] for i in range(value.size)]
         if not any(numbers):
             self.found.bases[name] = NOTHING
-        elif all(number in self.codes for number in numbers):
-            words = [self.codes[number] for number in numbers]
-            self.found.bases[name] = LOOPS if isinstance(words[0], Loop) else KERNELS
+        elif all(number in self.codes for number in numbers if number):
+            words = [self.codes[number] if number else "0" for number in numbers]
+            self.found.bases[name] = LOOPS if any(isinstance(word, Loop) for word in words) else KERNELS
             self.found.constants.append((self.found.bases[name], name, words))
         else:
             own = next(memory for memory in self.memory if memory.begin <= min(numbers) and max(numbers) < memory.end)

@@ -48,6 +48,11 @@ class RecordedLane:
     watch, events : EventCode, EventKernels
     carried : ndarray (n_events,) or None
         Signs of events with which a run continues, and with which it ends.
+
+    Attributes
+    ----------
+    arguments : SweepArguments
+        Of the loop.
     """
 
     def __init__(
@@ -95,8 +100,8 @@ class RecordedLane:
         arrays = CaseArrays(
             self._kernels, self._shape, self._stepper, cases, result, KeptStarts.nothing(), self._events, True
         )
-        self._made = arrays.arguments(np.zeros(1, np.int64))
-        self._packed_args = pack(self._made)
+        self.arguments = arrays.arguments(np.zeros(1, np.int64))
+        self._packed_args = pack(self.arguments)
         self._call, self._address = loop_named(arrays.loop_name).call, ctypes.c_void_p(address_of(self._packed_args))
 
     def run(self, problem: IntegrationProblem) -> RecordedCase:
@@ -106,16 +111,16 @@ class RecordedLane:
             self._allocate(problem, 2 * happened)
             steps, occurrences, happened = self._record(problem)
         if self._carried is not None:
-            self._carried[:] = self._made.workspace.carried[0]
-        _, status, accepted, attempts, _ = self._made.ends[0].tolist()
+            self._carried[:] = self.arguments.workspace.carried[0]
+        _, status, accepted, attempts, _ = self.arguments.ends[0].tolist()
         before, each = self._stepper.evaluations
         evaluations = int(before + each * attempts)
         if self._stepper.rows is not None:
-            evaluations = self._made.alone.run.progress.evaluations
+            evaluations = self.arguments.alone.run.progress.evaluations
         return RecordedCase(
             steps,
             occurrences,
-            self._made.out[0].copy(),
+            self.arguments.out[0].copy(),
             Status(int(status)),
             (int(accepted), int(attempts - accepted), evaluations),
             in_time=self._shape.memory == 0,
@@ -124,7 +129,7 @@ class RecordedLane:
 
     def _record(self, problem: IntegrationProblem) -> tuple[FloatArray, FloatArray, int]:
         """Run a problem; return records of steps, those of occurrences, and how many of these there were."""
-        made, given = self._made, self._made.rows
+        made, given = self.arguments, self.arguments.rows
         progress, occurred = made.state.progress, made.workspace.occurrences
         given.times[0] = problem.t0, problem.t1
         given.states[0], given.constants[0] = problem.y0, problem.constants

@@ -1,0 +1,84 @@
+"""The files of a simulator in C99 of a scene with events: the loop over lanes, for one case."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, final
+
+import numpy as np
+
+from ...loops.event_steps import EventPlace, EventSteps, sample_step, take_implicit_step, take_step
+from ...methods.status import Status
+from ...subset.arguments import kind_of
+from ...subset.compiled_subset import NUMBER
+from ..rendering import render
+from ..subset.values import Value
+from .contact_loops import CHECK, CONSTANT_OF_LANE
+from .printing import Known
+from .simulator import Simulator
+from .source import LoopSource
+from .workspace import workspace_of
+
+_AT = {
+    "time": "place.time",
+    "direction": "place.direction",
+    "steps": "place.steps",
+    "constants": "constants",
+    "evaluated": "place.steps",
+    "now": "runner.state.states + run->runner.state.progress.old",
+}
+"""Members of a run that its functions set and read."""
+
+_ROWS = ("times", "states", "constants")
+
+
+@final
+class EventSimulator(Simulator):
+    """A simulator in C99 of a scene without contacts that change, with events."""
+
+    template: ClassVar[str] = "c/event_functions.c.j2"
+    statuses: ClassVar[tuple[Status, ...]] = (
+        *Simulator.statuses,
+        Status.EVENT,
+        Status.EVENTS_ACCUMULATE,
+        Status.EVENT_STATE,
+        Status.EVENT_NON_FINITE,
+    )
+
+    def _variables(self) -> dict[str, dict[str, Any]]:
+        """See `Simulator`."""
+        own = self.source.events
+        assert own is not None
+        self.at |= _AT
+        self._start_kernels()
+        self._state_kernels()
+        steps = EventSteps(own.arguments, np.zeros(len(self.layout.state)), EventPlace())
+        constant = frozenset(f"runner.{name}" for name in CONSTANT_OF_LANE.split())
+        codes = {**own.functions.names, int(own.arguments.kernels.check): Known(CHECK)}
+        space = workspace_of(steps, frozenset(), constant, codes)
+        code = LoopSource(space, self.prefix, "fused", self._taken())
+        value = Value(kind_of(EventSteps), (), "run", 0)
+        step = take_implicit_step if own.implicit else take_step
+        take = code.call(step, [value])[0]
+        sample = code.call(sample_step, [value, Value(NUMBER, ("t",))])[0]
+        used = own.functions.used(code.text)
+        self._finish(render("c/kernels.c.j2", {"kernels": self.kernels}) + used, code)
+        needed = {"sampled", "place", "runner.state.states", "runner.state.progress", "runner.happened"}
+        needed |= {"runner.limits", *(f"runner.rows.{name}" for name in _ROWS)}
+        members = space.members_used(code.text, needed)
+        members.append(f"double constants[{max(len(self.program.kernel('prepare').outputs), 1)}];")
+        n_locks = len(self.source.locking)
+        functions = {
+            **self._function_variables(),
+            "sample": sample,
+            "at": {name: self.at[name] for name in ("time", "direction", "constants", "now")},
+            "n_events": len(own.events),
+            "n_constants": len(self.program.kernel("prepare").outputs),
+            "n_locks": n_locks,
+        }
+        return {
+            "header": self._header_variables(members) | {"n_locks": n_locks},
+            "functions": functions,
+            "steps": self._changing_steps(take, n_events=len(own.events), n_locks=n_locks),
+            **self._state_variables(),
+            **self._further_variables(space.beginning_used(code.text, needed), f"{self.prefix}_step"),
+        }

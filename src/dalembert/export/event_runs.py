@@ -1,0 +1,73 @@
+"""Runs with events as exports take them: the arguments of the loop over lanes for a run alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..codegen.c.descriptions import EventRun
+from ..codegen.c.library import CFunctions, CLibrary
+from ..codegen.c.printing import prefix_of
+from ..codegen.kernel_code import KernelCode
+from ..codegen.lane_runs import LaneRuns
+from ..codegen.steppers import Steppers
+from ..events.event_code import Event
+from ..lanes.sweep_arguments import no_columns, no_part_samples
+from ..steps.problem import IntegrationProblem
+from ..subset.addresses import NO_CODE
+
+if TYPE_CHECKING:
+    from ..model.model import CompiledModel
+
+_NEVER = -1
+"""Patience with which a loop returns where its record is full, and not before."""
+
+
+def event_run(
+    model: CompiledModel,
+    events: Sequence[Event],
+    method: str,
+    tolerances: tuple[float, float],
+    span: tuple[float, float],
+) -> EventRun:
+    """Return the loop of a run with events by a method.
+
+    Raises
+    ------
+    ExpressionError, UnknownNameError
+        For events that cannot be watched, and for what cannot jump.
+    """
+    program, (rtol, atol) = model.stages.program, tolerances
+    functions = CFunctions(prefix_of(program.name))
+    library = CLibrary(program, functions)
+    lanes = LaneRuns(library, KernelCode(program, library), Steppers(library, program), program.layout)
+    n, constants = len(program.layout.state), len(program.kernel("prepare").outputs)
+    problem = IntegrationProblem(
+        t0=span[0],
+        t1=span[1],
+        y0=np.zeros(n),
+        constants=np.zeros(constants),
+        rtol=rtol,
+        atol=atol,
+        dense=True,
+        bounded=True,
+    )
+    watch = model.derived.events(tuple(events))
+    assert watch is not None
+    made = lanes.recorded_lane(problem, method, watch, None).arguments
+    made.state.progress.patience, made.state.progress.returns = _NEVER, 1
+    made.happened[0, ::3] = 0.0
+    part = no_part_samples()._replace(clock=np.zeros((1, 1)), states=np.zeros((n, 1)))
+    found = made.workspace.found
+    # one row more than are filled, so that compilers of C see that none is written behind the last
+    space = made.workspace._replace(found=np.zeros((len(found) + 1, found.shape[1])))
+    arguments = made._replace(
+        kernels=made.kernels._replace(advance=NO_CODE),
+        columns=no_columns(),
+        workspace=space,
+        steps=made.steps[:1].copy(),
+        part=part,
+    )
+    return EventRun(tuple(event.label for event in events), arguments, functions, method == "radau")

@@ -1,0 +1,207 @@
+"""Simulators of scenes with events, compiled with warnings as errors, and run beside `simulate`."""
+
+import numpy as np
+import pytest
+from sympy import cos, sin, symbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+
+import dalembert as da
+from codegen.c_programs import built, compiler, fuses, output
+from dalembert.codegen.llvm.target import target
+from dalembert.errors import CapabilityError, ExpressionError, UnknownNameError
+from dalembert.methods.status import Status
+from export.pages import need_pages, run_of
+from hard_cases import hard_case
+
+TOLERANCES = {"rtol": 1e-10, "atol": 1e-12}
+
+PROGRAM = """
+#include "{0}.h"
+#include <stdio.h>
+#include <stdlib.h>
+int main(int argc, char **argv)
+{{
+    static {0}_run run, copy;
+    double values[64], state[64], last;
+    int i, k, rows = atoi(argv[2]);
+    for (i = 3; i < argc; i++) {{
+        values[i - 3] = atof(argv[i]);
+    }}
+    {0}_start(&run, 0.0, atof(argv[1]), values, values + {1}_INITIAL, 0.0, 0);
+    for (k = 0; k <= rows; k++) {{
+        double t = k == rows ? atof(argv[1]) : atof(argv[1]) * k / rows;
+        copy = run; /* holds no addresses */
+        if ({0}_at(&run, t, state) > 0) {{
+            break;
+        }}
+        {0}_at(&copy, t, state);
+        run = copy;
+        printf("%a", t);
+        for (i = 0; i < {1}_STATES; i++) {{
+            printf(" %a", state[i]);
+        }}
+        printf("\\n");
+    }}
+    printf("%d %a", (int)run.status, {0}_time(&run));
+    for (i = 0; i < EVENTS; i++) {{
+        k = (int){0}_event(&run, i, &last);
+        printf(" %d %a", k, last);
+    }}
+    printf("\\n");
+    return {0}_event(&run, EVENTS, NULL) == -1 && {0}_event(&run, 0, NULL) >= 0 ? 0 : 1;
+}}
+"""
+"""A program that prints states at equal distances, then status, time, and number and last time of each event."""
+
+
+def run_alone(folder, model, initial, parameters, end, events, *options, rows=40, **given):
+    """Return times (k,), states (k, n_y), and the status, time, and numbers of events of an export."""
+    compiler()
+    path = model.export(folder / "export", initial=initial, parameters=parameters, events=events, **given)
+    (header,) = path.glob("*.h")
+    name = header.stem
+    (path / "events.c").write_text(PROGRAM.format(name, name.upper()).replace("EVENTS", str(len(events))))
+    known = {str(key): value for key, value in {**initial, **parameters}.items()}
+    text = header.read_text()
+    entries = [line.split("/* ")[1][:-3] for line in text.splitlines() if f"{name}_initial_" in line]
+    entries += [line.split("/* ")[1][:-3] for line in text.splitlines() if f"{name}_parameter_" in line]
+    values = [repr(float(known[entry])) for entry in entries]
+    *lines, last = output(built(path, ["events.c", f"{name}.c"], *options), end, rows, *values).splitlines()
+    table = np.array([[float.fromhex(number) for number in line.split()] for line in lines])
+    status, time, *found = last.split()
+    pairs = [(int(count), float.fromhex(t)) for count, t in zip(found[::2], found[1::2], strict=True)]
+    return table[:, 0], table[:, 1:], int(status), float.fromhex(time), pairs
+
+
+def pendulum():
+    """Return a pendulum that strikes a stop, its start, its parameters and its events, which have one of their own."""
+    theta, (m, l, g, e) = (
+        dynamicsymbols("theta"),
+        (*symbols("m l", positive=True), symbols("g"), symbols("e", positive=True)),
+    )
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("pendulum", frame=N, origin=O, coordinates=[theta])
+    scene.add_bodies(Particle("bob", O.locatenew("P", l * (sin(theta) * N.x - cos(theta) * N.y)), m))
+    scene.apply_uniform_gravity(-g * N.y)
+    stop = da.Event(theta - 0.5, direction=1, apply={theta.diff(): -e * theta.diff()}, name="stop")
+    lowest = da.Event(theta, direction=1, name="lowest")
+    start, numbers = {"theta": 0.2, "theta_dot": 2.0}, {"m": 1, "l": 1, "g": 9.81, "e": 0.9}
+    return da.compile_model(scene), start, numbers, [lowest, stop]
+
+
+def assert_same_run(found, run, model, labels):
+    """Assert that a run alone is that of `simulate`, and its end to the last bit where both fuse or do not."""
+    times, states, status, time, pairs = found
+    assert status == run.status and time == pytest.approx(run.t[-1], rel=1e-14)
+    expected = run(times)
+    for state, name in zip(states.T, model.layout.state, strict=True):
+        np.testing.assert_allclose(state, expected[name], rtol=1e-11, atol=1e-11, err_msg=name)
+    for (count, last), label in zip(pairs, labels, strict=True):
+        assert count == len(run.events[label].t)
+        assert last == pytest.approx(run.events[label].t[-1], rel=1e-13)
+    if fuses() == target().fused and status == Status.SUCCESS:
+        assert [*states[-1]] == [run[name][-1] for name in model.layout.state]
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
+def test_events_are_counted_and_map_the_state(tmp_path, method):
+    model, start, numbers, events = pendulum()
+    given = {"method": method, **TOLERANCES}
+    found = run_alone(tmp_path, model, start, numbers, 8.0, events, **given)
+    run = model.simulate((0, 8), start, numbers, events=events, **given)
+    assert len(run.events["stop"].t) > 3
+    assert_same_run(found, run, model, ["lowest", "stop"])
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_states_stay_on_constraints_behind_a_map(tmp_path, method):
+    """A bead on a circle in Cartesian coordinates, whose speed is turned where it passes a line; speed alone is set."""
+    x, y, (m, l, g) = *dynamicsymbols("x y"), symbols("m l g", positive=True)
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("bead", frame=N, origin=O, coordinates=[x, y])
+    scene.add_bodies(Particle("bead", O.locatenew("P", x * N.x + y * N.y), m))
+    scene.apply_uniform_gravity(-g * N.y)
+    scene.add_holonomic_constraints(x**2 + y**2 - l**2)
+    model = da.compile_model(scene, formulation="projected")
+    turned = {x.diff(): -0.8 * x.diff(), y.diff(): -0.8 * y.diff()}
+    events = [da.Event(x - 0.5, direction=1, apply=turned, name="line")]
+    start, numbers = {"x": 0.0, "y": -1.0, "x_dot": 2.5, "y_dot": 0.0}, {"m": 1, "l": 1, "g": 9.81}
+    given = {"method": method, **TOLERANCES}
+    found = run_alone(tmp_path, model, start, numbers, 5.0, events, **given)
+    run = model.simulate((0, 5), start, numbers, events=events, **given)
+    assert len(run.events["line"].t) > 2
+    assert_same_run(found, run, model, ["line"])
+    assert np.abs(found[1][:, 0] ** 2 + found[1][:, 1] ** 2 - 1).max() < 1e-12
+
+
+def test_an_event_ends_a_run_and_the_state_there_is_given(tmp_path):
+    model, start, numbers, (lowest, stop) = pendulum()
+    events = [da.Event(lowest.expression, direction=1, terminal=2, name="lowest"), stop]
+    times, states, status, time, pairs = run_alone(tmp_path, model, start, numbers, 8.0, events, **TOLERANCES)
+    run = model.simulate((0, 8), start, numbers, events=events, **TOLERANCES)
+    assert status == run.status == Status.EVENT and pairs[0][0] == 2 and time == run.t[-1]
+    assert times[-1] < time <= times[-1] + 0.2 and len(states) < 41
+
+
+def test_an_expression_that_is_zero_at_the_start_has_not_occurred(tmp_path):
+    model, _, numbers, events = pendulum()
+    start = {"theta": 0.5, "theta_dot": -1.0}
+    found = run_alone(tmp_path, model, start, numbers, 4.0, events, **TOLERANCES)
+    run = model.simulate((0, 4), start, numbers, events=events, **TOLERANCES)
+    assert run.events["stop"].t[0] > 0.1
+    assert_same_run(found, run, model, ["lowest", "stop"])
+
+
+def test_runs_with_events_end_where_angles_lock(tmp_path):
+    case = hard_case("sphere through theta = 0, in angles")
+    model, end = case.compile("auto"), case.times()[-1]
+    events = [da.Event(dynamicsymbols("phi") - 0.5, name="passed")]
+    start, numbers = model.read_initial(case.initial), model.read_parameters(case.parameters)
+    times, _, status, *_ = run_alone(tmp_path, model, dict(start), dict(numbers), end, events)
+    run = model.simulate((0, end), case.initial, case.parameters, events=events)
+    assert status == run.status == Status.SINGULAR_COORDINATES and times[-1] <= 1
+
+
+def test_events_without_end_end_a_run(tmp_path):
+    model, _, numbers, events = pendulum()
+    start, numbers = {"theta": 0.4, "theta_dot": 1.0}, {**numbers, "g": -9.81, "e": 0.5}
+    found = run_alone(tmp_path, model, start, numbers, 8.0, events, **TOLERANCES)
+    run = model.simulate((0, 8), start, numbers, events=events, **TOLERANCES)
+    assert found[2] == run.status == Status.EVENTS_ACCUMULATE and found[3] == pytest.approx(run.t[-1], rel=1e-12)
+
+
+def test_sanitizers_find_nothing(tmp_path):
+    model, start, numbers, events = pendulum()
+    flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    assert run_alone(tmp_path, model, start, numbers, 4.0, events, *flags)[2] == Status.SUCCESS
+
+
+def test_a_page_has_events(tmp_path):
+    need_pages()
+    model, start, numbers, events = pendulum()
+    path = tmp_path / "page.html"
+    model.export(path, "page", initial=start, parameters=numbers, t_span=(0, 8), events=events, **TOLERANCES)
+    times = np.linspace(0, 8, 33)
+    printed, found = run_of(path, times)
+    run = model.simulate((0, 8), start, numbers, events=events, **TOLERANCES)
+    assert printed["status"] == 0 and path.stat().st_size < 500_000
+    for name in ("theta", "theta_dot"):
+        np.testing.assert_allclose(found[name], run(times)[name], rtol=1e-10, atol=1e-10)
+
+
+def test_what_exports_with_events_do_not_carry(tmp_path):
+    model, start, numbers, events = pendulum()
+    given = {"initial": start, "parameters": numbers, "events": events}
+    for kind in ("wheel", "fmu", "numba", "jax"):
+        with pytest.raises(CapabilityError, match=rf"kind='{kind}' do not carry events \(lowest, stop\)"):
+            model.export(tmp_path / f"run.{ {'fmu': 'fmu', 'numba': 'py', 'jax': 'py'}.get(kind, 'd') }", kind, **given)
+    with pytest.raises(CapabilityError, match="method='rk4' do not carry events"):
+        model.export(tmp_path / "run", method="rk4", step=0.01, **given)
+    with pytest.raises(ExpressionError, match="constant along every motion"):
+        model.export(tmp_path / "run", events=["m"])
+    with pytest.raises(UnknownNameError):
+        model.export(tmp_path / "run", events=["nothing"])
+    ball = da.compile_model(da.scenes.bouncing_ball())
+    with pytest.raises(CapabilityError, match="do not carry events and contacts that change"):
+        ball.export(tmp_path / "run", events=["y_dot"])
+    assert not any(tmp_path.iterdir())
