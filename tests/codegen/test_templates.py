@@ -175,7 +175,8 @@ def in_angles():
 
 
 def render_contacts():
-    """Render simulators of scenes with contacts, with outputs and without; one of them as a page."""
+    """Render simulators of scenes with contacts, with inputs, with outputs and without; one of them as a page."""
+    contact_simulator.c_files(c_source(da.compile_model(pushed()), None, {}, "dop853", (1e-8, 1e-10), (0.0, 1.0)))
     scene = da.scenes.belt_oscillator()
     numbers = dict.fromkeys(("x", "x_dot", "y", "y_dot", "g", "k", "m", "mu", "mu_s", "v_b"), 1.0)
     for outputs in (["F"], []):
@@ -188,6 +189,21 @@ def render_contacts():
                 fmu_files(unit, version=version)
     with mock.patch.object(page, "web_assembly", lambda texts, **options: b""):
         page.page_text(source, source, scene, None)
+
+
+def pushed():
+    """Return a block on a rough table that an input pushes."""
+    x, y, u, N, O = *dynamicsymbols("x y u"), ReferenceFrame("N"), Point("O")
+    scene = da.Scene("block", frame=N, origin=O, coordinates=[x, y])
+    B = O.locatenew("B", x * N.x + y * N.y)
+    scene.add_bodies(Particle("block", B, symbols("m")))
+    scene.add_inputs(u)
+    scene.add_loads((B, u * N.x - 9 * N.y))
+    normal, friction = da.unknowns("R F")
+    scene.add_joints(da.Joint("table", body="block", at=B, force=normal * N.y + friction * N.x))
+    scene.add_holonomic_constraints(y)
+    scene.add_friction(da.CoulombFriction(normal, friction, mu=symbols("mu")))
+    return scene
 
 
 def render_jax(program):

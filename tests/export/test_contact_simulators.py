@@ -258,11 +258,63 @@ def block(push=None, force=0):
     return scene, x
 
 
-def test_inputs_breaks_and_controllers_are_refused(tmp_path):
-    u, t = dynamicsymbols("u"), dynamicsymbols._t
+INPUTS = """
+#include "block.h"
+#include <stdio.h>
+int main(void)
+{
+    static const double forces[] = {2.0, 5.0, 3.0, -4.5, 0.0, -9.0, 4.4};
+    static const double slopes[] = {0.0, -1.0, 0.0, 3.0, 0.0, 0.0, 0.0};
+    const double initial[] = {0.0, 0.0}, parameters[] = {1.0, 0.5};
+    double state[BLOCK_STATES];
+    block_run run;
+    int32_t k, status = block_start(&run, 0.0, BETWEEN, initial, parameters, 0.0, 0);
+    for (k = 0; k < 7 && status <= BLOCK_SUCCESS; k++) {
+        block_set_input(&run, block_input_u, forces[k], slopes[k]);
+        while (block_step(&run) == BLOCK_RUNNING) {
+            if (BETWEEN > 1.0 && block_time(&run) >= 0.3 * (k + 1)) {
+                break;
+            }
+        }
+        status = block_at(&run, block_time(&run), state);
+        printf("%a %a %a %d\\n", block_time(&run), state[0], state[2], (int)block_contact(&run, 0));
+        block_continue(&run, block_time(&run) + 0.3);
+    }
+    return status > BLOCK_SUCCESS;
+}
+"""
+"""A program that sets an input at times, and prints them, the state there, and what the contact has done until then."""
+
+
+@pytest.mark.parametrize("between", ["0.3", "3.0"])
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
+def test_inputs_are_set_at_the_ends_of_runs_and_between_steps(tmp_path, method, between):
+    """The contact slips and sticks at once where the input jumps, as in runs of `simulate` from there."""
+    compiler()
+    u = dynamicsymbols("u")
     scene, _ = block(push=u)
-    with pytest.raises(CapabilityError, match=r"do not carry inputs \(u\)"):
-        da.compile_model(scene).export(tmp_path / "here")
+    model, initial, numbers = da.compile_model(scene), {"x": 0, "x_dot": 0}, {"m": 1, "mu": 0.5}
+    path = model.export(tmp_path / "export", initial=initial, method=method, **TOLERANCES)
+    (path / "inputs.c").write_text(INPUTS.replace("BETWEEN", between))
+    lines = output(built(path, ["inputs.c", "block.c"], "-fsanitize=address,undefined")).splitlines()
+    table = np.array([[float.fromhex(item) for item in line.split()] for line in lines])
+    forces, slopes, begin, state = (
+        [2.0, 5.0, 3.0, -4.5, 0.0, -9.0, 4.4],
+        [0.0, -1.0, 0.0, 3.0, 0.0, 0.0, 0.0],
+        0.0,
+        initial,
+    )
+    for force, slope, (end, x, rate, did) in zip(forces, slopes, table, strict=True):
+        pushed = {"u": da.samples([begin, end], [force, force + slope * (end - begin)], kind="linear")}
+        run = model.simulate((begin, end), state, numbers, inputs=pushed, **TOLERANCES)
+        assert (x, rate) == pytest.approx((run["x"][-1], run["x_dot"][-1]), rel=1e-9, abs=2e-9)
+        assert STATES[int(did)] == run.phases[-1].modes["table"]
+        begin, state = end, {"x": x, "x_dot": rate}
+    assert {STATES[int(did)] for did in table[:, 3]} == {"stick", "slip"}
+
+
+def test_breaks_and_controllers_are_refused(tmp_path):
+    u, t = dynamicsymbols("u"), dynamicsymbols._t
     scene, _ = block(force=Piecewise((1, t < 1), (0, True)))
     with pytest.raises(CapabilityError, match="kinks or jumps"):
         da.compile_model(scene).export(tmp_path / "here")

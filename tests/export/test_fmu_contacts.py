@@ -4,10 +4,12 @@ import itertools
 
 import numpy as np
 import pytest
+from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 from codegen.c_programs import built
 from dalembert.contacts.contact_laws import STATES
+from export.test_contact_simulators import block
 from export.units import VERSIONS, Unit, unpacked, variables_of
 from hard_cases.contacts import contact_motion
 
@@ -167,6 +169,27 @@ def test_an_importer_takes_it(tmp_path, ball, version):
         assert len(found) == 21 + (2 * (len(run.phases) - 1) if options else 0)
         for name in model.layout.variables:
             assert found[name][-1] == pytest.approx(run[name][-1], rel=1e-11, abs=1e-11)
+
+
+@both_versions
+def test_inputs_make_contacts_slip_and_stick(tmp_path, version):
+    """As runs of `simulate` from there; such units are for co-simulation alone."""
+    scene, _ = block(push=dynamicsymbols("u"))
+    model, state, numbers = da.compile_model(scene), {"x": 0, "x_dot": 0}, {"m": 1, "mu": 0.5}
+    given = {"initial": state, "parameters": numbers, "inputs": {"u": 0}, "t_span": (0, 3), "fmi": version}
+    description, folder = unpacked(model, tmp_path / "block.fmu", **given, **TOLERANCES)
+    assert description.find("ModelExchange") is None
+    unit, did = Unit(description, folder), []
+    assert unit.begin(0.0) == 0
+    for number, force in enumerate([2.0, 5.0, 3.0, -4.5, 0.0, -9.0, 4.4]):
+        begin, end = 0.3 * number, 0.3 * (number + 1)
+        assert unit.set("u", force) == 0 and unit.step(begin, end - begin) == 0
+        run = model.simulate((begin, end), state, numbers, inputs={"u": force}, **TOLERANCES)
+        state = {name: unit.get(name) for name in state}
+        assert state == pytest.approx({name: run[name][-1] for name in state}, rel=1e-12, abs=1e-12)
+        did.append(STATES[int(unit.get("mode(table)"))])
+        assert did[-1] == run.phases[-1].modes["table"]
+    assert {*did} == {"stick", "slip"}
 
 
 # -- model exchange -------------------------------------------------------------------------------

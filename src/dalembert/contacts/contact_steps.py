@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from ..lanes.lane_steps import interpolate
 from ..lanes.sweep_arguments import SweepArguments
-from ..lanes.workspace import BEFORE, NOW
+from ..lanes.workspace import BEFORE, END, NOW
 from ..loops.event_steps import corrects
 from ..loops.lane_loop import EVENT_LOOP, IMPLICIT_LOOP
 from ..methods.status import RUNNING, Status
@@ -18,6 +18,7 @@ from ..subset.arguments import Record, Vector
 from ..subset.compiled_subset import call_code, compiled_subset, row
 from .contact_decisions import LOOP as DECISIONS
 from .contact_decisions import DecisionArguments
+from .contact_kinds import forget_breaks
 from .phase_loop import LOOP, PhaseArguments
 
 CHANGES = 2
@@ -78,6 +79,22 @@ def phase_step(loop: Callable[[SweepArguments], int]) -> Callable[[ContactSteps,
 
 run_phase, run_implicit_phase = phase_step(EVENT_LOOP), phase_step(IMPLICIT_LOOP)
 """Take a step of a phase in the mode of a runner of some number; return 0 where the phase had ended before."""
+
+
+@compiled_subset
+def cut_phase(steps: ContactSteps, runner: SweepArguments) -> None:
+    """End the run of a phase that has paused at the end of its last step; the phase goes on with other parameters.
+
+    It ends as at a stop (`dalembert.contacts.phase_stops`): guards that have another sign then fire at once.
+    """
+    state, space = runner.state, runner.workspace
+    forget_breaks(steps.phases.table.cases, 0)
+    if state.progress.paused == 0 or state.numbers.status[0] != RUNNING:
+        return
+    state.clock[END, 0], state.numbers.status[0] = state.clock[NOW, 0], Status.SUCCESS
+    for e in range(runner.events.directions.size):
+        unknown = space.zero[0, e] != 0.0 and space.seen[0, e] == 0.0
+        space.carried[0, e] = 0.0 if unknown else space.signs[0, e]
 
 
 @compiled_subset

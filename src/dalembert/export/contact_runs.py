@@ -37,7 +37,7 @@ from ..starts.symbol_assumptions import ROUNDING
 from ..subset.addresses import NO_CODE
 from ..transforms.passes import EliminateDeadCode
 from ..transforms.periodic import angles_of
-from .refusals import refuse_contact_scene, refuse_program
+from .refusals import refuse_contact_scene, refuse_inputs, refuse_program
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
@@ -98,11 +98,13 @@ def contact_source(
     loop = contact_loop(model, method, fitting, tolerances, prefix_of(model.name), continued=continued)
     begins = modes.model(modes.starting_mode(frozenset(names), open_contacts(modes, {**numbers, **_time(modes, span)})))
     program, reduced = begins.stages.program, begins.stages.reduced
+    start = starting(reduced, names)
+    refuse_inputs(begins, start)
     own = program.layout
     layout = replace(modes.layout, parameters=own.parameters, defaults=own.defaults, constants=own.constants)
     return CSource(
         program=replace(program, layout=layout),
-        start=starting(reduced, names),
+        start=start,
         admission=admission_of_state(reduced, ROUNDING),
         dependent=begins.derived.dependence is not None,
         method=", ".join(dict.fromkeys(mode.method for mode in loop.modes)),
@@ -122,12 +124,12 @@ def _methods_of_example(
     span: tuple[float, float],
 ) -> Mapping[int, str]:
     """Return the methods that fit the modes which a run of the example enters, by the numbers of these."""
-    wanted = [*names, *model.layout.parameters]
-    if not all(name in numbers for name in wanted):
+    groups = names, model.layout.given, model.layout.inputs
+    if not all(name in numbers for some in groups for name in some):
         return {}
-    initial, parameters = ({name: numbers[name] for name in some} for some in (names, model.layout.parameters))
+    initial, parameters, inputs = ({name: numbers[name] for name in some} for some in groups)
     rtol, atol = tolerances
-    run = model.sweep(span, initial, parameters, rtol=rtol, atol=atol, threads=1)
+    run = model.sweep(span, initial, parameters, inputs=inputs or None, rtol=rtol, atol=atol, threads=1)
     return {number: method for (number, _), method in run.stats.methods.items()}
 
 
@@ -173,7 +175,7 @@ def contact_loop(
     choice.served = np.array([runner.number for runner in runners], np.int64)
     choice.begins = np.full(len(runners), ANY_PHASE)
     executor = CaseRuns(choice, t_eval=np.full(1, np.nan)).executor
-    phases, decision, lanes = executor.arguments_alone(continued=continued)
+    phases, decision, lanes = executor.arguments_alone(continued=continued or bool(modes.layout.inputs))
     layout, automaton = modes.layout, modes.automaton
     return ContactLoop(
         phases=phases,
@@ -182,6 +184,7 @@ def contact_loop(
         functions=functions,
         variables=layout.variables,
         parameters=layout.parameters,
+        inputs=layout.inputs,
         angles=(),
         contacts=tuple((contact.name, automaton.states(i)) for i, contact in enumerate(automaton.contacts)),
     )

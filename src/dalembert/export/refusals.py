@@ -223,11 +223,6 @@ def refuse_contact_scene(modes: ModeModels) -> None:
     """
     name, equations = modes.equations.name, modes.equations
     _refuse_controllers(equations.controllers, contacts=True)
-    if modes.layout.inputs:
-        raise CapabilityError(
-            f"exports of scenes with contacts that change do not carry inputs ({list_names(modes.layout.inputs)}):"
-            " make them parameters"
-        )
     if modes.changes or CONDITION_TIME in modes.layout.parameters:
         raise CapabilityError(
             f"{name!r} has functions of time with kinks or jumps, at which runs are cut; exports do not carry them yet:"

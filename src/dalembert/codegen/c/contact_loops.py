@@ -17,6 +17,7 @@ from ...contacts.contact_steps import (
     ContactSteps,
     contact_step,
     correct_phase,
+    cut_phase,
     run_implicit_phase,
     run_phase,
     sample_end,
@@ -83,8 +84,9 @@ class ContactLoop:
         In the order of the runners of `phases`.
     functions : CFunctions
         The kernels that stand at their addresses.
-    variables, parameters : tuple of str
-        Names of coordinates, rates and first-order states, and of the parameters of the scene.
+    variables, parameters, inputs : tuple of str
+        Names of coordinates, rates and first-order states, of the parameters of the scene, those that stand for inputs
+        among them, and of the inputs.
     angles : tuple of str
         Coordinates that matter modulo a turn.
     contacts : tuple of (str, tuple of str)
@@ -97,6 +99,7 @@ class ContactLoop:
     functions: CFunctions
     variables: tuple[str, ...]
     parameters: tuple[str, ...]
+    inputs: tuple[str, ...]
     angles: tuple[str, ...]
     contacts: tuple[tuple[str, tuple[str, ...]], ...]
 
@@ -131,6 +134,8 @@ class ContactSource:
         How the state at a time ``t`` within a step is computed, for each mode.
     sample_end : str
         How the state is taken where a run is over.
+    cuts : list of str
+        How the run of a phase is ended where inputs change, for each mode; empty without inputs.
     """
 
     corrections: Sequence[str] = ()
@@ -151,6 +156,7 @@ class ContactSource:
         time = Value(NUMBER, ("t",))
         self.samples = [code.call(sample_phase, [steps, runner, time])[0] for runner in runners]
         self.sample_end = code.call(sample_end, [steps])[0]
+        self.cuts = [code.call(cut_phase, [steps, runner])[0] for runner in runners] if loop.inputs else []
         if corrected:
             self.corrections = [code.call(correct_phase, [steps, runner, time])[0] for runner in runners]
 

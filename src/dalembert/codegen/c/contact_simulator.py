@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 from ...contacts.contact_laws import STATES
 from ...contacts.phase_tables import NOT_STARTED
+from ...ir.program import coefficient_places
 from ...methods.status import Status
 from ...transforms.taylor import STEP_ARGUMENTS
 from ..rendering import render
@@ -89,7 +90,10 @@ class ContactSimulator(Simulator):
             "modes": modes,
             "n_own": max(len(mode.program.kernel("initial").outputs) for mode in loop.modes),
             "n_contacts": len(loop.contacts),
-            "parameters": [plain(name) for name in loop.parameters],
+            "parameters": [(loop.parameters.index(name), plain(name)) for name in self.source.parameters],
+            "n_inputs": len(loop.inputs),
+            "input_places": list(coefficient_places(loop.parameters, loop.inputs)),
+            "cuts": loops.cuts,
             "not_started": NOT_STARTED,
         }
         further = self._further_variables(loops.space.beginning_used(loops.code.text, needed), f"{self.prefix}_step")
@@ -102,10 +106,11 @@ class ContactSimulator(Simulator):
         assert self.source.contacts is not None
         count = len(self.source.contacts.modes)
         needed = {"sampled", "place", "phases.plan.most_steps", *(f"phases.table.{name}" for name in _TABLE)}
+        needed |= {"phases.table.turn"} if self.layout.inputs else set()
         return needed | {f"mode_{i}.{name}" for i in range(count) for name in ("limits", "state.constants")}
 
-    def _mode_kernels(self, number: int) -> dict[str, str]:
-        """Print the kernels of outputs in a mode; return their names."""
+    def _mode_kernels(self, number: int) -> dict[str, Any]:
+        """Print the kernels of outputs in a mode; return their names, and the places of inputs among its constants."""
         assert self.source.contacts is not None
         mode, named = (
             self.source.contacts.modes[number],
@@ -115,4 +120,5 @@ class ContactSimulator(Simulator):
         for what, name in named.items() if self.layout.outputs else ():
             kernel = replace(kernels[what], arguments=STEP_ARGUMENTS)
             self._print(name, kernel, f"{what.capitalize()} where contacts {' and '.join(mode.states)}")
-        return {what: self._name(name) for what, name in named.items()}
+        inputs = [str(place) for place in coefficient_places(mode.program.layout.parameters, self.layout.inputs)]
+        return {what: self._name(name) for what, name in named.items()} | {"inputs": inputs}

@@ -38,7 +38,9 @@ class ContactUnitSimulator(ContactSimulator):
 
     def __init__(self, source: CSource) -> None:
         assert source.contacts is not None
-        self.exchanged = all(decisions(mode.program) is None for mode in source.contacts.modes)
+        # importers that integrate look for zeros of guards, and not for guards that inputs have made negative
+        smooth = all(decisions(mode.program) is None for mode in source.contacts.modes)
+        self.exchanged = smooth and not source.contacts.inputs
         self.corrected = self.exchanged
         super().__init__(source)
 
@@ -76,7 +78,7 @@ class ContactUnitSimulator(ContactSimulator):
         own = {self._name(f"{what}_{number}") for number in range(len(self.loop.modes)) for what in _MODE}
         return super()._taken() | {self._name(what) for what in _PUBLIC} | own
 
-    def _mode_kernels(self, number: int) -> dict[str, str]:
+    def _mode_kernels(self, number: int) -> dict[str, Any]:
         """See `ContactSimulator`."""
         mode, of = self.loop.modes[number], f"mode {number + 1}"
         if self.layout.outputs or self.exchanged:

@@ -101,10 +101,9 @@ class CSource:
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters that a user gives."""
         layout = self.program.layout
-        if self.contacts is not None:
-            return self.contacts.parameters
         hidden = {name for u in layout.inputs for name in hidden_parameters(u)}
-        return tuple(name for name in layout.parameters if name not in hidden)
+        known = layout.parameters if self.contacts is None else self.contacts.parameters
+        return tuple(name for name in known if name not in hidden)
 
     @property
     def angles(self) -> tuple[str, ...]:
@@ -112,6 +111,11 @@ class CSource:
         if self.contacts is not None:
             return self.contacts.angles
         return tuple(self.program.layout.state[i] for i in angles_of(self.program))
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether a run can go on behind its end."""
+        return self.events is None and (self.contacts is None or bool(self.contacts.inputs))
 
     @property
     def begun(self) -> int:
@@ -233,6 +237,7 @@ def readme_variables(source: CSource, prefix: str) -> dict[str, Any]:
         "locks": bool(source.locking),
         "contacts": source.contacts is not None,
         "events": source.events is not None,
+        "goes_on": source.goes_on,
         "step": step_of(source),
         "single": source.single,
     }
