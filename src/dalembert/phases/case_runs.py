@@ -102,6 +102,7 @@ class CaseRuns:
         changing = () if threads else (*self.cases, *self.numbers, self.occurred)
         self.first: FloatArray | None = None
         self._before_map: tuple[FloatArray, NDArray[np.int64]] | None = None
+        self._jumped = np.full(count, np.nan)
         self._initial = [(values, values.copy()) for values in changing]
 
     def begin(
@@ -131,6 +132,7 @@ class CaseRuns:
         for values, first in self._initial:
             values[...] = first
         cases, table, self._before_map = self.cases, self._table, None
+        self._jumped[:] = np.nan
         cases.t[...] = table.t0[...] = t0
         table.t1[...], cases.span[...] = t1, t1 - t0
         cases.x[...], cases.p[...] = x, p
@@ -195,7 +197,8 @@ class CaseRuns:
         """Map the states of cases in which events have occurred that do so, and begin a phase anew in each."""
         x, modes = self._before_map = self._before_map or (np.full_like(self.cases.x, np.nan), self.cases.number.copy())
         x[some], modes[some] = self.cases.x[some], self.cases.number[some]
-        self.numbers.state[some] = jumps.apply(self.cases, self.occurred, some)
+        self.numbers.state[some] = jumps.apply(self.cases, self.occurred, some, self._jumped[some])
+        self._jumped[some] = self.cases.t[some]
         ended = some[self.numbers.state[some] != RUNNING]
         self.numbers.phases[ended] -= self.cases.passed[ended] != 0.0
         self.numbers.runner[some] = NOT_STARTED

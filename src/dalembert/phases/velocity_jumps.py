@@ -14,6 +14,7 @@ from ..contacts.contact_cases import UNDECIDED, ContactCases
 from ..contacts.contact_laws import OPEN, STICK, Mode
 from ..errors import CapabilityError, list_names
 from ..events.event_code import Event
+from ..events.event_rules import accumulates
 from ..ir.conditions import CONDITION_TIME
 from ..ir.interpret import interpret_rows
 from ..methods.status import RUNNING, Status
@@ -154,7 +155,9 @@ class EventJumps:
     def __contains__(self, label: str) -> bool:
         return label in self._codes
 
-    def apply(self, cases: ContactCases, occurred: FloatArray, some: NDArray[np.intp]) -> NDArray[np.int64]:
+    def apply(
+        self, cases: ContactCases, occurred: FloatArray, some: NDArray[np.intp], before: FloatArray
+    ) -> NDArray[np.int64]:
         """Map the states of cases by the events that have just occurred in them, whose modes are to be selected then.
 
         Parameters
@@ -164,12 +167,14 @@ class EventJumps:
             Number, first and last time of each event.
         some : ndarray (k,)
             Numbers of the cases.
+        before : ndarray (k,)
+            Times of their last jumps before these, NaN before the first.
 
         Returns
         -------
         ndarray (k,)
             RUNNING, or the status of cases that end: EVENT_STATE where the constraints forbid the state, EVENT where
-            the event was the last.
+            the event was the last, EVENTS_ACCUMULATE where no time has passed since the last jump.
         """
         status = np.full(len(some), RUNNING, np.int64)
         for i, event in enumerate(self._events):
@@ -183,6 +188,10 @@ class EventJumps:
             if event.label in self and event.terminal:
                 over = (occurred[some, 3 * i] >= int(event.terminal)) & (status == RUNNING)
                 status[over] = Status.EVENT
+        for place, i in enumerate(some.tolist()):
+            t, span = cases.t[i], abs(cases.span[i])
+            if status[place] == RUNNING and accumulates(abs(t - before[place]), t, span, True, 0.0):
+                status[place] = Status.EVENTS_ACCUMULATE
         going = some[status == RUNNING]
         cases.modes[going], cases.number[going] = UNDECIDED, UNDECIDED
         return status
