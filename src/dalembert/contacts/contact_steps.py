@@ -83,7 +83,7 @@ run_phase, run_implicit_phase = phase_step(EVENT_LOOP), phase_step(IMPLICIT_LOOP
 
 @compiled_subset
 def cut_phase(steps: ContactSteps, runner: SweepArguments) -> None:
-    """End the run of a phase that has paused at the end of its last step; the phase goes on with other parameters.
+    """End the run of a phase that has paused at the end of its last step; the phase continues with other parameters.
 
     It ends as at a stop (`dalembert.contacts.phase_stops`): guards that have another sign then fire at once.
     """

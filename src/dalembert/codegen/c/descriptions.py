@@ -114,7 +114,7 @@ class CSource:
 
     @property
     def goes_on(self) -> bool:
-        """Whether a run can go on behind its end."""
+        """Whether a run can continue behind its end."""
         return self.events is None and (self.contacts is None or bool(self.contacts.inputs))
 
     @property
