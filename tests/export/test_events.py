@@ -11,6 +11,7 @@ from dalembert.codegen.llvm.target import target
 from dalembert.errors import CapabilityError, ExpressionError, UnknownNameError
 from dalembert.methods.status import Status
 from export.pages import need_pages, run_of
+from export.test_c_simulators import driven
 from hard_cases import hard_case
 
 TOLERANCES = {"rtol": 1e-10, "atol": 1e-12}
@@ -204,4 +205,11 @@ def test_what_exports_with_events_do_not_carry(tmp_path):
     ball = da.compile_model(da.scenes.bouncing_ball())
     with pytest.raises(CapabilityError, match="do not carry events and contacts that change"):
         ball.export(tmp_path / "run", events=["y_dot"])
+    pushed = driven()
+    with pytest.raises(CapabilityError, match=r"do not carry events and inputs \(force\)"):
+        da.compile_model(pushed).export(tmp_path / "run", events=["x_dot"])
+    force, x = pushed.inputs[0], pushed.coordinates[0]
+    pushed.add_controllers(da.Controller("hold", period=0.1, inputs={force: -x}))
+    with pytest.raises(CapabilityError, match=r"do not carry events and sampled controllers \(hold\)"):
+        da.compile_model(pushed).export(tmp_path / "run", events=["x_dot"])
     assert not any(tmp_path.iterdir())

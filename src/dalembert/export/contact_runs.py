@@ -37,6 +37,7 @@ from ..starts.symbol_assumptions import ROUNDING
 from ..subset.addresses import NO_CODE
 from ..transforms.passes import EliminateDeadCode
 from ..transforms.periodic import angles_of
+from .event_runs import exported_workspace
 from .refusals import refuse_contact_scene, refuse_inputs, refuse_program
 
 if TYPE_CHECKING:
@@ -251,10 +252,8 @@ def _exported(modes: ModeModels, runner: ModeRunner, lane: SweepArguments) -> Co
     outputs = program.layout.outputs
     places = [outputs.index(name if name in outputs else modes.layout.aliases[name]) for name in names]
     rows = GatheredRows.of(modes.layout, modes.equations.contacts).parameters
-    found = lane.workspace.found
     guards = [outputs.index(guard.output) for guard in modes.guards(runner.mode)]
-    # one row more than are filled, so that compilers of C see that none is written behind the last
-    space = lane.workspace._replace(found=np.zeros((len(found) + 1, found.shape[1])))
+    space = exported_workspace(lane.workspace)
     alone = lane._replace(kernels=lane.kernels._replace(advance=NO_CODE), samples=np.empty((0, 0)), workspace=space)
     return ContactMode(
         states=runner.mode,

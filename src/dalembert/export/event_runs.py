@@ -15,14 +15,20 @@ from ..codegen.lane_runs import LaneRuns
 from ..codegen.steppers import Steppers
 from ..events.event_code import Event
 from ..lanes.sweep_arguments import no_columns, no_part_samples
+from ..lanes.workspace import EventWorkspace
 from ..steps.problem import IntegrationProblem
-from ..subset.addresses import NO_CODE
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
 
 _NEVER = -1
 """Patience with which a loop returns where its record is full, and not before."""
+
+
+def exported_workspace(workspace: EventWorkspace) -> EventWorkspace:
+    """Return the memory of events with one row more than is filled: compilers of C see that none is written behind."""
+    found = workspace.found
+    return workspace._replace(found=np.zeros((len(found) + 1, found.shape[1])))
 
 
 def event_run(
@@ -60,14 +66,7 @@ def event_run(
     made.state.progress.patience, made.state.progress.returns = _NEVER, 1
     made.happened[0, ::3] = 0.0
     part = no_part_samples()._replace(clock=np.zeros((1, 1)), states=np.zeros((n, 1)))
-    found = made.workspace.found
-    # one row more than are filled, so that compilers of C see that none is written behind the last
-    space = made.workspace._replace(found=np.zeros((len(found) + 1, found.shape[1])))
     arguments = made._replace(
-        kernels=made.kernels._replace(advance=NO_CODE),
-        columns=no_columns(),
-        workspace=space,
-        steps=made.steps[:1].copy(),
-        part=part,
+        columns=no_columns(), workspace=exported_workspace(made.workspace), steps=made.steps[:1].copy(), part=part
     )
     return EventRun(tuple(event.label for event in events), arguments, functions, method == "radau")

@@ -89,13 +89,13 @@ def c_source(
     reduced = model.stages.reduced
     admission, single = admission_of_state(reduced, ROUNDING), precision != "double"
     check = GimbalCheck.of(model)
-    found = method_of(model, method, *tolerances) if step is None else method
+    chosen = method_of(model, method, *tolerances) if step is None else method
     return CSource(
         program=model.stages.program,
         start=start_in_single(start) if single else start,
         admission=admission,
         dependent=model.derived.dependence is not None,
-        method=found,
+        method=chosen,
         tolerances=tolerances,
         forward_only=has_jumps(reduced),
         numbers=numbers,
@@ -105,7 +105,7 @@ def c_source(
         step=step,
         single=single,
         sampling=sampling_kernels(reduced),
-        events=event_run(model, events, found, tolerances, span) if events else None,
+        events=event_run(model, events, chosen, tolerances, span) if events else None,
     )
 
 

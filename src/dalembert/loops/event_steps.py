@@ -42,7 +42,7 @@ def event_step(loop: Callable[[SweepArguments], int]) -> Callable[[EventSteps], 
         runner, place = steps.runner, steps.place
         state, progress = runner.state, runner.state.progress
         progress.recorded, runner.workspace.occurrences[0, 0] = 0, 0.0
-        if loop(runner) == 0:  # no step of the size that errors ask for
+        if loop(runner) == 0:  # it has ended without a further step
             place.time = runner.ends[0, 0]
             return int(runner.ends[0, 1])
         place.begin, place.time = runner.steps[0, START_AT], state.clock[NOW, 0]

@@ -183,7 +183,8 @@ def export(
         For what exports do not carry, with the remedy: contacts with many modes, sampled controllers but in units,
         functions of time with kinks, formulations other than "minimal", "projected" and "augmented"; in files of Python
         contacts that change, and in those for JAX tables and angles that may lock; by steps of a fixed size contacts
-        that change, tables, and rates that jump with the state.
+        that change, tables, and rates that jump with the state; events in other kinds than "c" and "page", by steps of
+        a fixed size, and beside contacts that change, inputs and controllers.
     OptionError
         For an unknown kind, and a path at which something else is.
     InitialStateError, UnknownNameError, ValueInputError

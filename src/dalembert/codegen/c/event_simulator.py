@@ -23,7 +23,7 @@ _AT = {
     "direction": "place.direction",
     "steps": "place.steps",
     "constants": "constants",
-    "evaluated": "place.steps",
+    "evaluated": "place.steps",  # no scene with events has inputs, for which it is read
     "now": "runner.state.states + run->runner.state.progress.old",
 }
 """Members of a run that its functions set and read."""
