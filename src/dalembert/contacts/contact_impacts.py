@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ..arrays import FloatArray
 from ..methods.status import Status
 from ..subset.compiled_subset import compiled_subset, sqrt
 from .contact_cases import (
@@ -14,8 +15,6 @@ from .contact_cases import (
     motionless_rate,
     rate_noise,
     rate_terms,
-    slip_speed,
-    slip_terms,
     slow_terms,
 )
 from .contact_forces import load_correction, load_impact, load_restitution, solve_mode
@@ -175,6 +174,16 @@ def _kind_after(system: ContactSystem, pick: Candidates, cases: ContactCases, ca
 
 
 @compiled_subset
+def _row_moves(system: ContactSystem, x: FloatArray, row: int, fastest: float) -> bool:
+    """Return whether a velocity that is to vanish does not; `fastest` is the largest there was of its contact.
+
+    The start of a phase compares each velocity with its own terms: those of another direction of slip excuse nothing.
+    """
+    size = max(rate_terms(system, row), slow_terms(system, x, row))
+    return not abs(system.velocity[row]) <= min(ROUNDED * fastest, _MAY_MOVE * size)
+
+
+@compiled_subset
 def moves_in_mode(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> bool:
     """Return whether a contact that is closed, or sticks, in the selected mode moves more than rounding makes of it.
 
@@ -184,16 +193,10 @@ def moves_in_mode(system: ContactSystem, pick: Candidates, cases: ContactCases, 
     moves = False
     for i in range(system.contacts):
         if pick.best.mode[i] == STICK:
-            size = slip_terms(system, i)
-            for a in range(system.width[i]):
-                size = max(size, slow_terms(system, cases.x[case], system.row[i] + a))
-            most = min(ROUNDED * cases.speeds[case, i], _MAY_MOVE * size)
-            moves = moves or not slip_speed(system, i) <= most
+            for row in range(system.row[i], system.row[i] + system.width[i]):
+                moves = moves or _row_moves(system, cases.x[case], row, cases.speeds[case, i])
         if pick.best.mode[i] != OPEN and system.constraint[i] >= 0:
-            row = system.constraint[i]
-            size = max(rate_terms(system, row), slow_terms(system, cases.x[case], row))
-            most = min(ROUNDED * cases.approach[case, i], _MAY_MOVE * size)
-            moves = moves or not abs(gap_rate(system, i)) <= most
+            moves = moves or _row_moves(system, cases.x[case], system.constraint[i], cases.approach[case, i])
     return moves
 
 

@@ -24,7 +24,7 @@ def next_history(history: int, mode: int) -> int:
 
 
 @compiled_subset
-def _happened(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, i: int, first: int, t: float) -> bool:
+def _happened(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, i: int, first: int) -> bool:
     """Record the events of users in a phase; return whether one of them ends the case, or maps its state."""
     over, jumps = False, False
     for e in range(plan.terminal.size):
@@ -34,8 +34,6 @@ def _happened(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, i: int,
         if count == before:
             continue
         ends = plan.terminal[e] > 0 and count >= plan.terminal[e]
-        if ends or plan.jumps[e] != 0:  # what stops a phase together happens at one time
-            table.occurred[i, 3 * e + 2] = t
         over, jumps = over or (ends and plan.jumps[e] == 0), jumps or plan.jumps[e] != 0
     if jumps and not over:
         table.numbers.runner[i] = JUMPS
@@ -109,7 +107,7 @@ def ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int
         table.totals[i, m] = space.totals[place, m]
     cases.passed[i], cases.t[i] = t - table.t0[i], t
     first = place * 3 * plan.runners.events[runner]
-    over = _happened(plan, table, space, i, first, t)
+    over = _happened(plan, table, space, i, first)
     if status == _SUCCESS:
         if t == table.t1[i]:
             numbers.state[i] = _SUCCESS

@@ -123,7 +123,10 @@ def occur(
     happened: FloatArray,
     case: int,
 ) -> float:
-    """Count the sign changes in ``found``; return the fraction at which the first of them stops the motion, or -1."""
+    """Count the sign changes in ``found``; return the fraction at which the first of them stops the motion, or -1.
+
+    Those that happen together with it have its time, at which the motion is over.
+    """
     stop = -1.0
     for place in range(count):
         theta, e = space.found[place, 0], int(space.found[place, 1])
@@ -132,6 +135,7 @@ def occur(
             break
         if not change_counts(events.directions[e], space.signs[lane, e]):
             continue
+        now = now if stop < 0.0 else t + stop * h
         count_occurrence(events, space, e, now, space.signs[lane, e], happened, case)
         if stop < 0.0 and space.happens[0, e] >= 1.0:
             stop = theta
