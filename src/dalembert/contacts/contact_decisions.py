@@ -32,6 +32,7 @@ from .contact_kinds import (
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, dot, inertial_terms, opening_power, terms
 from .mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, TURN, Candidates
 from .mode_selection import select_mode
+from .points_of_one_link import point_across
 from .slow_slip import REST_SHARE, begins_anew, jam, rest_share, take_as_rest
 
 _REST_OF_SPAN, _LEAST_REST = 1e-7, 1e-8
@@ -239,6 +240,7 @@ def _stopped(system: ContactSystem, pick: Candidates, cases: ContactCases, case:
 def _enter(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> bool:
     """Let a case enter the selected mode; return whether a contact sticks in it."""
     sticking, best, added = False, pick.best, cases.added
+    point_across(system, best)
     for j in range(system.coordinates):
         cases.motion[case, j] = best.motion[j]
     for i in range(system.contacts):

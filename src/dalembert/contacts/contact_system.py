@@ -14,7 +14,7 @@ from ..options.compilation import IMPACTS
 from ..subset.arguments import IntMatrix, IntVector, Matrix, Record, Vector
 from ..subset.compiled_subset import compiled_subset, sqrt
 from ..transforms.linear import dependence
-from .automaton import NUMBERS
+from .contact_data import NUMBERS
 from .contact_laws import STATES
 from .dense_solve import DenseWorkspace, dense_workspace
 

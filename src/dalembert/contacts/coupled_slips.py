@@ -13,7 +13,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..ir.interpret import interpret_rows
 from ..mechanics.equations import EquationsOfMotion
-from .automaton import contact_data
+from .contact_data import contact_data
 
 DEPENDENT = 1e-9
 """Share of a row that others leave of it, up to which it depends on them; and weight up to which one counts as zero."""

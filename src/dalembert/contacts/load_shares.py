@@ -16,6 +16,9 @@ from .dense_solve import solve_dense
 from .mode_candidates import Candidates, turned
 from .mode_laws import TOGETHER, all_forces, friction_limit
 
+_GOLDEN, _SECTIONS = 0.6180339887498949, 80
+"""Golden section, and sections of a direction in which forces are not determined."""
+
 _MOST_SHARE = 4.0
 """Largest share, in terms of all forces."""
 
@@ -204,3 +207,17 @@ def share_out(system: ContactSystem, pick: Candidates) -> bool:
     for a in range(count):
         shift_forces(system, a, pick.amounts[a] * scale / pick.sizes[a])
     return True
+
+
+@compiled_subset
+def section(system: ContactSystem, pick: Candidates, direction: int, scale: float) -> None:
+    """Change the forces along a direction so that the least of the margins is largest: a concave function."""
+    aim(system, pick, direction)
+    low, high = -_MOST_SHARE * scale, _MOST_SHARE * scale
+    for _ in range(_SECTIONS):
+        left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+        if shared_margin(system, pick, direction, left) < shared_margin(system, pick, direction, right):
+            low = left
+        else:
+            high = right
+    shift_forces(system, direction, 0.5 * (low + high))

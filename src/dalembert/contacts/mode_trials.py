@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 
 from ..subset.compiled_subset import compiled_subset
-from .contact_forces import shift_forces, solve_mode
+from .contact_forces import solve_mode
 from .contact_system import OPEN, ContactSystem
-from .load_shares import aim, share_out, shared_margin
+from .load_shares import aim, section, share_out
 from .mode_candidates import Candidates, combine, copy_combination
 from .mode_laws import ROUNDING, all_forces, all_laws, contact_margin, splits_coupled_contacts, unchanged
-from .slip_direction import steady_directions
+from .slip_direction import hold_beginning, steady_directions
 
-_GOLDEN, _SECTIONS, _SHARE_ROUNDS = 0.6180339887498949, 80, 4
-"""Golden section; sections of a direction in which forces are not determined; rounds over several such directions."""
+_SHARE_ROUNDS = 4
+"""Rounds over several directions in which forces are not determined."""
 
 
 @compiled_subset
@@ -46,15 +46,7 @@ def _best_share(system: ContactSystem, pick: Candidates, least: float) -> float:
         return max(least, all_laws(system, pick))
     for _ in range(_SHARE_ROUNDS if count > 1 else 1):
         for a in range(count):
-            aim(system, pick, a)
-            low, high = -4.0 * scale, 4.0 * scale
-            for _ in range(_SECTIONS):
-                left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-                if shared_margin(system, pick, a, left) < shared_margin(system, pick, a, right):
-                    low = left
-                else:
-                    high = right
-            shift_forces(system, a, 0.5 * (low + high))
+            section(system, pick, a, scale)
         least = max(least, all_laws(system, pick))
         if least > ROUNDING:
             break
@@ -99,6 +91,9 @@ def try_combination(system: ContactSystem, pick: Candidates, meets: bool) -> int
     once where that was wrong.
     """
     if combine(system, pick):
+        hold_beginning(system, pick)
+        if system.solved.undetermined == 1:  # points of one link: both are at their limits with one share alone
+            section(system, pick, 0, all_forces(system))
         steady_directions(system, pick)
     solve_mode(system, pick.now)
     for j in range(system.coordinates):

@@ -8,6 +8,7 @@ formulation, backend and method serves it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -20,8 +21,10 @@ from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, 
 from ..reduction.unit_sphere import unit_values
 from ..transforms.linear import dependence
 from .contact_laws import OPEN, SLIP, SMOOTH, STICK, ContactLaws, Mode, mode_parameters
+from .points_of_one_link import pairs_of_one_link
 from .shared_loads import Direction, SharedLaw, lawful_sums, undetermined_directions
 from .sliding_friction import SlidingContact, SlidingFriction, sliding_friction
+from .sticking_pairs import StickingPair, with_pairs
 
 
 def only_mode(contacts: Sequence[ContactRow]) -> Mode | None:
@@ -46,9 +49,12 @@ class _ModeEquations:
     """The making of one mode."""
 
     def __init__(self, equations: EquationsOfMotion, mode: Mode) -> None:
-        self.whole, self.mode = equations, mode
-        self.graph, self.laws = equations.graph, ContactLaws(equations)
+        self.graph, self.laws, self.mode = equations.graph, ContactLaws(equations), mode
         self.contacts = list(zip(equations.contacts, mode, strict=True))
+        sticking = [i for i, state in enumerate(mode) if state == STICK]
+        self.pairs = [StickingPair(self.laws, b, d) for d, b in pairs_of_one_link(equations, sticking).items()]
+        self.second = {pair.second.name: pair for pair in self.pairs}
+        self.whole = with_pairs(equations, self.pairs)
         sliding = [(c, state) for c, state in self.contacts if state in (SLIP, SMOOTH) and c.tangential]
         self.sliding = [SlidingContact(c, partial(self.laws.factors, c, state)) for c, state in sliding]
         opened = {c.constraint for c, state in self.contacts if state == OPEN}
@@ -56,6 +62,7 @@ class _ModeEquations:
         self.groups = self._stick([c for c, state in self.contacts if state == STICK])
         gone = {i for c, state in self.contacts if state == OPEN for i in (c.normal, *c.tangential)}
         gone |= {i for c in (*(c for c, _ in sliding), *self.idle) for i in c.tangential}
+        gone |= {pair.second.tangential[1] for pair in self.pairs}
         gone |= {c.normal for c, _ in self.contacts if c.normal_load is not None}
         self.kept = [i for i in range(len(equations.symbols.unknowns)) if i not in gone]
 
@@ -74,7 +81,7 @@ class _ModeEquations:
         self.idle: list[ContactRow] = []
         groups: dict[str, list[ContactRow]] = {}
         owners: list[str] = []
-        for contact, row in ((each, row) for each in sticking for row in each.slips):
+        for contact, row in ((each, row) for each in sticking for row in self._rows_of(each)):
             slopes = slopes_of(row)
             weights = dependence(own, jacobians, slopes)
             if weights is None:
@@ -100,6 +107,11 @@ class _ModeEquations:
                 self.idle.append(contact)
         return groups
 
+    def _rows_of(self, contact: ContactRow) -> Sequence[ConstraintRow]:
+        """Return the rows that hold a sticking contact."""
+        pair = self.second.get(contact.name)
+        return contact.slips if pair is None else [pair.row()]
+
     def equations(self) -> EquationsOfMotion:
         """Return the equations in this mode."""
         whole, graph = self.whole, self.graph
@@ -115,6 +127,8 @@ class _ModeEquations:
             if contact.normal_load is not None:
                 given = contact.normal_load if contact.normal_value is None else contact.normal_value
                 known[graph.input(names[contact.normal])] = given
+        for pair in self.pairs:
+            known |= pair.forces()
         for contact in self.idle:
             known |= {graph.input(names[i]): graph.zero for i in contact.tangential}
         for contact, state in self.contacts:
@@ -123,16 +137,13 @@ class _ModeEquations:
         outputs = dict(zip(whole.outputs, graph.substitute(list(whole.outputs.values()), known), strict=True))
         outputs |= {str(node.payload): value for node, value in known.items()}
         guards = self._guards(friction)
-        added = {
-            name: value
-            for contact, state in self.contacts
-            for name, value in zip(
-                mode_parameters(contact, state),
-                (1.0, 0.0, float(not contact.opens), 1e-9),
-                strict=True,
-            )
-            if name
-        }
+        added: dict[str, float] = {}
+        for contact, state in self.contacts:
+            second = contact.name in self.second  # whose direction has no value that serves by default
+            parameters = mode_parameters(contact, SLIP if second else state)
+            direction = (math.nan, math.nan) if second else (1.0, 0.0)
+            values = *direction, float(not contact.opens), 1e-9
+            added |= {name: value for name, value in zip(parameters, values, strict=True) if name}
         symbols = replace(
             whole.symbols,
             unknowns=tuple(names[i] for i in self.kept),
@@ -202,7 +213,9 @@ class _ModeEquations:
                 if contact.constraint is not None or sided:
                     kind = "turn" if sided else "lift"
                     guards.append((Guard(f"press of {name}", i, kind), press + self.laws.allowance(contact)))
-                if state == STICK and contact not in self.idle:
+                paired = [pair for pair in self.pairs if i in pair.numbers]
+                guards += [guard for pair in paired for guard in pair.guards(i)]
+                if not paired and state == STICK and contact not in self.idle:
                     forces = [graph.input(names[j]) for j in contact.tangential]
                     guards += self.laws.holding(i, self.laws.most_friction(contact, press), forces)
             if state == SLIP:

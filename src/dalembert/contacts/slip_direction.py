@@ -148,16 +148,21 @@ def _improve(system: ContactSystem, pick: Candidates, count: int) -> bool:
 
 
 @compiled_subset
-def steady_directions(system: ContactSystem, pick: Candidates) -> None:
-    """Write the directions in which slip in a plane begins in a combination.
-
-    They are looked for from those against friction of stick. Where that does not find them, it is tried from the given
-    ones: those in which contacts slide into an impact, or guesses.
-    """
+def hold_beginning(system: ContactSystem, pick: Candidates) -> None:
+    """Solve for the forces that would hold the contacts in a plane that begin to slip in a combination."""
     for i in range(system.contacts):
         if pick.begins[i] != 0:
             pick.now.mode[i] = STICK
     solve_mode(system, pick.now)
+
+
+@compiled_subset
+def steady_directions(system: ContactSystem, pick: Candidates) -> None:
+    """Write the directions in which slip in a plane begins in a combination.
+
+    They are looked for from those against the forces of `hold_beginning`. Where that does not find them, it is tried
+    from the given ones: those in which contacts slide into an impact, or guesses.
+    """
     count, known = 0, False
     for i in range(system.contacts):
         if pick.begins[i] != 0:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..contacts.automaton import NUMBERS
+from ..contacts.contact_data import NUMBERS
 from ..contacts.contact_laws import OPEN, STICK, Mode
 from ..contacts.coupled_slips import DEPENDENT, coupled_slips, dependences, jacobians, slip_rows
 from ..contacts.mode_candidates import FEW_CONTACTS

@@ -13,7 +13,7 @@ from ..arrays import FloatArray
 from ..codegen.engine import Engine
 from ..codegen.llvm.prepared import AdmissionCode
 from ..contacts.automaton import HybridAutomaton
-from ..contacts.contact_laws import OPEN, SLIP, Mode, mode_parameters
+from ..contacts.contact_laws import OPEN, Mode, mode_parameters
 from ..contacts.switched_modes import any_mode, switched_guards, switches
 from ..errors import InitialStateError
 from ..events.event_code import Event, armed
@@ -216,9 +216,9 @@ class ModeModels:
     def added(self, mode: Mode, values: FloatArray) -> dict[str, Any]:
         """Return the parameters that contacts add in a mode by name, of `ContactCases.added` (..., 4 n_contacts)."""
         switched = {name: np.full(values.shape[:-1], value)[()] for name, value in self.switched(mode).items()}
-        contacts = zip(self.equations.contacts, (SLIP,) * len(mode) if switched else mode, strict=True)
-        names = [name for contact, state in contacts for name in mode_parameters(contact, state)]
-        return {name: values[..., i] for i, name in enumerate(names) if name} | switched
+        names = [name for contact in self.equations.contacts for name in mode_parameters(contact)]
+        known = {*self.serving(mode).layout.parameters}
+        return {name: values[..., i] for i, name in enumerate(names) if name in known} | switched
 
     def switched(self, mode: Mode) -> dict[str, float]:
         """Return the switches of the common program in a mode by name, none where the mode has its own."""

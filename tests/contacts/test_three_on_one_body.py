@@ -1,4 +1,4 @@
-"""Two rough contacts of one body that stick: they depend on each other where its quaternion has length one."""
+"""Three rough contacts of one body that stick: they depend on each other where its quaternion has length one."""
 
 from functools import cache
 
@@ -21,7 +21,12 @@ def links(folder):
     path = folder / "links.xml"
     path.write_text(TEXT)
     scene = da.Scene.from_mjcf(path)
-    for name, part, x, y in (("heel", "arm", 0, 0.1), ("toe", "arm", 0, 0.4), ("end", "rod", 0.3, 0)):
+    for name, part, x, y in (
+        ("heel", "arm", 0, 0.1),
+        ("toe", "arm", 0, 0.4),
+        ("side", "arm", 0.1, 0.2),
+        ("end", "rod", 0.3, 0),
+    ):
         link = scene.robot.links[part]
         centre = link.point.locatenew(name, x * link.frame.x + y * link.frame.y)
         floor = scene.origin, scene.frame.z
@@ -32,5 +37,5 @@ def links(folder):
 @pytest.mark.parametrize("end", ["open", "slip"])
 def test_the_contacts_are_named_that_hold_each_other(end, tmp_path_factory):
     model = links(tmp_path_factory.getbasetemp())
-    with pytest.raises(ConstraintError, match=r"'toe' and 'heel' hold each other .* friction=0 or a regularization"):
-        model.mode(heel="stick", toe="stick", end=end)
+    with pytest.raises(ConstraintError, match=r"'side' and 'heel', 'toe' hold each other .* friction=0 or a reg"):
+        model.mode(heel="stick", toe="stick", side="stick", end=end)
