@@ -112,18 +112,24 @@ class _Probe:
         return None
 
     def _across(self, y: FloatArray) -> FloatArray | None:
-        """Return the direction (2,) across the line, None where slip velocities are not equal along one line alone."""
+        """Return the direction (2,) across the line.
+
+        None where slip velocities, and what friction forces do, are not equal along one line alone.
+        """
         values, n = self._numbers(y), len(self.equations.q)
         rows, count = jacobians(self.equations, values)[0], len(self.equations.constraints)
         count += sum(len(contact.slips) for contact in self.equations.contacts)
-        speeds = values[0, n * n + n + count * (n + 1) :][:count]
-        first, second = (np.column_stack([rows[own], speeds[own]]) for own in self.rows)
+        left = values[0, n * n + n + count * (n + 1) :]
+        speeds, powers = left[:count], left[count:][: n * len(self.equations.symbols.unknowns)].reshape(-1, n)
+        forces = [list(self.equations.contacts[i].tangential) for i in self.pair]
+        both = zip(self.rows, forces, strict=True)
+        first, second = (np.column_stack([rows[own], speeds[own], powers[pushed]]) for own, pushed in both)
         difference = second - first
         if not np.isfinite(difference).all():
             return None
-        left, sizes, _ = np.linalg.svd(difference)
+        axes, sizes, _ = np.linalg.svd(difference)
         least = _EQUAL * max(np.linalg.norm(first), np.linalg.norm(second))
-        return left[:, 0] if sizes[0] > least and sizes[1] <= _EQUAL * sizes[0] else None
+        return axes[:, 0] if sizes[0] > least and sizes[1] <= _EQUAL * sizes[0] else None
 
     def _at_rest(self, y: FloatArray) -> FloatArray:
         """Return a random change of the coordinates (n_q,) of length one that moves neither point; zero without any."""
