@@ -18,6 +18,7 @@ from ..errors import ConstraintError, list_names
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Guard
+from ..reduction.reaction_columns import independent_columns
 from ..reduction.unit_sphere import unit_values
 from ..transforms.linear import dependence
 from .contact_laws import OPEN, SLIP, SMOOTH, STICK, ContactLaws, Mode, mode_parameters
@@ -71,13 +72,20 @@ class _ModeEquations:
 
         Returns, by the name of the contact that holds them, the others that cannot slip while it does not.
         """
-        held, own = len(self.rows), Graph()  # weights are not computed here as forces will be
+        own = Graph()  # weights are not computed here as forces will be
         units = unit_values(self.whole)  # contacts of one body depend on each other where its quaternion has length one
 
         def slopes_of(row: ConstraintRow) -> list[Node]:
             return own.adopt(self.graph.substitute(row.jacobian, units) if units else row.jacobian)
 
-        jacobians = [slopes_of(row) for row in self.rows]
+        jacobians: list[list[Node]] = []
+        for row in self.rows if sticking else ():
+            slopes = slopes_of(row)
+            if dependence(own, jacobians, slopes) is None:
+                jacobians.append(slopes)
+        held = len(jacobians)
+        if sticking and held < len(self.rows):
+            self._require_pressing(sticking)
         self.idle: list[ContactRow] = []
         groups: dict[str, list[ContactRow]] = {}
         owners: list[str] = []
@@ -106,6 +114,23 @@ class _ModeEquations:
             if not holding:  # no slip is possible, and no friction is needed
                 self.idle.append(contact)
         return groups
+
+    def _require_pressing(self, sticking: Sequence[ContactRow]) -> None:
+        """Raise where the closed contacts of a mode whose constraints are redundant share a load."""
+        closed = [c for c, state in self.contacts if state != OPEN and c.constraint is not None]
+        friction = {i for c, _ in self.contacts for i in c.tangential}
+        opened = {c.normal for c, state in self.contacts if state == OPEN}
+        kept = [i for i in range(len(self.whole.symbols.unknowns)) if i not in friction | opened]
+        _, undetermined = independent_columns([[row[i] for i in kept] for row in self.whole.reactions])
+        shared = {kept[place] for place in undetermined}
+        names = [contact.name for contact in closed if contact.normal in shared]
+        if names:
+            raise ConstraintError(
+                f"scene {self.whole.name!r}: the contacts {list_names(map(repr, names))} share a load in more ways than"
+                f" the equations of motion determine, and what friction of {list_names(repr(c.name) for c in sticking)}"
+                " holds depends on that: let at most three contacts of a rigid body with friction touch a plane, or give"
+                " all contacts friction=0, and compliances to the normal reactions that share the load"
+            )
 
     def _rows_of(self, contact: ContactRow) -> Sequence[ConstraintRow]:
         """Return the rows that hold a sticking contact."""
