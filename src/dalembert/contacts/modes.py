@@ -128,8 +128,8 @@ class _ModeEquations:
             raise ConstraintError(
                 f"scene {self.whole.name!r}: the contacts {list_names(map(repr, names))} share a load in more ways than"
                 f" the equations of motion determine, and what friction of {list_names(repr(c.name) for c in sticking)}"
-                " holds depends on that: let at most three contacts of a rigid body with friction touch a plane, or give"
-                " all contacts friction=0, and compliances to the normal reactions that share the load"
+                " holds depends on that: let at most three contacts of a rigid body with friction touch a plane, or"
+                " give all contacts friction=0, and compliances to the normal reactions that share the load"
             )
 
     def _rows_of(self, contact: ContactRow) -> Sequence[ConstraintRow]:
@@ -142,7 +142,7 @@ class _ModeEquations:
         whole, graph = self.whole, self.graph
         names = whole.symbols.unknowns
         frictionless = self._without_friction(self.rows, self.kept)
-        friction = sliding_friction(frictionless, whole, self.kept, self.sliding)
+        friction = sliding_friction(frictionless, whole, self.kept, self.sliding, self.idle)
         known: dict[Node, Node] = {}
         for item, kappa in zip(self.sliding, friction.factors, strict=True):
             pressing = self.laws.normal(item.contact)

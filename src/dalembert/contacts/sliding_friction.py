@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
-from ..errors import RELEASE, ConstraintError
+from ..errors import RELEASE, ConstraintError, list_names
 from ..ir.node import Node
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import ContactRow, EquationsOfMotion
@@ -49,7 +49,11 @@ class SlidingFriction:
 
 
 def sliding_friction(
-    frictionless: EquationsOfMotion, whole: EquationsOfMotion, kept: Sequence[int], sliding: Sequence[SlidingContact]
+    frictionless: EquationsOfMotion,
+    whole: EquationsOfMotion,
+    kept: Sequence[int],
+    sliding: Sequence[SlidingContact],
+    idle: Sequence[ContactRow] = (),
 ) -> SlidingFriction:
     """Return what sliding friction adds to equations.
 
@@ -62,11 +66,14 @@ def sliding_friction(
     kept : sequence of int
         Which of these `frictionless` has.
     sliding : sequence of SlidingContact
+    idle : sequence of ContactRow
+        Sticking contacts that constraints keep from slipping, so that what friction holds there is taken as zero.
 
     Raises
     ------
     ConstraintError
-        When the equations do not determine the normal reaction of a contact that slides.
+        When the equations do not determine the normal reaction of a contact that slides, or the motion depends on what
+        friction of the idle contacts takes of it.
     """
     graph = frictionless.graph
     if not sliding:
@@ -88,16 +95,37 @@ def sliding_friction(
     known |= {item.contact.name: item.factors(normal) for item, normal in zip(unknown, n0, strict=True)}
     directions = [_direction(whole, item, known[item.contact.name]) for item in unknown]
     nothing = [graph.zero for _ in frictionless.constraints]
-    added = []
-    for direction in directions:
+    added, moving = [], list[SlidingContact]()
+    for item, direction in zip(unknown, directions, strict=True):
         pushed = accelerations(direction, nothing)
         added.append(normals(_residual(frictionless, pushed, direction)))
+        moving += [] if all(vanishes(a) for a in pushed) else [item]
+    _require_idle_apart(whole, kept, moving, idle)
     size = range(len(n0))
     matrix: Matrix = [[(graph.one if i == j else graph.zero) - added[j][i] for j in size] for i in size]
     determinant, pressing = determinant_and_solution(graph, matrix, n0)
     for direction, normal in zip(directions, pressing, strict=True):
         forcing = [f + d * normal for f, d in zip(forcing, direction, strict=True)]
     return SlidingFriction(tuple(forcing), tuple(known[item.contact.name] for item in sliding), determinant)
+
+
+def _require_idle_apart(
+    whole: EquationsOfMotion, kept: Sequence[int], moving: Sequence[SlidingContact], idle: Sequence[ContactRow]
+) -> None:
+    """Raise where friction that moves something needs a normal reaction that friction of idle contacts may share."""
+    if not idle or not moving:
+        return
+    numbers = [*kept, *(i for contact in idle for i in contact.tangential)]
+    _, undetermined = independent_columns([[row[i] for i in numbers] for row in whole.reactions])
+    shared = {numbers[place] for place in undetermined}
+    names = [repr(item.contact.name) for item in moving if item.contact.normal in shared]
+    if names:
+        held = list_names(repr(contact.name) for contact in idle)
+        raise ConstraintError(
+            f"scene {whole.name!r}: other contacts keep {held} from slipping, so that friction there may take any part"
+            f" of what presses {list_names(names)}, which slides: the motion is not determined. Give the former"
+            " friction=0 or a regularization"
+        )
 
 
 def _direction(whole: EquationsOfMotion, item: SlidingContact, kappa: Sequence[Node]) -> list[Node]:
