@@ -12,13 +12,17 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..ir.conditions import Conditions
-from ..ir.program import Program
+from ..ir.program import Program, coefficient_places
+from ..methods.status import Status
 from ..stops.breakpoints import break_times_of_cases
-from .feedback import FeedbackKernels
+from ..stops.feedback import Feedback
+from ..stops.samples import Samples
+from .arguments import COLUMNS, knots_of, out_of_reach, polynomials, with_knots
+from .feedback import FeedbackKernels, weights_of
 from .host_calls import on_host
 from .pieces import place_of
-from .run_inputs import Given, feedback_kernels, run_inputs
-from .runs.run_constants import ArrayKernels, RunConstants
+from .run_inputs import Given, feedback_kernels
+from .runs.run_constants import ArrayKernels, RunConstants, TracedInputs
 from .runs.run_data import middles
 
 if TYPE_CHECKING:
@@ -128,25 +132,52 @@ class Courses:
         return Course(rows, rows[0], jnp.append(p, start), breaks, moved)
 
     def with_inputs(self, t: Any, p: Any, given: Given) -> Course:
-        """Return the constants along a run with inputs that are functions of time."""
-        start = jax.lax.stop_gradient(t[0])
-        before = self.of(t, p)
-        base = self._kernels.constants(p) if self._program.conditions is None else p
-        inputs = run_inputs(
-            self._program.layout,
-            self._inputs,
-            given,
-            t,
-            (place_of(self._program), jnp.append(base, start)),
-            (before.breaks, before.moved),
-        )
-        rows = inputs.at_times(before.rows)
-        first, constants = rows if rows.ndim == 1 else rows[0], inputs.constants
+        """Return the constants along a run with inputs that are functions of time.
+
+        They are those of the kernels, the knots and polynomials of each record, and the weights of functions; NaN where
+        records do not cover the run.
+        """
+        start, before, layout = jax.lax.stop_gradient(t[0]), self.of(t, p), self._program.layout
+        base = jnp.append(self._kernels.constants(p) if self._program.conditions is None else p, start)
+        known = {symbol.name: symbol for symbol in self._inputs}
+        records = {name: value for name, value in given.items() if isinstance(value, Samples)}
+        functions = [value for value in given.values() if isinstance(value, Feedback)]
+        rows, (breaks, moved) = before.rows, (before.breaks, before.moved)
+        if records and rows.ndim == 1:
+            rows = jnp.broadcast_to(rows, (len(t), len(rows)))
+        tables: list[TracedInputs] = []
+        parts, order, beyond = [base], jnp.asarray(False), jnp.asarray(False)
+        for name, where in zip(records, coefficient_places(layout.parameters, tuple(records)), strict=True):
+            record, (begin, stop) = records[name], COLUMNS[records[name].kind]
+            knots = knots_of(known[name], record)
+            found = polynomials(knots, record)
+            first = tables[-1].end if tables else len(base)
+            table = TracedInputs(first, len(record.t), stop - begin, where + begin)
+            rows = rows.at[:, table.place : table.place + table.width].set(found[_ahead(table, knots, t)])
+            tables.append(table)
+            parts += [jax.lax.stop_gradient(knots - t[0]), found.ravel()]
+            lost, short = out_of_reach(known[name], record, t)
+            order, beyond = order | lost, beyond | short
+        if records:
+            breaks, moved = with_knots(tuple(records.values()), t, breaks, moved)
+        weights = [weights_of(value) for value in functions]
+        wrong = jnp.where(beyond, int(Status.OUTSIDE_TABLE), int(Status.SUCCESS))
+        wrong = jnp.where(order, int(Status.TIMES_IN_NO_ORDER), wrong)
+        run = jnp.where(wrong == int(Status.SUCCESS), jnp.concatenate(parts + weights), jnp.nan)
+        place, many = place_of(self._program), sum(map(len, weights))
+        constants = RunConstants(place, len(base), tuple(tables), many, bool(functions))
         feedback = feedback_kernels(self._program, given, constants.count - 1)
-        return Course(rows, first, inputs.run, inputs.breaks, inputs.moved, constants, inputs.wrong, feedback)
+        return Course(rows, rows if rows.ndim == 1 else rows[0], run, breaks, moved, constants, wrong, feedback)
 
     def decided(self, p: Any, t: Any) -> Any:
         """Return the constants (n_t, n_c) with conditions decided at times t (n_t,)."""
         assert self._program.conditions is not None
         place = self._program.conditions.place
         return jax.vmap(lambda time: self._kernels.constants(p.at[place].set(time)))(t)
+
+
+def _ahead(table: TracedInputs, knots: Any, t: Any) -> Any:
+    """Return the numbers of the polynomials at the times t (n_t,) of a run: at a knot, that ahead."""
+    before = jnp.searchsorted(*jax.lax.stop_gradient((knots, t)), side="left")
+    at_end = (t == t[-1]) & (t[0] != t[-1])  # where nothing is ahead any more
+    return jnp.where((t[-1] >= t[0]) != at_end, table.piece(knots, t), before)

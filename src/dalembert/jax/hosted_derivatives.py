@@ -5,15 +5,14 @@ They are those of traced runs to the times of events, and those of these times b
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
 from ..codegen.printers import JAX
-from ..codegen.runs import HostRun
+from ..codegen.runs import HostedRuns, HostRun
 from ..methods.status import Status
 from .modules import compile_kernel
 from .pure import Solve, refusing
@@ -45,73 +44,67 @@ def changes_of(solve: HostedSolve, held: HostRun, values: Any, tangents: Any) ->
         whole = list(flat)
         for i, value in zip(moving, some, strict=True):
             whole[i] = value
-        return _Followed(solve)(held, *jax.tree.unflatten(tree, whole))
+        return _followed(solve, held, *jax.tree.unflatten(tree, whole))
 
     found: HostRun = jax.jvp(run, ([flat[i] for i in moving],), ([changes[i] for i in moving],))[1]
     return found
 
 
-@final
-@dataclass(frozen=True)
-class _Followed:
-    """Runs as they went, with the changes of traced runs to the times of events."""
+def _followed(solve: HostedSolve, held: HostRun, t: Any, initial: Any, p: Any, given: Given) -> HostRun:
+    """Return a run as it went, with the changes of traced runs to the times of events."""
+    native, hosted = solve.native, solve.hosted
+    assert native is not None
+    forward, count = jnp.where(t[-1] >= t[0], 1.0, -1.0), len(hosted.runner.labels)
+    marks = jnp.concatenate([held.happened[:, 1], held.happened[:, 2]])
+    occurred = jnp.isfinite(marks)
+    # First to the times as they are, from which those follow at which events occur nearby.
+    begin = jax.lax.stop_gradient(t[0])
+    y = _at(native, forward, t, jnp.where(occurred, marks, begin), initial, p, given)[0]
+    rows, at_knots = solve.parameters_at(t, marks, p, given)
+    found = [
+        _occurs(hosted, number % count, (marks[number], y[len(t) + number], rows[number]), at_knots[number])
+        for number in range(2 * count)
+    ]
+    moved = jnp.where(occurred, jnp.stack(found) if found else jnp.zeros(0), marks)
+    end = t[-1]
+    for i, terminal in enumerate(hosted.terminal):
+        here = (held.numbers[1] == float(Status.EVENT)) & (marks[count + i] == held.numbers[0])
+        end = jnp.where(here & terminal, moved[count + i], end)
+    whole = (held.numbers[1] == float(Status.SUCCESS)) | (held.numbers[1] == float(Status.EVENT))
+    end = jnp.where(whole, end, held.numbers[0])
+    reached = forward * (jax.lax.stop_gradient(t) - held.numbers[0]) <= 0.0
+    requested = jnp.append(jnp.where(reached, t, end), end)
+    rows = jnp.concatenate(_at(native, forward, requested, jnp.zeros(0), initial, p, given), axis=1)
+    known = jnp.isfinite(held.rows)
+    return held._replace(
+        rows=jnp.where(known, rows[:-1], jnp.nan),
+        end=_of_whole(rows[-1], whole, (t, initial, p, given)),
+        numbers=held.numbers.at[0].set(_of_whole(end, whole, (t, initial, p, given))),
+        happened=jnp.stack([held.happened[:, 0], moved[:count], moved[count:]], axis=1),
+    )
 
-    solve: HostedSolve
 
-    def __call__(self, held: HostRun, t: Any, initial: Any, p: Any, given: Given) -> HostRun:
-        """Return a run as it went; see the class."""
-        native, hosted = self.solve.native, self.solve.hosted
-        assert native is not None
-        forward, count = jnp.where(t[-1] >= t[0], 1.0, -1.0), len(hosted.runner.labels)
-        marks = jnp.concatenate([held.happened[:, 1], held.happened[:, 2]])
-        occurred = jnp.isfinite(marks)
-        # First to the times as they are, from which those follow at which events occur nearby.
-        begin = jax.lax.stop_gradient(t[0])
-        y = _at(native, forward, t, jnp.where(occurred, marks, begin), initial, p, given)[0]
-        rows, at_knots = self.solve.parameters_at(t, marks, p, given)
-        found = [
-            self._occurs(number % count, (marks[number], y[len(t) + number], rows[number]), at_knots[number])
-            for number in range(2 * count)
-        ]
-        moved = jnp.where(occurred, jnp.stack(found) if found else jnp.zeros(0), marks)
-        end = t[-1]
-        for i, terminal in enumerate(hosted.terminal):
-            here = (held.numbers[1] == float(Status.EVENT)) & (marks[count + i] == held.numbers[0])
-            end = jnp.where(here & terminal, moved[count + i], end)
-        whole = (held.numbers[1] == float(Status.SUCCESS)) | (held.numbers[1] == float(Status.EVENT))
-        end = jnp.where(whole, end, held.numbers[0])
-        reached = forward * (jax.lax.stop_gradient(t) - held.numbers[0]) <= 0.0
-        requested = jnp.append(jnp.where(reached, t, end), end)
-        rows = jnp.concatenate(_at(native, forward, requested, jnp.zeros(0), initial, p, given), axis=1)
-        known = jnp.isfinite(held.rows)
-        return held._replace(
-            rows=jnp.where(known, rows[:-1], jnp.nan),
-            end=_of_whole(rows[-1], whole, (t, initial, p, given)),
-            numbers=held.numbers.at[0].set(_of_whole(end, whole, (t, initial, p, given))),
-            happened=jnp.stack([held.happened[:, 0], moved[:count], moved[count:]], axis=1),
-        )
+def _occurs(hosted: HostedRuns, event: int, point: tuple[Any, Any, Any], at_knot: Any) -> Any:
+    """Return the time () of an event at a point (t, y, p); it changes as the zero of its expression does.
 
-    def _occurs(self, event: int, point: tuple[Any, Any, Any], at_knot: Any) -> Any:
-        """Return the time () of an event at a point (t, y, p); it changes as the zero of its expression does.
+    At the knot of a record it has no derivative, as the expression may jump or have a kink there.
+    """
+    assert hosted.watched is not None
+    values, rates = (stacked(compile_kernel(kernel, JAX)) for kernel in hosted.watched)
 
-        At the knot of a record it has no derivative, as the expression may jump or have a kink there.
-        """
-        assert self.solve.hosted.watched is not None
-        values, rates = (stacked(compile_kernel(kernel, JAX)) for kernel in self.solve.hosted.watched)
+    @jax.custom_jvp
+    def zero(t: Any, y: Any, p: Any) -> Any:
+        return t
 
-        @jax.custom_jvp
-        def zero(t: Any, y: Any, p: Any) -> Any:
-            return t
+    @zero.defjvp
+    def _(at: Any, changes: Any) -> Any:
+        t, y, p = at
+        change = jax.jvp(lambda y, p: values(t, y, p)[event], (y, p), changes[1:])[1]
+        rate = rates(t, y, p)[event]
+        slope = jnp.where((rate != 0.0) & ~at_knot, -1.0 / rate, jnp.nan)
+        return t, apply(Sloped(), slope, change)
 
-        @zero.defjvp
-        def _(at: Any, changes: Any) -> Any:
-            t, y, p = at
-            change = jax.jvp(lambda y, p: values(t, y, p)[event], (y, p), changes[1:])[1]
-            rate = rates(t, y, p)[event]
-            slope = jnp.where((rate != 0.0) & ~at_knot, -1.0 / rate, jnp.nan)
-            return t, apply(Sloped(), slope, change)
-
-        return zero(jax.lax.stop_gradient(point[0]), *point[1:])
+    return zero(jax.lax.stop_gradient(point[0]), *point[1:])
 
 
 def _at(

@@ -1,9 +1,9 @@
-"""Inputs of traced runs: what users give them, read and checked, and constants along runs with them."""
+"""Inputs of traced runs: what users give them, read and checked, and their values at times."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, final
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,13 +17,13 @@ from ..options import SolveOptions
 from ..scene.symbol_table import InputSymbol
 from ..stops.feedback import Feedback
 from ..stops.samples import Samples, checked_samples, refuse_kind, refuse_samples, unknown_input
-from .arguments import COLUMNS, knots_of, out_of_reach, polynomials, with_knots
+from .arguments import COLUMNS, knots_of, polynomials
 from .elapsed import expansion_in_elapsed_time
 from .feedback import FeedbackKernels, checked_feedback, function_of_weights, weights_of
 from .modules import compile_kernel
 from .pieces import EXPLICIT
 from .runs.precision import is_traced, precision_of
-from .runs.run_constants import RunConstants, TracedInputs, stacked
+from .runs.run_constants import stacked
 
 Given = dict[str, Samples | Feedback]
 """Inputs that are functions of time, by name."""
@@ -113,91 +113,6 @@ def _checked(symbol: InputSymbol, record: Samples, t: Any) -> Samples:
     return record
 
 
-@final
-class RunInputs(NamedTuple):
-    """The constants of a run with inputs that are functions of time.
-
-    Attributes
-    ----------
-    constants : RunConstants
-        What the constants are.
-    run : Array (n_c,)
-        The constants.
-    breaks, moved : Array (n,)
-        As `dalembert.jax.courses.traced_breaks` has them.
-    pieces : tuple of InputTable and Array
-        Where the polynomials of each record go, and these at the times of the run (n_t, width).
-    wrong : Array ()
-        Status of a run whose records do not cover it, else SUCCESS.
-    """
-
-    constants: RunConstants
-    run: Any
-    breaks: Any
-    moved: Any
-    pieces: tuple[tuple[TracedInputs, Any], ...]
-    wrong: Any
-
-    def at_times(self, rows: Any) -> Any:
-        """Return constants of kernels (n_t, n) or (n,) with those of the inputs at the times."""
-        count = len(self.pieces[0][1]) if self.pieces else 0
-        rows = jnp.broadcast_to(rows, (count, rows.shape[-1])) if self.pieces and rows.ndim == 1 else rows
-        for table, values in self.pieces:
-            rows = rows.at[:, table.place : table.place + table.width].set(values)
-        return rows
-
-
-def run_inputs(
-    layout: Layout,
-    symbols: Sequence[InputSymbol],
-    given: Given,
-    t: Any,
-    base: tuple[int | None, Any],
-    broken: tuple[Any, Any],
-) -> RunInputs:
-    """Return the constants of a run along times t (n_t,) with inputs that are functions of time.
-
-    Parameters
-    ----------
-    layout, symbols, given
-        Of the scene, its inputs, and those that are functions of time.
-    t
-        The times.
-    base
-        The place of conditions on time, and the constants of kernels, of which the last is the start.
-    broken
-        Breaks of conditions on time, and which of them move.
-    """
-    known = {symbol.name: symbol for symbol in symbols}
-    records = {name: value for name, value in given.items() if isinstance(value, Samples)}
-    functions = [value for value in given.values() if isinstance(value, Feedback)]
-    (place, c), (breaks, moved) = base, broken
-    tables, parts, pieces = [], [c], []
-    order, beyond = jnp.asarray(False), jnp.asarray(False)
-    end = len(c)
-    for name, where in zip(records, coefficient_places(layout.parameters, tuple(records)), strict=True):
-        record, (begin, stop) = records[name], COLUMNS[records[name].kind]
-        knots = knots_of(known[name], record)
-        rows = polynomials(knots, record)
-        table = TracedInputs(end, len(record.t), stop - begin, where + begin)
-        at = rows[_ahead(table, knots, t)]
-        pieces.append((table, at))
-        tables.append(table)
-        parts += [jax.lax.stop_gradient(knots - t[0]), rows.ravel()]
-        end = table.end
-        wrong = out_of_reach(known[name], record, t)
-        order, beyond = order | wrong[0], beyond | wrong[1]
-    if records:
-        breaks, moved = with_knots(tuple(records.values()), t, breaks, moved)
-    weights = [weights_of(value) for value in functions]
-    parts += weights
-    status = jnp.where(beyond, int(Status.OUTSIDE_TABLE), int(Status.SUCCESS))
-    status = jnp.where(order, int(Status.TIMES_IN_NO_ORDER), status)
-    run = jnp.where(status == int(Status.SUCCESS), jnp.concatenate(parts), jnp.nan)
-    constants = RunConstants(place, len(c), tuple(tables), sum(map(len, weights)), bool(functions))
-    return RunInputs(constants, run, breaks, moved, tuple(pieces), status)
-
-
 def parameters_at(
     layout: Layout, symbols: Sequence[InputSymbol], given: Given, p: Any, t: Any, forward: Any
 ) -> tuple[Any, Any]:
@@ -241,13 +156,6 @@ def feedback_kernels(program: Program, given: Given, start: int) -> FeedbackKern
 def _of_some(function: Callable[..., Any], first: int, last: int) -> Callable[..., Any]:
     """Return a function that takes some of the weights as one that takes all."""
     return lambda t, q, qdot, weights: function(t, q, qdot, weights[first:last])
-
-
-def _ahead(table: TracedInputs, knots: Any, t: Any) -> Any:
-    """Return the numbers of the polynomials at the times t (n_t,) of a run: at a knot, that ahead."""
-    before = jnp.searchsorted(*jax.lax.stop_gradient((knots, t)), side="left")
-    at_end = (t == t[-1]) & (t[0] != t[-1])  # where nothing is ahead any more
-    return jnp.where((t[-1] >= t[0]) != at_end, table.piece(knots, t), before)
 
 
 def failed(status: Any, wrong: Any) -> Any:

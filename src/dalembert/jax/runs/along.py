@@ -7,7 +7,7 @@ the constants, too: such changes of second order are changes along the same run 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 
 from .derivatives import CHUNK, Over, Stepping, Steps, StepsRecord, pulled, pushed
-from .linear_maps import Given, LinearMap, PushedRows, apply
+from .linear_maps import Back, Given, LinearMap, Moved, RowFunction, apply, changed
 from .mesh_axes import stack
 
 if TYPE_CHECKING:
@@ -53,51 +53,28 @@ class Course(NamedTuple):
 @final
 @dataclass(frozen=True)
 class Step:
-    """Ends of steps (k, n_y) from states (k, n_y) and constants (n_c,); where nothing moves, states as they are."""
+    """Ends of steps (k, n_y) from states (k, n_y), as a function of rows; where nothing moves, states as they are.
+
+    What steps share are constants (n_c,), and a state that the run has been in (n_y,).
+    """
 
     linear: Stepping
 
-    def __call__(self, sizes: Any, y: Any, c: Any, end: Any) -> Any:
+    def __call__(self, sizes: Any, y: Any, shared: Any) -> tuple[Any, Any]:
         """Return the ends; `sizes` are starts (k,), sizes (k,), and the number of attempts (k,)."""
-        t, h, go = sizes
+        (t, h, go), (c, end) = sizes, shared
         moves = (h != 0.0)[:, None]
         safe = jnp.where(moves, y, jax.lax.stop_gradient(end))
         rows = self.linear.constants.rows(c, t + 0.5 * h)
         ends = self.linear.moved(Steps(t, h, tuple(safe.T), rows, go[0] > 0.0))
-        return jnp.where(moves, stack(ends, axis=1), y)
+        return jnp.where(moves, stack(ends, axis=1), y), ()
 
 
-@final
-@dataclass(frozen=True)
-class PushedStep:
-    """The change of the end of a step with its start and the constants, as a function of rows."""
-
-    step: Step
-
-    def __call__(self, sizes: Any, rows: Any, shared: Any) -> Any:
-        """Return the changes of the ends, of changes of states among `rows`, and of constants."""
-        (y, dy), (c, dc, end) = rows, shared
-        return jax.jvp(lambda y, c: self.step(sizes, y, c, end), (y, c), (dy, dc))[1], ()
-
-
-@final
-@dataclass(frozen=True)
-class PulledStep:
-    """The cotangents of the start of a step, and of the constants, as a function of rows."""
-
-    step: Step
-
-    def __call__(self, sizes: Any, rows: Any, shared: Any) -> Any:
-        """Return the cotangents, of those of the ends among `rows`."""
-        (y, ahead), (c, end) = rows, shared
-        return jax.vjp(lambda y, c: self.step(sizes, y, c, end), y, c)[1](ahead)
-
-
-def _steps(course: Course, rows: Any, shared: Any) -> Given:
-    """Return all steps but those over requested times, with `rows` beside their states."""
+def _steps(course: Course) -> Given:
+    """Return all steps but those over requested times."""
     go = jnp.broadcast_to(course.count, course.taken.shape[:1])
     sizes = course.taken[:, 0], course.taken[:, 1], go
-    return Given(-(-course.count // CHUNK), sizes, (course.taken[:, 2:], rows), shared)
+    return Given(-(-course.count // CHUNK), sizes, course.taken[:, 2:], (course.c, course.end))
 
 
 def _times(course: Course) -> Any:
@@ -108,7 +85,7 @@ def _times(course: Course) -> Any:
 
 @final
 @dataclass(frozen=True)
-class Along:
+class Along(LinearMap):
     """Changes along a run: from `Course` and (change of the first state, of the constants) to changes at the ends.
 
     The value is the change of the last state (n_y,) and of the states at requested times (n_t, n_y); where they are
@@ -131,104 +108,84 @@ class Along:
         if timed:
             sizes, states = _times(held)
             starts = jnp.where(held.count > 0.0, rows[held.at.astype(int)], dy)
-            at_times, _ = PushedStep(Step(self.linear))(sizes, (states, starts), (held.c, dc, held.end))
+            shared = (held.c, held.end), (dc, jnp.zeros_like(held.end))
+            at_times, _ = Moved(Step(self.linear))(sizes, (states, starts), shared)
         if sources:
             at_times = at_times + sources[1]
         return (end, at_times, rows) if self.kept else (end, at_times)
 
-    @property
-    def transposed(self) -> LinearMap:
+    def back(self, held: Course, given: Any) -> Any:
         """See `LinearMap`."""
-        return _Against(self.linear, self.kept, self.sources)
-
-    def change(self, held: Course, dheld: Course, moving: Any, still: Any) -> Any:
-        """See `LinearMap`."""
-        dy, dc = moving[:2]
-        rows = apply(Along(self.linear, True, self.sources), held, moving)[2]
-        step = Step(self.linear)
-        given = _steps(held, rows, (held.c, dc, held.end))
-        none = jnp.zeros_like
-        moved = (dheld.taken[:, 2:], none(rows)), (dheld.c, none(dc), none(held.end))
-        new, _ = apply(PushedRows(PushedStep(step), CHUNK), given, moved)
-        sizes, states = _times(held)
-        at = held.at.astype(int)
-
-        def over(y: Any, c: Any) -> Any:
-            return PushedStep(step)(sizes, (y, rows[at]), (c, dc, held.end))[0]
-
-        later = jax.jvp(over, (states, held.c), (dheld.taken[at, 2:], dheld.c))[1] if len(at) else states
-        return apply(Along(self.linear, self.kept, True), held, (none(dy), none(dc), new, later))
-
-
-@final
-@dataclass(frozen=True)
-class _Against:
-    """The transpose of `Along`."""
-
-    linear: Stepping
-    kept: bool
-    sources: bool
-
-    def __call__(self, held: Course, moving: Any) -> Any:
         turns = self.linear.in_turn
         # Elsewhere it is long rows that are fast.
         if turns is None or self.sources or jax.default_backend() != "cpu":
-            return self._in_rows(held, moving)
-        alone = jax.custom_batching.custom_vmap(partial(self._in_turn, turns))
+            return self._back_in_rows(held, given)
+        alone = jax.custom_batching.custom_vmap(partial(self._back_in_turn, turns))
 
         @alone.def_vmap
-        def _(size: int, batched: Any, held: Course, moving: Any) -> Any:
+        def _(size: int, batched: Any, held: Course, given: Any) -> Any:
             axes = jax.tree.map(lambda yes: 0 if yes else None, tuple(batched))
-            return jax.vmap(self._in_rows, axes, axis_size=size)(held, moving), (True, True)
+            return jax.vmap(self._back_in_rows, axes, axis_size=size)(held, given), (True, True)
 
-        return alone(held, moving)
+        return alone(held, given)
 
-    def _in_turn(self, turns: InTurn, held: Course, moving: Any) -> Any:
-        """Return the same, one stage after the other, of one run."""
-        end, at_times, *kept = moving
+    def change(self, held: Course, dheld: Course, moving: Any, still: Any) -> Any:
+        """See `LinearMap`."""
+        (dy, dc), none = moving[:2], jnp.zeros_like
+        rows = apply(replace(self, kept=True), held, moving)[2]
+        shared, over = (dc, none(held.end)), rows[held.at.astype(int)]
+        (new, _), (later, _) = self._changes(Moved(Step(self.linear)), (held, dheld), rows, over, shared)
+        return apply(replace(self, sources=True), held, (none(dy), none(dc), new, later))
+
+    def change_back(self, held: Course, dheld: Course, given: Any, still: Any) -> Any:
+        """See `LinearMap`."""
+        (end, at_times), none = given[:2], jnp.zeros_like
+        ahead = apply(replace(self, sources=True).transposed, held, given)[2]
+        (rows, (added, _)), (starts, more) = self._changes(Back(Step(self.linear)), (held, dheld), ahead, at_times, ())
+        if more:
+            rows, added = rows.at[held.at.astype(int)].add(starts), added + more[0]
+        kept = none(end), none(at_times), rows
+        first, share, *others = apply(replace(self, kept=True).transposed, held, kept)
+        return (first, share + added, *others)
+
+    @staticmethod
+    def _changes(function: RowFunction, held: tuple[Course, Course], rows: Any, over: Any, shared: Any) -> Any:
+        """Return the changes with a run, and its change, of a function of all steps, and of those to requested times.
+
+        The function also takes `rows` beside the states of steps, `over` beside those of steps to times, and `shared`.
+        """
+        course, dcourse = held
+        whole = changed(function, CHUNK, _steps(course), _steps(dcourse), (rows, shared))
+        (sizes, states), at = _times(course), course.at.astype(int)
+        if not len(at):
+            return whole, (states, ())
+
+        def timed(y: Any, c: Any) -> Any:
+            return function(sizes, (y, over), ((c, course.end), shared))
+
+        return whole, jax.jvp(timed, (states, course.c), (dcourse.taken[at, 2:], dcourse.c))[1]
+
+    def _back_in_turn(self, turns: InTurn, held: Course, given: Any) -> Any:
+        """Return the cotangents of one run, one stage after the other."""
+        end, at_times, *kept = given
         over = (Over(held.at.astype(int), held.begins, held.sizes), at_times) if len(held.at) else ()
         return self._with_start(held, at_times, turns(held.record, held.c, tuple(kept), end, over))
 
-    def _in_rows(self, held: Course, moving: Any) -> Any:
+    def _back_in_rows(self, held: Course, given: Any) -> Any:
         """Return the same, of chunks of steps at once, as a batch of runs has it."""
-        end, at_times, *kept = moving
-        given, share = tuple(kept), jnp.zeros_like(held.c)
+        end, at_times, *kept = given
+        added, share = tuple(kept), jnp.zeros_like(held.c)
         if len(held.at):
             sizes, states = _times(held)
-            starts, share = PulledStep(Step(self.linear))(sizes, (states, at_times), (held.c, held.end))
+            starts, (share, _) = Back(Step(self.linear))(sizes, (states, at_times), ((held.c, held.end), ()))
             rows = kept[0] if kept else jnp.zeros_like(held.record.y)
-            given = (rows.at[held.at.astype(int)].add(starts),)
-        first, added, *ahead = pulled(self.linear, held.record, held.c, given, end, sources=self.sources)
-        first, added = self._with_start(held, at_times, (first, share + added))
-        return (first, added, ahead[0], at_times) if self.sources else (first, added)
+            added = (rows.at[held.at.astype(int)].add(starts),)
+        first, more, *ahead = pulled(self.linear, held.record, held.c, added, end, sources=self.sources)
+        first, share = self._with_start(held, at_times, (first, share + more))
+        return (first, share, ahead[0], at_times) if self.sources else (first, share)
 
     @staticmethod
     def _with_start(held: Course, at_times: Any, found: tuple[Any, Any]) -> tuple[Any, Any]:
         """Return cotangents of the first state and the constants; where no step was taken, every time is the first."""
         first, share = found
         return jnp.where(held.count > 0.0, first, first + jnp.sum(at_times, 0)), share
-
-    @property
-    def transposed(self) -> LinearMap:
-        return Along(self.linear, self.kept, self.sources)
-
-    def change(self, held: Course, dheld: Course, moving: Any, still: Any) -> Any:
-        end, at_times = moving[:2]
-        ahead = apply(_Against(self.linear, self.kept, True), held, moving)[2]
-        step, none = Step(self.linear), jnp.zeros_like
-        given = _steps(held, ahead, (held.c, held.end))
-        moved = (dheld.taken[:, 2:], none(ahead)), (dheld.c, none(held.end))
-        rows, added = apply(PushedRows(PulledStep(step), CHUNK), given, moved)
-        sizes, states = _times(held)
-        at = held.at.astype(int)
-
-        def over(y: Any, c: Any) -> Any:
-            return PulledStep(step)(sizes, (y, at_times), (c, held.end))
-
-        if len(at):
-            starts, more = jax.jvp(over, (states, held.c), (dheld.taken[at, 2:], dheld.c))[1]
-            rows, added = rows.at[at].add(starts), added + more
-        first, share, *others = apply(
-            _Against(self.linear, True, self.sources), held, (none(end), none(at_times), rows)
-        )
-        return (first, share + added, *others)

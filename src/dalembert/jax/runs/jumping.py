@@ -43,7 +43,7 @@ def _changed(rates: Rates, at: At, dy: Any, dc: Any) -> Any:
 
 @final
 @dataclass(frozen=True)
-class Timed:
+class Timed(LinearMap):
     """Changes of states (n_t, n_y) as they are, given with those of the constants (n_c,).
 
     With the times, they change as the rates do.
@@ -55,10 +55,9 @@ class Timed:
         """See `LinearMap`."""
         return moving[0]
 
-    @property
-    def transposed(self) -> LinearMap:
+    def back(self, held: At, given: Any) -> Any:
         """See `LinearMap`."""
-        return _Given(self.rates)
+        return given, jnp.zeros_like(held.c)
 
     def change(self, held: At, dheld: At, moving: Any, still: At) -> Any:
         """See `LinearMap`."""
@@ -66,26 +65,11 @@ class Timed:
             return jnp.zeros_like(held.y)
         return dheld.t[:, None] * _changed(self.rates, held, *moving)
 
-
-@final
-@dataclass(frozen=True)
-class _Given:
-    """The transpose of `Timed`."""
-
-    rates: Rates
-
-    def __call__(self, held: At, moving: Any) -> Any:
-        return moving, jnp.zeros_like(held.c)
-
-    @property
-    def transposed(self) -> LinearMap:
-        return Timed(self.rates)
-
-    def change(self, held: At, dheld: At, moving: Any, still: At) -> Any:
+    def change_back(self, held: At, dheld: At, given: Any, still: At) -> Any:
+        """See `LinearMap`."""
         if still.t:
             return jnp.zeros_like(held.y), jnp.zeros_like(held.c)
-        back = jax.vjp(partial(_changed, self.rates, held), held.y, held.c)[1]
-        return back(dheld.t[:, None] * moving)
+        return jax.vjp(partial(_changed, self.rates, held), held.y, held.c)[1](dheld.t[:, None] * given)
 
 
 _HALVINGS = 52

@@ -38,15 +38,46 @@ class LinearMap(Protocol):
     def __call__(self, held: Any, moving: Any) -> Any:
         """Return the value, a tree of arrays."""
 
-    @property
-    def transposed(self) -> LinearMap:
-        """The transpose: from `held` and cotangents of the value to those of `moving`."""
+    def back(self, held: Any, given: Any) -> Any:
+        """Return the value of the transpose: from cotangents of the value to those of `moving`."""
 
     def change(self, held: Any, dheld: Any, moving: Any, still: Any) -> Any:
         """Return the change of the value with that of `held`, by operations that are linear in `dheld`.
 
         `still` is a tree like `held` of whether each array is known not to change.
         """
+
+    def change_back(self, held: Any, dheld: Any, given: Any, still: Any) -> Any:
+        """Return the change of the value of the transpose, as `change` does."""
+
+    @property
+    def transposed(self) -> LinearMap:
+        """The transpose, a linear map."""
+        return _Transposed(self)
+
+
+@final
+@dataclass(frozen=True)
+class _Transposed(LinearMap):
+    """The transpose of a map."""
+
+    of: LinearMap
+
+    def __call__(self, held: Any, moving: Any) -> Any:
+        return self.of.back(held, moving)
+
+    def back(self, held: Any, given: Any) -> Any:
+        return self.of(held, given)
+
+    def change(self, held: Any, dheld: Any, moving: Any, still: Any) -> Any:
+        return self.of.change_back(held, dheld, moving, still)
+
+    def change_back(self, held: Any, dheld: Any, given: Any, still: Any) -> Any:
+        return self.of.change(held, dheld, given, still)
+
+    @property
+    def transposed(self) -> LinearMap:
+        return self.of
 
 
 def apply(function: LinearMap, held: Any, moving: Any) -> Any:
@@ -128,47 +159,41 @@ class Given(NamedTuple):
     shared: Any
 
 
-def _moved(function: RowFunction, fixed: Any, rows: Any, shared: Any, moving: Any) -> Any:
-    return jax.jvp(lambda *values: function(fixed, *values), (rows, shared), moving)[1]
-
-
-def _back(function: RowFunction, fixed: Any, rows: Any, shared: Any, given: Any) -> Any:
-    return jax.vjp(lambda *values: function(fixed, *values), rows, shared)[1](given)
-
-
 @final
 @dataclass(frozen=True)
-class _Moved:
+class Moved:
     """The change of a function of rows, as a function of rows."""
 
     function: RowFunction
 
     def __call__(self, fixed: Any, rows: Any, shared: Any) -> Any:
+        """Return the changes of rows and sums, from rows and what is shared, each with its change."""
         (rows, drows), (shared, dshared) = rows, shared
-        return _moved(self.function, fixed, rows, shared, (drows, dshared))
+        return jax.jvp(partial(self.function, fixed), (rows, shared), (drows, dshared))[1]
 
 
 @final
 @dataclass(frozen=True)
-class _Back:
+class Back:
     """The cotangents of a function of rows, as a function of rows; those of what is shared are sums."""
 
     function: RowFunction
 
     def __call__(self, fixed: Any, rows: Any, shared: Any) -> Any:
+        """Return the cotangents, from rows and what is shared, each with cotangents: those of rows, and of sums."""
         (rows, given), (shared, sums) = rows, shared
-        return _back(self.function, fixed, rows, shared, (given, sums))
+        return jax.vjp(partial(self.function, fixed), rows, shared)[1]((given, sums))
 
 
-def _in_chunks(size: int, given: Given, moving: Any, one: Callable[..., Any]) -> Any:
-    """Return rows and sums of ``one(fixed, rows, shared, (rows of moving, what it shares))`` over all chunks."""
+def _in_chunks(function: RowFunction, size: int, given: Given, moving: Any) -> Any:
+    """Return rows and sums of ``function(fixed, (rows, those of moving), (shared, that of moving))`` of all chunks."""
 
     def sliced(tree: Any, first: Any) -> Any:
         return jax.tree.map(lambda rows: lax.dynamic_slice_in_dim(rows, first, size), tree)
 
     def at(first: Any) -> Any:
         fixed, rows, drows = (sliced(tree, first) for tree in (given.fixed, given.rows, moving[0]))
-        return one(fixed, rows, given.shared, (drows, moving[1]))
+        return function(fixed, (rows, drows), (given.shared, moving[1]))
 
     def chunk(number: Any, carry: Any) -> Any:
         rows, sums = carry
@@ -185,16 +210,9 @@ def _in_chunks(size: int, given: Given, moving: Any, one: Callable[..., Any]) ->
     return lax.fori_loop(0, given.chunks.astype(int), chunk, varying_like(begin, (given, moving)))
 
 
-def _changed(function: RowFunction, size: int, held: Given, dheld: Given, moving: Any) -> Any:
-    """Return the change of a value at `held` and `moving` with `held`, where the value is a function of both."""
-    both = Given(held.chunks, held.fixed, (held.rows, moving[0]), (held.shared, moving[1]))
-    still = jax.tree.map(jnp.zeros_like, moving)
-    return apply(PushedRows(function, size), both, ((dheld.rows, still[0]), (dheld.shared, still[1])))
-
-
 @final
 @dataclass(frozen=True)
-class PushedRows:
+class PushedRows(LinearMap):
     """The change of a function of rows with `moving` = (rows, shared), in chunks of `size` rows; `held` is `Given`."""
 
     function: RowFunction
@@ -202,32 +220,23 @@ class PushedRows:
 
     def __call__(self, held: Given, moving: Any) -> Any:
         """Return the changes of rows and sums."""
-        return _in_chunks(self.size, held, moving, lambda *values: _moved(self.function, *values))
+        return _in_chunks(Moved(self.function), self.size, held, moving)
 
-    @property
-    def transposed(self) -> LinearMap:
+    def back(self, held: Given, given: Any) -> Any:
         """See `LinearMap`."""
-        return _PulledRows(self.function, self.size)
+        return _in_chunks(Back(self.function), self.size, held, given)
 
     def change(self, held: Given, dheld: Given, moving: Any, still: Any) -> Any:
         """See `LinearMap`."""
-        return _changed(_Moved(self.function), self.size, held, dheld, moving)
+        return changed(Moved(self.function), self.size, held, dheld, moving)
+
+    def change_back(self, held: Given, dheld: Given, given: Any, still: Any) -> Any:
+        """See `LinearMap`."""
+        return changed(Back(self.function), self.size, held, dheld, given)
 
 
-@final
-@dataclass(frozen=True)
-class _PulledRows:
-    """The transpose of `PushedRows`: from cotangents of rows and sums to those of rows and of what is shared."""
-
-    function: RowFunction
-    size: int
-
-    def __call__(self, held: Given, moving: Any) -> Any:
-        return _in_chunks(self.size, held, moving, lambda *values: _back(self.function, *values))
-
-    @property
-    def transposed(self) -> LinearMap:
-        return PushedRows(self.function, self.size)
-
-    def change(self, held: Given, dheld: Given, moving: Any, still: Any) -> Any:
-        return _changed(_Back(self.function), self.size, held, dheld, moving)
+def changed(function: RowFunction, size: int, held: Given, dheld: Given, moving: Any) -> Any:
+    """Return the change of a value at `held` and `moving` with `held`, where the value is a function of both."""
+    both = Given(held.chunks, held.fixed, (held.rows, moving[0]), (held.shared, moving[1]))
+    still = jax.tree.map(jnp.zeros_like, moving)
+    return apply(PushedRows(function, size), both, ((dheld.rows, still[0]), (dheld.shared, still[1])))

@@ -32,7 +32,7 @@ class Known(NamedTuple):
 
 @final
 @dataclass(frozen=True)
-class OrNan:
+class OrNan(LinearMap):
     """Changes of states (n_t, n_y) as they are, or NaN; they come with those of what they follow from.
 
     These are (of the times (n_t,), of the first state (n_y,), of the constants (n_c,)): what is pulled back to them is
@@ -49,10 +49,17 @@ class OrNan:
             known &= ~((held.moved > 0.0) & jnp.any(dc[jnp.array(self.moved_by)] != 0.0))
         return jnp.where(known[:, None], rows, jnp.nan)
 
-    @property
-    def transposed(self) -> LinearMap:
+    def back(self, held: Known, given: Any) -> Any:
         """See `LinearMap`."""
-        return _Asked(self.moved_by)
+        known = held.known > 0.0
+        asked = jnp.any(given != 0.0, axis=1)
+        lost = jnp.where(jnp.any(~known & asked), jnp.nan, 0.0)
+        share = jnp.full_like(held.c, lost)
+        if self.moved_by:
+            by = jnp.zeros(len(held.c), dtype=bool).at[jnp.array(self.moved_by)].set(True)
+            share = jnp.where(by & jnp.any((held.moved > 0.0) & asked), jnp.nan, share)
+        first = jnp.full(given.shape[1], lost)
+        return jnp.where(known[:, None], given, 0.0), (jnp.full(len(known), lost), first, share)
 
     def change(self, held: Known, dheld: Known, moving: Any, still: Any) -> Any:
         """See `LinearMap`: zero, or NaN where the value is, and where the constants move what is not known."""
@@ -60,35 +67,12 @@ class OrNan:
         known = held.known * jnp.all(jnp.isfinite(self(held, moving)), axis=1)
         return apply(self, held._replace(known=known), (none[0], (*none[1][:2], dheld.c)))
 
-
-@final
-@dataclass(frozen=True)
-class _Asked:
-    """The transpose of `OrNan`."""
-
-    moved_by: tuple[int, ...]
-
-    def __call__(self, held: Known, moving: Any) -> Any:
-        known = held.known > 0.0
-        asked = jnp.any(moving != 0.0, axis=1)
-        lost = jnp.where(jnp.any(~known & asked), jnp.nan, 0.0)
-        share = jnp.full_like(held.c, lost)
-        if self.moved_by:
-            by = jnp.zeros(len(held.c), dtype=bool).at[jnp.array(self.moved_by)].set(True)
-            share = jnp.where(by & jnp.any((held.moved > 0.0) & asked), jnp.nan, share)
-        first = jnp.full(moving.shape[1], lost)
-        return jnp.where(known[:, None], moving, 0.0), (jnp.full(len(known), lost), first, share)
-
-    @property
-    def transposed(self) -> LinearMap:
-        return OrNan(self.moved_by)
-
-    def change(self, held: Known, dheld: Known, moving: Any, still: Any) -> Any:
+    def change_back(self, held: Known, dheld: Known, given: Any, still: Any) -> Any:
         """Return zero, NaN where the value is NaN or a requested value depends on the constants."""
-        changes = jax.tree.map(lambda found: jnp.where(jnp.isfinite(found), 0.0, jnp.nan), self(held, moving))
+        changes = jax.tree.map(lambda found: jnp.where(jnp.isfinite(found), 0.0, jnp.nan), self.back(held, given))
         if not self.moved_by:
             return changes
-        asked = held.moved * jnp.any(moving != 0.0, axis=1)
+        asked = held.moved * jnp.any(given != 0.0, axis=1)
         once = Known(jnp.ones(1), jnp.max(asked, initial=0.0)[None], held.c)
         none = jnp.zeros(1), jnp.zeros(1)
         lost = apply(OrNan(self.moved_by), once, (jnp.zeros((1, 1)), (*none, dheld.c)))[0, 0]
@@ -97,26 +81,27 @@ class _Asked:
 
 @final
 @dataclass(frozen=True)
-class Sloped:
+class Sloped(LinearMap):
     """Changes of numbers: those of others times slopes, which are NaN where they are not known.
 
     Backward, an unknown slope makes NaN only of what was asked for, so that other results keep their derivatives.
     """
 
-    backward: bool = False
-
     def __call__(self, held: Any, moving: Any) -> Any:
         """See `LinearMap`."""
-        return jnp.where(moving != 0.0, held * moving, 0.0) if self.backward else held * moving
+        return held * moving
 
-    @property
-    def transposed(self) -> LinearMap:
+    def back(self, held: Any, given: Any) -> Any:
         """See `LinearMap`."""
-        return Sloped(not self.backward)
+        return jnp.where(given != 0.0, held * given, 0.0)
 
     def change(self, held: Any, dheld: Any, moving: Any, still: Any) -> Any:
         """See `LinearMap`."""
-        return apply(Sloped(self.backward), jax.lax.stop_gradient(moving), dheld)
+        return apply(self, jax.lax.stop_gradient(moving), dheld)
+
+    def change_back(self, held: Any, dheld: Any, given: Any, still: Any) -> Any:
+        """See `LinearMap`."""
+        return apply(self.transposed, jax.lax.stop_gradient(given), dheld)
 
 
 @jax.custom_jvp
