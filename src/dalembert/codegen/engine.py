@@ -135,7 +135,7 @@ class Engine(ABC):
     ) -> tuple[Solution, list[Occurrence]]:
         """Return the solution of a problem with events, and what occurred, in the order of time.
 
-        Where a state jumps, accepted steps hold the time twice. `carried` are signs (n_events,) with which a motion
+        Where a state jumps, accepted steps hold the time twice. `carried` (2 n_events,) are signs with which a motion
         continues after a stop (`EventWorkspace.carried`): expressions that change theirs by what happens at the stop
         occur at once. It gets the signs with which this part of the motion ends.
         """

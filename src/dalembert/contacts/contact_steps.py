@@ -94,7 +94,9 @@ def cut_phase(steps: ContactSteps, runner: SweepArguments) -> None:
     state.clock[END, 0], state.numbers.status[0] = state.clock[NOW, 0], Status.SUCCESS
     for e in range(runner.events.directions.size):
         unknown = space.zero[0, e] != 0.0 and space.seen[0, e] == 0.0
-        space.carried[0, e] = 0.0 if unknown else space.signs[0, e]
+        space.carried[0, 2 * e] = 0.0 if unknown else space.signs[0, e]
+        if space.seen[0, e] != 0.0:
+            space.carried[0, 2 * e + 1] = 1.0
 
 
 @compiled_subset

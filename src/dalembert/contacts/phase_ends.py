@@ -108,12 +108,13 @@ def ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int
     cases.passed[i], cases.t[i] = t - table.t0[i], t
     first = place * 3 * plan.runners.events[runner]
     over = _happened(plan, table, space, i, first)
+    if table.carried.shape[0] > 0:
+        for m in range(2 * plan.runners.events[runner]):
+            table.carried[i, m] = space.carried[place * 2 * plan.runners.events[runner] + m]
     if status == _SUCCESS:
         if t == table.t1[i]:
             numbers.state[i] = _SUCCESS
         elif table.carried.shape[0] > 0:
-            for e in range(plan.runners.events[runner]):
-                table.carried[i, e] = space.carried[place * plan.runners.events[runner] + e]
             if numbers.steps[i] >= plan.most_steps:
                 numbers.state[i] = _MAX_STEPS
         return False

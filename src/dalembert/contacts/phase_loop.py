@@ -79,8 +79,8 @@ def _reset(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: in
             space.happened[first + m] = 0.0
             space.happened[first + m + 1] = space.happened[first + m + 2] = math.nan
         if table.carried.shape[0] > 0:
-            for e in range(events):
-                space.carried[place * events + e] = table.carried[i, e]
+            for m in range(2 * events):
+                space.carried[place * 2 * events + m] = table.carried[i, m]
     space.turns[runner] = 0
     space.packed_args[runner, _COUNT] = size
 
@@ -145,8 +145,8 @@ def _runner(plan: PhasePlan, table: CaseTable, i: int) -> int:
 def _enter_phase(plan: PhasePlan, table: CaseTable, i: int) -> None:
     """Start a phase of a case in the selected mode; one that cannot start is not counted."""
     numbers, table.t0[i], failed = table.numbers, table.cases.t[i], table.cases.status[i] != _SUCCESS
-    for e in range(table.carried.shape[1]):
-        table.carried[i, e] = math.nan
+    for m in range(0, table.carried.shape[1], 2):
+        table.carried[i, m] = math.nan
     if failed or table.cases.t[i] == table.t1[i]:
         numbers.state[i] = table.cases.status[i]
         if table.cases.passed[i] != 0.0:

@@ -145,8 +145,9 @@ class CaseTable(NamedTuple):
         For a case that is alone, a line for each phase that begins: time, number of the mode, parameters that the
         contacts add, coordinates, rates and first-order states. A full log ends the work.
     stops : PhaseStops
-    carried : (k, n) or (0, 0)
-        Where cases stop and go on, signs of the events of a case in its present phase (`EventWorkspace.carried`).
+    carried : (k, 2 n) or (0, 0)
+        Where cases stop and go on or events map states, the sign of each event of a case in its present phase, and 1
+        if it was seen beyond rounding since an event last mapped the state (`EventWorkspace.carried`).
     """
 
     t0: Vector
@@ -190,7 +191,7 @@ class ThreadWorkspace(NamedTuple):
     y, ends, happened, totals
         Results of these loops.
     carried
-        Signs of events with which cases continue in them, and with which they end.
+        Signs of events with which cases continue in them and end, and which were seen (`EventWorkspace.carried`).
     reaching, acted
         Cases that reach stops, one a lane, with the controllers that act there; and what these set.
     chosen, sampled

@@ -20,6 +20,8 @@ from .event_series import happens_alone
 @compiled_subset
 def begin_signs(events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, c: int) -> None:
     """Record the signs at the start of a lane, whose state is in the first row of ``one_point``."""
+    for e in range(events.directions.size):
+        space.seen[lane, e] = 0.0
     _take_signs(events, space, lane, t, direction, c, True)
 
 
@@ -39,7 +41,7 @@ def _take_signs(
         rule = events.directions[e] if armed else 0
         sign, zero = start_sign(value, rate, noise, space.residual[0, e], t, direction, rule)
         space.start_noise[lane, e] = noise if math.isfinite(noise) else 0.0
-        space.zero[lane, e], space.signs[lane, e], space.seen[lane, e] = 1.0 if zero else 0.0, sign, 0.0
+        space.zero[lane, e], space.signs[lane, e] = 1.0 if zero else 0.0, sign
 
 
 @compiled_subset
@@ -54,12 +56,28 @@ def starts(events: EventKernels, space: EventWorkspace, lane: int, t: float, dir
 @compiled_subset
 def go_on(events: EventKernels, space: EventWorkspace, lane: int, t: float, direction: float, case: int) -> None:
     """Set the signs with which a case continues in a lane, see ``EventWorkspace.carried``."""
-    space.jumped[lane, 2] = 1.0
     for e in range(events.directions.size):
+        before = space.carried[case, 2 * e]
+        if not math.isnan(before):
+            space.jumped[lane, 2] = 1.0
         value, rate, noise = space.one_out[0, 3 * e], space.one_out[0, 3 * e + 1], space.one_out[0, 3 * e + 2]
-        sign = carried_sign(space.carried[case, e], value, rate, noise, t, direction, events.directions[e])
+        sign = carried_sign(before, value, rate, noise, t, direction, events.directions[e])
         if sign != 0.0:
             space.signs[lane, e], space.zero[lane, e] = sign, 0.0
+
+
+@compiled_subset
+def carry(events: EventKernels, space: EventWorkspace, lane: int, case: int, status: int, searched: bool) -> None:
+    """Record how a case ends with a status in a lane, whose last step was ``searched``: see ``EventWorkspace.carried``.
+
+    Only at a stop does it continue with the signs that it has.
+    """
+    for e in range(events.directions.size):
+        if status == Status.SUCCESS:
+            unknown = searched and space.zero[lane, e] != 0.0
+            space.carried[case, 2 * e] = 0.0 if unknown else space.signs[lane, e]
+        if space.seen[lane, e] != 0.0:
+            space.carried[case, 2 * e + 1] = 1.0
 
 
 @compiled_subset

@@ -53,7 +53,7 @@ def run_with_events(
         Those of the run; blocks end where they change.
     loop
         That of `dalembert.events.event_resolution`.
-    carried : ndarray (n_events,) or None
+    carried : ndarray (2 n_events,) or None
         See `dalembert.codegen.engine.Engine.integrate_watched`.
     """
     room = _ROOM
@@ -100,6 +100,7 @@ class _SearchedRun:
             status, task = self._until_jump(task), RESTART
         if self.overflows:
             return None
+        self._carry(status)
         occurrences = np.concatenate(self.occurrences) if self.occurrences else np.empty((0, OCCURRENCE))
         width = FIRST_AT + 3 * self.n if not self.rows else self.rows[0].shape[1]
         return RecordedCase(
@@ -249,10 +250,17 @@ class _SearchedRun:
             self.progress.theta = 1.0
             status = self._resolved()
         self._keep(np.empty((0, self.rows[0].shape[1])))
-        if self.carried is not None and status == Status.SUCCESS and not self.overflows:
-            some = slice(len(self.watch.events))
-            self.carried[some] = np.where(space.zero[0, some] != 0.0, 0.0, space.signs[0, some])
         return status
+
+    def _carry(self, status: int) -> None:
+        """Write with what the motion may continue after its end (`EventWorkspace.carried`)."""
+        if self.carried is None or self.work is None:
+            return
+        space, n = self.work.workspace, len(self.watch.events)
+        signs, noticed = self.carried[: 2 * n : 2], self.carried[1 : 2 * n : 2]
+        if status == Status.SUCCESS:
+            signs[:] = np.where(space.zero[0, :n] != 0.0, 0.0, space.signs[0, :n])
+        noticed[space.seen[0, :n] != 0.0] = 1.0
 
 
 def _polynomials(dense: DenseOutput) -> FloatArray:

@@ -14,7 +14,7 @@ from ..steps.projection import FAILED, NONE, PENDING, end_polynomial
 from ..steps.step_control import largest_step, status_after
 from ..subset.compiled_subset import call_code, compiled_subset, row
 from .event_intervals import state_at
-from .event_resolution import begin_signs, go_on, resolve, starts, zeros_at_end
+from .event_resolution import begin_signs, carry, go_on, resolve, starts, zeros_at_end
 from .event_rules import recorded_after
 from .event_search import BROKEN, NOTHING, scan
 from .event_series import at_most_one_zero, keeps_signs, load_event_series, no_sign_change
@@ -99,18 +99,9 @@ def handle_events(arguments: SweepArguments) -> None:
         if stops:
             _stop(arguments, lane, found, theta)
         arguments.workspace.jumped[lane, 2] = 0.0
-        if arguments.workspace.carried.shape[0] > 0:
-            _carry(arguments, lane, searched)
-
-
-@compiled_subset
-def _carry(arguments: SweepArguments, lane: int, searched: bool) -> None:
-    """Record the signs with which the case of a lane has ended, where they are known."""
-    space, case = arguments.workspace, arguments.state.numbers.case[lane]
-    if arguments.state.numbers.status[lane] == Status.SUCCESS:
-        for e in range(arguments.events.directions.size):
-            unknown = searched and space.zero[lane, e] != 0.0
-            space.carried[case, e] = 0.0 if unknown else space.signs[lane, e]
+        status, case = arguments.state.numbers.status[lane], arguments.state.numbers.case[lane]
+        if arguments.workspace.carried.shape[0] > 0 and status != RUNNING:
+            carry(arguments.events, arguments.workspace, lane, case, status, searched)
 
 
 @compiled_subset

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 class CaseBlock:
     """Cases to be integrated together: states y (k, n_y), constants c (k, n_c), spans (k, 2), and common settings.
 
-    ``watch`` are events and reductions, ``inputs`` those that have knots, or None. ``carried`` (k, n_events) are as in
+    ``watch`` are events and reductions, ``inputs`` those that have knots, or None. ``carried`` (k, 2 n_events) is as in
     `CaseColumns`.
     """
 
@@ -84,8 +84,8 @@ class CaseColumns:
         Size of the first step, None where it is chosen; of steps of a Runge-Kutta pair, `SweepKernels.begin` has it.
     recorded : int
         Rows for records of steps, and of occurrences of events, of a case that is alone; 0 records none.
-    carried : ndarray (k, n_events) or None
-        Signs of events with which cases continue, and with which they end (`EventWorkspace.carried`).
+    carried : ndarray (k, 2 n_events) or None
+        Signs of events with which cases continue and end, and which were seen (`EventWorkspace.carried`).
     stops : CaseStops or None
         Where runs stop beside knots; then `inputs` are there, be they without records.
     constants_at : function or None

@@ -236,8 +236,9 @@ class EventWorkspace(NamedTuple):
     Where ``occurrences`` has rows, it gets the occurrences, from the second row on; the first has their number, also of
     those for which there is no row, and the number of the present step among the records of steps.
 
-    Where ``carried`` (n_cases, n_events) has rows, it has the signs with which cases continue: NaN at a start,
-    0 where a sign is not known; it gets those at their ends.
+    Where ``carried`` (n_cases, 2 n_events) has rows, it has the sign with which each event of a case continues, NaN at
+    a start and 0 where it is not known, and 1 if the event was seen beyond rounding since the state last jumped, else
+    0. It gets those at the ends of cases.
 
     Where ``low`` (n + 1, lanes) has rows, they are what rounding took from the sums of state and time.
     """
@@ -330,7 +331,7 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         step_points=aligned(POINT_LANES * (1 + n) if events.step_points else 0, lanes),
         step_values=aligned(POINT_LANES * k if events.step_points else 0, lanes),
         occurrences=np.zeros((0, OCCURRENCE)),
-        carried=np.zeros((0, k)),
+        carried=np.zeros((0, 2 * k)),
         low=np.zeros((0, lanes)),
     )
 

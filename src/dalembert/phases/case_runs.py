@@ -197,7 +197,9 @@ class CaseRuns:
         """Map the states of cases in which events have occurred that do so, and begin a phase anew in each."""
         x, modes = self._before_map = self._before_map or (np.full_like(self.cases.x, np.nan), self.cases.number.copy())
         x[some], modes[some] = self.cases.x[some], self.cases.number[some]
-        self.numbers.state[some] = jumps.apply(self.cases, self.occurred, some, self._jumped[some])
+        self.numbers.state[some] = jumps.apply(
+            self.cases, self.occurred, self.executor.table.carried, some, self._jumped[some]
+        )
         self._jumped[some] = self.cases.t[some]
         ended = some[self.numbers.state[some] != RUNNING]
         self.numbers.phases[ended] -= self.cases.passed[ended] != 0.0

@@ -114,7 +114,7 @@ class HostMode:
 
         def run(packed: int, *others: int) -> int:
             count = ctypes.c_int64.from_address(packed + 8 * _COUNT).value
-            width = (len(self.events) if recorded else self._width) if len(table.stops.table.first) > 0 else None
+            width = (len(self.events) if recorded else self._width) if len(table.carried) > 0 else None
             group = self._group(rows, space, count, width)
             if self._jumps is not None:
                 self._jumps.apply(group)
@@ -126,14 +126,14 @@ class HostMode:
                 self._jumps.leave(group, space.ends)
             if group.carried is not None:
                 n = len(self.events)
-                space.carried[: count * n] = group.carried[:, :n].ravel()
+                space.carried[: count * 2 * n] = group.carried[:, : 2 * n].ravel()
             return 0
 
         nothing, occurrences = np.empty((0, 0)), np.zeros((1, OCCURRENCE))
         return LoopCall(host_code(run), np.zeros(_WORDS, np.int64), LoopProgress(), nothing, occurrences, None)
 
     def _group(self, rows: GatheredRows, space: ThreadWorkspace, count: int, width: int | None) -> CaseGroup:
-        """Return the cases that are gathered, with signs of so many events if motions have stops."""
+        """Return the cases that are gathered, with what they carry of so many events, if anything."""
         values, names = space.gathered[:, :count].copy(), self.model.layout.parameters
         places = rows.with_switches(self._switched)
         p = {name: values[places[name]] for name in names if name in places}
@@ -141,8 +141,9 @@ class HostMode:
         carried = None
         if width is not None:
             n = len(self.events)
-            carried = np.full((count, max(n, width)), np.nan)
-            carried[:, :n] = space.carried[: count * n].reshape(count, n)
+            carried = np.zeros((count, 2 * max(n, width)))
+            carried[:, 2 * n :: 2] = np.nan
+            carried[:, : 2 * n] = space.carried[: count * 2 * n].reshape(count, -1)
         return CaseGroup(space.chosen[:count].copy(), values[0], values[1], p, x, carried)
 
     @property

@@ -118,7 +118,7 @@ class ModeRunner:
             atol=self.options.atol,
             max_step=self.options.max_step,
             max_steps=self.options.max_steps,
-            carried=space.carried[: k * len(self.events)].reshape(k, -1) if len(table.carried) else None,
+            carried=space.carried[: 2 * k * len(self.events)].reshape(k, -1) if len(table.carried) else None,
             recorded=max(recorded, min(_MOST_ROWS, _ROOM // max(self.size, 1))) if recorded else 0,
             part=self._part(space, table) if len(table.t_eval) else None,
         )

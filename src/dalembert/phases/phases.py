@@ -67,7 +67,7 @@ def thread_workspace(
         ends=np.zeros((together, 3)),
         happened=np.zeros(together * 3 * events),
         totals=np.zeros((together, table.totals.shape[1])),
-        carried=np.full(together * events, np.nan),
+        carried=np.zeros(together * 2 * events),
         reaching=np.full((2, lanes), -1, np.int64),
         acted=aligned(int(max(np.diff(table.stops.table.columns), default=1)), lanes),
         chosen=np.zeros(together, np.int64),
@@ -143,6 +143,7 @@ class PhaseExecutor:
 
     def begin(self, stops: PhaseStops | None) -> None:
         """Prepare for cases that begin, with stops or without."""
+        self.table.carried[:, 1::2] = 0.0
         if stops is None and not len(self.table.stops.table.first):
             return
         stops = no_phase_stops() if stops is None else stops
@@ -253,11 +254,12 @@ class PhaseExecutor:
         return self._made[1]
 
     def _carry_signs(self, stops: bool = False) -> None:
-        """Make room for the signs of all events of a runner, where there are `stops`, or the table has them."""
-        width = max((len(runner.events) for runner in self.choice.runners), default=0)
-        before = self.table.carried
-        if (stops or len(self.table.stops.table.first)) and width > before.shape[1]:
-            carried = np.full((len(self.table.t1), width), np.nan)
+        """Make room for what cases carry of all events of a runner, where events map states or cases stop."""
+        width = 2 * max((len(runner.events) for runner in self.choice.runners), default=0)
+        before, maps = self.table.carried, any(event.apply is not None for event in self.choice.reductions.events)
+        if (stops or maps or len(self.table.stops.table.first)) and width > before.shape[1]:
+            carried = np.zeros((len(self.table.t1), width))
+            carried[:, ::2] = np.nan
             carried[: len(before), : before.shape[1]] = before
             self.table, self._packed = self.table._replace(carried=carried), []
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, final
@@ -156,7 +157,12 @@ class EventJumps:
         return label in self._codes
 
     def apply(
-        self, cases: ContactCases, occurred: FloatArray, some: NDArray[np.intp], before: FloatArray
+        self,
+        cases: ContactCases,
+        occurred: FloatArray,
+        carried: FloatArray,
+        some: NDArray[np.intp],
+        before: FloatArray,
     ) -> NDArray[np.int64]:
         """Map the states of cases by the events that have just occurred in them, whose modes are to be selected then.
 
@@ -165,6 +171,8 @@ class EventJumps:
         cases : ContactCases
         occurred : ndarray (n_case, 3 n_events)
             Number, first and last time of each event.
+        carried : ndarray (n_case, 2 n)
+            Which events were seen beyond rounding since the last jump (`CaseTable.carried`); none is from this one on.
         some : ndarray (k,)
             Numbers of the cases.
         before : ndarray (k,)
@@ -174,13 +182,15 @@ class EventJumps:
         -------
         ndarray (k,)
             RUNNING, or the status of cases that end: EVENT_STATE where the constraints forbid the state, EVENT where
-            the event was the last, EVENTS_ACCUMULATE where no time has passed since the last jump.
+            the event was the last, EVENTS_ACCUMULATE where no time has passed since the last jump or what jumps was not
+            seen in between.
         """
-        status = np.full(len(some), RUNNING, np.int64)
+        status, seen = np.full(len(some), RUNNING, np.int64), np.ones(len(some), bool)
         for i, event in enumerate(self._events):
             here = (occurred[some, 3 * i + 2] == cases.t[some]) & (status == RUNNING)
             if event.label in self and np.any(here):
                 jumping = some[here]
+                seen[here] &= carried[jumping, 2 * i + 1] != 0.0
                 x, allowed = self._mapped(event.label, cases, jumping)
                 cases.x[jumping[allowed]] = x[allowed]
                 status[np.flatnonzero(here)[~allowed]] = Status.EVENT_STATE
@@ -189,9 +199,10 @@ class EventJumps:
                 over = (occurred[some, 3 * i] >= int(event.terminal)) & (status == RUNNING)
                 status[over] = Status.EVENT
         for place, i in enumerate(some.tolist()):
-            t, span = cases.t[i], abs(cases.span[i])
-            if status[place] == RUNNING and accumulates(abs(t - before[place]), t, span, True, 0.0):
+            gap, t, span = abs(cases.t[i] - before[place]), cases.t[i], abs(cases.span[i])
+            if status[place] == RUNNING and not math.isnan(gap) and accumulates(gap, t, span, seen[place], 0.0):
                 status[place] = Status.EVENTS_ACCUMULATE
+        carried[some, 1::2] = 0.0
         going = some[status == RUNNING]
         cases.modes[going], cases.number[going] = UNDECIDED, UNDECIDED
         return status

@@ -49,7 +49,7 @@ def simulate_in_own_time(
 ) -> Trajectory:
     """Return one trajectory in the time of the model, whatever the span.
 
-    `carried` (n_events,) are signs of events, for a run that is a part of another (see `Engine.integrate_watched`).
+    `carried` (2 n_events,) is what events carry, for a run that is a part of another (see `Engine.integrate_watched`).
     """
     if options.project_invariants is not False:
         from ..starts.first_integrals import keeping_from, refuse_jumps

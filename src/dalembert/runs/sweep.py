@@ -116,8 +116,8 @@ def sweep_in_own_time(
 ) -> Sweep:
     """Return the results of many cases of a model without contacts, in the time of the model.
 
-    For runs that are parts of others, `carried` (k, n_events) are signs of events (`CaseColumns.carried`), and `times`
-    (n_t,) those to record of all of these others.
+    For runs that are parts of others, `carried` (k, 2 n_events) is what events carry (`CaseColumns.carried`), and
+    `times` (n_t,) those to record of all of these others.
     """
     if options.project_invariants is not False:
         refuse_jumps(options.events, model.layout.aliases)
