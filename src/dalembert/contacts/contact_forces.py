@@ -27,6 +27,9 @@ from .dense_solve import solve_dense
 _STEP, _MOST_STEPS = 2.0**20, 50
 """Factor between scales, and most of them: sizes of ordinary units keep the scale one."""
 
+_ALONE = 1e-9
+"""Share of a direction in which friction is not determined up to which a contact has no part in it."""
+
 _POWERLESS = 1e-12
 """Share of the slip acceleration that friction would cause if nothing else held, up to which rounding makes it."""
 
@@ -339,6 +342,7 @@ def solve_mode(system: ContactSystem, chosen: Combination) -> None:
             system.free[a, r] = system.dense.free[a, r]
     if system.solved.undetermined > 1:
         _separate(system)
+    _leave_out_single(system)
     for i in range(system.solution.size):
         value = found[system.solved.place + i, 0]
         for j in range(system.slips):
@@ -363,6 +367,29 @@ def _separate(system: ContactSystem) -> None:
                 factor = free[b, pivot]
                 for r in range(system.slips):
                     free[b, r] -= factor * free[a, r]
+
+
+@compiled_subset
+def _leave_out_single(system: ContactSystem) -> None:
+    """Leave out the directions that change the friction of one contact alone: constraints hold it, friction does not.
+
+    Where a wall would have to pull for that, it is open (`dalembert.contacts.slip_lines`).
+    """
+    count = 0
+    for a in range(system.solved.undetermined):
+        changed, largest = 0, 0.0
+        for r in range(system.slips):
+            largest = max(largest, abs(system.free[a, r]))
+        for i in range(system.contacts):
+            most = 0.0
+            for r in range(system.first[i], system.first[i] + system.width[i]):
+                most = max(most, abs(system.free[a, r]))
+            changed += 1 if most > _ALONE * largest else 0
+        if changed > 1:
+            for r in range(system.slips):
+                system.free[count, r] = system.free[a, r]
+            count += 1
+    system.solved.undetermined = count
 
 
 @compiled_subset

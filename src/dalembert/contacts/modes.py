@@ -25,6 +25,7 @@ from .contact_laws import OPEN, SLIP, SMOOTH, STICK, ContactLaws, Mode, mode_par
 from .points_of_one_link import pairs_of_one_link
 from .shared_loads import Direction, SharedLaw, lawful_sums, undetermined_directions
 from .sliding_friction import SlidingContact, SlidingFriction, sliding_friction
+from .slip_lines import SlipLine, along_lines
 from .sticking_pairs import StickingPair, with_pairs
 
 
@@ -60,10 +61,12 @@ class _ModeEquations:
         self.sliding = [SlidingContact(c, partial(self.laws.factors, c, state)) for c, state in sliding]
         opened = {c.constraint for c, state in self.contacts if state == OPEN}
         self.rows = [row for i, row in enumerate(equations.constraints) if i not in opened]
+        self.lines: dict[str, SlipLine] = {}
         self.groups = self._stick([c for c, state in self.contacts if state == STICK])
+        self.whole = along_lines(self.whole, self.lines.values())
         gone = {i for c, state in self.contacts if state == OPEN for i in (c.normal, *c.tangential)}
         gone |= {i for c in (*(c for c, _ in sliding), *self.idle) for i in c.tangential}
-        gone |= {pair.second.tangential[1] for pair in self.pairs}
+        gone |= {pair.second.tangential[1] for pair in self.pairs} | {line.other for line in self.lines.values()}
         gone |= {c.normal for c, _ in self.contacts if c.normal_load is not None}
         self.kept = [i for i in range(len(equations.symbols.unknowns)) if i not in gone]
 
@@ -89,7 +92,9 @@ class _ModeEquations:
         self.idle: list[ContactRow] = []
         groups: dict[str, list[ContactRow]] = {}
         owners: list[str] = []
-        for contact, row in ((each, row) for each in sticking for row in self._rows_of(each)):
+        paired = {contact.name for pair in self.pairs for contact in (pair.first, pair.second)}
+        tied: dict[str, list[tuple[int, Node]]] = {}
+        for contact, k, row in ((each, k, row) for each in sticking for k, row in enumerate(self._rows_of(each))):
             slopes = slopes_of(row)
             weights = dependence(own, jacobians, slopes)
             if weights is None:
@@ -98,10 +103,15 @@ class _ModeEquations:
                 owners.append(contact.name)
                 continue
             holding = [owner for owner, weight in zip(owners, weights[held:], strict=True) if not weight.is_zero]
+            if len(contact.slips) > 1 and contact.name not in paired and {*holding} <= {contact.name}:
+                share = weights[-1] if owners and owners[-1] == contact.name else own.zero
+                tied.setdefault(contact.name, []).append((k, share))
+                continue
             given = any(c.normal_load is not None for c in sticking if c is contact or c.name in holding)
             lined = all(len(c.slips) == 1 for c in sticking if c is contact or c.name in holding)
             several = lined and any(c.leader is not None for c in sticking if c is contact or c.name in holding)
-            if (len(holding) > 1 and not several) or len(contact.slips) > 1 or (holding and given):
+            plane = len(contact.slips) > 1 or (holding and not lined)
+            if plane or (len(holding) > 1 and not several) or (holding and given):
                 others = dict.fromkeys(o for o in holding if o != contact.name)
                 raise ConstraintError(
                     f"scene {self.whole.name!r}: the contacts {contact.name!r} and"
@@ -113,6 +123,12 @@ class _ModeEquations:
                 groups.setdefault(owner, []).append(contact)
             if not holding:  # no slip is possible, and no friction is needed
                 self.idle.append(contact)
+        for contact in (each for each in sticking if each.name in tied):
+            (k, share), *more = tied[contact.name]
+            if more:
+                self.idle.append(contact)
+            else:
+                self.lines[contact.name] = SlipLine(contact, 1 - k, self.graph.adopt([share])[0])
         return groups
 
     def _require_pressing(self, sticking: Sequence[ContactRow]) -> None:
@@ -154,6 +170,8 @@ class _ModeEquations:
                 known[graph.input(names[contact.normal])] = given
         for pair in self.pairs:
             known |= pair.forces()
+        for line in self.lines.values():
+            known |= line.force(graph, names)
         for contact in self.idle:
             known |= {graph.input(names[i]): graph.zero for i in contact.tangential}
         for contact, state in self.contacts:
@@ -205,8 +223,9 @@ class _ModeEquations:
             elif state == SMOOTH:
                 add((-1, zero), (-1, zero), (-1, zero), (contact.normal, fixed))
             if sticks and contact.mu_static is not None:
-                first, second = (*contact.tangential, -1)[:2]
-                add((contact.normal, contact.mu_static * press), (first, one), (second, one), (-1, zero))
+                line, (first, second) = self.lines.get(contact.name), (*contact.tangential, -1)[:2]
+                forces = ((first, one), (second, one)) if line is None else line.entries(one)
+                add((contact.normal, contact.mu_static * press), *forces, (-1, zero))
         return tuple(rows)
 
     def _without_friction(self, rows: Sequence[ConstraintRow], kept: Sequence[int]) -> EquationsOfMotion:
@@ -241,7 +260,9 @@ class _ModeEquations:
                 paired = [pair for pair in self.pairs if i in pair.numbers]
                 guards += [guard for pair in paired for guard in pair.guards(i)]
                 if not paired and state == STICK and contact not in self.idle:
+                    line = self.lines.get(contact.name)
                     forces = [graph.input(names[j]) for j in contact.tangential]
+                    forces = forces if line is None else [*line.parts(graph, names)]
                     guards += self.laws.holding(i, self.laws.most_friction(contact, press), forces)
             if state == SLIP:
                 guards += self.laws.stopping(i)
