@@ -181,6 +181,34 @@ def test_friction_along_a_line_holds_what_pulls_from_a_wall(pull, leaves):
         assert slides[0] == pytest.approx(leaves, abs=1e-8) and run["x"][-1] < 0.9
 
 
+def test_a_case_whose_mode_is_not_supported_does_not_end_a_sweep():
+    """A puck that stops at a rough wall; others stop before it, or slide along it."""
+    x, y, z = q = dynamicsymbols("x y z")
+    N, O = ReferenceFrame("N"), Point("O")
+    P, W = O.locatenew("P", x * N.x + y * N.y + z * N.z), O.locatenew("W", N.x)
+    scene = da.Scene("puck", frame=N, origin=O, coordinates=q)
+    scene.add_bodies(Particle("puck", P, 1))
+    scene.add_loads((P, -G * N.z))
+    scene.add_contacts(
+        da.PointPlane("floor", body="puck", point=P, plane=(O, N.z), friction=MU),
+        da.PointPlane("wall", body="puck", point=P, plane=(W, -N.x), friction=MU),
+    )
+    model = da.compile_model(scene)
+    start = START | {"x_dot": np.array([1.0, 3.0, 3.0]), "y_dot": np.array([0.0, 2.0, 9.0])}
+    times = [0.0, 0.25, 2.0]
+    sweep = model.sweep((0, 2), start, {}, t_eval=times)
+    assert list(sweep.status) == [Status.SUCCESS, Status.CONTACT_UNSUPPORTED, Status.SUCCESS]
+    alone = {name: value if np.ndim(value) == 0 else value[1] for name, value in start.items()}
+    with pytest.raises(ConstraintError, match="hold each other while they stick"):
+        model.simulate((0, 2), alone, {})
+    run = model.simulate((0, sweep.t[1] - 1e-9), alone, {})
+    assert run.status == Status.SUCCESS and sweep.phases[1] == len(run.phases)
+    assert sweep.final["y"][1] == pytest.approx(run["y"][-1], abs=1e-8)
+    np.testing.assert_allclose(sweep["y"][1], [0.0, run([0.25])["y"][0], np.nan], rtol=0, atol=1e-8)
+    with pytest.raises(ConstraintError, match="hold each other while they stick"):
+        model.sweep((0, 2), alone | {"x": np.zeros(2)}, {})
+
+
 @pytest.mark.parametrize("first", [True, False])
 def test_friction_in_a_plane_that_shares_its_load_with_that_along_a_line_is_named(first):
     """A block between a table and a plate that cannot move along x; what the two hold together is not computed."""

@@ -26,6 +26,7 @@ class Status(enum.IntEnum):
     TIMES_IN_NO_ORDER = 16
     OUTSIDE_TABLE = 17
     DIVERGED = 18
+    CONTACT_UNSUPPORTED = 19
 
     def __str__(self) -> str:
         return self.name
@@ -103,6 +104,10 @@ _MESSAGES = {
         "Several motions satisfy the laws of contact and friction here (Painleve's paradox: a contact may stay closed "
         "or open; or, backwards in time, several pasts lead to a change of contacts): lower the coefficient of "
         "friction, start elsewhere, or run forwards in time."
+    ),
+    Status.CONTACT_UNSUPPORTED: (
+        "The contacts came into a mode, of those that stick, slide or are open, whose equations are not supported: "
+        "simulate this case alone, which raises the error that says why and what to change."
     ),
     Status.SINGULAR_CONFIGURATION: (
         "The run met a configuration at which the constraints lose rank, and the motion beyond it is not determined by "

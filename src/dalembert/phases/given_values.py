@@ -83,7 +83,8 @@ def sweep(
         except KeyboardInterrupt:
             runs.interrupt()
     refused = np.isin(status, (Status.INITIAL_STATE, Status.ASSUMPTION)) | (request.status != RUNNING)
-    refused |= runs.cases.number == UNDECIDED  # no motion begins from where the contacts select no mode
+    lost = (runs.cases.number == UNDECIDED) & (status != Status.CONTACT_UNSUPPORTED)
+    refused |= lost  # no motion begins from where the contacts select no mode
     runs.drop_results(np.flatnonzero(refused))
     return _results(request, runs, stops, varied, time.perf_counter() - begin)
 

@@ -22,6 +22,7 @@ from ..contacts.phase_stops import PhaseStops, no_phase_stops
 from ..contacts.phase_tables import NO_RUNNER, CaseTable, PhasePlan, PhaseProgress, RunnerTable, ThreadWorkspace
 from ..lanes.sweep_arguments import SweepArguments
 from ..lanes.workspace import aligned
+from ..methods.status import RUNNING
 from ..runs.case_blocks import run_shared
 from ..subset.addresses import AddressTable
 from ..subset.arguments import address_of, kind_of, pack
@@ -184,6 +185,9 @@ class PhaseExecutor:
         unplaced = some[self.table.numbers.runner[some] == NO_RUNNER]
         if len(unplaced):
             self.choice.place(self.table, unplaced)
+            some = some[self.table.numbers.state[some] == RUNNING]
+            if not len(some):
+                return
         order = np.ascontiguousarray(some, np.int64) if self.threads else self._alone
         threads = self._thread_memory(len(order))
         threads.turn[0] = 0

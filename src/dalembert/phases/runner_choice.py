@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contacts.contact_cases import slip_begins
+from ..contacts.contact_cases import UNDECIDED, slip_begins
 from ..contacts.contact_laws import SLIP, Mode
 from ..contacts.phase_tables import ANY_PHASE, NO_RUNNER, CaseTable
-from ..errors import ValueInputError
+from ..errors import DalembertError, ValueInputError
+from ..methods.status import Status
 from ..options import StepOptions
 from ..runs.case_blocks import fitted
 from ..runs.case_settings import CaseSettings
@@ -129,15 +130,24 @@ class RunnerChoice:
             self.served[place], self.begins[place] = number, begins
 
     def place(self, table: CaseTable, some: NDArray[np.intp]) -> None:
-        """Give cases without a runner the one of their mode."""
+        """Give cases without a runner the one of their mode.
+
+        Cases whose mode is not supported end there, unless all do.
+        """
         serving, modes = dict(self._serving), table.cases.number[some]
         implicit = self.parallel and self.options.automatic
         kinds = [int(slip_begins(table.cases, i)) if implicit else ANY_PHASE for i in some.tolist()]
         for number, begins in sorted({*zip(modes.tolist(), kinds, strict=True)}):
             here, begin = some[(modes == number) & (np.array(kinds) == begins)], time.perf_counter()
             mode, first = self.modes.automaton.mode(number), here[:1]
-            self.modes.settle(mode, table.cases.t[first], table.cases.x[first], table.cases.p[first])
-            self.modes.serving(mode)
+            try:
+                self.modes.settle(mode, table.cases.t[first], table.cases.x[first], table.cases.p[first])
+                self.modes.serving(mode)
+            except DalembertError:
+                if len(here) == len(table.t1):
+                    raise
+                table.numbers.state[here], table.cases.number[here] = Status.CONTACT_UNSUPPORTED, UNDECIDED
+                continue
             self.compile_seconds += time.perf_counter() - begin
             if (number, begins) not in serving:
                 serving[number, begins] = self._runner(number, begins, table, here)
