@@ -237,7 +237,7 @@ def _stopped(system: ContactSystem, pick: Candidates, cases: ContactCases, case:
 
 
 @compiled_subset
-def _enter(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> bool:
+def _enter(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int, rtol: float, atol: float) -> bool:
     """Let a case enter the selected mode; return whether a contact sticks in it."""
     sticking, best, added = False, pick.best, cases.added
     point_across(system, best)
@@ -249,7 +249,8 @@ def _enter(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
             added[case, ADDED * i + SIDE] = best.sides[i] if system.leader[i] == i else pick.least[i]
         else:
             opens = best.mode[i] == OPEN
-            added[case, ADDED * i + SIDE] = gap_allowance(system, cases, case, i) if opens else pick.least[i]
+            least = gap_allowance(system, cases, case, i, rtol, atol) if opens else pick.least[i]
+            added[case, ADDED * i + SIDE] = least
             size = terms(system.jacobian[row], best.motion, abs(system.bias[row]))
             if size < _ENORMOUS:
                 cases.loads[case, i] = max(cases.loads[case, i], size)
@@ -325,7 +326,7 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
         cases.status[case] = strike(system, pick, cases, case)
         return cases.status[case] == _SUCCESS
     anew = slow or begins_anew(system, pick, cases, case)
-    sticking = _enter(system, pick, cases, case)
+    sticking = _enter(system, pick, cases, case, arguments.rtol, arguments.atol)
     _rest_speeds(system, pick, cases, case, arguments.rtol)
     if anew or ((closing or sticking) and moves_in_mode(system, pick, cases, case)):
         hold(system, pick, cases, case)

@@ -41,6 +41,9 @@ SOON, SOON_IN_A_ROW, _ENOUGH_HOPS = 1e-11, 1000, 500
 """Share of the span below which a phase ends too soon, how often that may happen in a row, and after how many of them a
 contact with a restitution below 1 rests that hops."""
 
+_SPARE = 1e-3
+"""Share of the tolerances by which the gap of a contact that touches and stays open may fall below zero."""
+
 _ENOUGH_STOPS = 16
 """Number of phases in a row that may end too soon, after which slip at a dead centre goes the other way."""
 
@@ -75,6 +78,15 @@ def refused(system: ContactSystem, cases: ContactCases, case: int) -> bool:
 def _gap_terms(system: ContactSystem, cases: ContactCases, case: int, i: int) -> float:
     """Return the sum of the sizes of what coordinates add to a gap, to first order."""
     return terms(system.jacobian[system.constraint[i]], cases.x[case], 0.0)
+
+
+@compiled_subset
+def _slopes(system: ContactSystem, i: int) -> float:
+    """Return the sum of the sizes of the slopes of a gap."""
+    total = 0.0
+    for j in range(system.coordinates):
+        total += abs(system.jacobian[system.constraint[i], j])
+    return total
 
 
 @compiled_subset
@@ -142,19 +154,19 @@ def meets_at_end(system: ContactSystem, cases: ContactCases, case: int, rtol: fl
     for i in range(system.contacts):
         if system.constraint[i] < 0 or cases.modes[case, i] != OPEN or not approaches(system, cases, case, i):
             continue
-        passing, slopes = abs(cases.passed[case]) * -gap_rate(system, i), 0.0
-        for j in range(system.coordinates):
-            slopes += abs(system.jacobian[system.constraint[i], j])
-        if system.gap[i] <= rtol * (_gap_terms(system, cases, case, i) + passing) + atol * slopes:
+        passing = abs(cases.passed[case]) * -gap_rate(system, i)
+        allowed = rtol * (_gap_terms(system, cases, case, i) + passing) + atol * _slopes(system, i)
+        if system.gap[i] <= allowed:
             cases.fired[case, i], meets = MEET, True
     return meets
 
 
 @compiled_subset
-def gap_allowance(system: ContactSystem, cases: ContactCases, case: int, i: int) -> float:
+def gap_allowance(system: ContactSystem, cases: ContactCases, case: int, i: int, rtol: float, atol: float) -> float:
     """Return what is added to the gap of a contact that is to be open, so that it is not closed already.
 
-    Nothing is where it approaches: a guard that counts as zero where a mode begins could miss that.
+    Nothing is where it approaches: a guard that counts as zero where a mode begins could miss that. A contact that
+    touches and stays open, at rest, has a share of the tolerances, by which the polynomials of a step may close it.
     """
     if approaches(system, cases, case, i):
         return 0.0
@@ -162,7 +174,9 @@ def gap_allowance(system: ContactSystem, cases: ContactCases, case: int, i: int)
     if system.gap[i] < 0.0:  # a start, or an impact located within its noise, may have left more than rounding here
         most = max(most, gap_noise(system, cases.x[case], i))
     if system.gap[i] <= most:
-        return min(-system.gap[i], most)
+        spare = _SPARE * (rtol * _gap_terms(system, cases, case, i) + atol * _slopes(system, i))
+        rests = cases.modes[case, i] == OPEN and gap_rate(system, i) <= _rounding_of_rate(system, cases, case, i)
+        return min(-system.gap[i], most) + (spare if rests else 0.0)
     return cases.added[case, ADDED * i + SIDE] if cases.modes[case, i] == OPEN else 0.0
 
 

@@ -100,7 +100,8 @@ def _bisect(
 def _steady(system: ContactSystem, pick: Candidates, i: int) -> None:
     """Write the direction of one contact, the nearest to the present one; the others keep theirs.
 
-    Steep friction may make a contact pull where it slips in the nearest: then another is taken if there is one.
+    Steep friction may make a contact pull where it slips in the nearest: then another is taken if there is one. What is
+    not even is no root: where constraints leave one direction, signs change at ends of sectors, too.
     """
     x0, y0 = pick.now.along[i, 0], pick.now.along[i, 1]
     pulling_x = pulling_y = 0.0
@@ -117,7 +118,7 @@ def _steady(system: ContactSystem, pick: Candidates, i: int) -> None:
             fa = _across(system, pick, i, ax, ay)
             if fa * _across(system, pick, i, bx, by) <= 0.0:
                 _bisect(system, pick, i, ax, ay, bx, by, fa)
-                if _along_slip(system, pick, i):
+                if _even(system, pick, i, _UNEVEN) and _along_slip(system, pick, i):
                     if pick.now.sides[i] * system.press[i] >= 0.0:
                         return
                     if pulling_x == 0.0 and pulling_y == 0.0:

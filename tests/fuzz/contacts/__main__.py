@@ -1,6 +1,6 @@
 """Random scenes with contacts: ``python -m fuzz.contacts 0:200`` from the folder ``tests``, or ``make fuzz``.
 
-Families are the ten of scenes (`fuzz.contacts.families`), and those of driven scenes (`fuzz.driven.families`).
+Families are those of scenes (`fuzz.contacts.families`), and those of driven scenes (`fuzz.driven.families`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Random cases of the ten families: `FAMILIES`, and `drawn`, which makes a case of a seed."""
+"""Random cases of the families: `FAMILIES`, and `drawn`, which makes a case of a seed."""
 
 from __future__ import annotations
 
@@ -230,6 +230,19 @@ def pendulum(d: Draw) -> Case:
     return Case("pendulum", p, start, d.one(1.0, 2.0))
 
 
+def puck(d: Draw) -> Case:
+    """A particle on a rough table between two walls, that is pushed against them, along them and away from them."""
+    p = {"m": d.positive(0.3, 3), "g_x": d(-3, 5, 0.4), "g_y": d(-3, 5, 0.4), "g_z": 9.81}
+    p |= {"A": d(0, 15, 0.3), "omega": d(1, 8), "B": d(0, 15, 0.4), "nu": d(1, 8)}
+    p |= {"a": d(0.0, 0.5, 0.3), "b": d(0.0, 0.5, 0.3), "mu": d(0.1, 1.0), "e": d(0, 0.8, 0.7)}
+    start = {"x": d.one(p["a"], p["a"] - 0.25, p["a"] - 0.1), "y": d.one(p["b"], p["b"] - 0.25, p["b"] - 0.1), "z": 0.0}
+    start |= {"x_dot": d(-2, 3, 0.3), "y_dot": d(-2, 3, 0.3), "z_dot": 0.0}
+    for name, wall in (("x", "a"), ("y", "b")):
+        if start[name] == p[wall]:
+            start[f"{name}_dot"] = min(start[f"{name}_dot"], 0.0)
+    return Case("puck", p, start, d.one(1.0, 2.0))
+
+
 FAMILIES: dict[str, Callable[[Draw], Case]] = {
     "particle": particle,
     "stack": stack,
@@ -241,6 +254,7 @@ FAMILIES: dict[str, Callable[[Draw], Case]] = {
     "chain": chain,
     "disc": disc,
     "pendulum": pendulum,
+    "puck": puck,
 }
 
 

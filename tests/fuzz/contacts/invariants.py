@@ -203,9 +203,8 @@ class _Checks:
         u, modes = rows.speeds(v), [phase.modes[contact.name] for contact in self.setting.contacts]
         force = 1e-3 * np.max(np.diag(rows.M)) + np.max(np.abs(rows.f)) + np.max(np.abs(P))
         small = self.tolerance * force
-        closed = [k for k, mode in enumerate(modes) if mode != "open"]
         for k, mode in enumerate(modes):
-            name, mu, static = self.setting.contacts[k].name, rows.law[k, 0], rows.law[k, 1]
+            name = self.setting.contacts[k].name
             if not rows.system.bilateral and rows.gap[k] < -self.tolerance * self.size_q:
                 yield f"{name}: gap = {rows.gap[k]:.2e} at {t:.6g}"
             if mode == "open":
@@ -220,11 +219,16 @@ class _Checks:
             speed = float(np.hypot(*slip))
             if mode == "stick" and speed > self.tolerance * self.size_v:
                 yield f"{name}: slip velocity in stick = {slip} at {t:.6g}"
-        if self.redundant(rows, modes, u, P):
+        unlawful = list(self.own_laws(t, rows, modes, u, P, small))
+        if unlawful and rows.system.directions < 2 and self.redundant(rows, modes, u, P):
             if not self.shareable(rows, modes, u, P, small):
                 yield f"reactions that no sharing of them makes lawful = {P.ravel()} at {t:.6g}"
             return
-        for k in closed:
+        yield from unlawful
+
+    def own_laws(self, t: float, rows: Rows, modes: list[str], u: Array, P: Array, small: float) -> Iterator[str]:
+        """Yield what the reactions of closed contacts violate as they are."""
+        for k in (k for k, mode in enumerate(modes) if mode != "open"):
             name, mu, static = self.setting.contacts[k].name, rows.law[k, 0], rows.law[k, 1]
             normal, friction = P[k, 0], P[k, 1:]
             if not rows.system.bilateral and normal < -small:

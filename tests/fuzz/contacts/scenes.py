@@ -1,4 +1,4 @@
-"""Scenes of the ten families, written with SymPy as users write them: `SCENES`, by name.
+"""Scenes of the families, written with SymPy as users write them: `SCENES`, by name.
 
 Each has symbols in the order of the numbers that its function in `systems` unpacks, and the same coordinates.
 """
@@ -314,6 +314,27 @@ def disc(real: Numbers) -> Setting:
     return Setting("disc", scene, tuple(real.names), (Contact("plane", "R", ("F_x", "F_y")),))
 
 
+def puck(real: Numbers) -> Setting:
+    """Return a particle on a rough table between two smooth walls, that is pushed round."""
+    x, y, z = dynamicsymbols("x y z")
+    m, g_x, g_y, g_z, A, omega, B, nu, a, b, mu, e = real("m g_x g_y g_z A omega B nu a b mu e")
+    N, O = _frame()
+    P = O.locatenew("P", x * N.x + y * N.y + z * N.z)
+    scene = da.Scene("puck", frame=N, origin=O, coordinates=[x, y, z])
+    scene.add_bodies(Particle("particle", P, m))
+    along = (m * g_x + A * cos(omega * TIME)) * N.x + (m * g_y + B * sin(nu * TIME)) * N.y
+    scene.add_loads((P, along - m * g_z * N.z))
+    R, F_x, F_y, S, T = da.unknowns("R F_x F_y S T")
+    scene.add_joints(da.Joint("table", body="particle", at=P, force=F_x * N.x + F_y * N.y + R * N.z))
+    scene.add_joints(da.Joint("walls", body="particle", at=P, force=-S * N.x - T * N.y))
+    scene.add_contacts(da.UnilateralContact(R, gap=z, name="table", restitution=0))
+    scene.add_contacts(da.UnilateralContact(S, gap=a - x, name="right", restitution=e))
+    scene.add_contacts(da.UnilateralContact(T, gap=b - y, name="left", restitution=e))
+    scene.add_friction(da.CoulombFriction(R, (F_x, F_y), mu=mu, name="table"))
+    contacts = Contact("table", "R", ("F_x", "F_y")), Contact("right", "S"), Contact("left", "T")
+    return Setting("puck", scene, tuple(real.names), contacts)
+
+
 def pendulum(real: Numbers) -> Setting:
     """Return a double pendulum, both masses of which may touch a rough wall."""
     a, b = dynamicsymbols("a b")
@@ -351,6 +372,7 @@ SCENES: dict[str, Callable[[Numbers], Setting]] = {
     "chain": chain,
     "disc": disc,
     "pendulum": pendulum,
+    "puck": puck,
 }
 
 

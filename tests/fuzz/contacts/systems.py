@@ -1,4 +1,4 @@
-"""Equations of the ten families, written by hand as numbers: mass matrices, forces, and rows of contacts.
+"""Equations of the families, written by hand as numbers: mass matrices, forces, and rows of contacts.
 
 Each function fills, at (t, q, v) with parameters p: M (n, n); f (n,), the generalised forces less what M does with v;
 and a contact at a time its gap, its coefficients (mu, mu_static, e), its rows J (3, n) and drifts w (3,), so that
@@ -179,6 +179,21 @@ def _disc(t: float, q: Any, v: Any, p: Any, M: Any, f: Any, gap: Any, law: Any, 
     _law(law, 0, mu, mu, e)
 
 
+def _puck(t: float, q: Any, v: Any, p: Any, M: Any, f: Any, gap: Any, law: Any, J: Any, w: Any) -> None:
+    m, g_x, g_y, g_z, A, omega, B, nu, a, b, mu, e = p
+    for i in range(3):
+        M[i, i] = m
+        J[0, i, (i + 2) % 3] = 1.0
+        J[1, i, i] = J[2, i, (i + 1) % 3] = -1.0
+    f[0] = m * g_x + A * np.cos(omega * t)
+    f[1] = m * g_y + B * np.sin(nu * t)
+    f[2] = -m * g_z
+    gap[0], gap[1], gap[2] = q[2], a - q[0], b - q[1]
+    _law(law, 0, mu, mu, 0.0)
+    _law(law, 1, 0.0, 0.0, e)
+    _law(law, 2, 0.0, 0.0, e)
+
+
 def _pendulum(t: float, q: Any, v: Any, p: Any, M: Any, f: Any, gap: Any, law: Any, J: Any, w: Any) -> None:
     m_1, m_2, l_1, l_2, g, d, A, omega, c, mu, e, mu_elbow = p
     s_1, s_2, c_1, c_2 = np.sin(q[0]), np.sin(q[1]), np.cos(q[0]), np.cos(q[1])
@@ -209,6 +224,7 @@ SYSTEMS = {
     "chain": System(_chain, 3, directions=0),
     "disc": System(_disc, 1, directions=2),
     "pendulum": System(_pendulum, 2),
+    "puck": System(_puck, 3, directions=2),
 }
 
 
