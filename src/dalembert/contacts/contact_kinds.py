@@ -166,7 +166,7 @@ def gap_allowance(system: ContactSystem, cases: ContactCases, case: int, i: int,
     """Return what is added to the gap of a contact that is to be open, so that it is not closed already.
 
     Nothing is where it approaches: a guard that counts as zero where a mode begins could miss that. A contact that
-    touches and stays open, at rest, has a share of the tolerances, by which the polynomials of a step may close it.
+    touches and stays open without an impact has a share of the tolerances, by which the polynomials of a step may close it.
     """
     if approaches(system, cases, case, i):
         return 0.0
@@ -175,8 +175,8 @@ def gap_allowance(system: ContactSystem, cases: ContactCases, case: int, i: int,
         most = max(most, gap_noise(system, cases.x[case], i))
     if system.gap[i] <= most:
         spare = _SPARE * (rtol * _gap_terms(system, cases, case, i) + atol * _slopes(system, i))
-        rests = cases.modes[case, i] == OPEN and gap_rate(system, i) <= _rounding_of_rate(system, cases, case, i)
-        return min(-system.gap[i], most) + (spare if rests else 0.0)
+        stays = cases.modes[case, i] == OPEN and cases.impacts[case] == 0
+        return min(-system.gap[i], most) + (spare if stays else 0.0)
     return cases.added[case, ADDED * i + SIDE] if cases.modes[case, i] == OPEN else 0.0
 
 
