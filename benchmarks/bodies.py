@@ -2,7 +2,7 @@
 
     pip install pin mujoco drake exudyn
     python benchmarks/bodies.py                                    # prints tables of chains and of closed loops
-    python benchmarks/bodies.py --write                            # writes docs/many_bodies_measured.md, and the picture
+    python benchmarks/bodies.py --write                           # writes docs/many_bodies_measured.md, and a picture
     python benchmarks/bodies.py --sizes 10 30 --chains planar --loops --limit 30
     python benchmarks/bodies.py --only-growth                      # without evaluations
 
