@@ -2,7 +2,7 @@
 
     pip install pin mujoco drake exudyn
     python benchmarks/bodies.py                                    # prints tables of chains and of closed loops
-    python benchmarks/bodies.py --write                            # writes them to docs/many_bodies.md, and the picture
+    python benchmarks/bodies.py --write                           # writes docs/many_bodies_measured.md, and a picture
     python benchmarks/bodies.py --sizes 10 30 --chains planar --loops --limit 30
     python benchmarks/bodies.py --only-growth                      # without evaluations
 
@@ -43,7 +43,7 @@ from dalembert.model.model import CompiledModel
 from loops import LOOPS
 from mechanics.bodies import Link, torques
 
-PAGE, PICTURE = ROOT / "docs" / "many_bodies.md", ROOT / "docs" / "pictures" / "many_bodies.png"
+PAGE, PICTURE = ROOT / "docs" / "many_bodies_measured.md", ROOT / "docs" / "pictures" / "many_bodies.png"
 Vector = NDArray[np.float64]
 SIZES = (2, 7, 12, 30, 50, 100, 300, 1000)
 SPAN = 1.0

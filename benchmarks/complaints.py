@@ -1,7 +1,7 @@
 """Three mechanisms that users of other programs complained about, from an empty process to the first trajectory.
 
     python benchmarks/complaints.py           # prints the table
-    python benchmarks/complaints.py --write   # writes it to docs/many_bodies.md
+    python benchmarks/complaints.py --write   # writes it to docs/many_bodies_measured.md
 
 Sixty links on a cart took SymPy 1,596 s by a user's report; a Furuta pendulum took Multibody.jl over three minutes, and
 a quadrotor had not begun to move after ten. Each runs in a process of its own with no cache; seconds are those of

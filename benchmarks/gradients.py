@@ -2,7 +2,7 @@
 
     pip install pin example-robot-data
     python benchmarks/gradients.py           # prints the table
-    python benchmarks/gradients.py --write   # writes it to docs/many_bodies.md
+    python benchmarks/gradients.py --write   # writes it to docs/many_bodies_measured.md
 
 Robots of example-robot-data are read without loads of joints, with a motor in each joint. At a random state the
 derivatives of the second rates of the joints, by their coordinates, rates and torques, are compared with Pinocchio's
@@ -32,7 +32,7 @@ ROBOTS = (
     ("hyq_description/robots/hyq_no_sensors.urdf", True),
     ("simple_humanoid_description/urdf/simple_humanoid.urdf", True),
 )
-PAGE = Path(__file__).parents[1] / "docs" / "many_bodies.md"
+PAGE = Path(__file__).parents[1] / "docs" / "many_bodies_measured.md"
 BEGIN, END = "<!-- table of gradients: benchmarks/gradients.py --write -->", "<!-- end of the table of gradients -->"
 HEADER = (
     "| robot | base | speeds | operations | derived, s | compiled, s | one state, us | of 1,000 states, us |"

@@ -4,17 +4,15 @@ __all__ = ["DETAILS", "PAGE"]
 
 PAGE = """# Hard cases
 
-These {count} motions are hard to simulate: they pass singular angles, grow small errors, lock, stick, or strike.
-Each has reference values of its own, from closed forms or from integrations with 20 to 80 digits, and each is a
-test in `tests/hard_cases`.
+These {count} motions pass singular angles, amplify small errors, lock, stick, or strike. You see how far each is from
+reference values of closed forms, or of integrations with 20 to 80 digits. Each is a test in `tests/hard_cases`.
 
 ![Error of every case against the time of its run](hard_cases_errors.png)
 
-A row has the largest error of all observed quantities, relative to max(1, size), over the `minimal` and `projected`
-formulations (`"auto"` chooses between them) and over the methods that they allow: {settings}. "Best" is the run
-with the smallest error. Times are milliseconds of one call of `simulate` after compilation.
-[hard_cases_details.md](hard_cases_details.md) has the figures of every formulation and method and the sources of
-the references.
+An error is the largest of all observed quantities, relative to max(1, size). "Worst" is over the formulations
+`minimal` and `projected` and all their methods: {settings}. "Best" is the run with the smallest error, and its time is
+that of one call of `simulate` after compilation. [All runs, and the sources of the
+references](hard_cases_details.md).
 
 | case | worst error | best | its error | ms |
 | --- | --- | --- | ---: | ---: |
@@ -27,16 +25,15 @@ the references.
 ![Error against time of ten published benchmarks](published_errors.png)
 
 Ten published benchmarks by `simulate`, and by SciPy, SUNDIALS (CVODES) and diffrax on the right-hand side that
-dalembert derives for the same scene, compiled for each of them. A point is a tolerance from 1e-4 to 1e-14; of each
-solver the points are left out that another one of it beats in both error and time. The other solvers do not keep the
-constraints, and end far from the motion where it passes singular positions (the two windows). `python
-benchmarks/published_peers.py` measures and draws this in some minutes; the machine was shared with other work, and
-times are the least of five calls.
+dalembert derives for the same scene, compiled for each of them. A point is a tolerance from 1e-4 to 1e-14; points that
+another one of the same solver beats in both error and time are left out. The other solvers do not keep the
+constraints, and end far from the motion where it passes singular positions (the two windows). Times are the least of
+five calls on a shared machine (`python benchmarks/published_peers.py`).
 
 ## Friction and contacts
 
-Coulomb's law as a set-valued law ([friction.md](friction.md)), by `method="taylor"` at rtol 1e-14 with the default
-formulation. "Transitions" is the largest error of the times at which phases begin, relative to max(1, time).
+Coulomb's law as a set-valued law ([friction.md](friction.md)), by `method="taylor"` at rtol 1e-14. "Transitions" is the
+largest error of the times at which phases begin, relative to max(1, time).
 
 | case | phases | transitions | error |
 | --- | ---: | ---: | ---: |
@@ -45,8 +42,7 @@ formulation. "Transitions" is the largest error of the times at which phases beg
 Friction's work on the plate pushed and pulled agrees with the energy lost to {checks[energy]} of itself. Painleve's
 paradox of the sliding rod, at mu = 4/3 by theory, is found to {checks[critical]}.
 
-Figures of a run on {machine}. `python benchmarks/report_hard_cases.py` repeats it in some ten minutes and writes
-`benchmarks/results/hard_cases.json`, from which both pages are generated.
+Measured on {machine}, by `python benchmarks/report_hard_cases.py` in some ten minutes.
 """
 
 DETAILS = """# Hard cases in detail
@@ -108,28 +104,26 @@ scene.
 
 ![Drift of the energy](hard_cases_drift.png)
 
-Single Taylor runs sum time and state with compensation; sweeps, prepared runs and Runge-Kutta steps do not. Over
-1e4 time units the energy of the double pendulum in angles is off by 4e-14 in a single run and by 3e-12 in a sweep,
-so use `simulate` for long runs at the tightest tolerance. The error grows like the square root of the number of
-steps, as independent roundings do, or like time where a sum stays just below 1, where doubles are twice as dense.
-Whole turns of an angle are removed during the run and restored in the results, because an angle of
-1e5 rad has fewer correct digits than one of 1 rad. `projected` keeps the constraints to rounding; `augmented` drifts.
+Use `simulate` for long runs at the tightest tolerance. Single Taylor runs sum time and state with compensation; sweeps,
+prepared runs and Runge-Kutta steps do not: over 1e4 time units the energy of the double pendulum in angles is off by
+4e-14 in a single run and by 3e-12 in a sweep. The error grows like the square root of the number of steps, as
+independent roundings do, or like time where a sum stays just below 1. `projected` keeps the constraints to rounding;
+`augmented` drifts.
 
 ## Stiff methods
 
 The compiled `radau` beside SciPy's BDF and Radau IIA and RODAS (Rosenbrock, order 4), on the same equations. BDF
 needs about as many evaluations as Radau IIA where the stiff modes are damped (governor), and three times as many
-where they oscillate (spring). RODAS is level at an error of
-1e-5, and needs three times the evaluations at tight errors. Neither is a method of the library; the numpy backend
-offers BDF. "J" counts Jacobians.
+where they oscillate (spring). RODAS is level at an error of 1e-5, and needs three times the evaluations at tight
+errors. Neither is a method of the library, but the numpy backend offers BDF. "J" counts Jacobians.
 
 {stiff}
 
 ## Symmetric and variational methods
 
-RATTLE and a leapfrog of d'Alembert were measured and are not part of the library. They bound the change of the
-energy for any length of time, but at an error of their order and step. Taylor steps at a tight tolerance bound it
-at the level of rounding, with fewer evaluations and a phase that is three decades better.
+RATTLE and a leapfrog of d'Alembert are not part of the library. They bound the change of the energy for any length of
+time, but at an error of their order and step. Taylor steps at a tight tolerance bound it at the level of rounding, with
+fewer evaluations and a phase that is three decades better.
 
 {symmetric}
 

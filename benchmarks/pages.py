@@ -1,7 +1,7 @@
 """Pages that simulate beside the export in C: sizes, and the time of a run as WebAssembly and as machine code.
 
-``python benchmarks/pages.py`` prints; ``--save`` writes the table of docs/export.md. It needs a C compiler, ziglang and
-Node.js.
+``python benchmarks/pages.py`` prints; ``--save`` writes the table of docs/export_measured.md. It needs a C compiler,
+ziglang and Node.js.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def row(motion: Motion, folder: Path) -> str:
 def main() -> None:
     """Measure, and print or save the table."""
     reader = argparse.ArgumentParser(description=__doc__)
-    reader.add_argument("--save", action="store_true", help="write the table of docs/export.md")
+    reader.add_argument("--save", action="store_true", help="write the table of docs/export_measured.md")
     reader.add_argument("--quick", action="store_true", help="two hard cases")
     options = reader.parse_args()
     warnings.simplefilter("ignore")

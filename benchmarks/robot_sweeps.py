@@ -4,7 +4,7 @@ Needs, beside the library, any of these packages; those that are missing are lef
 
     pip install pin example-robot-data mujoco drake exudyn
     python benchmarks/robot_sweeps.py                   # prints the table
-    python benchmarks/robot_sweeps.py --write           # also writes docs/many_bodies.md
+    python benchmarks/robot_sweeps.py --write           # also writes docs/many_bodies_measured.md
 
 The humanoid G1, its pelvis fixed, falls from random angles of its joints for a quarter of a second. dalembert takes the
 cases side by side in lanes, in one call of `model.sweep`. The others run one case after the other, each from a model
@@ -36,7 +36,7 @@ END = 0.25
 SPREAD = 0.3
 """Largest angle of a joint at the start [rad]."""
 WANTED = (1e-4, 1e-6, 1e-8)
-PAGE = ROOT / "docs" / "many_bodies.md"
+PAGE = ROOT / "docs" / "many_bodies_measured.md"
 MARKS = "<!-- table of a sweep: benchmarks/robot_sweeps.py --write -->", "<!-- end of the table of a sweep -->"
 Points = list[tuple[float, float, float]]
 
@@ -129,7 +129,7 @@ def _cell(seconds: float | None, of_lanes: float | None, lanes: bool) -> str:
 def main() -> None:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true", help="write the table into docs/many_bodies.md")
+    parser.add_argument("--write", action="store_true", help="write the table into docs/many_bodies_measured.md")
     options = parser.parse_args()
     text = table(measured())
     print(text)

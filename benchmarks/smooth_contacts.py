@@ -4,7 +4,7 @@ A point on four sprung legs is pushed to and fro, so that feet slip and stick. B
 loads in their place: springs with critical damping that only push, of stiffness k, and friction
 mu N v / sqrt(v^2 + eps^2). Errors are of all positions at the end, against rigid contacts at a tight tolerance.
 
-``python benchmarks/smooth_contacts.py`` prints the table of docs/friction.md, in seconds of the processor.
+``python benchmarks/smooth_contacts.py`` prints the table of docs/contacts_measured.md, in seconds of the processor.
 """
 
 from __future__ import annotations

@@ -100,17 +100,22 @@ BESIDE = PAYLOAD.format("0.4 0.1 0.7", '<freejoint name="p"/>')  # 0.3 below the
 SITES = '<site name="s" pos="0 0 -0.3" quat="0.8 0 0.6 0"/>'
 
 
+ENDS = '<site name="s" type="capsule" size="0.01" fromto="0.096 0 -0.272 -0.096 0 -0.328"{}/>'
+"""The same place by two ends: z points from the second to the first."""
+
+
 @pytest.mark.parametrize(
-    "equality",
+    ("equality", "sites"),
     [
-        '<weld body1="tip" body2="payload"/>',
-        '<weld body1="tip" body2="payload" relpose="0 0 -0.3 0.8 0 0.6 0"/>',
-        '<weld site1="s" site2="t"/>',
+        ('<weld body1="tip" body2="payload"/>', SITES),
+        ('<weld body1="tip" body2="payload" relpose="0 0 -0.3 0.8 0 0.6 0"/>', SITES),
+        ('<weld site1="s" site2="t"/>', SITES),
+        ('<weld site1="s" site2="t"/>', ENDS.format(' pos="0 0 0" euler="90 0 0"')),
     ],
 )
-def test_a_weld_is_one_body(tmp_path, equality):
+def test_a_weld_is_one_body(tmp_path, equality, sites):
     beside = BESIDE.replace("</body>", '<site name="t"/></body>')
-    text = ARM.format(inside=SITES, beside=beside, equality=f"<equality>{equality}</equality>")
+    text = ARM.format(inside=sites, beside=beside, equality=f"<equality>{equality}</equality>")
     whole = compiled(tmp_path, ARM.format(inside=PAYLOAD.format("0 0 -0.3", ""), beside="", equality=""))
     welded = compiled(tmp_path, text)
     exact = whole.accelerations(0, [0, 0], [0, 0], {})

@@ -144,6 +144,26 @@ def test_attributes_that_are_not_read_are_faults(tmp_path):
     assert skipped.inputs == ()
 
 
+def test_two_ends_that_place_no_geom_are_faults(tmp_path):
+    """As in MuJoCo: a position beside fromto= must be zero, and an orientation is replaced."""
+    plain = acceleration(compiled(tmp_path, arm()), 0.4, 0.7)
+    assert acceleration(compiled(tmp_path, arm(geom='pos="0 0 0" quat="1 1 0 0" ')), 0.4, 0.7) == plain
+    beside = "is given with a position that is not zero: remove fromto= or pos="
+    faults = {
+        f"line 6: fromto= of <geom> '' {beside}": arm(geom='pos="0 0 -0.1" '),
+        f"line 7: fromto= of <geom> '' {beside}": arm(defaults='<default><geom pos="0 1 0"/></default>\n'),
+        f"line 7: fromto= of <site> 's' {beside}": arm(
+            more='<site name="s" type="capsule" size="0.1" fromto="0 0 0 0 0 1" pos="1 0 0"/>'
+        ),
+        "line 6: fromto= of <geom> '' has no length": arm().replace("0 0 0 0 0 -0.8", "0 0 1 0 0 1"),
+        "line 6: fromto= of <geom> '' is for the types capsule,": arm().replace("capsule", "sphere"),
+    }
+    for fault, text in faults.items():
+        with pytest.raises(SceneError) as caught:
+            scene_of(tmp_path, text)
+        assert len(caught.value.faults) == 1 and caught.value.faults[0].startswith(fault), caught.value.faults
+
+
 # -- included files --------------------------------------------------------------------------------
 
 

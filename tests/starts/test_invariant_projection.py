@@ -4,11 +4,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from sympy import Abs, Max, Piecewise, Rational, exp, sin, symbols
+from sympy import Abs, Max, Min, Piecewise, Rational, exp, sin, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.errors import FormulationError, OptionError, UnknownNameError
+from dalembert.errors import EnergyWarning, FormulationError, OptionError, UnknownNameError
 from hard_cases import hard_case
 
 LOOSE = {"rtol": 1e-6, "atol": 1e-8}
@@ -252,6 +252,8 @@ LATER = {
     "a force of time that ends": exp(-1000 * (_t - 2) ** 2),
     "a damper that begins later": Piecewise((-_x.diff(), _t > 1), (0, True)),
     "a damper beyond a stop": -Max(0, _x - Rational(1, 2)) * _x.diff(),
+    "a saturated damper far away": -Max(0, Min(_x - 50, 1)) * _x.diff(),
+    "a saturated spring with one": -Max(0, Min(_x, 1)) - Max(0, Min(_x - 50, 1)) * _x.diff(),
     "a damper far away": -exp(-300 * (_x - 3) ** 2) * _x.diff(),
     "a brake by a table": da.table(_x.diff(), [0, 1, 2], [0, 0, -3], "linear", extrapolate="linear"),
 }
@@ -259,6 +261,11 @@ SPRINGS = {
     "bumper": -9 * Max(0, _x - Rational(1, 2)),
     "two stops": -5 * (Max(0, _x - 0.3) - Max(0, -0.3 - _x)),
     "steps": -Piecewise((1, _x > 0.5), (2, _x > 0.3), (0, True)),
+    "saturated spring": -3 * Max(0, Min(_x, 0.1)),
+    "saturated both ways": -3 * Min(Max(-0.1, _x), 0.1),
+    "switches in switches": -Max(-2, Min(3 * Max(_x, -0.1), 0.2), _x),
+    "square of a switch": -(Max(0, Min(_x, 0.1)) ** 2),
+    "two wells": -Abs(Abs(_x) - 0.1),
     "stiffer outside": -Abs(_x) * _x,
     "table": -da.table(_x, [-2, 0, 0.5, 1, 2], [-1, 0, 0, 2, 3], "cubic"),
     "magnet": 2 * (_x - 1) * exp(-50 * (_x - 1) ** 2),
@@ -293,6 +300,54 @@ def test_springs_with_branches_keep_energy(name):
     run = bead(SPRINGS[name], RING).simulate((0, 0.5), BEAD | {"x_dot": 3}, {}, project_invariants="energy")
     assert run.success
     np.testing.assert_allclose(run["energy"], run["energy"][0], rtol=1e-9)
+
+
+SATURATED = -Max(0, Min(_x, 1))
+POTENTIALS = {
+    "derived": None,
+    "by cases": Piecewise((0, _x < 0), (_x**2 / 2, _x < 1), (_x - Rational(1, 2), True)),
+    "by powers": Max(0, _x) ** 2 / 2 - Max(0, _x - 1) ** 2 / 2,
+}
+"""Potential energies of a spring that pulls towards x = 0 with at most the force 1, and none before that."""
+
+
+@pytest.mark.parametrize("declared", POTENTIALS)
+def test_a_saturated_spring_in_closed_form(declared):
+    """v is constant, then x = v sin t up to 1, then there is a constant deceleration; and back."""
+    frame, origin, speed = ReferenceFrame("N"), Point("O"), 1.5
+    scene = da.Scene("saturated", frame=frame, origin=origin, coordinates=[_x])
+    place = origin.locatenew("P", _x * frame.x)
+    mass = Particle("mass", place, 1)
+    if POTENTIALS[declared] is not None:
+        mass.potential_energy = POTENTIALS[declared]
+    scene.add_bodies(mass)
+    scene.add_loads((place, SATURATED * frame.x))
+    begin, inside = 0.5, float(np.arcsin(1 / speed))
+    beyond = speed * np.cos(inside)  # the speed at x = 1
+    end = begin + 2 * inside + 2 * beyond
+    moments = [begin, begin + inside, begin + inside + beyond, end, end + 1]
+    model = da.compile_model(scene, backend="numpy")
+    options = {"rtol": 1e-8, "atol": 1e-10, "t_eval": moments, "project_invariants": "energy"}
+    run = model.simulate((0, end + 1), {"x": -speed * begin, "x_dot": speed}, {}, **options)
+    assert run.success, run.message
+    np.testing.assert_allclose(run["x"], [0, 1, 1 + beyond**2 / 2, 0, -speed], atol=1e-6)
+    np.testing.assert_allclose(run["x_dot"], [speed, beyond, 0, -speed, -speed], atol=1e-6)
+    np.testing.assert_allclose(run["energy"], run["energy"][0], rtol=1e-12)
+
+
+def test_a_declared_potential_that_is_not_that_of_the_load_is_not_conserved():
+    """The force saturates at 1, the potential energy beyond 100 does not."""
+    frame, origin = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("saturated", frame=frame, origin=origin, coordinates=[_x])
+    place = origin.locatenew("P", _x * frame.x)
+    mass = Particle("mass", place, 1)
+    mass.potential_energy = POTENTIALS["by cases"] + Max(0, _x - 100) ** 2
+    scene.add_bodies(mass)
+    scene.add_loads((place, SATURATED * frame.x))
+    with pytest.warns(EnergyWarning, match="is not that of their loads"):
+        model = da.compile_model(scene, backend="numpy")
+    with pytest.raises(OptionError, match="'energy' is not conserved"):
+        model.simulate((0, 1), {"x": 0.5, "x_dot": 0}, {}, project_invariants="energy")
 
 
 @pytest.mark.parametrize("force", [-_x.diff(), -Max(0, _x - 5) * _x.diff()])

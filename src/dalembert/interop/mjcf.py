@@ -193,6 +193,7 @@ class MjcfReader:
 
     def _collision(self, geom: Element) -> None:
         check_attributes(self.file, geom)
+        self.angles.placement(self.file, geom)  # its faults, whether or not it has mass
         if "contact" in self.settings.disabled:
             return
         if any(self.file.number(geom, what, 1.0) for what in ("contype", "conaffinity")):

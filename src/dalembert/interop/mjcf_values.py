@@ -30,6 +30,9 @@ GAINS = ("kp", "kv", "gainprm", "biasprm", "biastype", "gaintype", "dyntype")
 DENSITY = 1000.0
 """Default density of geoms [kg/m^3]."""
 
+BETWEEN_ENDS = ("capsule", "cylinder", "box", "ellipsoid")
+"""Types of geoms and sites that two ends in fromto= may place."""
+
 _SHOWN = 2
 """Last group of geoms that is shown; the others are for collisions."""
 
@@ -98,8 +101,26 @@ class Angles:
         return np.radians(values) if self.degrees else values
 
     def placement(self, file: FileReader, element: Element) -> Placement:
-        """Return the place of an element by its position and one of the orientations."""
-        return Placement(self.rotation(file, element), file.numbers(element, "pos", 3, (0.0, 0.0, 0.0)))
+        """Return the place of an element by its position and one of the orientations, or by its two ends.
+
+        As in MuJoCo, fromto= places the element at the middle, with z from the second end to the first. It replaces an
+        orientation, and a position beside it is a fault.
+        """
+        place = Placement(self.rotation(file, element), file.numbers(element, "pos", 3, (0.0, 0.0, 0.0)))
+        if "fromto" not in element.attributes:
+            return place
+        named = f"fromto= of <{element.tag}> {file.named(element)}"
+        kind = element.attributes.get("type", "sphere")
+        if kind not in BETWEEN_ENDS:
+            file.fault(element, f"{named} is for the types {', '.join(BETWEEN_ENDS)}, not for {kind!r}: give its pos=")
+            return place
+        if np.any(place.position):
+            file.fault(element, f"{named} is given with a position that is not zero: remove fromto= or pos=")
+        ends = file.numbers(element, "fromto", 6, (0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+        if np.array_equal(ends[:3], ends[3:]):
+            file.fault(element, f"{named} has no length: its two ends are the same point")
+            return place
+        return Placement(_turned_to(ends[:3] - ends[3:]), (ends[:3] + ends[3:]) / 2)
 
     def rotation(self, file: FileReader, element: Element) -> FloatArray:
         """Return the rotation (3, 3) from the axes of an element to those around it."""
@@ -125,10 +146,7 @@ class Angles:
             y = values[3:] - x * (x @ values[3:])
             y /= np.linalg.norm(y)
             return clean_rotation(np.column_stack([x, y, np.cross(x, y)]))
-        z = values / np.linalg.norm(values)
-        axis, cosine = np.cross([0.0, 0.0, 1.0], z), float(z[2])
-        sine = float(np.linalg.norm(axis))
-        return about(axis if sine > 0.0 else np.array([1.0, 0.0, 0.0]), float(np.arctan2(sine, cosine)))
+        return _turned_to(values)
 
     def _euler(self, values: FloatArray) -> FloatArray:
         total = np.eye(3)
@@ -136,6 +154,14 @@ class Angles:
             turn = about(np.eye(3)["xyz".index(letter.lower())], float(value))
             total = total @ turn if letter.islower() else turn @ total
         return clean_rotation(total)
+
+
+def _turned_to(direction: FloatArray) -> FloatArray:
+    """Return the least rotation that turns the z axis to a direction."""
+    z = direction / np.linalg.norm(direction)
+    axis, cosine = np.cross([0.0, 0.0, 1.0], z), float(z[2])
+    sine = float(np.linalg.norm(axis))
+    return about(axis if sine > 0.0 else np.array([1.0, 0.0, 0.0]), float(np.arctan2(sine, cosine)))
 
 
 def about(axis: FloatArray, angle: float) -> FloatArray:
@@ -187,16 +213,12 @@ def primitive_of(file: FileReader, geom: Element, angles: Angles) -> tuple[list[
     """Return the size and the place of a geom that is a primitive; no size where it says too little."""
     kind, place = geom.attributes.get("type", "sphere"), angles.placement(file, geom)
     size, needed = [float(word) for word in geom.attributes.get("size", "").split()], PRIMITIVES[kind]
-    if "fromto" in geom.attributes and kind != "sphere":
+    if "fromto" in geom.attributes and kind in BETWEEN_ENDS:
         ends = file.numbers(geom, "fromto", 6, None)
-        along = ends[3:] - ends[:3]
-        half = float(np.linalg.norm(along)) / 2
-        if half == 0.0:
-            file.fault(geom, "fromto= of <geom> has no length")
-            return [], place
-        turned = Angles().rotation(file, Element("geom", {"zaxis": " ".join(map(repr, map(float, along)))}, geom.line))
-        place = Placement(turned, (ends[:3] + ends[3:]) / 2)
+        half = float(np.linalg.norm(ends[3:] - ends[:3])) / 2
         size = [*size[:1], half] if needed == 2 else [*(size[:1] * 2), half]
+        if half == 0.0:  # a fault of its place
+            return [], place
     if len(size) < needed or min(size[:needed], default=0.0) <= 0.0:
         file.fault(geom, f"size= of a <geom> of type {kind!r} must be {needed} positive numbers")
         return [], place

@@ -153,8 +153,10 @@ class FileReader:
     # -- faults -------------------------------------------------------------------------------------
 
     def fault(self, element: Element | int, text: str) -> None:
-        """Record a fault at an element, or at a line."""
-        self._faults.append((element if isinstance(element, int) else element.line, text))
+        """Record a fault at an element, or at a line; a fault of something that is read twice is recorded once."""
+        found = (element if isinstance(element, int) else element.line, text)
+        if found not in self._faults:
+            self._faults.append(found)
 
     def raise_faults(self) -> None:
         """Raise all faults together, in the order of the lines.

@@ -172,6 +172,10 @@ class LoadEnergy:
     ----------
     potential : Node or None
         On a graph of its own; None where no load has one, or bodies declare it.
+    declared : Node or None
+        The potential energy beside gravity that bodies declare, where it was found to be that of loads; on that graph.
+    powers : tuple of Node, length n_q or 0
+        Minus the gradient of both, in the form of the power coefficients of the loads: its branches are theirs.
     included : tuple of str
         Names of the loads that are in it.
     rates, time, unknown, states : tuple of str
@@ -180,6 +184,8 @@ class LoadEnergy:
     """
 
     potential: Node | None = None
+    declared: Node | None = None
+    powers: tuple[Node, ...] = ()
     included: tuple[str, ...] = ()
     rates: tuple[str, ...] = ()
     time: tuple[str, ...] = ()

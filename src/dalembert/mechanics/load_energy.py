@@ -75,12 +75,16 @@ def load_energy(
     else:
         named = [(load.name, load_powers(kinematics, [load])) for load in model.given.loads]
         parts = given_parts(kinematics, graph, named)
-    declared = _declared(kinematics, power, graph)
-    replaced = [] if declared is None else _replaced(kinematics, parts, declared, silent, constraints)
+    slopes = _declared(kinematics, power, graph)
+    replaced, same = ([], False) if slopes is None else _replaced(kinematics, parts, slopes, silent, constraints)
     kept = [part for part in parts if part not in replaced]
     counted = [part for part in kept if part.potential is not None and not part.potential.is_zero]
+    total, weight = graph.adopt([power.potential_energy, power.weighing]) if same else (graph.zero, graph.zero)
+    acting = [*counted, *(replaced if same else [])]
     return LoadEnergy(
         potential=graph.sum(part.potential for part in counted if part.potential is not None) if counted else None,
+        declared=total - weight if same else None,
+        powers=tuple(_total(graph, acting, range(len(kinematics.q)))) if acting else (),
         included=_names([*counted, *replaced]),
         rates=_names([part for part in parts if part.rates]),
         time=_names([part for part in kept if part.potential is None and part.time]),
@@ -111,21 +115,24 @@ def _replaced(
     slopes: Sequence[Node],
     silent: Sequence[int],
     constraints: Sequence[ConstraintRow],
-) -> list[LoadPart]:
-    """Return the loads that a declared potential energy stands for; warn where it is not theirs."""
+) -> tuple[list[LoadPart], bool]:
+    """Return the loads that a declared potential energy stands for, and whether it is theirs; warn where it is not.
+
+    It is not said to be theirs where it depends on a coordinate along which no load acts.
+    """
     model, graph = kinematics.model, slopes[0].graph
     loud = [i for i in range(len(slopes)) if i not in silent]
     acting = [part for part in parts if any(not part.powers[i].is_zero and not slopes[i].is_zero for i in loud)]
     if not acting:
-        return []
+        return [], False
     target = [slopes[i] for i in loud]
     sizes = range(len(acting), 0, -1) if len(acting) <= _COMBINED else [len(acting)]
     for size in sizes:
         for some in combinations(acting, size):
             if match(target, [-x for x in _total(graph, some, loud)]):
-                return list(some)
+                return list(some), not silent
     if constraints and not silent and _same_power(kinematics, slopes, acting, constraints):
-        return acting
+        return acting, True
     differing = [
         model.symbols.coordinates[i]
         for i, slope, force in zip(loud, target, _total(graph, acting, loud), strict=True)
@@ -139,7 +146,7 @@ def _replaced(
         EnergyWarning,
         stacklevel=2,
     )
-    return acting
+    return acting, False
 
 
 def _same_power(

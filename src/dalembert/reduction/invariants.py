@@ -4,7 +4,9 @@ With p = M q_dot, along every motion dp_i/dt = (dp_i/dq . q_dot + dp_i/dt + forc
 changes by q_dot . forcing + d(T + V)/dq . q_dot + d(T + V)/dt less lam . drift. Where the graph sees these vanish
 identically, the integral is certain. Where they may vanish on the constraints only, as with a quaternion of norm one,
 the rate of change is returned as a kernel, to be evaluated at states that satisfy the constraints, and so is the rate
-with the arguments of switches, tables and steep functions free: what such functions do elsewhere counts too.
+with the arguments of switches, tables and steep functions free: what such functions do elsewhere counts too. There, a
+potential energy that was verified to be that of loads changes by minus their power at rest: its own branches may have
+other conditions than those of the loads, as that of max(0, min(x, 1)) has.
 """
 
 from __future__ import annotations
@@ -174,7 +176,7 @@ def candidates(equations: EquationsOfMotion) -> InvariantCandidates:
     nodes = [each.value for each in found]
     rates = tangents(graph, nodes, along | dict(zip(qdot, second, strict=True)))
     certain = [each.certain for each in found]
-    direct = [each.direct for each in found]
+    direct = [each.branches for each in found]
     if CONDITION_TIME in symbols.parameters:  # conditions on time change the equations at their breaks
         for k, node in enumerate(nodes):
             if graph.freed_of(node, [decided]) is None:
@@ -203,11 +205,15 @@ def candidates(equations: EquationsOfMotion) -> InvariantCandidates:
 @final
 @dataclass(frozen=True)
 class _Candidate:
-    """A function, and its rate without reactions; None where reactions may contribute to it."""
+    """A function, and its rate without reactions; None where reactions may contribute to it.
+
+    `branches` is that rate, in the form whose decisions may be free.
+    """
 
     name: str
     value: Node
     direct: Node | None
+    branches: Node | None
 
     @property
     def certain(self) -> bool:
@@ -228,12 +234,27 @@ def _found(equations: EquationsOfMotion, graph: Graph, along: Mapping[Node, Node
     ideal = plain and all(drift.is_zero for drift in drifts)
     changes = tangents(graph, [energy, *momenta], along)
     power = graph.sum(a * b for a, b in zip(forcing, qdot, strict=True))
-    found = [_Candidate("energy", energy, power + changes[0] if ideal else None)]
+    direct = power + changes[0]
+    branches = power + _change_by_loads(equations, graph, along)
+    found = [_Candidate("energy", energy, direct if ideal else None, branches if ideal else None)]
     for i, (name, momentum) in enumerate(zip(equations.symbols.coordinates, momenta, strict=True)):
         if not momentum.is_zero:
             silent = plain and all(row[i].is_zero for row in jacobian)
-            found.append(_Candidate(f"p_{name}", momentum, forcing[i] + changes[i + 1] if silent else None))
+            rate = forcing[i] + changes[i + 1] if silent else None
+            found.append(_Candidate(f"p_{name}", momentum, rate, rate))
     return found
+
+
+def _change_by_loads(equations: EquationsOfMotion, graph: Graph, along: Mapping[Node, Node]) -> Node:
+    """Return the rate of the energy along `along`, that of loads by their power at rest."""
+    loads, time = equations.load_energy, {graph.input(equations.symbols.time): graph.one}
+    own = tangents(graph, graph.adopt([equations.kinetic_energy, equations.potential_energy]), along)
+    if not loads.powers:
+        return graph.sum(own)
+    stored = graph.adopt([node for node in (loads.potential, loads.declared) if node is not None])
+    beside = graph.zero if loads.declared is None else tangents(graph, stored[-1:], along)[0]
+    given = graph.sum(a * along[q] for q, a in zip(graph.adopt(equations.q), graph.adopt(loads.powers), strict=True))
+    return own[0] + (own[1] - beside) - given + graph.sum(tangents(graph, stored, time))
 
 
 def _equations(equations: EquationsOfMotion, graph: Graph) -> list[Node]:
