@@ -17,7 +17,7 @@ from jax import lax
 from ...ir.program import Program
 from ...methods.fixed_steps import CORRECTIONS
 from .mesh_axes import stack
-from .step_rules import Rows, Tolerances, project
+from .step_rules import Projections, Rows, Tolerances, project
 
 Reading = Callable[[Rows, Any, Any], Rows]
 
@@ -225,6 +225,11 @@ def stacked(kernel: Function) -> OnArrays:
     return on_arrays
 
 
+def on_one_row(kernel: OnArrays) -> Function:
+    """Return a kernel on arrays as a function of rows, of which there is one."""
+    return lambda t, y, c: (kernel(t, y[0], c[0]),)
+
+
 @final
 class ArrayKernels:
     """The kernels of one program, on arrays.
@@ -271,15 +276,15 @@ class ArrayKernels:
         kernels = ((self.program.kernel(name), n) for name, n in CORRECTIONS.items() if name in self.program)
         return sum(len(kernel.body) * count for kernel, count in kernels)
 
+    @property
+    def projections(self) -> Projections:
+        """The corrections of one case, on one row that holds all components."""
+        return [(on_one_row(self[name]), count) for name, count in CORRECTIONS.items() if name in self]
+
     def project(self, t: Any, y: Any, c: Any, before: Any = None, tolerances: Tolerances = (0.0, 0.0)) -> Any:
         """Return y (n_y,) projected onto the constraints, NaN where that does not succeed.
 
         `before` is the state at the start of a step that ends in y.
         """
-
-        def on_rows(name: str) -> Callable[..., Rows]:
-            return lambda t, y, c: (self[name](t, *y, *c),)
-
-        projections = [(on_rows(name), count) for name, count in CORRECTIONS.items() if name in self]
-        (projected,), held = project(projections, t, (y,), (c,), () if before is None else (before,), tolerances)
+        (projected,), held = project(self.projections, t, (y,), (c,), () if before is None else (before,), tolerances)
         return jnp.where(held, projected, jnp.nan)
