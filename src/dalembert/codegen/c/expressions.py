@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
@@ -102,27 +101,16 @@ class Expressions(Translation):
     """Translates the expressions of one function."""
 
     built_in = BUILT_IN
+    module: Functions
 
     def __init__(self, module: Functions, function: Any) -> None:
-        super().__init__(function)
-        self.module = module
-        self.fixed: dict[str, Value] = {}
+        super().__init__(module, function)
         self.variables: dict[str, Value] = {}
         self.types: dict[str, str] = {}
-        self.lines: list[str] = []
         self.fragile = False
         self._count = 0
 
     # -- lines ------------------------------------------------------------------------------
-
-    @contextmanager
-    def aside(self) -> Iterator[list[str]]:
-        """Collect lines for later."""
-        held, self.lines = self.lines, []
-        try:
-            yield self.lines
-        finally:
-            self.lines = held
 
     def fresh(self, kind: str) -> str:
         """Return the name of a new variable of a C type."""
@@ -193,16 +181,8 @@ class Expressions(Translation):
         """See `Target.double`."""
         return double(number)
 
-    def constant_array(self, array: Any) -> Value:
-        """See `Translation.constant_array`."""
-        return self.module.array(array)
-
-    def read(self, name: str) -> Value:
-        """See `Translation.read`."""
-        if name in self.fixed:
-            return self.fixed[name]
-        if name not in self.variables:
-            raise TypeError(f"{name} has no value yet")
+    def variable(self, name: str) -> Value:
+        """See `Target.variable`."""
         return self.variables[name]
 
     def negated(self, value: Value) -> Value:

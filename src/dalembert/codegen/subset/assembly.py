@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import ast
 import struct
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
@@ -45,13 +44,11 @@ class Expressions(Translation):
     """Translates the expressions of one function, to lines that set a name each."""
 
     built_in = BUILT_IN
+    module: Functions
 
     def __init__(self, module: Functions, function: Any) -> None:
-        super().__init__(function)
-        self.module = module
+        super().__init__(module, function)
         self.variables: dict[str, tuple[Kind, list[str]]] = {}
-        self.fixed: dict[str, Value] = {}
-        self.lines: list[str] = []
         self.room: list[str] = []
         self.open = True
         self._count = 0
@@ -100,15 +97,6 @@ class Expressions(Translation):
             self.lines.append(line)
         self.open = False
 
-    @contextmanager
-    def aside(self) -> Iterator[list[str]]:
-        """Collect lines for later."""
-        held, self.lines = self.lines, []
-        try:
-            yield self.lines
-        finally:
-            self.lines = held
-
     def condition(self, node: ast.expr, yes: str, no: str) -> None:
         """End a block where an expression decides what follows."""
         held = self.known(node)
@@ -148,16 +136,8 @@ class Expressions(Translation):
         """See `Target.double`."""
         return rounded(number)
 
-    def constant_array(self, array: Any) -> Value:
-        """See `Translation.constant_array`."""
-        return self.module.array(array)
-
-    def read(self, name: str) -> Value:
-        """See `Translation.read`."""
-        if name in self.fixed:
-            return self.fixed[name]
-        if name not in self.variables:
-            raise TypeError(f"{name} has no value yet")
+    def variable(self, name: str) -> Value:
+        """See `Target.variable`."""
         kind, slots = self.variables[name]
         pairs = zip(kind.words, slots, strict=True)
         return Value(kind, tuple(self.set(f"load {word}, ptr {slot}") for word, slot in pairs))

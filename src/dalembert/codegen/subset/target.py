@@ -27,12 +27,8 @@ class Target(ABC):
         """Return the text of a double."""
 
     @abstractmethod
-    def constant_array(self, array: Any) -> Value:
-        """Return a constant array."""
-
-    @abstractmethod
-    def read(self, name: str) -> Value:
-        """Return the value of a variable."""
+    def variable(self, name: str) -> Value:
+        """Return the value of a variable that has one."""
 
     @abstractmethod
     def negated(self, value: Value) -> Value:
