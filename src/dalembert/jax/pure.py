@@ -24,11 +24,11 @@ from .feedback import FeedbackKernels, register_feedback
 from .modules import compile_kernel, kernels_of
 from .pieces import SERVED, pieces_of, pieces_with
 from .run_inputs import Given, failed, inputs_of, refuse_given
-from .runs.derivatives import Steps
+from .runs.derivatives import Steps, StepsRecord
 from .runs.motion import TracedMotion, started
 from .runs.precision import CONFIG, process_precision
 from .runs.run_constants import ArrayKernels, RunConstants, stacked
-from .runs.run_data import Limits, Path, Reached, RunPieces, middles
+from .runs.run_data import Limits, Reached, RunPieces, middles
 from .solved import Dense, Solved, States, raise_failure, solved_of
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ class Solve:
         dependent = None if self._dependent is None else self._dependent(t[0], y0, course.first)[0] > 0.0
         if dependent is not None:
             y0 = y0 * jnp.where(dependent, jnp.nan, 1.0)  # derivatives are NaN too
-        reached, path = self._integrate(t, y0, course)
+        reached, record = self._integrate(t, y0, course)
         q, qdot, outputs = self._expanded(t, reached.y, course.rows, course)
         status = reached.status
         if outputs.size:
@@ -169,8 +169,8 @@ class Solve:
             status = failed(status, course.wrong)
         if dependent is not None:
             status = jnp.where(dependent, int(Status.SINGULAR_CONFIGURATION), status)
-        of_run = path, t[0], p, course.run, course.breaks
-        dense = None if path is None else Dense(self, of_run, course.constants)
+        of_run = record, t[0], p, course.run, course.breaks
+        dense = None if record is None else Dense(self, of_run, course.constants)
         return Solved(t, reached.y, q, qdot, outputs, status, steps, rejected, dense)
 
     def _decaying(self, t: Any, p: Any) -> Any:
@@ -193,18 +193,18 @@ class Solve:
 
     def states(self, dense: Dense, t: Any) -> States:
         """Return the motion at times t (n_t,) of a run that has been recorded; see `Dense`."""
-        conditions, (path, start, p, c, breaks) = self._program.conditions, dense.run
+        conditions, (record, start, p, c, breaks) = self._program.conditions, dense.run
         if dense.constants is not None:
             start = jax.lax.stop_gradient(start)
         rows = self._kernels.constants(p)
         if conditions is not None:
             start = jax.lax.stop_gradient(start)
-            span = jnp.concatenate([jnp.zeros(1), jax.lax.stop_gradient(t) - start, path.reached[None]])
+            span = jnp.concatenate([jnp.zeros(1), jax.lax.stop_gradient(t) - start, record.reached[None]])
             elapsed = middles(span, breaks)[1:-1]
             rows = self._courses.decided(p, start + elapsed)
         if dense.constants is not None:
             rows = dense.constants.kernel_rows(rows, c, t - start)
-        y = self._traced_motion(dense.constants).states(path, t - start, c)
+        y = self._traced_motion(dense.constants).states(record, t - start, c)
         return States(t, y, *self._expanded(t, y, rows))
 
     def _on_rows(self, kernel: str, t: Any, y: Any, c: Any) -> Any:
@@ -212,8 +212,8 @@ class Solve:
             return jnp.zeros((len(t), 0))
         return jax.vmap(self._kernels[kernel], (0, 0, None if jnp.ndim(c) == 1 else 0))(t, y, c)
 
-    def _integrate(self, t: Any, y0: Any, course: Course) -> tuple[Reached, Path | None]:
-        """Return the states (n_t, n_y) at times t (n_t,), how the run went, and its path where it is kept."""
+    def _integrate(self, t: Any, y0: Any, course: Course) -> tuple[Reached, StepsRecord | None]:
+        """Return the states (n_t, n_y) at times t (n_t,), how the run went, and its record where it is kept."""
         options, c = self._effective, course.run
         start = t[0]
         if course.constants is not None:
