@@ -117,17 +117,16 @@ class TimeConditions:
 # Functions with jumps, made of these operations.
 
 
-def _ceiling(operations: TimeConditions, x: Node) -> Node:
-    return -operations.call("floor", -x)
-
-
 def _heaviside(operations: TimeConditions, x: Node, there: Node) -> Node:
     graph = operations.graph
     below, above = operations.call("less", x, graph.zero), operations.call("less", graph.zero, x)
     return graph.call("select", above, graph.one, graph.call("select", below, graph.zero, there))
 
 
-JUMPING: dict[Any, Callable[..., Node]] = {sp.ceiling: _ceiling, sp.Heaviside: _heaviside}
+JUMPING: dict[Any, Callable[..., Node]] = {
+    sp.ceiling: lambda operations, x: -operations.call("floor", -x),
+    sp.Heaviside: _heaviside,
+}
 """Functions of SymPy from operations and arguments; where they jump in time alone, runs stop."""
 
 
