@@ -105,7 +105,7 @@ def _corrections(program: Program, made: Callable[[str], Any]) -> tuple[tuple[An
     return tuple((made(name), count) for name, count in CORRECTIONS.items() if name in program)
 
 
-def _on_rows(program: Program) -> Projections:
+def corrections_on_rows(program: Program) -> Projections:
     """Return the projections of many cases."""
     return _corrections(program, lambda name: compile_kernel(program.kernel(name), JAX))
 
@@ -126,7 +126,7 @@ def _taylor_pieces(
         one=TaylorAttempts(_step_of_one(looped(step)), step_growth_limited=limited, sides=sides[0]),
         one_projections=_corrections(program, lambda name: on_one_row(looped(program.kernel(name), JAX))),
         many=TaylorAttempts(compile_kernel(step), step_growth_limited=limited, sides=sides[1]),
-        many_projections=_on_rows(program),
+        many_projections=corrections_on_rows(program),
         steps=WholeSteps(blocked(program.kernel("rhs")), partial(series_ends, series, order), projections, constants),
         decided=_decided(program),
     )
@@ -186,7 +186,7 @@ def _pair_pieces(
         one=pair(rates, knots=limits[0], sides=sides[0]),
         one_projections=whole,
         many=pair(rows(compile_kernel(rhs, JAX)), knots=limits[1], sides=sides[1]),
-        many_projections=_on_rows(program),
+        many_projections=corrections_on_rows(program),
         steps=steps,
         decided=None if decided is None else rows(decided),
     )

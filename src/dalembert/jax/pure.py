@@ -21,7 +21,7 @@ from .arguments import parameters_of, register_samples, times, vector
 from .courses import Course, Courses
 from .elapsed import in_elapsed_time, require_single, warn_below_single, warn_of_rounded_knots, with_tolerances
 from .feedback import FeedbackKernels, register_feedback
-from .modules import compile_kernel, kernels_of
+from .modules import KeyedFunction, compile_kernel, kernels_of
 from .pieces import SERVED, pieces_of, pieces_with
 from .run_inputs import Given, failed, inputs_of, refuse_given
 from .runs.derivatives import Steps, StepsRecord
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 @final
-class Solve:
+class Solve(KeyedFunction):
     """``solve(t, initial, p, inputs=None)`` integrates from t[0] and returns a `Solved` at the times t.
 
     The arguments are JAX arrays or numbers, and every one may be differentiated: t (n_t,) sorted in either
@@ -89,8 +89,7 @@ class Solve:
             raise OptionError(f"solve_fn integrates by {list_names(SERVED)}, not by {options.method!r}")
         program = representative(program)  # so that comparing equal functions compares no code
         self._program, self._start, self._options, self._inputs = program, start, options, inputs
-        self._key = program, start, options, inputs, dependence
-        self._hash = hash(self._key)
+        super().__init__(program, start, options, inputs, dependence)
         register_samples()
         register_feedback()
         self.given = program.layout.state if start is None else start.given
@@ -103,9 +102,6 @@ class Solve:
         self._begin = None if start is None else stacked(compile_kernel(start.kernel, JAX))
         self._dependent = None if dependence is None else stacked(compile_kernel(dependence.kernel, JAX))
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Solve, self._key
-
     def __call__(self, t: Any, initial: Any, p: Any, inputs: Mapping[Any, Any] | None = None) -> Solved:
         """Return the motion; see the class."""
         t, layout = times(t), self._program.layout
@@ -116,12 +112,6 @@ class Solve:
         start = vector("initial value", initial, self.given, layout.aliases)
         solved = solved_of(self, t, start, p, given)
         return raise_failure(solved, self._program.formulation, self._options.method) if self._options.throw else solved
-
-    def __eq__(self, other: object) -> bool:
-        return self is other or (isinstance(other, Solve) and self._key == other._key)
-
-    def __hash__(self) -> int:
-        return self._hash
 
     @property
     def program(self) -> Program:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 import jax
 import jax.numpy as jnp
 
-from .derivatives import CHUNK, Over, Stepping, Steps, StepsRecord, pulled, pushed
+from .derivatives import CHUNK, Over, Stepping, Steps, StepsRecord, alone_or_many, pulled, pushed
 from .linear_maps import Back, Given, LinearMap, Moved, RowFunction, apply, changed
 from .mesh_axes import stack
 
@@ -114,14 +114,7 @@ class Along(LinearMap):
         # Elsewhere it is long rows that are fast.
         if turns is None or self.sources or jax.default_backend() != "cpu":
             return self._back_in_rows(held, given)
-        alone = jax.custom_batching.custom_vmap(partial(self._back_in_turn, turns))
-
-        @alone.def_vmap
-        def _(size: int, batched: Any, held: Course, given: Any) -> Any:
-            axes = jax.tree.map(lambda yes: 0 if yes else None, tuple(batched))
-            return jax.vmap(self._back_in_rows, axes, axis_size=size)(held, given), (True, True)
-
-        return alone(held, given)
+        return alone_or_many(partial(self._back_in_turn, turns), self._back_in_rows, held, given)
 
     def change(self, held: Course, dheld: Course, moving: Any, still: Any) -> Any:
         """See `LinearMap`."""

@@ -78,11 +78,16 @@ class Attempts(Protocol):
         """Attempt a step of at most `largest`."""
 
     def retry(self, memory: Any, size: Any) -> tuple[Any, Any]:
-        """Return the memory for another attempt after one whose end cannot be projected, and its size, 0 for none."""
+        """Return the memory for another attempt after one whose end cannot be projected, and its size.
+
+        See `step_control.blind_retry`; the memory begins with the largest size of the next attempt.
+        """
+        smaller = REDUCTION_BLIND * size
+        return (smaller, *memory[1:]), smaller
 
 
 @final
-class TaylorAttempts:
+class TaylorAttempts(Attempts):
     """Steps (t, y, c, s) -> (new state, size, check), as `dalembert.transforms.taylor.step_kernel` gives them.
 
     Those that do not grow at once, `step_growth_limited`, receive the size of the step before, as a last row of y.
@@ -111,11 +116,6 @@ class TaylorAttempts:
         accepted = finite & ~((size < largest) & (size < smallest_step(t, jnp.abs(batch.t1 - t))))
         memory = self._memory(jnp.full_like(most, jnp.inf), size, values[len(y) + 2 :])
         return Attempted(tuple(values[: len(y)]), size, finite, accepted, jnp.where(finite, size, 0.0), memory)
-
-    def retry(self, memory: Any, size: Any) -> tuple[Any, Any]:
-        """Return the memory for an attempt of a smaller step, and its size (`step_control.blind_retry`)."""
-        smaller = REDUCTION_BLIND * size
-        return (smaller, *memory[1:]), smaller
 
     def _memory(self, most: Any, size: Any, series: Rows) -> Rows:
         return (most, size, *series) if self._paced else (most, *series)

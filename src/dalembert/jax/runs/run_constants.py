@@ -171,7 +171,7 @@ class RunConstants:
         """Return the number of the polynomial between any two breaks (n + 1,) or (n + 1, k)."""
         if not many:
             return table.piece(c[table.first : table.polynomials], middles)
-        return _searched(c[:, table.first : table.polynomials], middles.T).T
+        return jax.vmap(table.piece)(c[:, table.first : table.polynomials], middles.T).T
 
     def _one(self, pieces: list[Any]) -> Reading:
         def read(c: Rows, middle: Any, passed: Any) -> Rows:
@@ -200,11 +200,6 @@ class RunConstants:
             return (*given, c[-1][:, c[-1].shape[1] - self.weights :]) if self.weighted else tuple(given)
 
         return read
-
-
-def _searched(knots: Any, times: Any) -> Any:
-    """Return how many knots (k, n) of each case are not behind its times (k, m)."""
-    return jax.vmap(lambda own, t: jnp.searchsorted(own, t, side="right"))(knots, times)
 
 
 Function = Callable[..., tuple[Any, ...]]

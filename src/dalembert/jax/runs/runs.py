@@ -17,7 +17,7 @@ from jax import lax
 
 from ...errors import CapabilityError
 from ...methods.status import RUNNING, Status
-from .derivatives import Over, Steps, StepsRecord
+from .derivatives import Over, Steps, StepsRecord, alone_or_many
 from .lanes import Attempts, Batch, State, advanced, begun, direction_of
 from .mesh_axes import stack, varying_like
 from .run_data import Limits, RunPieces, in_order, middles
@@ -242,14 +242,7 @@ class Runs:
         turns = moves.in_turn
         if turns is None or jax.default_backend() != "cpu":
             return in_rows(over, states, c, go)
-        alone = jax.custom_batching.custom_vmap(lambda over, states, c, go: turns.ends(over, states, c))
-
-        @alone.def_vmap
-        def _(size: int, batched: Any, *arguments: Any) -> Any:
-            axes = jax.tree.map(lambda yes: 0 if yes else None, tuple(batched))
-            return jax.vmap(in_rows, axes, axis_size=size)(*arguments), True
-
-        return alone(over, states, c, go)
+        return alone_or_many(lambda over, states, c, go: turns.ends(over, states, c), in_rows, over, states, c, go)
 
     def run(self, room: int, t: Any, y0: Any, c: Any, breaks: Any) -> tuple[Any, StepsRecord, Any, Over]:
         """Return the states (n_t, n_y), the record, which times were reached, and steps over more than two times."""
