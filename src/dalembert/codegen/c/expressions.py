@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
 from ..subset.translation import UNKNOWN, Translation
-from ..subset.values import Value, parts, unified
+from ..subset.values import Value, unified
 from .built_in import BUILT_IN, PURE
 from .printing import Code, Constant, Fixed, Kernel, Pointer, bare, double, element_of
 
@@ -280,12 +280,8 @@ class Expressions(Translation):
         kind = array.kind
         assert isinstance(kind, Array)
         data, *shape = array.words
-        if len(index) > len(shape):
-            raise TypeError(f"{len(index)} numbers are too many for {kind}")
         offset = self.literal(0)
-        for number, length in zip([*index, *[self.literal(0)] * (len(shape) - len(index))], shape, strict=True):
-            if number.kind != INTEGER or number.words[0].startswith("-"):
-                raise TypeError("an index is a whole number, and never a negative one")
+        for number, length in self.axes(array, index):
             before = self.arithmetic(ast.Mult(), INTEGER, offset, Value(INTEGER, (length,)))
             offset = self.arithmetic(ast.Add(), INTEGER, before, number)
         left = len(shape) - len(index)
@@ -296,22 +292,14 @@ class Expressions(Translation):
             word = (Fixed if isinstance(data, Constant | Fixed) else Pointer)(f"&{word}")
         return Value(Array(kind.item, left), (word, *shape[len(index) :]))
 
-    def part(self, group: Value, number: int) -> Value:
-        """See `Translation.part`."""
-        assert isinstance(group.kind, Group)
-        if not group.base:
-            return parts(group)[number]
-        kind, first = group.kind.parts[number], group.first + sum(len(kind.words) for kind in group.kind.parts[:number])
-        if isinstance(kind, Group):
-            return Value(kind, (), group.base, first)
+    def argument(self, kind: Kind, base: str, first: int) -> Value:
+        """See `Target.argument`."""
         return Value(kind, self.module.arguments.leaf(first))
 
-    def field(self, record: Value, name: str) -> Value:
-        """See `Translation.field`."""
-        if not isinstance(record.kind, Fields) or name not in record.kind.names:
-            raise TypeError(f"there is no {name} that could be read or changed")
-        item = record.kind.items[record.kind.names.index(name)]
-        return Value(Array(item, 0), (f"{record.words[0]}.{name}",))
+    def member(self, record: Value, number: int) -> str:
+        """See `Target.member`."""
+        assert isinstance(record.kind, Fields)
+        return f"{record.words[0]}.{record.kind.names[number]}"
 
     def load(self, place: Value) -> Value:
         """See `Translation.load`."""

@@ -179,6 +179,33 @@ class Translation(Target):
         return self.variable(name)
 
     @staticmethod
+    def axes(array: Value, index: list[Value]) -> list[tuple[Value, str]]:
+        """Return the numbers of an index, zeros behind the last, each with the length of its axis."""
+        shape = array.words[1:]
+        if len(index) > len(shape):
+            raise TypeError(f"{len(index)} numbers are too many for {array.kind}")
+        for number in index:
+            if number.kind != INTEGER or number.words[0].startswith("-"):
+                raise TypeError("an index is a whole number, and never a negative one")
+        zeros = [Value(INTEGER, ("0",))] * (len(shape) - len(index))
+        return list(zip([*index, *zeros], shape, strict=True))
+
+    def part(self, group: Value, number: int) -> Value:
+        """Return a part of a tuple."""
+        assert isinstance(group.kind, Group)
+        if not group.base:
+            return parts(group)[number]
+        kind, first = group.kind.parts[number], group.first + sum(len(kind.words) for kind in group.kind.parts[:number])
+        return Value(kind, (), group.base, first) if isinstance(kind, Group) else self.argument(kind, group.base, first)
+
+    def field(self, record: Value, name: str) -> Value:
+        """Return the place of a field of a record."""
+        if not isinstance(record.kind, Fields) or name not in record.kind.names:
+            raise TypeError(f"there is no {name} that could be read or changed")
+        number = record.kind.names.index(name)
+        return Value(Array(record.kind.items[number], 0), (self.member(record, number),))
+
+    @staticmethod
     def _group(values: list[Value]) -> Value:
         return Value(Group(tuple(v.kind for v in values)), tuple(word for v in values for word in v.words))
 
