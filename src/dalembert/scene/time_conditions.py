@@ -10,7 +10,7 @@ from sympy.core.function import AppliedUndef
 
 from ..ir.conditions import CONDITION_TIME, WHOLE, ZERO
 from ..ir.graph import Graph
-from ..ir.node import Node
+from ..ir.node import Node, deps_of
 from ..transforms.conditions import Condition, condition_on, decide, narrow_conditions
 
 # Functions of SymPy that can be compiled.
@@ -105,9 +105,7 @@ class TimeConditions:
     def _prescribed(self, nodes: Sequence[Node]) -> bool:
         """Whether nodes depend on time, and on nothing else but parameters."""
         assert self._time is not None
-        deps = 0
-        for node in nodes:
-            deps |= node.deps
+        deps = deps_of(nodes)
         if not deps & self._time.deps:
             return False
         known = [*self._parameters, *([CONDITION_TIME] if decide(self.found) else [])]
