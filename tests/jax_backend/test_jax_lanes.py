@@ -1,4 +1,5 @@
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -6,10 +7,17 @@ from sympy import symbols
 
 import dalembert as da
 from dalembert.methods.status import Status
+from dalembert.starts.inputs import constants
+from dalembert.steps.problem import IntegrationProblem
+from dalembert.transforms.recurrences import recurrences
+from dalembert.transforms.taylor import step_kernel
 from hard_cases.particles import double_pendulum_cartesian
 
-pytest.importorskip("jax")
+jnp = pytest.importorskip("jax").numpy
 pytest.importorskip("diffrax")
+
+from dalembert.jax.pieces import series_attempts  # noqa: E402
+from dalembert.jax.runs.series import TaylorIntegrator  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 
@@ -83,6 +91,30 @@ def test_taylor_trajectories(sign):
     np.testing.assert_allclose(run(times).y, exact(times).y, rtol=0, atol=1e-9)
     short = compiled().simulate((0.0, 3.0), SLEIGH, parameters, method="taylor", max_steps=2)
     assert short.status is Status.MAX_STEPS and len(short.t) == 3
+
+
+@pytest.mark.parametrize(("most", "status"), [(4, Status.MAX_STEPS), (10**6, Status.PROJECTION_FAILED)])
+def test_taylor_steps_that_cannot_be_projected_are_attempts(most, status):
+    """They count against `max_steps`, as in all other runs (`step_control.status_after`)."""
+    model, order = compiled(), 8
+    program, size = model.stages.program, len(model.layout.state)
+    step = step_kernel(recurrences(program.kernel("rhs"), step_growth_limited=False), order, dense=True)
+    projections = [(lambda t, y, c: (jnp.where(t > 0.3, jnp.nan, 0.0) * y[0],), 1)]
+    kernels = SimpleNamespace(program=program, projections=projections)
+    attempts = series_attempts(step, size, step_growth_limited=False)
+    p = {**CASES, "b": 0.3}
+    problem = IntegrationProblem(
+        t0=0.0,
+        t1=2.0,
+        y0=model.state(SLEIGH, p),
+        constants=constants(program, model.parameter_vector(p)),
+        max_steps=most,
+    )
+    run = TaylorIntegrator(attempts, kernels, order, 2000)(problem)
+    assert run.status == status and len(run.t) == run.steps + 1 and run.end < 0.3 and run.rejected > 1
+    assert run.evaluations == run.steps + run.rejected <= most
+    assert status != Status.MAX_STEPS or run.evaluations == most
+    assert status == Status.MAX_STEPS or run.end == pytest.approx(0.3, abs=1e-12)
 
 
 def test_methods_that_sweeps_take():

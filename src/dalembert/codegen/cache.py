@@ -151,11 +151,6 @@ def directory() -> Path:
     return platformdirs.user_cache_path("dalembert", appauthor=False)
 
 
-def _home(name: str, digest: str) -> Path:
-    """Return the folder of a module."""
-    return directory() / f"{Namer()(name)[:40]}_{digest}"
-
-
 def _write(path: Path, data: bytes) -> None:
     """Write a file by an atomic rename."""
     make_folder(path.parent)
@@ -229,7 +224,7 @@ def _checksum(path: Path, data: bytes) -> bytes:
 
 def module_folder(name: str, digest: str) -> Path | None:
     """Return the folder of a module; None, with a warning, if the cache cannot be used."""
-    folder = _home(name, digest)
+    folder = directory() / f"{Namer()(name)[:40]}_{digest}"
     if refused(folder):
         return None
     try:

@@ -15,7 +15,7 @@ from typing import final
 
 from ..errors import ConstraintError
 from ..ir.graph import Graph
-from ..ir.node import Node
+from ..ir.node import Node, sharing
 from ..mechanics.equations import EquationsOfMotion
 from ..reduction.reaction_columns import independent_columns
 from ..reduction.reaction_solutions import reaction_solver
@@ -97,17 +97,8 @@ def lawful_sums(graph: Graph, name: str, laws: Sequence[SharedLaw]) -> list[Node
 
 def _parts(laws: Sequence[SharedLaw]) -> list[list[SharedLaw]]:
     """Return laws in groups that have no direction in common."""
-    parts: list[tuple[set[int], list[SharedLaw]]] = []
-    for law in laws:
-        along, members = {a for a, slope in enumerate(law.slopes) if not slope.is_zero}, [law]
-        apart = []
-        for directions, others in parts:
-            if directions & along:
-                along, members = along | directions, others + members
-            else:
-                apart.append((directions, others))
-        parts = [*apart, (along, members)]
-    return [members for _, members in parts]
+    directions = [sum(1 << a for a, slope in enumerate(law.slopes) if not slope.is_zero) for law in laws]
+    return [[laws[i] for i in members] for members in sharing(directions)]
 
 
 def _sum(graph: Graph, terms: Sequence[tuple[SharedLaw, Node]]) -> Node | None:

@@ -102,7 +102,7 @@ def _texts(source: CSource, picture: Picture) -> dict[str, str]:
     functions = {
         "prefix": prefix,
         "upper": prefix.upper(),
-        "n_given": max(len(_wanted(source)), 1),
+        "n_given": max(len(source.start.given) + len(source.parameters) + len(layout.inputs), 1),
         "n_row": first + 2 + len(picture.kernel.outputs),
         "n_inputs": len(layout.inputs),
         "n_outputs": len(layout.outputs),
@@ -126,10 +126,6 @@ def _contacts(source: CSource) -> list[str]:
     numbered = {state: f"{STATES.index(state)} {state}" for state in STATES}
     ordered = [(name, sorted(states, key=STATES.index)) for name, states in source.contacts.contacts]
     return [f"{name}: {', '.join(numbered[state] for state in states)}" for name, states in ordered]
-
-
-def _wanted(source: CSource) -> list[str]:
-    return [*source.start.given, *source.parameters, *source.program.layout.inputs]
 
 
 def _given(source: CSource, sliders: Mapping[str, tuple[float, float]] | None) -> list[dict[str, Any]]:

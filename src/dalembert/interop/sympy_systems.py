@@ -163,7 +163,7 @@ def _scene(held: _Contents, name: str) -> Scene:
 
     still = dict.fromkeys(held.zero_speeds, sp.S.Zero)
     frame = held.frame
-    moving = [body for body in held.bodies if any(_velocities(body, frame, still))]
+    moving = [body for body in held.bodies if any(_velocity(target, frame, still) != 0 for target in _targets(body))]
     loads = [load for load in held.loads if load[1] != 0 and _velocity(load[0], frame, still) != 0]
     named = [u for u in held.speeds if not isinstance(u, sp.Derivative)]
     tied = {u for equation in held.kinematic_equations for u in equation.atoms(sp.Function)}
@@ -193,10 +193,6 @@ def _targets(body: Any) -> tuple[Any, ...]:
     if not isinstance(body, RigidBody | Particle):
         raise SceneError("SymPy's system", [f"{body!r} is not a RigidBody or Particle"])
     return (body.masscenter,) if isinstance(body, Particle) else (body.masscenter, body.frame)
-
-
-def _velocities(body: Any, frame: ReferenceFrame, still: dict[Any, Any]) -> list[bool]:
-    return [_velocity(target, frame, still) != 0 for target in _targets(body)]
 
 
 def _velocity(target: Any, frame: ReferenceFrame, still: dict[Any, Any]) -> Any:

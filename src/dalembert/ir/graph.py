@@ -11,7 +11,7 @@ from itertools import count
 from typing import Any, final
 
 from .algebra import Algebra
-from .node import Node, UnitName
+from .node import Node, UnitName, deps_of
 
 _RATIONAL = ("add", "sub", "mul", "div", "neg", "sin", "cos", "tan")
 """Operations whose values are related to those of others; the rest are functions of which nothing is known."""
@@ -94,10 +94,7 @@ class Graph(Algebra):
 
         The numbers `generic` take the place of changed functions of which nothing but their identity is known.
         """
-        changed, allowed = 0, 0
-        for source, target in values.items():
-            changed |= source.deps
-            allowed |= target.deps
+        changed, allowed = deps_of(values), deps_of(values.values())
         forbidden = changed & ~allowed if allowed else 0
         new: dict[int, Node] = {source.index: target for source, target in values.items()}
 
@@ -185,9 +182,7 @@ class Graph(Algebra):
 
     def freed_of(self, node: Node, inputs: Sequence[Node]) -> Node | None:
         """Return `node` in a form without `inputs`, or None where its value does depend on them."""
-        mask = 0
-        for source in inputs:
-            mask |= source.deps
+        mask = deps_of(inputs)
         if not node.deps & mask:
             return node
         fixed = self._at_numbers([node], inputs)

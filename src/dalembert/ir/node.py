@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, final
 
@@ -26,6 +26,28 @@ class UnitName(str):
     __slots__ = ("place", "quaternion")
     quaternion: str
     place: int
+
+
+def deps_of(nodes: Iterable[Node]) -> int:
+    """Return the inputs on which any of the nodes depends, as a mask."""
+    mask = 0
+    for node in nodes:
+        mask |= node.deps
+    return mask
+
+
+def sharing(masks: Sequence[int]) -> list[list[int]]:
+    """Return the numbers of masks in groups, those together that have bits in common, if be through others."""
+    groups: list[tuple[int, list[int]]] = []
+    for number, mask in enumerate(masks):
+        members, apart = [number], []
+        for other, others in groups:
+            if other & mask:
+                mask, members = mask | other, others + members
+            else:
+                apart.append((other, others))
+        groups = [*apart, (mask, members)]
+    return [members for _, members in groups]
 
 
 def unit_names(names: Sequence[str]) -> list[UnitName]:

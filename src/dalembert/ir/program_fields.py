@@ -28,10 +28,6 @@ class _Field:
     default: Any
 
 
-def _read_words(reader: Reader) -> tuple[str, ...]:
-    return tuple(reader.listed(reader.word))
-
-
 def _read_flag(reader: Reader) -> bool:
     if reader.take("yes"):
         return True
@@ -82,7 +78,7 @@ _NAME = _Field(lambda value: [word(value)], Reader.word, None)
 _TEXT = _Field(lambda value: [word(value)], Reader.word, "")
 _FLAG = _Field(lambda value: ["yes" if value else "no"], _read_flag, False)
 _COUNT = _Field(lambda value: [str(value)], Reader.whole, None)
-_NAMES = _Field(lambda values: list(map(word, values)), _read_words, ())
+_NAMES = _Field(lambda values: list(map(word, values)), lambda reader: tuple(reader.listed(reader.word)), ())
 _ALIASES = _Field(_aliases, _read_mapping(Reader.word, short=True), {})
 _NUMBERS = _Field(_mapped(literal_text), _read_mapping(Reader.number), {})
 _ASSUMPTIONS = _Field(_mapped(lambda kinds: " ".join(map(word, kinds))), _read_mapping(_read_kinds), {})

@@ -156,7 +156,9 @@ def jumps(node: Node, moving: Sequence[Node]) -> bool:
     moving : sequence of Node
         The inputs that change along a line.
     """
-    deciding = [item for item in Graph.topological([node]) if item.op in DECIDED and _depends(item, moving)]
+    deciding = [
+        item for item in Graph.topological([node]) if item.op in DECIDED and any(item.deps & x.deps for x in moving)
+    ]
     tested: dict[Node, int] = {}
 
     def on_line(start: Mapping[Node, float], share: float) -> list[float]:
@@ -182,10 +184,6 @@ def jumps(node: Node, moving: Sequence[Node]) -> bool:
             if abs(above[0] - below[0]) > 1e-9 * size:
                 return True
     return False
-
-
-def _depends(node: Node, inputs: Sequence[Node]) -> bool:
-    return any(node.deps & x.deps for x in inputs)
 
 
 def lost_at_zero(node: Node, reference: Sequence[Node], moving: Sequence[Node]) -> int:

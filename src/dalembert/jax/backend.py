@@ -41,8 +41,8 @@ except ImportError as missing:
 
 from .compiled_runs import BlockSweeps, Final, final_function, padded, prepared_run
 from .hosted import HostedSolve
-from .modules import compile_kernel, loaded, rendered_module
-from .pieces import pieces_of
+from .modules import loaded, rendered_module
+from .pieces import pieces_of, series_attempts
 from .pointwise import StateFunctions, VectorField
 from .pure import Solve, register_static
 from .runs.precision import LARGEST_FUSED, compiled, double_precision
@@ -114,15 +114,11 @@ class JaxEngine(Engine):
         def make() -> Integrator | TaylorIntegrator:
             if method != "taylor":
                 return Integrator(self.kernels, method)
-            step = step_kernel(replace(self._recurrences, weighted=weighted), order, dense=True)
+            known, size = replace(self._recurrences, weighted=weighted), len(self._program.layout.state)
+            step = step_kernel(known, order, dense=True)
+            attempts = series_attempts(step, size, step_growth_limited=known.step_growth_limited)
             operations = len(step.body) + self.kernels.correction_operations
-            return TaylorIntegrator(
-                compile_kernel(step),
-                self.kernels,
-                order,
-                operations,
-                step_growth_limited=self._recurrences.step_growth_limited,
-            )
+            return TaylorIntegrator(attempts, self.kernels, order, operations)
 
         return computed_once(self._integrators, key, make)(problem)
 

@@ -72,8 +72,8 @@ class BlockSweeps:
             states[count:] = np.nan
         with double_precision():
             runner = computed_once(self._runners, key, lambda: self._runner(*key))
-            reached, record = jax.device_get(runner(t, states, padded(block.c), limits))
-        result.samples[:] = reached.y[:count, 1:-1]
+            y, record = jax.device_get(runner(t, states, padded(block.c), limits))
+        result.samples[:] = y[:count, 1:-1]
         result.y[:] = record.end[:count]
         result.ends[:] = np.stack([record.reached, record.status, record.steps], axis=1)[:count]
 

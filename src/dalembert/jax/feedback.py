@@ -41,6 +41,11 @@ def _joined(fixed: tuple[Any, ...], arrays: Any) -> Feedback:
     return Feedback(*jax.tree.unflatten(tree, [next(of_arrays if yes else of_others) for yes in marks]))
 
 
+def _called(fixed: tuple[Any, ...], arrays: Any, t: Any, q: Any, qdot: Any) -> Any:
+    whole = _joined(fixed, arrays)
+    return whole.function(t, q, qdot, *whole.arguments)
+
+
 @once
 def register_feedback() -> None:
     """Register functions as inputs as pytrees, whose leaves are the arrays that they depend on."""
@@ -82,12 +87,8 @@ def checked_feedback(symbol: InputSymbol, given: Any, n: int) -> Feedback:
     if not any(isinstance(leaf, jax.core.Tracer) for leaf in _closed_over(given.function)):
         return given
 
-    def function(t: Any, q: Any, qdot: Any, arrays: Any) -> Any:
-        whole = _joined(fixed, arrays)
-        return whole.function(t, q, qdot, *whole.arguments)
-
-    zeros = jnp.zeros(()), jnp.zeros(n), jnp.zeros(n), [jnp.asarray(array) for array in arrays]
-    pure, more = jax.closure_convert(function, *zeros)
+    zeros = [jnp.asarray(array) for array in arrays], jnp.zeros(()), jnp.zeros(n), jnp.zeros(n)
+    pure, more = jax.closure_convert(partial(_called, fixed), *zeros)
     return Feedback(_Closed(pure), ((arrays, more),))
 
 
@@ -99,7 +100,7 @@ class _Closed:
 
     def __call__(self, t: Any, q: Any, qdot: Any, theta: Any) -> Any:
         arrays, more = theta
-        return self._pure(t, q, qdot, arrays, *more)
+        return self._pure(arrays, t, q, qdot, *more)
 
 
 def _closed_over(function: Any, depth: int = 4) -> Iterator[Any]:
@@ -130,8 +131,10 @@ def weights_of(given: Feedback) -> Any:
     return jnp.concatenate(arrays) if arrays else jnp.zeros(0)
 
 
-def function_of_weights(name: str, given: Feedback, n: int) -> Callable[..., Any]:
-    """Return (t, q, qdot, weights) -> the value of the input `name`, for n coordinates; weights are `weights_of`.
+def function_of_weights(name: str, given: Feedback, n: int, first: int = 0) -> Callable[..., Any]:
+    """Return (t, q, qdot, weights) -> the value of the input `name`, for n coordinates.
+
+    Its own weights, as `weights_of` has them, begin at number `first`.
 
     Raises
     ------
@@ -140,14 +143,13 @@ def function_of_weights(name: str, given: Feedback, n: int) -> Callable[..., Any
     """
     arrays, fixed = _split(given)
     shapes = [(np.shape(array), jnp.result_type(array)) for array in arrays]
-    ends = np.cumsum([0, *(int(np.prod(shape)) for shape, _ in shapes)]).tolist()
+    ends = np.cumsum([first, *(int(np.prod(shape)) for shape, _ in shapes)]).tolist()
 
     def function(t: Any, q: Any, qdot: Any, weights: Any) -> Any:
         parts = [
             jnp.reshape(weights[ends[i] : ends[i + 1]], shape).astype(kind) for i, (shape, kind) in enumerate(shapes)
         ]
-        whole = _joined(fixed, parts)
-        found = whole.function(t, q, qdot, *whole.arguments)
+        found = _called(fixed, parts, t, q, qdot)
         shape = getattr(found, "shape", np.shape(found) if isinstance(found, float | int) else None)
         if shape != () or not jnp.issubdtype(jnp.result_type(found), jnp.number) or jnp.iscomplexobj(found):
             what = f"shape {shape}" if shape is not None else f"{type(found).__name__}"

@@ -57,11 +57,6 @@ def _called(call: Callable[..., Any], shapes: Sequence[tuple[int, ...]], single:
         shown = tuple(_Struct(shape, jnp.float32) for shape in shapes)
         return tuple(jax.pure_callback(call, shown, *given, vmap_method="broadcast_all"))
     wanted = tuple(_Struct((*shape, 2), jnp.uint32) for shape in shapes)
-    halves = (_halves(value) for value in given)
+    halves = (jax.lax.bitcast_convert_type(value, jnp.uint32) for value in given)  # its threads may not have 64 bits
     found = jax.pure_callback(call, wanted, *halves, vmap_method="broadcast_all")
     return tuple(jax.lax.bitcast_convert_type(value, jnp.float64) for value in found)
-
-
-def _halves(value: Any) -> Any:
-    """Return numbers as two integers each: a thread of a callback may not support 64 bits."""
-    return jax.lax.bitcast_convert_type(value, jnp.uint32)

@@ -1,4 +1,4 @@
-"""Traced functions whose runs are left to compiled loops on the host: with events, reductions or contacts."""
+"""Traced functions whose runs are compiled loops on the host (events, reductions, contacts), and their derivatives."""
 
 from __future__ import annotations
 
@@ -7,25 +7,30 @@ from typing import Any, final
 
 import jax
 import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
 
+from ..codegen.printers import JAX
 from ..codegen.runs import HostedRuns, HostRun
 from ..errors import OptionError
+from ..methods.status import Status
 from ..once import once_property
 from ..options import SolveOptions
 from ..stops.feedback import Feedback
 from ..stops.samples import Samples
 from .arguments import parameters_of, register_samples, times, vector
 from .host_calls import on_host
-from .hosted_derivatives import changes_of
+from .modules import KeyedFunction, compile_kernel
 from .pointwise import StateFunctions
-from .pure import Solve
+from .pure import Solve, refusing
 from .run_inputs import Given, inputs_of, parameters_at, refuse_given
-from .runs.unknown import without_derivative
+from .runs.linear_maps import apply
+from .runs.run_constants import stacked
+from .runs.unknown import Sloped, without_derivative
 from .solved import Dense, EventTimes, Solved, States, raise_failure, solved_of
 
 
 @final
-class HostedSolve:
+class HostedSolve(KeyedFunction):
     """``solve(t, initial, p, inputs=None)`` as `Solve`, with events, reductions or contacts.
 
     The runs are those of the compiled backend, which the traced program calls on the host: one call for a whole batch,
@@ -51,8 +56,7 @@ class HostedSolve:
     def __init__(self, hosted: HostedRuns, options: SolveOptions, native: Solve | None) -> None:
         self._hosted, self._options, self._native = hosted, options, native
         register_samples()
-        self._key = hosted.runner, hosted.layout, hosted.refusal, options, native
-        self._hash = hash(self._key)
+        super().__init__(hosted.runner, hosted.layout, hosted.refusal, options, native)
         self.given = hosted.runner.given if native is None else native.given
 
     def __call__(self, t: Any, initial: Any, p: Any, inputs: Mapping[Any, Any] | None = None) -> Solved:
@@ -64,12 +68,6 @@ class HostedSolve:
         start = vector("initial value", initial, self.given, layout.aliases)
         solved = solved_of(self, t, start, p, given)
         return raise_failure(solved, "", self._options.method) if self._options.throw else solved
-
-    def __eq__(self, other: object) -> bool:
-        return self is other or (isinstance(other, HostedSolve) and self._key == other._key)
-
-    def __hash__(self) -> int:
-        return self._hash
 
     def __reduce__(self) -> tuple[Any, ...]:
         return HostedSolve, (self._hosted, self._options, self._native)
@@ -117,16 +115,6 @@ class HostedSolve:
         y, q, qdot, outputs = jnp.split(rows, [n, n + count, n + 2 * count], axis=-1)
         return y, q, qdot, outputs
 
-    @property
-    def hosted(self) -> HostedRuns:
-        """The runs on the host, and their events and reductions."""
-        return self._hosted
-
-    @property
-    def native(self) -> Solve | None:
-        """The traced runs by which derivatives are taken."""
-        return self._native
-
     # -- the run --------------------------------------------------------------------------
 
     @once_property
@@ -137,10 +125,61 @@ class HostedSolve:
         def push(values: Any, tangents: Any) -> Any:
             self._refuse_derivatives(values[-1])
             held = self._called(*jax.lax.stop_gradient(values))
-            return held, changes_of(self, held, values, tangents)
+            return held, self._changes(held, values, tangents)
 
         run.defjvp(push, symbolic_zeros=True)
         return run
+
+    def _changes(self, held: HostRun, values: Any, tangents: Any) -> HostRun:
+        """Return the changes of a `HostRun` with times, initial values, parameters and inputs.
+
+        What does not change is left out: derivatives by knots may not exist.
+        """
+        flat, tree = jax.tree.flatten(refusing(_NO_SECOND, values))
+        changes = jax.tree.leaves(tangents)
+        moving = [i for i, change in enumerate(changes) if not isinstance(change, SymbolicZero)]
+
+        def run(some: Any) -> HostRun:
+            whole = list(flat)
+            for i, value in zip(moving, some, strict=True):
+                whole[i] = value
+            return self._followed(held, *jax.tree.unflatten(tree, whole))
+
+        found: HostRun = jax.jvp(run, ([flat[i] for i in moving],), ([changes[i] for i in moving],))[1]
+        return found
+
+    def _followed(self, held: HostRun, t: Any, initial: Any, p: Any, given: Given) -> HostRun:
+        """Return a run as it went, with the changes of traced runs to the times of events."""
+        native, hosted = self._native, self._hosted
+        assert native is not None
+        forward, count = jnp.where(t[-1] >= t[0], 1.0, -1.0), len(hosted.runner.labels)
+        marks = jnp.concatenate([held.happened[:, 1], held.happened[:, 2]])
+        occurred = jnp.isfinite(marks)
+        # First to the times as they are, from which those follow at which events occur nearby.
+        begin = jax.lax.stop_gradient(t[0])
+        y = _at(native, forward, t, jnp.where(occurred, marks, begin), initial, p, given)[0]
+        rows, at_knots = self.parameters_at(t, marks, p, given)
+        found = [
+            _occurs(hosted, number % count, (marks[number], y[len(t) + number], rows[number]), at_knots[number])
+            for number in range(2 * count)
+        ]
+        moved = jnp.where(occurred, jnp.stack(found) if found else jnp.zeros(0), marks)
+        end = t[-1]
+        for i, terminal in enumerate(hosted.terminal):
+            here = (held.numbers[1] == float(Status.EVENT)) & (marks[count + i] == held.numbers[0])
+            end = jnp.where(here & terminal, moved[count + i], end)
+        whole = (held.numbers[1] == float(Status.SUCCESS)) | (held.numbers[1] == float(Status.EVENT))
+        end = jnp.where(whole, end, held.numbers[0])
+        reached = forward * (jax.lax.stop_gradient(t) - held.numbers[0]) <= 0.0
+        requested = jnp.append(jnp.where(reached, t, end), end)
+        rows = jnp.concatenate(_at(native, forward, requested, jnp.zeros(0), initial, p, given), axis=1)
+        known = jnp.isfinite(held.rows)
+        return held._replace(
+            rows=jnp.where(known, rows[:-1], jnp.nan),
+            end=_of_whole(rows[-1], whole, (t, initial, p, given)),
+            numbers=held.numbers.at[0].set(_of_whole(end, whole, (t, initial, p, given))),
+            happened=jnp.stack([held.happened[:, 0], moved[:count], moved[count:]], axis=1),
+        )
 
     def _refuse_derivatives(self, given: Given) -> None:
         """Reject derivatives that traced runs do not give.
@@ -201,3 +240,48 @@ def _refuse_functions(given: Given) -> None:
             " loops, which cannot call it: give a number or dalembert.samples(times, values), or leave out events= and"
             " reduce="
         )
+
+
+_NO_SECOND = (
+    "runs with events have first derivatives only: take those of second order without events=, over a span that ends"
+    " before them"
+)
+
+
+def _occurs(hosted: HostedRuns, event: int, point: tuple[Any, Any, Any], at_knot: Any) -> Any:
+    """Return the time () of an event at a point (t, y, p); it changes as the zero of its expression does.
+
+    At the knot of a record it has no derivative, as the expression may jump or have a kink there.
+    """
+    assert hosted.watched is not None
+    values, rates = (stacked(compile_kernel(kernel, JAX)) for kernel in hosted.watched)
+
+    @jax.custom_jvp
+    def zero(t: Any, y: Any, p: Any) -> Any:
+        return t
+
+    @zero.defjvp
+    def _(at: Any, changes: Any) -> Any:
+        t, y, p = at
+        change = jax.jvp(lambda y, p: values(t, y, p)[event], (y, p), changes[1:])[1]
+        rate = rates(t, y, p)[event]
+        slope = jnp.where((rate != 0.0) & ~at_knot, -1.0 / rate, jnp.nan)
+        return t, apply(Sloped(), slope, change)
+
+    return zero(jax.lax.stop_gradient(point[0]), *point[1:])
+
+
+def _at(
+    native: Solve, forward: Any, t: Any, marks: Any, initial: Any, p: Any, given: Given
+) -> tuple[Any, Any, Any, Any]:
+    """Return states, coordinates, rates and outputs of a traced run at times and at `marks`, in any order."""
+    every = jnp.concatenate([t, marks])
+    order = jnp.argsort(forward * jax.lax.stop_gradient(every), stable=True)
+    solved = native.motion(every[order], initial, p, given)
+    back = jnp.argsort(order)
+    return solved.y[back], solved.q[back], solved.qdot[back], solved.outputs[back]
+
+
+def _of_whole(values: Any, whole: Any, sources: Any) -> Any:
+    """Return where a run ended, with derivatives NaN by `sources` where it failed, that is, where it is not `whole`."""
+    return jnp.where(whole, values, without_derivative(jax.lax.stop_gradient(values), whole, sources))

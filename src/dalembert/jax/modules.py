@@ -1,4 +1,4 @@
-"""Generated JAX modules: rendered and loaded; and kernels as traceable functions from arrays to an array."""
+"""Generated JAX modules, rendered and loaded; kernels as traceable functions; functions that JAX compiles once."""
 
 from __future__ import annotations
 
@@ -53,3 +53,25 @@ def compile_kernel(kernel: Kernel, printer: Printer = JAX_STEPS, in_branches: fr
     exec(render("jax/kernel.py.j2", variables), namespace)
     function: Function = namespace["kernel"]
     return function
+
+
+class KeyedFunction:
+    """Base class of functions that are equal where their keys are, so that what JAX compiled for one serves the other.
+
+    Parameters
+    ----------
+    *key
+        Hashable values, from which the function can be made again unless a class says otherwise.
+    """
+
+    def __init__(self, *key: Any) -> None:
+        self._key, self._hash = key, hash((type(self).__name__, key))
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (type(self) is type(other) and self._key == getattr(other, "_key", None))
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), self._key

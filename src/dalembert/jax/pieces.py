@@ -31,7 +31,7 @@ from .runs.derivatives import Stepping
 from .runs.lanes import Sides, TaylorAttempts
 from .runs.pairs import PairAttempts
 from .runs.precision import LARGEST_FUSED
-from .runs.run_constants import ArrayKernels, Function, OnArrays, RunConstants
+from .runs.run_constants import ArrayKernels, Function, OnArrays, RunConstants, on_one_row
 from .runs.run_data import RunPieces
 from .runs.step_rules import Projections, Rows
 from .step_derivatives import PairSteps, WholeSteps, implicit_ends, series_ends
@@ -105,7 +105,7 @@ def _corrections(program: Program, made: Callable[[str], Any]) -> tuple[tuple[An
     return tuple((made(name), count) for name, count in CORRECTIONS.items() if name in program)
 
 
-def _on_rows(program: Program) -> Projections:
+def corrections_on_rows(program: Program) -> Projections:
     """Return the projections of many cases."""
     return _corrections(program, lambda name: compile_kernel(program.kernel(name), JAX))
 
@@ -124,12 +124,23 @@ def _taylor_pieces(
     series = _series(series_kernel(known, order))
     return RunPieces(
         one=TaylorAttempts(_step_of_one(looped(step)), step_growth_limited=limited, sides=sides[0]),
-        one_projections=_corrections(program, lambda name: _on_one_row(looped(program.kernel(name), JAX))),
+        one_projections=_corrections(program, lambda name: on_one_row(looped(program.kernel(name), JAX))),
         many=TaylorAttempts(compile_kernel(step), step_growth_limited=limited, sides=sides[1]),
-        many_projections=_on_rows(program),
+        many_projections=corrections_on_rows(program),
         steps=WholeSteps(blocked(program.kernel("rhs")), partial(series_ends, series, order), projections, constants),
         decided=_decided(program),
     )
+
+
+def series_attempts(step: Kernel, size: int, *, step_growth_limited: bool) -> TaylorAttempts:
+    """Return attempts of one case by a Taylor step that also gives its series, for `size` components of the state."""
+    whole = compile_kernel(step)
+
+    def on_arrays(*given: Any) -> Any:
+        return jnp.stack([jnp.asarray(value, dtype=float) for value in whole(*given)])
+
+    series = len(step.outputs) - size - 2
+    return TaylorAttempts(_step_of_one(on_arrays), step_growth_limited=step_growth_limited, series=series)
 
 
 def _pair_pieces(
@@ -149,12 +160,12 @@ def _pair_pieces(
     def rows(kernel: Function) -> Function:
         return kernel if feedback is None else feedback.on_rows(kernel)
 
-    whole = _corrections(program, lambda name: _on_one_row(_of_one(program, kernels, name)))
+    whole = _corrections(program, lambda name: on_one_row(_of_one(program, kernels, name)))
     rhs, moved = program.kernel("rhs"), bool(whole) or constants.broken
     limits: tuple[Function | None, ...] = None, None
     if "knots" in program:
         limits = one_row(_knots_of_one(program, kernels)), rows(compile_kernel(program.kernel("knots")))
-    rates, length = one_row(_on_one_row(_of_one(program, kernels, "rhs"))), len(rhs.body)
+    rates, length = one_row(on_one_row(_of_one(program, kernels, "rhs"))), len(rhs.body)
     in_turn: InTurn | None = None
     if length > _SHORT and not (moved or tableau.implicit or constants.extended or only_in_branches(rhs)):
         sizes = len(program.layout.state), program.layout.constants or len(program.layout.parameters)
@@ -175,7 +186,7 @@ def _pair_pieces(
         one=pair(rates, knots=limits[0], sides=sides[0]),
         one_projections=whole,
         many=pair(rows(compile_kernel(rhs, JAX)), knots=limits[1], sides=sides[1]),
-        many_projections=_on_rows(program),
+        many_projections=corrections_on_rows(program),
         steps=steps,
         decided=None if decided is None else rows(decided),
     )
@@ -212,11 +223,6 @@ def _of_one(program: Program, kernels: ArrayKernels, name: str) -> OnArrays:
     return looped(kernel, JAX) if len(kernel.body) > _LARGEST_AT_ONCE else kernels[name]
 
 
-def _on_one_row(kernel: OnArrays) -> Function:
-    """Return a kernel on arrays as a function of rows, of which there is one."""
-    return lambda t, y, c: (kernel(t, y[0], c[0]),)
-
-
 def _sides(
     program: Program, kernels: ArrayKernels, feedback: FeedbackKernels | None
 ) -> tuple[Sides | None, Sides | None]:
@@ -224,7 +230,7 @@ def _sides(
     if program.knot_sides is None:
         return None, None
     n, both = len(program.layout.state), (program.knot_sides.near, program.knot_sides.sides)
-    one = [_on_one_row(_of_one(program, kernels, kernel.name)) for kernel in both]
+    one = [on_one_row(_of_one(program, kernels, kernel.name)) for kernel in both]
     many: list[Function] = [compile_kernel(kernel, JAX) for kernel in both]
     if feedback is not None:
         one, many = [feedback.on_one_row(each) for each in one], [feedback.on_rows(each) for each in many]
@@ -285,12 +291,12 @@ def _series(kernel: Kernel) -> Conditional:
 
 
 def _step_of_one(step: Function) -> Function:
-    """Return a Taylor step on arrays as a function of rows, of which there is one."""
+    """Return a Taylor step on arrays as a function of rows, of which there is one; a series is one row, too."""
 
     def on_row(t: Any, y: Rows, c: Rows, settings: Rows) -> Rows:
         known = jnp.append(y[0], y[1]) if y[1:] else y[0]
         out = step(t, known, c[0], jnp.stack(jnp.broadcast_arrays(*settings)))
         n = len(y[0])
-        return out[:n], out[n], out[n + 1]
+        return out[:n], out[n], out[n + 1], *((out[n + 2 :],) if len(out) > n + 2 else ())
 
     return on_row

@@ -15,7 +15,7 @@ from ..scene.symbol_table import InputSymbol
 from ..stops.feedback import Feedback
 from ..values import common_rows
 from .arguments import parameters_of, vector
-from .modules import kernels_of
+from .modules import KeyedFunction, kernels_of
 from .run_inputs import inputs_of, parameters_at
 from .stepping import Stepper
 
@@ -65,27 +65,18 @@ def _over_rows(function: Callable[..., Any], arguments: Mapping[str, tuple[Any, 
     return jax.vmap(function, axes)(*values)
 
 
-class _OfProgram:
-    """Base class of functions of a program: those of equal programs are equal, so that JAX compiles them once."""
+class _OfProgram(KeyedFunction):
+    """Base class of functions of a program."""
 
     def __init__(self, program: Program) -> None:
         self._program = representative(program)
-        self._hash = hash((type(self).__name__, self._program))
+        super().__init__(self._program)
         self._kernels = kernels_of(self._program)
 
     def _constants(self, t: Any, p: Any) -> Any:
         """Return the constants of parameters (n_p,), conditions decided at t."""
         conditions = self._program.conditions
         return self._kernels.constants(p if conditions is None else p.at[conditions.place].set(t))
-
-    def __eq__(self, other: object) -> bool:
-        return self is other or (type(self) is type(other) and self._program is getattr(other, "_program", None))
-
-    def __hash__(self) -> int:
-        return self._hash
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self._program,)
 
 
 @final

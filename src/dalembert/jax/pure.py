@@ -21,14 +21,14 @@ from .arguments import parameters_of, register_samples, times, vector
 from .courses import Course, Courses
 from .elapsed import in_elapsed_time, require_single, warn_below_single, warn_of_rounded_knots, with_tolerances
 from .feedback import FeedbackKernels, register_feedback
-from .modules import compile_kernel, kernels_of
+from .modules import KeyedFunction, compile_kernel, kernels_of
 from .pieces import SERVED, pieces_of, pieces_with
 from .run_inputs import Given, failed, inputs_of, refuse_given
-from .runs.derivatives import Steps
+from .runs.derivatives import Steps, StepsRecord
 from .runs.motion import TracedMotion, started
 from .runs.precision import CONFIG, process_precision
 from .runs.run_constants import ArrayKernels, RunConstants, stacked
-from .runs.run_data import Limits, Path, Reached, RunPieces, middles
+from .runs.run_data import Limits, Reached, RunPieces, middles
 from .solved import Dense, Solved, States, raise_failure, solved_of
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 @final
-class Solve:
+class Solve(KeyedFunction):
     """``solve(t, initial, p, inputs=None)`` integrates from t[0] and returns a `Solved` at the times t.
 
     The arguments are JAX arrays or numbers, and every one may be differentiated: t (n_t,) sorted in either
@@ -89,8 +89,7 @@ class Solve:
             raise OptionError(f"solve_fn integrates by {list_names(SERVED)}, not by {options.method!r}")
         program = representative(program)  # so that comparing equal functions compares no code
         self._program, self._start, self._options, self._inputs = program, start, options, inputs
-        self._key = program, start, options, inputs, dependence
-        self._hash = hash(self._key)
+        super().__init__(program, start, options, inputs, dependence)
         register_samples()
         register_feedback()
         self.given = program.layout.state if start is None else start.given
@@ -103,9 +102,6 @@ class Solve:
         self._begin = None if start is None else stacked(compile_kernel(start.kernel, JAX))
         self._dependent = None if dependence is None else stacked(compile_kernel(dependence.kernel, JAX))
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Solve, self._key
-
     def __call__(self, t: Any, initial: Any, p: Any, inputs: Mapping[Any, Any] | None = None) -> Solved:
         """Return the motion; see the class."""
         t, layout = times(t), self._program.layout
@@ -116,12 +112,6 @@ class Solve:
         start = vector("initial value", initial, self.given, layout.aliases)
         solved = solved_of(self, t, start, p, given)
         return raise_failure(solved, self._program.formulation, self._options.method) if self._options.throw else solved
-
-    def __eq__(self, other: object) -> bool:
-        return self is other or (isinstance(other, Solve) and self._key == other._key)
-
-    def __hash__(self) -> int:
-        return self._hash
 
     @property
     def program(self) -> Program:
@@ -157,7 +147,7 @@ class Solve:
         dependent = None if self._dependent is None else self._dependent(t[0], y0, course.first)[0] > 0.0
         if dependent is not None:
             y0 = y0 * jnp.where(dependent, jnp.nan, 1.0)  # derivatives are NaN too
-        reached, path = self._integrate(t, y0, course)
+        reached, record = self._integrate(t, y0, course)
         q, qdot, outputs = self._expanded(t, reached.y, course.rows, course)
         status = reached.status
         if outputs.size:
@@ -169,8 +159,8 @@ class Solve:
             status = failed(status, course.wrong)
         if dependent is not None:
             status = jnp.where(dependent, int(Status.SINGULAR_CONFIGURATION), status)
-        of_run = path, t[0], p, course.run, course.breaks
-        dense = None if path is None else Dense(self, of_run, course.constants)
+        of_run = record, t[0], p, course.run, course.breaks
+        dense = None if record is None else Dense(self, of_run, course.constants)
         return Solved(t, reached.y, q, qdot, outputs, status, steps, rejected, dense)
 
     def _decaying(self, t: Any, p: Any) -> Any:
@@ -193,18 +183,18 @@ class Solve:
 
     def states(self, dense: Dense, t: Any) -> States:
         """Return the motion at times t (n_t,) of a run that has been recorded; see `Dense`."""
-        conditions, (path, start, p, c, breaks) = self._program.conditions, dense.run
+        conditions, (record, start, p, c, breaks) = self._program.conditions, dense.run
         if dense.constants is not None:
             start = jax.lax.stop_gradient(start)
         rows = self._kernels.constants(p)
         if conditions is not None:
             start = jax.lax.stop_gradient(start)
-            span = jnp.concatenate([jnp.zeros(1), jax.lax.stop_gradient(t) - start, path.reached[None]])
+            span = jnp.concatenate([jnp.zeros(1), jax.lax.stop_gradient(t) - start, record.reached[None]])
             elapsed = middles(span, breaks)[1:-1]
             rows = self._courses.decided(p, start + elapsed)
         if dense.constants is not None:
             rows = dense.constants.kernel_rows(rows, c, t - start)
-        y = self._traced_motion(dense.constants).states(path, t - start, c)
+        y = self._traced_motion(dense.constants).states(record, t - start, c)
         return States(t, y, *self._expanded(t, y, rows))
 
     def _on_rows(self, kernel: str, t: Any, y: Any, c: Any) -> Any:
@@ -212,8 +202,8 @@ class Solve:
             return jnp.zeros((len(t), 0))
         return jax.vmap(self._kernels[kernel], (0, 0, None if jnp.ndim(c) == 1 else 0))(t, y, c)
 
-    def _integrate(self, t: Any, y0: Any, course: Course) -> tuple[Reached, Path | None]:
-        """Return the states (n_t, n_y) at times t (n_t,), how the run went, and its path where it is kept."""
+    def _integrate(self, t: Any, y0: Any, course: Course) -> tuple[Reached, StepsRecord | None]:
+        """Return the states (n_t, n_y) at times t (n_t,), how the run went, and its record where it is kept."""
         options, c = self._effective, course.run
         start = t[0]
         if course.constants is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
@@ -145,17 +145,11 @@ def feedback_kernels(program: Program, given: Given, start: int) -> FeedbackKern
     layout = program.layout
     n, first, each = len(layout.coordinates), 0, []
     for name, value in functions.items():
-        last = first + len(weights_of(value))
-        each.append(_of_some(function_of_weights(name, value, n), first, last))
-        first = last
+        each.append(function_of_weights(name, value, n, first))
+        first += len(weights_of(value))
     places = tuple(place + 1 for place in coefficient_places(layout.parameters, tuple(functions)))
     expand = compile_kernel(expansion_in_elapsed_time(program), JAX)
     return FeedbackKernels(tuple(each), places, start, n, expand, stacked(expand))
-
-
-def _of_some(function: Callable[..., Any], first: int, last: int) -> Callable[..., Any]:
-    """Return a function that takes some of the weights as one that takes all."""
-    return lambda t, q, qdot, weights: function(t, q, qdot, weights[first:last])
 
 
 def failed(status: Any, wrong: Any) -> Any:

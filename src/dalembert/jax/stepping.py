@@ -12,9 +12,9 @@ from jax import lax
 from ..codegen.printers import JAX
 from ..errors import OptionError, unknown_name
 from ..ir.program import Program
-from ..methods.fixed_steps import CLASSICAL, CORRECTIONS, EULER, FixedTableau
+from ..methods.fixed_steps import CLASSICAL, EULER, FixedTableau
 from .modules import compile_kernel
-from .pieces import EXPLICIT
+from .pieces import EXPLICIT, corrections_on_rows, place_of
 from .runs.mesh_axes import stack, varying_like
 from .runs.pairs import slopes_in_turn
 from .runs.precision import contracted
@@ -61,11 +61,8 @@ class Stepper:
         """
         if method not in STEP_METHODS:
             raise OptionError(unknown_name("method of fixed steps", str(method), STEP_METHODS))
-        projections = tuple(
-            (compile_kernel(program.kernel(name), JAX), count) for name, count in CORRECTIONS.items() if name in program
-        )
-        place = None if program.conditions is None else program.conditions.place
-        return cls(compile_kernel(program.kernel("rhs"), JAX), projections, place, constants, STEP_METHODS[method])
+        rates, projections = compile_kernel(program.kernel("rhs"), JAX), corrections_on_rows(program)
+        return cls(rates, projections, place_of(program), constants, STEP_METHODS[method])
 
     def __call__(self, t: Any, y: Any, p: Any, dt: Any, substeps: int) -> Any:
         """Return the state (n_y,) after `substeps` equal steps that together take dt."""

@@ -146,17 +146,13 @@ def _sample(
     constraints = _jacobian(equations, state) if equations.constraints else np.zeros((0, n_q))
     mass, rest = along.T @ inertia, -along.T @ wrenches[:, 0]
     if equations.mode_reactions:  # friction of the mode is in its forcing
-        rest = np.array(values_of(equations.forcing, _with_missing(equations, state)))
+        rest = np.array(values_of(equations.forcing, {**random_inputs(equations.forcing, random.Random(0)), **state}))
     bias = np.array(values_of([row.bias for row in equations.constraints], state))
     whole = np.block([[mass, constraints.T], [constraints, np.zeros((len(bias), len(bias)))]])
     accelerations = np.linalg.lstsq(whole, np.concatenate([rest, bias]), rcond=1e-12)[0][:n_q]
     demand = wrenches[:, 0] + inertia @ accelerations
     known = {node: float(value[0]) for node, value in inputs.items()}
     return BodySample(demand, forces, mode, along, constraints, places, known)
-
-
-def _with_missing(equations: EquationsOfMotion, state: Mapping[Node, float]) -> dict[Node, float]:
-    return {**random_inputs(equations.forcing, random.Random(0)), **state}
 
 
 def _nodes(balances: BodyBalances) -> list[Node]:

@@ -55,10 +55,7 @@ def declared_joints(balances: BodyBalances) -> list[Declared]:
     for number, action in enumerate(model.actions):
         if not action.of_joint:
             continue
-        deps = 0
-        for piece in (*action.force, *action.torque):
-            for x in piece.components:
-                deps |= x.deps
+        deps = action.deps
         mine = tuple(i for i, mask in enumerate(masks) if deps & mask)
         pair = pair_of(action.target, action.other)
         if mine and (action.name, action.at, pair) not in seen:  # a joint between bodies is two opposite actions

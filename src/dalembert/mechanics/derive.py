@@ -122,7 +122,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
     holonomic = [
         replace(_holonomic(kinematics, constraint), opens=i in gaps) for i, constraint in enumerate(model.holonomic)
     ]
-    nonholonomic = [_nonholonomic(kinematics, constraint) for constraint in model.nonholonomic]
+    nonholonomic = [_row(kinematics, each.label, None, each.expression) for each in model.nonholonomic]
     rows = (*holonomic, *nonholonomic)
     inertia = power.mass_matrix if power.tree is None else [power.tree.nodes]
     terms = [*(entry for row in inertia or () for entry in row), *power.forcing]
@@ -226,10 +226,6 @@ def _split(model: SceneModel, power: list[Node]) -> tuple[list[Node], Matrix]:
 def _holonomic(kinematics: Kinematics, constraint: ConstraintModel) -> ConstraintRow:
     velocity = tangents(kinematics.graph, [constraint.expression], kinematics.flow)[0]
     return _row(kinematics, constraint.label, constraint.expression, velocity)
-
-
-def _nonholonomic(kinematics: Kinematics, constraint: ConstraintModel) -> ConstraintRow:
-    return _row(kinematics, constraint.label, None, constraint.expression)
 
 
 _MANY = 24

@@ -58,10 +58,7 @@ def _unknowns_of_joints(model: SceneModel, names: Sequence[str]) -> dict[str, li
     masks = {name: model.graph.mask([name]) for name in names}
     found: dict[str, list[str]] = {}
     for action in model.actions:
-        deps = 0
-        for piece in (*action.force, *action.torque):
-            for component in piece.components:
-                deps |= component.deps
+        deps = action.deps
         mine = [name for name, mask in masks.items() if deps & mask]
         if mine:
             found[action.name] = list(dict.fromkeys([*found.get(action.name, ()), *mine]))

@@ -56,7 +56,8 @@ def _translation(kinematics: Kinematics, pose: Pose) -> VelocityGroup | None:
     for i, motion in enumerate(motions):
         if any(x.number is None for x in motion.direction):
             return None
-        if any(not _equals(vec.dot(motion.direction, other.direction), i == j) for j, other in enumerate(motions)):
+        products = (vec.dot(motion.direction, other.direction) for other in motions)
+        if any(not (x.is_one if i == j else x.is_zero) for j, x in enumerate(products)):
             return None
     choices = []
     others = [frame for frame in range(len(kinematics.model.frames)) if frame != pose.frame]
@@ -71,10 +72,6 @@ def _translation(kinematics: Kinematics, pose: Pose) -> VelocityGroup | None:
                 VelocityChoice(tuple(f"v_{name}_{_AXES[a]}" for a in used), tuple(tuple(rows[a]) for a in used))
             )
     return VelocityGroup(tuple(motion.coordinate for motion in motions), tuple(choices))
-
-
-def _equals(node: Node, one: bool) -> bool:
-    return node.is_one if one else node.is_zero
 
 
 def _rotation(kinematics: Kinematics, frame: int) -> VelocityGroup | None:

@@ -15,6 +15,7 @@ from ..ir.kernel import describe_counts
 from ..ir.program import Program
 from ..lowering.programs import lower
 from ..mechanics.equations import copied
+from ..methods.fixed_steps import CORRECTIONS
 from ..once import deriving
 from ..reduction import FORMULATIONS, reduce
 from ..transforms.nonsmooth import nonanalytic_operations
@@ -91,7 +92,7 @@ def _program_lines(model: CompiledModel, passes: bool, formulations: bool) -> li
         *_conditions(program),
         f"right side    {describe_counts(program.kernel('rhs'))} per evaluation",
         *_energy(stages),
-        *(f"projection    {name}: {describe_counts(program.kernel(name))}" for name in _projections(program)),
+        *(f"projection    {name}: {describe_counts(program.kernel(name))}" for name in CORRECTIONS if name in program),
         *_outputs(stages),
         f"prepared      {layout.constants - len(layout.parameters)} expressions of parameters alone, once a run",
         f"left out      {'; '.join(_left_out(stages)) or 'nothing'}",
@@ -201,10 +202,6 @@ def _conditions(program: Program) -> list[str]:
         if narrow
         else lines
     )
-
-
-def _projections(program: Program) -> list[str]:
-    return [name for name in ("project_position", "project_velocity") if name in program]
 
 
 def _outputs(stages: Stages) -> list[str]:

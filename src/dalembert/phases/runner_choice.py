@@ -34,10 +34,6 @@ def runs_unchecked(model: CompiledModel) -> bool:
     return bool(model.layout.state) and all(isinstance(check, DivergenceCheck) for check in model.checks)
 
 
-def _by_phase(item: tuple[tuple[int, int], int]) -> int:
-    return -item[0][1]
-
-
 @final
 class RunnerChoice:
     """The runners of the modes that motions have entered.
@@ -100,7 +96,8 @@ class RunnerChoice:
     def methods(self) -> dict[int, str]:
         """Method of each mode that has been run, by its number: that of phases in which no slip begins, if any."""
         found = {runner.number: runner.taken or runner.method for runner in self.runners}
-        serving = ((key[0], self.runners[place]) for key, place in sorted(self._serving.items(), key=_by_phase))
+        latest = sorted(self._serving.items(), key=lambda item: -item[0][1])
+        serving = ((key[0], self.runners[place]) for key, place in latest)
         return found | {number: runner.taken or runner.method for number, runner in serving}
 
     def begin(self, first_step: float | None) -> None:

@@ -13,8 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import reduce
-from operator import or_
 from typing import final
 
 import numpy as np
@@ -24,7 +22,7 @@ from ..errors import list_names
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph
 from ..ir.kernel import Kernel
-from ..ir.node import Node
+from ..ir.node import Node, deps_of
 from ..ir.zero_tests import terms_of
 from ..mechanics.equations import EquationsOfMotion
 from ..transforms.derivatives import tangents
@@ -181,7 +179,7 @@ def candidates(equations: EquationsOfMotion) -> InvariantCandidates:
         for k, node in enumerate(nodes):
             if graph.freed_of(node, [decided]) is None:
                 certain[k], direct[k] = False, graph.one
-    variables = reduce(or_, (node.deps for node in (*q, *qdot, *states, time, decided)))
+    variables = deps_of((*q, *qdot, *states, time, decided))
     unclear = has_branches(graph, _equations(equations, graph), variables)
     shown = [(graph.one if unclear else graph.zero) if each is None else each for each in direct]
     branches, free = free_arguments(graph, shown, variables)

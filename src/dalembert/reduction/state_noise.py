@@ -103,16 +103,12 @@ def summands(graph: Graph, node: Node, products: int = 0) -> Node:
     return graph.call("abs", node)
 
 
-def _is_projected(system: ReducedSystem) -> bool:
-    return system.formulation == "projected" and bool(system.equations.constraints)
-
-
 def _residuals(system: ReducedSystem, graph: Graph) -> tuple[list[Node], list[list[Node]]]:
     """Return the residuals of positions and velocities, and the changes of q and q_dot that change one of each by 1.
 
     There are none where steps do not end on constraints.
     """
-    if not _is_projected(system):
+    if system.formulation != "projected" or not system.equations.constraints:
         return [], []
     whole = system.equations
     kept = tuple(row for i, row in enumerate(whole.constraints) if i not in system.left_out)

@@ -172,12 +172,7 @@ class Linearization:
         OptionError
             For a scene without inputs, and as for `realization`.
         """
-        try:
-            import control
-        except ImportError:
-            raise MissingExtraError(
-                'python-control is needed; install it with: pip install "dalembert[control]"'
-            ) from None
+        control = _python_control()
         if not self.inputs:
             raise OptionError(
                 "the scene has no inputs, and a system of python-control needs one: declare given functions of time"
@@ -258,14 +253,24 @@ class DiscreteLinearization:
         MissingExtraError
             Where python-control is not installed.
         """
-        try:
-            import control
-        except ImportError:
-            raise MissingExtraError(
-                'python-control is needed; install it with: pip install "dalembert[control]"'
-            ) from None
+        control = _python_control()
         names = {"states": list(self.states), "inputs": list(self.inputs), "outputs": list(self.outputs)}
         return control.ss(self.A, self.B, self.C, self.D, self.dt, **names)
 
     def __repr__(self) -> str:
         return f"<DiscreteLinearization over {self.dt:g} s at t = {self.t:g} in {', '.join(self.states)}>"
+
+
+def _python_control() -> Any:
+    """Return python-control.
+
+    Raises
+    ------
+    MissingExtraError
+        Where it is not installed.
+    """
+    try:
+        import control
+    except ImportError:
+        raise MissingExtraError('python-control is needed; install it with: pip install "dalembert[control]"') from None
+    return control

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -66,7 +65,10 @@ def crossing(
         return None
     j = jacobians_at(program, t, y, c, enforced)
     lengths = lengths_along(program, t, y, c, j, enforced)
-    near = partial(_shares_at, program, c, enforced, lengths, rank)
+
+    def near(t: FloatArray, y: FloatArray) -> FloatArray:
+        return shares(jacobians_at(program, t, y, c, enforced), lengths, rank)
+
     for times, states, found in _minima(t, y, shares(j, lengths, rank), solution.dense, near):
         k = int(np.argmin(np.nan_to_num(found, nan=np.inf)))
         if found[k] < _CROSSED or _ambiguous(program, times, states, c, enforced, lengths, found):
@@ -99,18 +101,6 @@ def vanishing_choice(
             k = low[int(np.argmin(forward * times[low]))]
             return float(times[k]), states[k]
     return None
-
-
-def _shares_at(
-    program: Program,
-    c: Constants,
-    enforced: Sequence[int],
-    lengths: FloatArray,
-    rank: int | Groups | None,
-    t: FloatArray,
-    y: FloatArray,
-) -> FloatArray:
-    return shares(jacobians_at(program, t, y, c, enforced), lengths, rank)
 
 
 def _searched_points(solution: Solution) -> tuple[FloatArray, FloatArray]:

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, final
 import sympy as sp
 
 from ..errors import list_names
+from ..ir.node import Node, deps_of
 from .expressions import short
 from .identity import equal
 from .joints import Unknown
 from .model import ConstraintModel, ContactModel
 
 if TYPE_CHECKING:
-    from ..ir.node import Node
     from .expressions import ExpressionReader
     from .scene import Scene
 
@@ -258,9 +258,7 @@ class _Reading:
         where = f"gap of contact {contact.label!r}"
         before = len(self.expressions.faults)
         node = self.read(contact.gap, where)
-        mask = 0
-        for rate in self.rates:
-            mask |= rate.deps
+        mask = deps_of(self.rates)
         if len(self.expressions.faults) == before and (node.deps & mask or not node.deps & coordinates):
             self.faults.append(f"the {where}, {contact.gap}, must be in coordinates (and time), without rates")
         readable = len(self.expressions.faults) == before

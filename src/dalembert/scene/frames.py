@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import random
 from collections.abc import Sequence
-from functools import reduce
-from operator import or_
 from typing import Any, final
 
 import numpy as np
@@ -13,7 +11,7 @@ import sympy as sp
 from sympy.physics.mechanics import ReferenceFrame
 from sympy.physics.vector import Vector
 
-from ..ir.node import Node
+from ..ir.node import Node, deps_of
 from ..ir.random_points import random_inputs, values_of
 
 _DRAWS = 4
@@ -82,7 +80,7 @@ def rotation_fault(name: str, parent: str, rows: Sequence[Sequence[Node]], const
         Dependency bits of the coordinates in holonomic constraints.
     """
     nodes = [x for row in rows for x in row]
-    deps = [reduce(or_, [x.deps for x in row]) for row in rows]
+    deps = [deps_of(row) for row in rows]
     sizes: list[float] = []
     for draw in range(_DRAWS):
         values = np.array(values_of(nodes, random_inputs(nodes, random.Random(f"rotation {draw}")))).reshape(3, 3)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from sympy.physics.mechanics import Particle
 
 from ..ir.graph import Graph
-from ..ir.node import Node
+from ..ir.node import Node, deps_of
 from .identity import vanishes
 from .joints import Unknown
 from .model import Action, BodyModel, FrameModel, Pieces, PointModel
@@ -76,7 +76,7 @@ def foreign_points(
     searched = graph.mask(unknowns)
     faults: dict[str, None] = {}
     for action in actions:
-        held = _inputs(action) & searched
+        held = action.deps & searched
         if not action.of_joint or action.target is None or action.at is None or not held:
             continue
         poses = poses or [_frame(frames, body.frame) | _point(frames, points, body.centre) for body in bodies]
@@ -87,7 +87,7 @@ def foreign_points(
         apart = [_apart(frames, points, bodies[i], action.at) & others & ~moving for i in own]
         strange = apart[0] if all(apart) else 0
         shared = action.other is None and any(
-            other.of_joint and other.target != action.target and _inputs(other) & held for other in actions
+            other.of_joint and other.target != action.target and other.deps & held for other in actions
         )
         names = [str(q.payload) for q in coordinates if q.deps & strange]
         if names and not shared:
@@ -146,12 +146,8 @@ def _turning(frames: Mapping[int, FrameModel], first: int, second: int) -> int:
         paths.append(path[::-1])
     while paths[0] and paths[1] and paths[0][0] == paths[1][0]:
         del paths[0][0], paths[1][0]
-    mask = 0
-    for number in (*paths[0], *paths[1]):
-        for row in frames[number].rotation or ():
-            for entry in row:
-                mask |= entry.deps
-    return mask
+    passed = (*paths[0], *paths[1])
+    return deps_of(entry for number in passed for row in frames[number].rotation or () for entry in row)
 
 
 def _foreign(joint: str, bodies: Sequence[str], point: str, names: Sequence[str]) -> str:
@@ -172,23 +168,12 @@ def _foreign(joint: str, bodies: Sequence[str], point: str, names: Sequence[str]
     )
 
 
-def _inputs(action: Action) -> int:
-    """Return the inputs that an action's vectors contain, as a mask."""
-    mask = 0
-    for piece in (*action.force, *action.torque):
-        for component in piece.components:
-            mask |= component.deps
-    return mask
-
-
 def _frame(frames: Mapping[int, FrameModel], number: int) -> int:
     mask = 0
     current: int | None = number
     while current is not None:
         model = frames[current]
-        for row in model.rotation or ():
-            for entry in row:
-                mask |= entry.deps
+        mask |= deps_of(entry for row in model.rotation or () for entry in row)
         current = model.parent
     return mask
 
@@ -196,9 +181,7 @@ def _frame(frames: Mapping[int, FrameModel], number: int) -> int:
 def _pieces(frames: Mapping[int, FrameModel], pieces: Pieces) -> int:
     mask = 0
     for piece in pieces:
-        mask |= _frame(frames, piece.frame)
-        for component in piece.components:
-            mask |= component.deps
+        mask |= _frame(frames, piece.frame) | deps_of(piece.components)
     return mask
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, final
 
 from ..ir.graph import Graph
-from ..ir.node import Node
+from ..ir.node import Node, deps_of
 from ..transforms.conditions import Condition
 from .symbol_table import SymbolTable
 
@@ -96,6 +96,11 @@ class Action:
     def on_body(self) -> bool:
         """Whether its power is taken with the velocity field of a body."""
         return self.kind in ("screw", "body force")
+
+    @property
+    def deps(self) -> int:
+        """The inputs that its vectors contain, as a mask."""
+        return deps_of(x for piece in (*self.force, *self.torque) for x in piece.components)
 
     def opposite(self) -> Action:
         """Return the opposite screw on the other body, reduced at the same point."""

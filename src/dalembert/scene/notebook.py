@@ -18,7 +18,10 @@ def description(scene: Scene) -> str:
         _line("Coordinates", (f"${vlatex(q)}$" for q in scene.coordinates)),
         _line("Inputs", (f"${vlatex(u)}$" for u in scene.inputs)),
         _line("Bodies", (_body(body) for body in scene.bodies)),
-        _line("Joints", _joints(scene)),
+        _line(
+            "Joints",
+            [*(f"{joint.name} of {joint.body}" for joint in scene.joints), *(item.name for item in scene.connections)],
+        ),
         _line("Contacts", (str(contact.name) for contact in scene.contacts)),
         _line("Friction", (str(law.name) for law in scene.frictions)),
         _line("Compliances", (f"{key}: ${vlatex(c)}$" for key, c in scene.compliances)),
@@ -33,10 +36,6 @@ def description(scene: Scene) -> str:
 def _line(title: str, items: Iterable[str]) -> str:
     listed = list(items)
     return f"{title}: {', '.join(listed)}" if listed else ""
-
-
-def _joints(scene: Scene) -> list[str]:
-    return [f"{joint.name} of {joint.body}" for joint in scene.joints] + [item.name for item in scene.connections]
 
 
 def _body(body: Any) -> str:

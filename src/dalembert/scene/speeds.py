@@ -10,7 +10,7 @@ from sympy.core.function import AppliedUndef
 from sympy.physics.vector import dynamicsymbols
 
 from ..errors import SceneError, list_names
-from ..ir.node import Node
+from ..ir.node import Node, deps_of, sharing
 from ..naming import rate_name, unwritable
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
@@ -116,18 +116,8 @@ def _both_ways(
 
 def _blocks(reader: ExpressionReader, rows: Sequence[Node], names: Sequence[str]) -> list[list[int]]:
     """Return the numbers of the equations, those together that have speeds or rates in common."""
-    blocks: list[tuple[int, list[int]]] = []
     every = reader.graph.mask(names)
-    for number, row in enumerate(rows):
-        mask, members = row.deps & every, [number]
-        apart = []
-        for other, others in blocks:
-            if other & mask:
-                mask, members = mask | other, others + members
-            else:
-                apart.append((other, others))
-        blocks = [*apart, (mask, members)]
-    return sorted(sorted(members) for _, members in blocks)
+    return sorted(sorted(members) for members in sharing([row.deps & every for row in rows]))
 
 
 def _solved(
@@ -224,9 +214,7 @@ def read_rates(
 
 def refuse_states(reader: ExpressionReader, symbols: Sequence[Any], nodes: Sequence[Node], place: str) -> None:
     """Record a fault where a position or an energy depends on first-order states."""
-    deps = 0
-    for node in nodes:
-        deps |= node.deps
+    deps = deps_of(nodes)
     used = [z for z in symbols if deps & reader.graph.input(z.func.__name__).deps]
     if used:
         reader.faults.append(

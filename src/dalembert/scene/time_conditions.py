@@ -10,7 +10,7 @@ from sympy.core.function import AppliedUndef
 
 from ..ir.conditions import CONDITION_TIME, WHOLE, ZERO
 from ..ir.graph import Graph
-from ..ir.node import Node
+from ..ir.node import Node, deps_of
 from ..transforms.conditions import Condition, condition_on, decide, narrow_conditions
 
 # Functions of SymPy that can be compiled.
@@ -105,9 +105,7 @@ class TimeConditions:
     def _prescribed(self, nodes: Sequence[Node]) -> bool:
         """Whether nodes depend on time, and on nothing else but parameters."""
         assert self._time is not None
-        deps = 0
-        for node in nodes:
-            deps |= node.deps
+        deps = deps_of(nodes)
         if not deps & self._time.deps:
             return False
         known = [*self._parameters, *([CONDITION_TIME] if decide(self.found) else [])]
@@ -117,17 +115,16 @@ class TimeConditions:
 # Functions with jumps, made of these operations.
 
 
-def _ceiling(operations: TimeConditions, x: Node) -> Node:
-    return -operations.call("floor", -x)
-
-
 def _heaviside(operations: TimeConditions, x: Node, there: Node) -> Node:
     graph = operations.graph
     below, above = operations.call("less", x, graph.zero), operations.call("less", graph.zero, x)
     return graph.call("select", above, graph.one, graph.call("select", below, graph.zero, there))
 
 
-JUMPING: dict[Any, Callable[..., Node]] = {sp.ceiling: _ceiling, sp.Heaviside: _heaviside}
+JUMPING: dict[Any, Callable[..., Node]] = {
+    sp.ceiling: lambda operations, x: -operations.call("floor", -x),
+    sp.Heaviside: _heaviside,
+}
 """Functions of SymPy from operations and arguments; where they jump in time alone, runs stop."""
 
 

@@ -68,7 +68,8 @@ def break_times_of_cases(
     """
     count = len(p)
     low, high = np.minimum(t0, t1), np.maximum(t0, t1)
-    fine = np.isfinite(low) & np.isfinite(high) & np.all(np.isfinite(_without(p, conditions.place)), axis=1)
+    known = p if conditions.place is None else np.delete(p, conditions.place, axis=1)
+    fine = np.isfinite(low) & np.isfinite(high) & np.all(np.isfinite(known), axis=1)
     run, times = np.zeros(0, np.intp), np.zeros(0)
     rows = zip(conditions.functions, conditions.kinds, conditions.nested, conditions.sharpness, strict=True)
     for kernel, kind, nested, sharpness in rows:
@@ -90,10 +91,6 @@ def break_times_of_cases(
         for i in np.flatnonzero(backward).tolist():
             times[starts[i] : starts[i + 1]] = times[starts[i] : starts[i + 1]][::-1]
     return starts, times
-
-
-def _without(p: FloatArray, place: int | None) -> FloatArray:
-    return p if place is None else np.delete(p, place, axis=1)
 
 
 def _narrow(

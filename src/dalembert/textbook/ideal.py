@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
+from operator import methodcaller
 from typing import Any
 
 import sympy as sp
@@ -170,7 +170,7 @@ def _slip(actions: Actions, force: Any) -> Any:
             vector = geometry.vector(given)
             held = {str(x): x for matrix, _ in vector.args for x in matrix.free_symbols}
             if str(force) in held:
-                along = geometry.map(vector, partial(_slope, held[str(force)]))
+                along = geometry.map(vector, methodcaller("diff", held[str(force)]))
                 return readable(geometry.dot(along, getattr(actions.relative_screw(joint), kind)))
     raise SceneError(actions.scene.name, [f"friction: {force} is no component of the action of a joint"])
 
@@ -190,10 +190,6 @@ def refuse_friction(scene: str, laws: Sequence[CoulombFriction], what: str) -> N
             " equations, the constraints and friction_laws determine the motion: compile the scene to have it, or take"
             " the view of the scene without friction"
         )
-
-
-def _slope(symbol: Any, expression: Any) -> Any:
-    return expression.diff(symbol)
 
 
 def _parts(value: Any) -> tuple[Any, ...]:

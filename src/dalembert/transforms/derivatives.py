@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ..ir.calls import CALLS, function_of
 from ..ir.graph import Graph
-from ..ir.node import Node
+from ..ir.node import Node, deps_of
 from ..ir.surfaces import surface_of
 from ..ir.tables import table_of
 
@@ -177,9 +177,7 @@ def tangents(
     list of Node
         One derivative an output: sum over inputs x of (d output / d x) * seeds[x].
     """
-    varying = 0
-    for source in seeds:
-        varying |= source.deps
+    varying = deps_of(seeds)
     tangent: dict[int, Node] = {source.index: rate for source, rate in seeds.items()}
 
     def differentiate(node: Node) -> Node:
@@ -205,9 +203,7 @@ def cotangents(
     A rule is linear in its tangents: what an operand gets is the rule's answer where that operand alone has a tangent,
     the cotangent of the node.
     """
-    varying = 0
-    for source in inputs:
-        varying |= source.deps
+    varying = deps_of(inputs)
     forms = [Form(node, node.op, node.args) for node in graph.topological(outputs) if node.deps & varying]
     found: dict[int, Node] = {}
     for output, weight in zip(outputs, weights, strict=True):

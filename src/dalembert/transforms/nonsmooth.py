@@ -8,7 +8,7 @@ from typing import final
 
 from ..ir.graph import Graph
 from ..ir.kernel import Assignment, Kernel, Operand
-from ..ir.node import Node
+from ..ir.node import Node, deps_of
 from ..ir.program import Program
 from ..ir.tables import numbers_of
 from .linear import SET_ASIDE
@@ -91,9 +91,7 @@ def moving_roots(kernel: Kernel, moving: Collection[Operand]) -> tuple[str, ...]
 
 def nonanalytic(graph: Graph, nodes: Sequence[Node], moving: Sequence[Node], *, kinks: bool) -> bool:
     """Return whether nodes have exponential functions in what is `moving` or, where `kinks` count, kinks or jumps."""
-    mask = 0
-    for node in moving:
-        mask |= node.deps
+    mask = deps_of(moving)
     counted = {*_STEEP, *_BRANCHED, *(_KINKED if kinks else ())}
     return any(node.op in counted and node.deps & mask for node in graph.topological(nodes))
 

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
 from ..subset.translation import UNKNOWN, Translation
-from ..subset.values import Value, parts, unified
+from ..subset.values import Value, unified
 from .built_in import BUILT_IN, PURE
 from .printing import Code, Constant, Fixed, Kernel, Pointer, bare, double, element_of
 
@@ -102,27 +101,16 @@ class Expressions(Translation):
     """Translates the expressions of one function."""
 
     built_in = BUILT_IN
+    module: Functions
 
     def __init__(self, module: Functions, function: Any) -> None:
-        super().__init__(function)
-        self.module = module
-        self.fixed: dict[str, Value] = {}
+        super().__init__(module, function)
         self.variables: dict[str, Value] = {}
         self.types: dict[str, str] = {}
-        self.lines: list[str] = []
         self.fragile = False
         self._count = 0
 
     # -- lines ------------------------------------------------------------------------------
-
-    @contextmanager
-    def aside(self) -> Iterator[list[str]]:
-        """Collect lines for later."""
-        held, self.lines = self.lines, []
-        try:
-            yield self.lines
-        finally:
-            self.lines = held
 
     def fresh(self, kind: str) -> str:
         """Return the name of a new variable of a C type."""
@@ -193,16 +181,8 @@ class Expressions(Translation):
         """See `Target.double`."""
         return double(number)
 
-    def constant_array(self, array: Any) -> Value:
-        """See `Translation.constant_array`."""
-        return self.module.array(array)
-
-    def read(self, name: str) -> Value:
-        """See `Translation.read`."""
-        if name in self.fixed:
-            return self.fixed[name]
-        if name not in self.variables:
-            raise TypeError(f"{name} has no value yet")
+    def variable(self, name: str) -> Value:
+        """See `Target.variable`."""
         return self.variables[name]
 
     def negated(self, value: Value) -> Value:
@@ -300,12 +280,8 @@ class Expressions(Translation):
         kind = array.kind
         assert isinstance(kind, Array)
         data, *shape = array.words
-        if len(index) > len(shape):
-            raise TypeError(f"{len(index)} numbers are too many for {kind}")
         offset = self.literal(0)
-        for number, length in zip([*index, *[self.literal(0)] * (len(shape) - len(index))], shape, strict=True):
-            if number.kind != INTEGER or number.words[0].startswith("-"):
-                raise TypeError("an index is a whole number, and never a negative one")
+        for number, length in self.axes(array, index):
             before = self.arithmetic(ast.Mult(), INTEGER, offset, Value(INTEGER, (length,)))
             offset = self.arithmetic(ast.Add(), INTEGER, before, number)
         left = len(shape) - len(index)
@@ -316,22 +292,14 @@ class Expressions(Translation):
             word = (Fixed if isinstance(data, Constant | Fixed) else Pointer)(f"&{word}")
         return Value(Array(kind.item, left), (word, *shape[len(index) :]))
 
-    def part(self, group: Value, number: int) -> Value:
-        """See `Translation.part`."""
-        assert isinstance(group.kind, Group)
-        if not group.base:
-            return parts(group)[number]
-        kind, first = group.kind.parts[number], group.first + sum(len(kind.words) for kind in group.kind.parts[:number])
-        if isinstance(kind, Group):
-            return Value(kind, (), group.base, first)
+    def argument(self, kind: Kind, base: str, first: int) -> Value:
+        """See `Target.argument`."""
         return Value(kind, self.module.arguments.leaf(first))
 
-    def field(self, record: Value, name: str) -> Value:
-        """See `Translation.field`."""
-        if not isinstance(record.kind, Fields) or name not in record.kind.names:
-            raise TypeError(f"there is no {name} that could be read or changed")
-        item = record.kind.items[record.kind.names.index(name)]
-        return Value(Array(item, 0), (f"{record.words[0]}.{name}",))
+    def member(self, record: Value, number: int) -> str:
+        """See `Target.member`."""
+        assert isinstance(record.kind, Fields)
+        return f"{record.words[0]}.{record.kind.names[number]}"
 
     def load(self, place: Value) -> Value:
         """See `Translation.load`."""

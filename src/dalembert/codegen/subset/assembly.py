@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import ast
 import struct
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any, Protocol
 
-from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
+from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Kind
 from .built_in import BUILT_IN
 from .translation import UNKNOWN, Translation
-from .values import Value, parts, unified
+from .values import Value, unified
 
 _WHOLE = {
     ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.LShift: "shl", ast.RShift: "ashr", ast.BitAnd: "and"
@@ -45,13 +44,11 @@ class Expressions(Translation):
     """Translates the expressions of one function, to lines that set a name each."""
 
     built_in = BUILT_IN
+    module: Functions
 
     def __init__(self, module: Functions, function: Any) -> None:
-        super().__init__(function)
-        self.module = module
+        super().__init__(module, function)
         self.variables: dict[str, tuple[Kind, list[str]]] = {}
-        self.fixed: dict[str, Value] = {}
-        self.lines: list[str] = []
         self.room: list[str] = []
         self.open = True
         self._count = 0
@@ -100,15 +97,6 @@ class Expressions(Translation):
             self.lines.append(line)
         self.open = False
 
-    @contextmanager
-    def aside(self) -> Iterator[list[str]]:
-        """Collect lines for later."""
-        held, self.lines = self.lines, []
-        try:
-            yield self.lines
-        finally:
-            self.lines = held
-
     def condition(self, node: ast.expr, yes: str, no: str) -> None:
         """End a block where an expression decides what follows."""
         held = self.known(node)
@@ -148,16 +136,8 @@ class Expressions(Translation):
         """See `Target.double`."""
         return rounded(number)
 
-    def constant_array(self, array: Any) -> Value:
-        """See `Translation.constant_array`."""
-        return self.module.array(array)
-
-    def read(self, name: str) -> Value:
-        """See `Translation.read`."""
-        if name in self.fixed:
-            return self.fixed[name]
-        if name not in self.variables:
-            raise TypeError(f"{name} has no value yet")
+    def variable(self, name: str) -> Value:
+        """See `Target.variable`."""
         kind, slots = self.variables[name]
         pairs = zip(kind.words, slots, strict=True)
         return Value(kind, tuple(self.set(f"load {word}, ptr {slot}") for word, slot in pairs))
@@ -246,41 +226,27 @@ class Expressions(Translation):
         kind = array.kind
         assert isinstance(kind, Array)
         data, *shape = array.words
-        if len(index) > len(shape):
-            raise TypeError(f"{len(index)} numbers are too many for {kind}")
         offset = "0"
-        for number, length in zip([*index, *[self.literal(0)] * (len(shape) - len(index))], shape, strict=True):
-            if number.kind != INTEGER or number.words[0].startswith("-"):
-                raise TypeError("an index is a whole number, and never a negative one")
+        for number, length in self.axes(array, index):
             before = offset if offset == "0" else self.set(f"mul i64 {offset}, {length}")
             (word,) = number.words
             offset = word if before == "0" else before if word == "0" else self.set(f"add i64 {before}, {word}")
         data = self.set(f"getelementptr {kind.item.stored}, ptr {data}, i64 {offset}")
         return Value(Array(kind.item, len(shape) - len(index)), (data, *shape[len(index) :]))
 
-    def part(self, group: Value, number: int) -> Value:
-        """See `Translation.part`. Those of arguments are read from their words, which never change."""
-        assert isinstance(group.kind, Group)
-        if not group.base:
-            return parts(group)[number]
-        kind, first = group.kind.parts[number], group.first + sum(len(kind.words) for kind in group.kind.parts[:number])
-        if isinstance(kind, Group):
-            return Value(kind, (), group.base, first)
+    def argument(self, kind: Kind, base: str, first: int) -> Value:
+        """See `Target.argument`; its words never change."""
         words = []
         for place, word in enumerate(kind.words, first):
-            address = self.set(f"getelementptr i64, ptr {group.base}, i64 {place}")
+            address = self.set(f"getelementptr i64, ptr {base}, i64 {place}")
             stored = "i64" if word == "i1" else word
             read = self.set(f"load {stored}, ptr {address}, !invariant.load !0")
             words.append(self.set(f"trunc i64 {read} to i1") if word == "i1" else read)
         return Value(kind, tuple(words))
 
-    def field(self, record: Value, name: str) -> Value:
-        """See `Translation.field`."""
-        if not isinstance(record.kind, Fields) or name not in record.kind.names:
-            raise TypeError(f"there is no {name} that could be read or changed")
-        number = record.kind.names.index(name)
-        address = self.set(f"getelementptr i64, ptr {record.words[0]}, i64 {number}")
-        return Value(Array(record.kind.items[number], 0), (address,))
+    def member(self, record: Value, number: int) -> str:
+        """See `Target.member`."""
+        return self.set(f"getelementptr i64, ptr {record.words[0]}, i64 {number}")
 
     def load(self, place: Value) -> Value:
         """See `Translation.load`."""

@@ -27,12 +27,8 @@ class Target(ABC):
         """Return the text of a double."""
 
     @abstractmethod
-    def constant_array(self, array: Any) -> Value:
-        """Return a constant array."""
-
-    @abstractmethod
-    def read(self, name: str) -> Value:
-        """Return the value of a variable."""
+    def variable(self, name: str) -> Value:
+        """Return the value of a variable that has one."""
 
     @abstractmethod
     def negated(self, value: Value) -> Value:
@@ -74,11 +70,11 @@ class Target(ABC):
         """
 
     @abstractmethod
-    def part(self, group: Value, number: int) -> Value:
-        """Return a part of a tuple."""
+    def argument(self, kind: Kind, base: str, first: int) -> Value:
+        """Return an argument, of which the first word has this place among the words at a base."""
 
     @abstractmethod
-    def field(self, record: Value, name: str) -> Value:
+    def member(self, record: Value, number: int) -> str:
         """Return the place of a field of a record."""
 
     @abstractmethod

@@ -10,8 +10,9 @@ import ast
 import builtins
 import inspect
 import textwrap
-from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, final
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, ClassVar, Protocol, final
 
 import numpy as np
 
@@ -50,18 +51,38 @@ def result_of(annotation: ast.expr | None) -> Kind:
     raise TypeError("a function returns nothing, a number, or a tuple of numbers, and is annotated so")
 
 
+class Arrays(Protocol):
+    """The constants of a module."""
+
+    def array(self, array: Any) -> Value:
+        """Return a constant array."""
+
+
 class Translation(Target):
-    """Translates one function."""
+    """Translates one function of a module to `lines`; `fixed` are arguments that are never assigned."""
 
     built_in: ClassVar[Mapping[Any, Callable[..., Value]]]
     """Translation of each function that is not translated itself, by the function that Python code calls."""
 
-    def __init__(self, function: Any) -> None:
+    def __init__(self, module: Arrays, function: Any) -> None:
+        self.module = module
+        self.fixed: dict[str, Value] = {}
+        self.variables: dict[str, Any] = {}
+        self.lines: list[str] = []
         code = function.__code__
         self._local = {*code.co_varnames, *code.co_cellvars}
         outside = inspect.getclosurevars(function)
         self._outside = {**vars(builtins), **function.__globals__, **outside.nonlocals}
         self._source, self._first = code.co_filename, code.co_firstlineno
+
+    @contextmanager
+    def aside(self) -> Iterator[list[str]]:
+        """Collect lines for later."""
+        held, self.lines = self.lines, []
+        try:
+            yield self.lines
+        finally:
+            self.lines = held
 
     # -- expressions ------------------------------------------------------------------------
 
@@ -93,7 +114,7 @@ class Translation(Target):
             return self._constant(held)
         match node:
             case ast.Name(id=name):
-                return self.read(name)
+                return self._read(name)
             case ast.Tuple(elts=elements):
                 return self._group([self.value(element) for element in elements])
             case ast.UnaryOp(op=ast.USub(), operand=operand):
@@ -150,13 +171,47 @@ class Translation(Target):
             for value, kind in zip(given, wanted, strict=True)
         ]
 
+    def _read(self, name: str) -> Value:
+        if name in self.fixed:
+            return self.fixed[name]
+        if name not in self.variables:
+            raise TypeError(f"{name} has no value yet")
+        return self.variable(name)
+
+    @staticmethod
+    def axes(array: Value, index: list[Value]) -> list[tuple[Value, str]]:
+        """Return the numbers of an index, zeros behind the last, each with the length of its axis."""
+        shape = array.words[1:]
+        if len(index) > len(shape):
+            raise TypeError(f"{len(index)} numbers are too many for {array.kind}")
+        for number in index:
+            if number.kind != INTEGER or number.words[0].startswith("-"):
+                raise TypeError("an index is a whole number, and never a negative one")
+        zeros = [Value(INTEGER, ("0",))] * (len(shape) - len(index))
+        return list(zip([*index, *zeros], shape, strict=True))
+
+    def part(self, group: Value, number: int) -> Value:
+        """Return a part of a tuple."""
+        assert isinstance(group.kind, Group)
+        if not group.base:
+            return parts(group)[number]
+        kind, first = group.kind.parts[number], group.first + sum(len(kind.words) for kind in group.kind.parts[:number])
+        return Value(kind, (), group.base, first) if isinstance(kind, Group) else self.argument(kind, group.base, first)
+
+    def field(self, record: Value, name: str) -> Value:
+        """Return the place of a field of a record."""
+        if not isinstance(record.kind, Fields) or name not in record.kind.names:
+            raise TypeError(f"there is no {name} that could be read or changed")
+        number = record.kind.names.index(name)
+        return Value(Array(record.kind.items[number], 0), (self.member(record, number),))
+
     @staticmethod
     def _group(values: list[Value]) -> Value:
         return Value(Group(tuple(v.kind for v in values)), tuple(word for v in values for word in v.words))
 
     def _constant(self, held: Any) -> Value:
         if isinstance(held, np.ndarray):
-            return self.constant_array(held)
+            return self.module.array(held)
         if isinstance(held, tuple):
             return self._group([self._constant(part) for part in held])
         if not isinstance(held, bool | int | float):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 import jax
 import jax.numpy as jnp
 
-from .derivatives import CHUNK, Over, Stepping, Steps, StepsRecord, pulled, pushed
+from .derivatives import CHUNK, Over, Stepping, Steps, StepsRecord, alone_or_many, pulled, pushed
 from .linear_maps import Back, Given, LinearMap, Moved, RowFunction, apply, changed
 from .mesh_axes import stack
 
@@ -24,30 +24,24 @@ if TYPE_CHECKING:
 
 @final
 class Course(NamedTuple):
-    """A recorded run, in floating point numbers.
+    """A recorded run, of which attempts and end count, steps over requested times (n_t,), and constants (n_c,).
 
-    Attributes
-    ----------
-    count, taken, end : Array (), (room, 2 + n_y), (n_y,)
-        As in `StepsRecord`.
-    at, begins, sizes : Array (n_t,)
-        The attempts that pass over requested times, by number; when these began, and how far they go to the times.
-    c : Array (n_c,)
-        Constants.
+    All are floating point numbers.
     """
 
-    count: Any
-    taken: Any
-    end: Any
-    at: Any
-    begins: Any
-    sizes: Any
+    record: StepsRecord
+    over: Over
     c: Any
 
     @property
-    def record(self) -> StepsRecord:
-        """The run as a record."""
-        return StepsRecord(self.count.astype(int), self.taken, self.end, jnp.nan, jnp.nan)
+    def at(self) -> Any:
+        """The numbers of the attempts that pass over requested times."""
+        return self.over.at.astype(int)
+
+    @property
+    def counted(self) -> StepsRecord:
+        """The record with the number of attempts as one."""
+        return self.record._replace(count=self.record.count.astype(int))
 
 
 @final
@@ -72,15 +66,15 @@ class Step:
 
 def _steps(course: Course) -> Given:
     """Return all steps but those over requested times."""
-    go = jnp.broadcast_to(course.count, course.taken.shape[:1])
-    sizes = course.taken[:, 0], course.taken[:, 1], go
-    return Given(-(-course.count // CHUNK), sizes, course.taken[:, 2:], (course.c, course.end))
+    record = course.record
+    sizes = record.t, record.taken[:, 1], jnp.broadcast_to(record.count, record.taken.shape[:1])
+    return Given(-(-record.count // CHUNK), sizes, record.y, (course.c, record.end))
 
 
 def _times(course: Course) -> Any:
     """Return the steps over requested times and their states."""
-    go = jnp.broadcast_to(course.count, course.begins.shape)
-    return (course.begins, course.sizes, go), course.taken[course.at.astype(int), 2:]
+    go = jnp.broadcast_to(course.record.count, course.over.begins.shape)
+    return (course.over.begins, course.over.sizes, go), course.record.taken[course.at, 2:]
 
 
 @final
@@ -100,15 +94,15 @@ class Along(LinearMap):
     def __call__(self, held: Course, moving: Any) -> Any:
         """See `LinearMap`."""
         dy, dc, *sources = moving
-        timed = len(held.at) > 0
+        timed = len(held.over.at) > 0
         rows, end = pushed(
-            self.linear, held.record, held.c, dy, dc, keep=self.kept or timed, sources=sources[0] if sources else None
+            self.linear, held.counted, held.c, dy, dc, keep=self.kept or timed, sources=sources[0] if sources else None
         )
         at_times = jnp.zeros((0, len(dy)))
         if timed:
             sizes, states = _times(held)
-            starts = jnp.where(held.count > 0.0, rows[held.at.astype(int)], dy)
-            shared = (held.c, held.end), (dc, jnp.zeros_like(held.end))
+            starts = jnp.where(held.record.count > 0.0, rows[held.at], dy)
+            shared = (held.c, held.record.end), (dc, jnp.zeros_like(held.record.end))
             at_times, _ = Moved(Step(self.linear))(sizes, (states, starts), shared)
         if sources:
             at_times = at_times + sources[1]
@@ -120,20 +114,13 @@ class Along(LinearMap):
         # Elsewhere it is long rows that are fast.
         if turns is None or self.sources or jax.default_backend() != "cpu":
             return self._back_in_rows(held, given)
-        alone = jax.custom_batching.custom_vmap(partial(self._back_in_turn, turns))
-
-        @alone.def_vmap
-        def _(size: int, batched: Any, held: Course, given: Any) -> Any:
-            axes = jax.tree.map(lambda yes: 0 if yes else None, tuple(batched))
-            return jax.vmap(self._back_in_rows, axes, axis_size=size)(held, given), (True, True)
-
-        return alone(held, given)
+        return alone_or_many(partial(self._back_in_turn, turns), self._back_in_rows, held, given)
 
     def change(self, held: Course, dheld: Course, moving: Any, still: Any) -> Any:
         """See `LinearMap`."""
         (dy, dc), none = moving[:2], jnp.zeros_like
         rows = apply(replace(self, kept=True), held, moving)[2]
-        shared, over = (dc, none(held.end)), rows[held.at.astype(int)]
+        shared, over = (dc, none(held.record.end)), rows[held.at]
         (new, _), (later, _) = self._changes(Moved(Step(self.linear)), (held, dheld), rows, over, shared)
         return apply(replace(self, sources=True), held, (none(dy), none(dc), new, later))
 
@@ -143,7 +130,7 @@ class Along(LinearMap):
         ahead = apply(replace(self, sources=True).transposed, held, given)[2]
         (rows, (added, _)), (starts, more) = self._changes(Back(Step(self.linear)), (held, dheld), ahead, at_times, ())
         if more:
-            rows, added = rows.at[held.at.astype(int)].add(starts), added + more[0]
+            rows, added = rows.at[held.at].add(starts), added + more[0]
         kept = none(end), none(at_times), rows
         first, share, *others = apply(replace(self, kept=True).transposed, held, kept)
         return (first, share + added, *others)
@@ -156,31 +143,31 @@ class Along(LinearMap):
         """
         course, dcourse = held
         whole = changed(function, CHUNK, _steps(course), _steps(dcourse), (rows, shared))
-        (sizes, states), at = _times(course), course.at.astype(int)
+        (sizes, states), at = _times(course), course.at
         if not len(at):
             return whole, (states, ())
 
         def timed(y: Any, c: Any) -> Any:
-            return function(sizes, (y, over), ((c, course.end), shared))
+            return function(sizes, (y, over), ((c, course.record.end), shared))
 
-        return whole, jax.jvp(timed, (states, course.c), (dcourse.taken[at, 2:], dcourse.c))[1]
+        return whole, jax.jvp(timed, (states, course.c), (dcourse.record.taken[at, 2:], dcourse.c))[1]
 
     def _back_in_turn(self, turns: InTurn, held: Course, given: Any) -> Any:
         """Return the cotangents of one run, one stage after the other."""
         end, at_times, *kept = given
-        over = (Over(held.at.astype(int), held.begins, held.sizes), at_times) if len(held.at) else ()
-        return self._with_start(held, at_times, turns(held.record, held.c, tuple(kept), end, over))
+        over = (held.over._replace(at=held.at), at_times) if len(held.over.at) else ()
+        return self._with_start(held, at_times, turns(held.counted, held.c, tuple(kept), end, over))
 
     def _back_in_rows(self, held: Course, given: Any) -> Any:
         """Return the same, of chunks of steps at once, as a batch of runs has it."""
         end, at_times, *kept = given
         added, share = tuple(kept), jnp.zeros_like(held.c)
-        if len(held.at):
+        if len(held.over.at):
             sizes, states = _times(held)
-            starts, (share, _) = Back(Step(self.linear))(sizes, (states, at_times), ((held.c, held.end), ()))
+            starts, (share, _) = Back(Step(self.linear))(sizes, (states, at_times), ((held.c, held.record.end), ()))
             rows = kept[0] if kept else jnp.zeros_like(held.record.y)
-            added = (rows.at[held.at.astype(int)].add(starts),)
-        first, more, *ahead = pulled(self.linear, held.record, held.c, added, end, sources=self.sources)
+            added = (rows.at[held.at].add(starts),)
+        first, more, *ahead = pulled(self.linear, held.counted, held.c, added, end, sources=self.sources)
         first, share = self._with_start(held, at_times, (first, share + more))
         return (first, share, ahead[0], at_times) if self.sources else (first, share)
 
@@ -188,4 +175,4 @@ class Along(LinearMap):
     def _with_start(held: Course, at_times: Any, found: tuple[Any, Any]) -> tuple[Any, Any]:
         """Return cotangents of the first state and the constants; where no step was taken, every time is the first."""
         first, share = found
-        return jnp.where(held.count > 0.0, first, first + jnp.sum(at_times, 0)), share
+        return jnp.where(held.record.count > 0.0, first, first + jnp.sum(at_times, 0)), share

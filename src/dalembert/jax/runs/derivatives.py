@@ -7,6 +7,7 @@ rows; one after the other there are but products of small matrices and vectors.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, final
 
 import jax
@@ -132,6 +133,19 @@ def instantiate(tangent: Any) -> Any:
     if isinstance(tangent, SymbolicZero):
         return varying_like(jnp.zeros(tangent.shape, tangent.dtype), tangent)
     return tangent
+
+
+def alone_or_many(alone: Callable[..., Any], many: Callable[..., Any], *arguments: Any) -> Any:
+    """Return ``alone(*arguments)``, where each case of a batch is computed by `many` instead."""
+    one = jax.custom_batching.custom_vmap(alone)
+
+    @one.def_vmap
+    def _(size: int, batched: Any, *arguments: Any) -> tuple[Any, Any]:
+        axes = jax.tree.map(lambda yes: 0 if yes else None, tuple(batched))
+        found = jax.vmap(many, axes, axis_size=size)(*arguments)
+        return found, jax.tree.map(lambda _: True, found)
+
+    return one(*arguments)
 
 
 def jacobians(function: Any, y: Rows) -> Any:

@@ -26,9 +26,10 @@ Function = Callable[..., Rows]
 class Batch(NamedTuple):
     """Cases to run: y (n_y rows (k,)), c (n_c rows (k,)), t0, t1 (k,), and the common settings.
 
-    `floor` is the least scale of Taylor steps, `rtol` and `atol` are those of Runge-Kutta steps and projections.
-    Steps end at `breaks` (n, k), which lie in the order of a run, infinite behind the last; between them, constants are
-    ``between(c, middle, passed)``, from what c is, the middle of two breaks, and how many have been passed.
+    `floor` is the least scale of Taylor steps, `rtol` and `atol` are those of Runge-Kutta steps. Projections
+    read `atol` and `held_to`, which is rtol where runs start on the constraints. Steps end at `breaks` (n, k), which
+    lie in the order of a run, infinite behind the last; between them, constants are ``between(c, middle, passed)``,
+    from what c is, the middle of two breaks, and how many have been passed.
     """
 
     y: Rows
@@ -42,6 +43,7 @@ class Batch(NamedTuple):
     max_steps: Any
     breaks: Any = ()
     between: Any = ()
+    held_to: Any = ANY_START
 
 
 @final
@@ -76,40 +78,47 @@ class Attempts(Protocol):
         """Attempt a step of at most `largest`."""
 
     def retry(self, memory: Any, size: Any) -> tuple[Any, Any]:
-        """Return the memory for another attempt after one whose end cannot be projected, and its size, 0 for none."""
+        """Return the memory for another attempt after one whose end cannot be projected, and its size.
+
+        See `step_control.blind_retry`; the memory begins with the largest size of the next attempt.
+        """
+        smaller = REDUCTION_BLIND * size
+        return (smaller, *memory[1:]), smaller
 
 
 @final
-class TaylorAttempts:
+class TaylorAttempts(Attempts):
     """Steps (t, y, c, s) -> (new state, size, check), as `dalembert.transforms.taylor.step_kernel` gives them.
 
     Those that do not grow at once, `step_growth_limited`, receive the size of the step before, as a last row of y.
-    What is remembered is the largest size after a projection that failed, and that size.
+    What is remembered is the largest size after a projection that failed, that size, and what else a step gives: as its
+    outputs behind the check, so many numbers of its `series`.
     """
 
-    def __init__(self, step: Function, *, step_growth_limited: bool, sides: Sides | None = None) -> None:
+    def __init__(
+        self, step: Function, *, step_growth_limited: bool, sides: Sides | None = None, series: int = 0
+    ) -> None:
         self._step, self._paced, self.sides, self.sized = step, step_growth_limited, sides, False
+        self._series = series
 
     def start(self, batch: Batch, direction: Any) -> Any:
         """Return that no projection has failed, and the size of no step, where steps are given."""
         none = jnp.zeros(jnp.shape(batch.t0))
-        return (none + jnp.inf, none) if self._paced else (none + jnp.inf,)
+        return self._memory(none + jnp.inf, none, (jnp.zeros(self._series),) if self._series else ())
 
     def attempt(self, batch: Batch, t: Any, y: Rows, largest: Any, direction: Any, memory: Any) -> Attempted:
         """Take a step; one that is too small to advance the time is not accepted."""
-        most, *told = memory
+        most, told = memory[0], memory[1:2] if self._paced else ()
         values = self._step(
             t, (*y, *told), batch.c, (jnp.minimum(largest, most), direction, batch.floor, *weights_of(batch.atol))
         )
         size, finite = values[len(y)], values[len(y) + 1] == 0.0
         accepted = finite & ~((size < largest) & (size < smallest_step(t, jnp.abs(batch.t1 - t))))
-        memory = (jnp.full_like(most, jnp.inf), size) if self._paced else (jnp.full_like(most, jnp.inf),)
+        memory = self._memory(jnp.full_like(most, jnp.inf), size, values[len(y) + 2 :])
         return Attempted(tuple(values[: len(y)]), size, finite, accepted, jnp.where(finite, size, 0.0), memory)
 
-    def retry(self, memory: Any, size: Any) -> tuple[Any, Any]:
-        """Return the memory for an attempt of a smaller step, and its size (`step_control.blind_retry`)."""
-        smaller = REDUCTION_BLIND * size
-        return (smaller, *memory[1:]), smaller
+    def _memory(self, most: Any, size: Any, series: Rows) -> Rows:
+        return (most, size, *series) if self._paced else (most, *series)
 
 
 @final
@@ -177,7 +186,7 @@ def advanced(attempts: Attempts, projections: Projections, batch: Batch, goal: A
     largest = jnp.where(running, jnp.minimum(batch.max_step, rest), 0.0)
     found = attempts.attempt(batch, state.t, state.y, largest, direction, state.memory)
     after = jnp.where(found.size == rest, goal, state.t + direction * found.size)
-    new, held = project(projections, after, found.y, batch.c, state.y, (ANY_START, smallest_of(batch.atol)))
+    new, held = project(projections, after, found.y, batch.c, state.y, (batch.held_to, smallest_of(batch.atol)))
     moved = running & found.accepted & held
     t = jnp.where(moved, after, state.t)
     tried = state.attempts + running

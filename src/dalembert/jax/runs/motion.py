@@ -17,11 +17,11 @@ from jax.custom_derivatives import SymbolicZero
 
 from ...once import once_property
 from .along import Along, Course
-from .derivatives import CHUNK, Steps, instantiate
+from .derivatives import CHUNK, Over, Steps, StepsRecord, instantiate
 from .jumping import At, Timed, moved_until, sure_until
 from .linear_maps import apply
 from .mesh_axes import stack, vectorised
-from .run_data import Limits, Path, Reached, RunPieces, places
+from .run_data import Limits, Reached, RunPieces, places
 from .runs import Runs
 from .step_rules import Rows
 from .unknown import Known, OrNan
@@ -57,20 +57,11 @@ def _(rates: Callable[[Any, Any, Any], Any], values: Any, tangents: Any) -> tupl
 
 @final
 class _Full(NamedTuple):
-    """A run with its record, in floating point numbers: as in `Reached`, in `Course` and in `Known`.
-
-    `passing` are the attempts that pass over more than two times: their numbers, starts, and sizes to the times.
-    """
+    """A run in floating point numbers: states (n_t, n_y) and record, steps over more than two times, as in `Known`."""
 
     y: Any
-    status: Any
-    steps: Any
-    attempts: Any
-    count: Any
-    taken: Any
-    end: Any
-    reached: Any
-    passing: tuple[Any, Any, Any]
+    record: StepsRecord
+    over: Over
     known: Any
     moved: Any
 
@@ -99,50 +90,46 @@ class TracedMotion:
         `breaks` (n,), in the order of the run, infinite behind the last, which are `moved` (n,) by constants or not.
         """
         given = t, y0, c, jnp.asarray(breaks, dtype=float), jnp.asarray(moved, dtype=float)
-        y, *numbers = self._passing(*given)
-        return Reached(y, *(number.astype(int) for number in numbers))
+        return _counted(self._passing(*given))
 
-    def recorded(self, t: Any, y0: Any, c: Any, breaks: Any = (), moved: Any = ()) -> tuple[Reached, Path]:
-        """Return the result of a call, and the path of the run, whose states are differentiated, too.
+    def recorded(self, t: Any, y0: Any, c: Any, breaks: Any = (), moved: Any = ()) -> tuple[Reached, StepsRecord]:
+        """Return the result of a call, and the record of the run, whose states are differentiated, too.
 
         Behind jumps of the rates that depend on the state, or on parameters in time, their derivatives miss a term:
         see `jumps`.
         """
         full = self._full(t, y0, c, jnp.asarray(breaks, dtype=float), jnp.asarray(moved, dtype=float))
-        y, *numbers = full[:4]
-        direction = jnp.where(full.reached >= 0.0, 1.0, -1.0)
-        path = Path(full.count, full.taken, full.end, full.reached, direction)
-        return Reached(y, *(number.astype(int) for number in numbers)), path
+        return _counted(_reached(full.y, full.record)), full.record
 
     @property
     def jumps(self) -> bool:
-        """Whether derivatives along a path may miss what a jump of the rates adds."""
+        """Whether derivatives along a record may miss what a jump of the rates adds."""
         return self._pieces.decided is not None or bool(self._pieces.moved_by)
 
-    def states(self, path: Path, t: Any, c: Any) -> Any:
+    def states(self, record: StepsRecord, t: Any, c: Any) -> Any:
         """Return the states (n_t, n_y) at times t (n_t,) since the start of a run, NaN where it did not reach them.
 
         They are ends of shorter steps of the same method, and change with the times as those with their sizes do.
         """
         still = jax.lax.stop_gradient
-        forward, taken = path.direction, path.taken
-        inside = jnp.arange(len(taken)) < path.count
+        forward, taken = jnp.where(record.reached >= 0.0, 1.0, -1.0), record.taken
+        inside = jnp.arange(len(taken)) < record.count
         starts = jnp.where(inside, forward * taken[:, 0], jnp.inf)
         at = jnp.maximum(places(starts, forward * t) - 1, 0)
-        known = (forward * t >= 0.0) & (forward * t <= forward * path.reached) & (path.count > 0.0)
-        known |= (t == 0.0) & (path.reached == 0.0)
+        known = (forward * t >= 0.0) & (forward * t <= forward * record.reached) & (record.count > 0.0)
+        known |= (t == 0.0) & (record.reached == 0.0)
         begins = jnp.where(known, still(taken[at, 0]), 0.0)
         size = jnp.where(known, t - begins, 0.0)
-        y = jnp.where((known & (path.count > 0.0))[:, None], taken[at, 2:], path.end)
+        y = jnp.where((known & (record.count > 0.0))[:, None], taken[at, 2:], record.end)
         rows = self._pieces.steps.constants.rows(c, begins + 0.5 * still(size))
-        ends = self._pieces.steps.moved(Steps(begins, size, tuple(y.T), rows, path.count > 0.0))
+        ends = self._pieces.steps.moved(Steps(begins, size, tuple(y.T), rows, record.count > 0.0))
         zeros = jnp.zeros(len(t))
-        moving = stack(ends, axis=1), (t, path.end, c)
+        moving = stack(ends, axis=1), (t, record.end, c)
         return apply(OrNan(()), Known(known.astype(float), zeros, still(c)), moving)
 
     def _plain(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> Any:
         """Return the result of the run, in floating point numbers."""
-        return vectorised(lambda *values: self._runs.run(0, *values)[0], True, t, y0, c, breaks)
+        return vectorised(lambda *values: _reached(*self._runs.run(0, *values)[:2]), True, t, y0, c, breaks)
 
     # -- its derivatives ------------------------------------------------------------------
 
@@ -152,8 +139,7 @@ class TracedMotion:
 
         def push(values: Any, tangents: Any) -> Any:
             full = self._full(*values)
-            dy = self._changes(full, values, tangents, kept=False)[0]
-            reached = Reached(*full[:4])
+            dy, reached = self._changes(full, values, tangents, kept=False)[0], _reached(full.y, full.record)
             return reached, Reached(dy, *(jnp.zeros_like(number) for number in reached[1:]))
 
         passing = jax.custom_jvp(self._plain)
@@ -168,11 +154,11 @@ class TracedMotion:
             full = self._full(*values)
             dy, end, rows = self._changes(full, values, tangents, kept=True)
             still = jax.tree.map(jnp.zeros_like, full)
-            taken = jnp.concatenate([still.taken[:, :2], rows], axis=1)
-            return full, still._replace(y=dy, taken=taken, end=end)
+            taken = jnp.concatenate([still.record.taken[:, :2], rows], axis=1)
+            return full, still._replace(y=dy, record=still.record._replace(taken=taken, end=end))
 
         def recorded(*values: Any) -> Any:
-            whole = _Full(True, True, True, True, False, True, True, True, (True, True, True), True, True)
+            whole = _Full(True, StepsRecord(False, *[True] * 6), Over(*[True] * 3), True, True)
             return vectorised(self._recorded, whole, *values)
 
         full = jax.custom_jvp(recorded)
@@ -184,7 +170,7 @@ class TracedMotion:
         (t, _, c, breaks, _), (dt, dy, dc) = values, tangents[:3]
         dy, dc = instantiate(dy), instantiate(dc)
         timed = len(t) > 2
-        course = Course(full.count, full.taken, full.end, *full.passing, c)
+        course = Course(full.record._replace(reached=(), status=(), steps=(), attempts=()), full.over, c)
         end, over, *rows = apply(Along(self._pieces.steps, kept), course, (dy, dc))
         changes = over if timed else stack([dy, end])[: len(t)]
         changes = apply(Timed(self._runs.rates), At(t, full.y, c, breaks), (changes, dc))
@@ -196,7 +182,7 @@ class TracedMotion:
 
     def _recorded(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> _Full:
         """Return a run with its record; what lies behind a jump is not known to those who differentiate."""
-        reached, record, known, passing = self._runs.run(self._room, t, y0, c, breaks)
+        y, record, known, over = self._runs.run(self._room, t, y0, c, breaks)
         decided, moved_by = self._pieces.decided, self._pieces.moved_by
         behind = jnp.zeros(len(t))
 
@@ -213,5 +199,15 @@ class TracedMotion:
             at = jnp.minimum(jnp.searchsorted(starts, direction * breaks), len(starts) - 1)
             course = t[-1], record.reached, breaks, moved > 0.0
             behind = direction * (t - moved_until(rates, constants, record.y[at], c, direction, course)) > 0.0
-        count, known, behind = record.count.astype(float), known.astype(float), behind.astype(float)
-        return _Full(*reached, count, record.taken, record.end, record.reached, passing, known, behind)
+        record = record._replace(count=record.count.astype(float))
+        return _Full(y, record, over, known.astype(float), behind.astype(float))
+
+
+def _reached(y: Any, record: StepsRecord) -> Reached:
+    """Return states and how a run went."""
+    return Reached(y, record.status, record.steps, record.attempts)
+
+
+def _counted(reached: Reached) -> Reached:
+    """Return how a run went in whole numbers."""
+    return Reached(reached.y, *(number.astype(int) for number in reached[1:]))

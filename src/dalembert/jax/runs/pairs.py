@@ -23,7 +23,7 @@ from jax import lax
 
 from ...methods import step_constants as gains
 from ...methods.tableau import Tableau
-from .lanes import Attempted, Batch, Sides
+from .lanes import Attempted, Attempts, Batch, Sides
 from .mesh_axes import varying_like
 from .precision import contracted, precision_of, product
 from .step_rules import Rows, limit_at_knots, of_rows
@@ -172,7 +172,7 @@ def _mean(values: Rows, t: Any) -> Any:
 
 
 @final
-class PairAttempts:
+class PairAttempts(Attempts):
     """Attempts by a tableau; what they remember is the size proposed, the previous error and the next slope.
 
     Parameters
@@ -268,11 +268,6 @@ class PairAttempts:
         if self._goes_on:
             kept = tuple(jnp.where(accepted, k[-1], rate) for k, rate in zip(slopes, first, strict=True))
         return Attempted(new, size, finite, accepted, following, (following, previous, kept))
-
-    def retry(self, memory: Any, size: Any) -> tuple[Any, Any]:
-        """Return the memory for an attempt of a smaller step, and its size (`step_control.blind_retry`)."""
-        smaller = gains.REDUCTION_BLIND * size
-        return (smaller, *memory[1:]), smaller
 
     def _error(self, batch: Batch, y: Rows, new: Rows, slopes: Rows, size: Any) -> Any:
         """Return the RMS norm of the error over the tolerances (see `Tableau.error`)."""

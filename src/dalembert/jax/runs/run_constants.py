@@ -17,7 +17,7 @@ from jax import lax
 from ...ir.program import Program
 from ...methods.fixed_steps import CORRECTIONS
 from .mesh_axes import stack
-from .step_rules import Rows, Tolerances, project
+from .step_rules import Projections, Rows, Tolerances, project
 
 Reading = Callable[[Rows, Any, Any], Rows]
 
@@ -171,7 +171,7 @@ class RunConstants:
         """Return the number of the polynomial between any two breaks (n + 1,) or (n + 1, k)."""
         if not many:
             return table.piece(c[table.first : table.polynomials], middles)
-        return _searched(c[:, table.first : table.polynomials], middles.T).T
+        return jax.vmap(table.piece)(c[:, table.first : table.polynomials], middles.T).T
 
     def _one(self, pieces: list[Any]) -> Reading:
         def read(c: Rows, middle: Any, passed: Any) -> Rows:
@@ -202,11 +202,6 @@ class RunConstants:
         return read
 
 
-def _searched(knots: Any, times: Any) -> Any:
-    """Return how many knots (k, n) of each case are not behind its times (k, m)."""
-    return jax.vmap(lambda own, t: jnp.searchsorted(own, t, side="right"))(knots, times)
-
-
 Function = Callable[..., tuple[Any, ...]]
 
 
@@ -223,6 +218,11 @@ def stacked(kernel: Function) -> OnArrays:
         return stack([jnp.asarray(output, dtype=kind) for output in outputs]) if outputs else jnp.zeros(0, kind)
 
     return on_arrays
+
+
+def on_one_row(kernel: OnArrays) -> Function:
+    """Return a kernel on arrays as a function of rows, of which there is one."""
+    return lambda t, y, c: (kernel(t, y[0], c[0]),)
 
 
 @final
@@ -271,15 +271,15 @@ class ArrayKernels:
         kernels = ((self.program.kernel(name), n) for name, n in CORRECTIONS.items() if name in self.program)
         return sum(len(kernel.body) * count for kernel, count in kernels)
 
+    @property
+    def projections(self) -> Projections:
+        """The corrections of one case, on one row that holds all components."""
+        return [(on_one_row(self[name]), count) for name, count in CORRECTIONS.items() if name in self]
+
     def project(self, t: Any, y: Any, c: Any, before: Any = None, tolerances: Tolerances = (0.0, 0.0)) -> Any:
         """Return y (n_y,) projected onto the constraints, NaN where that does not succeed.
 
         `before` is the state at the start of a step that ends in y.
         """
-
-        def on_rows(name: str) -> Callable[..., Rows]:
-            return lambda t, y, c: (self[name](t, *y, *c),)
-
-        projections = [(on_rows(name), count) for name, count in CORRECTIONS.items() if name in self]
-        (projected,), held = project(projections, t, (y,), (c,), () if before is None else (before,), tolerances)
+        (projected,), held = project(self.projections, t, (y,), (c,), () if before is None else (before,), tolerances)
         return jnp.where(held, projected, jnp.nan)

@@ -82,20 +82,6 @@ class Reached(NamedTuple):
     attempts: Any
 
 
-@final
-class Path(NamedTuple):
-    """The attempts of a run, of which `count` were made, as in `StepsRecord`: what it takes to go along it again.
-
-    ``taken`` (room, 2 + n_y), ``end`` (n_y,), and the time ``reached``, in the direction of the run.
-    """
-
-    count: Any
-    taken: Any
-    end: Any
-    reached: Any
-    direction: Any
-
-
 def in_order(t: Any) -> tuple[Any, Any]:
     """Return times (n_t,) by which to run, and whether they are those given: finite, and going one way."""
     ordered = jnp.all(jnp.isfinite(t)) & (jnp.all(t[1:] >= t[:-1]) | jnp.all(t[1:] <= t[:-1]))

@@ -17,10 +17,10 @@ from jax import lax
 
 from ...errors import CapabilityError
 from ...methods.status import RUNNING, Status
-from .derivatives import Over, Steps, StepsRecord
+from .derivatives import Over, Steps, StepsRecord, alone_or_many
 from .lanes import Attempts, Batch, State, advanced, begun, direction_of
 from .mesh_axes import stack, varying_like
-from .run_data import Limits, Reached, RunPieces, in_order, middles
+from .run_data import Limits, RunPieces, in_order, middles
 from .step_rules import Projections, Rows
 
 _BLOCK = 32
@@ -242,35 +242,23 @@ class Runs:
         turns = moves.in_turn
         if turns is None or jax.default_backend() != "cpu":
             return in_rows(over, states, c, go)
-        alone = jax.custom_batching.custom_vmap(lambda over, states, c, go: turns.ends(over, states, c))
+        return alone_or_many(lambda over, states, c, go: turns.ends(over, states, c), in_rows, over, states, c, go)
 
-        @alone.def_vmap
-        def _(size: int, batched: Any, *arguments: Any) -> Any:
-            axes = jax.tree.map(lambda yes: 0 if yes else None, tuple(batched))
-            return jax.vmap(in_rows, axes, axis_size=size)(*arguments), True
-
-        return alone(over, states, c, go)
-
-    def run(self, room: int, t: Any, y0: Any, c: Any, breaks: Any) -> tuple[Reached, StepsRecord, Any, Any]:
-        """Return the result of the run, its record, which times were reached, and the attempts that pass over them.
-
-        Of these, the numbers, starts, and sizes to the times, where there are more than two (n_t,).
-        """
+    def run(self, room: int, t: Any, y0: Any, c: Any, breaks: Any) -> tuple[Any, StepsRecord, Any, Over]:
+        """Return the states (n_t, n_y), the record, which times were reached, and steps over more than two times."""
         t, ordered = in_order(t)
         return self._at_times(room, t, ordered, y0, c, self.one(room, t, y0, c, breaks))
 
     def _at_times(
         self, room: int, t: Any, ordered: Any, y0: Any, c: Any, record: StepsRecord
-    ) -> tuple[Reached, StepsRecord, Any, Any]:
+    ) -> tuple[Any, StepsRecord, Any, Over]:
         """Return the result of `run`, from the record of the run."""
         record = record._replace(status=jnp.where(ordered, record.status, float(Status.TIMES_IN_NO_ORDER)))
         forward = jnp.where(t[-1] >= t[0], 1.0, -1.0)
         known = ordered & (forward * (t - record.reached) <= 0.0)
-        numbers = record.status, record.steps, record.attempts
         if len(t) <= 2:
             y = jnp.stack([y0, record.end])[: len(t)]
-            y = jnp.where(known[:, None], y, jnp.nan)
-            return Reached(y, *numbers), record, known, (jnp.zeros(0),) * 3
+            return jnp.where(known[:, None], y, jnp.nan), record, known, Over(*(jnp.zeros(0),) * 3)
         at = jnp.zeros(0, dtype=int)
         if room:
             times = jnp.where(jnp.arange(room) < record.count, forward * record.t, jnp.inf)
@@ -280,5 +268,4 @@ class Runs:
             begins, states = record.taken[:, 0], record.taken[:, 1:]
         size = jnp.where(known, t - begins, 0.0)  # beyond the end, steps might overflow
         ends = self._ends(Over(at, begins, size), states, c, record.count > 0)
-        y = jnp.where(known[:, None], ends, jnp.nan)
-        return Reached(y, *numbers), record, known, (at.astype(float), begins, size)
+        return jnp.where(known[:, None], ends, jnp.nan), record, known, Over(at.astype(float), begins, size)
