@@ -166,7 +166,7 @@ def gap_allowance(system: ContactSystem, cases: ContactCases, case: int, i: int,
     """Return what is added to the gap of a contact that is to be open, so that it is not closed already.
 
     Nothing is where it approaches: a guard that counts as zero where a mode begins could miss that. A contact that
-    touches and stays open without an impact has a share of the tolerances, by which the polynomials of a step may close it.
+    touches and stays open without an impact has a share of the tolerances: polynomials of a step may close it by that.
     """
     if approaches(system, cases, case, i):
         return 0.0
