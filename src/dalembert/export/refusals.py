@@ -203,7 +203,6 @@ def refuse_events(model: CompiledModel) -> None:
     """
     besides = {
         "contacts that change": model.contacts if model.modes is not None else (),
-        "inputs": model.layout.inputs,
         "sampled controllers": [item.name for item in model.controllers],
     }
     for what, names in besides.items():

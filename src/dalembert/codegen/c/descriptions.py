@@ -115,7 +115,7 @@ class CSource:
     @property
     def goes_on(self) -> bool:
         """Whether a run can continue behind its end."""
-        return self.events is None and (self.contacts is None or bool(self.contacts.inputs))
+        return (self.events is None and self.contacts is None) or bool(self.program.layout.inputs)
 
     @property
     def begun(self) -> int:

@@ -237,12 +237,16 @@ class Simulator:
             **self._further_variables(space.beginning, "advance"),
         }
 
-    def _state_variables(self, renew: Sequence[str] = ()) -> dict[str, dict[str, Any]]:
-        """Return the variables of templates of simulators without contacts; calls follow where inputs change."""
+    def _state_variables(self, renew: Sequence[str] = (), copies: Sequence[str] = ()) -> dict[str, dict[str, Any]]:
+        """Return the variables of templates of simulators without contacts.
+
+        Calls follow where inputs change, which is also written to members that have copies of the constants.
+        """
         named, n_locks = {"prefix": self.prefix}, len(self.source.locking)
         state = named | {
             "at": {name: self.at[name] for name in ("constants", "evaluated", "time")},
             "renew": list(renew),
+            "copies": list(copies),
             "input_places": list(coefficient_places(self.layout.parameters, self.layout.inputs)),
             "n_inputs": len(self.layout.inputs),
             "n_outputs": len(self.layout.outputs),
