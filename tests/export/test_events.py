@@ -306,7 +306,7 @@ def test_a_page_has_events_beside_inputs(tmp_path):
 def test_what_exports_with_events_do_not_carry(tmp_path):
     model, start, numbers, events = pendulum()
     given = {"initial": start, "parameters": numbers, "events": events}
-    for kind in ("wheel", "fmu", "numba", "jax"):
+    for kind in ("fmu", "numba", "jax"):
         with pytest.raises(CapabilityError, match=rf"kind='{kind}' do not carry events \(lowest, stop\)"):
             model.export(tmp_path / f"run.{ {'fmu': 'fmu', 'numba': 'py', 'jax': 'py'}.get(kind, 'd') }", kind, **given)
     with pytest.raises(CapabilityError, match="method='rk4' do not carry events"):

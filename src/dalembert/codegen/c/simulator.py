@@ -291,7 +291,7 @@ class Simulator:
             "step": step_of(self.source),
             "n_further": len(self.layout.states),
             "n_locks": 0,
-            "n_events": 0 if self.source.events is None else len(self.source.events.events),
+            "n_events": len(self.source.watched),
             "goes_on": self.source.goes_on,
             "contact_states": self.contact_states,
             **dict.fromkeys(("n_values", "n_knowns", "n_guards", "exchanged", "corrected", "controlled"), 0),
