@@ -315,9 +315,6 @@ def test_what_exports_with_events_do_not_carry(tmp_path):
         model.export(tmp_path / "run", events=["m"])
     with pytest.raises(UnknownNameError):
         model.export(tmp_path / "run", events=["nothing"])
-    ball = da.compile_model(da.scenes.bouncing_ball())
-    with pytest.raises(CapabilityError, match="do not carry events and contacts that change"):
-        ball.export(tmp_path / "run", events=["y_dot"])
     pushed = driven()
     force, x = pushed.inputs[0], pushed.coordinates[0]
     pushed.add_controllers(da.Controller("hold", period=0.1, inputs={force: -x}))

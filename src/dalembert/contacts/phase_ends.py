@@ -109,13 +109,13 @@ def ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int
     first = place * 3 * plan.runners.events[runner]
     over = _happened(plan, table, space, i, first)
     if status == _SUCCESS:
-        if t == table.t1[i]:
-            numbers.state[i] = _SUCCESS
-        elif table.carried.shape[0] > 0:
+        if table.carried.shape[0] > 0:
             for e in range(plan.runners.events[runner]):
                 table.carried[i, e] = space.carried[place * plan.runners.events[runner] + e]
             if numbers.steps[i] >= plan.most_steps:
                 numbers.state[i] = _MAX_STEPS
+        if t == table.t1[i]:
+            numbers.state[i] = _SUCCESS
         return False
     if status != _EVENT or over:
         numbers.state[i] = status

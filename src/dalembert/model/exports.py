@@ -184,7 +184,7 @@ def export(
         functions of time with kinks, formulations other than "minimal", "projected" and "augmented"; in files of Python
         contacts that change, and in those for JAX tables and angles that may lock; by steps of a fixed size contacts
         that change, tables, and rates that jump with the state; events in "fmu" and files of Python, by steps of
-        a fixed size, and beside contacts that change and controllers.
+        a fixed size, and beside controllers.
     OptionError
         For an unknown kind, and a path at which something else is.
     InitialStateError, UnknownNameError, ValueInputError

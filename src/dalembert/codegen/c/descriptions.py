@@ -115,6 +115,8 @@ class CSource:
     @property
     def watched(self) -> tuple[str, ...]:
         """Names of the events."""
+        if self.contacts is not None:
+            return self.contacts.events
         return () if self.events is None else self.events.events
 
     @property

@@ -308,7 +308,7 @@ class Simulator:
             "max_steps": MAX_STEPS,
         }
 
-    def _changing_steps(self, take_step: str, *, n_events: int, n_locks: int) -> dict[str, Any]:
+    def _changing_steps(self, take_step: str, *, n_events: int, n_locks: int, phases: bool = False) -> dict[str, Any]:
         """Return the variables of ``c/changing_steps.c.j2``."""
         return {
             "prefix": self.prefix,
@@ -318,6 +318,7 @@ class Simulator:
             "n_states": len(self.layout.state),
             "n_events": n_events,
             "n_locks": n_locks,
+            "phases": phases,
             "rounding": double(RESOLUTION),
         }
 
