@@ -190,10 +190,123 @@ def test_a_page_has_events(tmp_path):
         np.testing.assert_allclose(found[name], run(times)[name], rtol=1e-10, atol=1e-10)
 
 
+INPUTS = """
+#include "pushed.h"
+#include <stdio.h>
+int main(void)
+{
+    static const double forces[] = {1.0, -2.0, 3.0, 0.5, -4.0, 2.0};
+    const double initial[] = {0.2, 2.0}, parameters[] = {0.9, 9.81, 1.0, 1.0};
+    static pushed_run run, copy;
+    double state[PUSHED_STATES], last;
+    int32_t k, e, status = pushed_start(&run, 0.0, BETWEEN, initial, parameters, 0.0, 0);
+    for (k = 0; k < 6 && status <= PUSHED_SUCCESS; k++) {
+        pushed_set_input(&run, pushed_input_u, forces[k], 0.0);
+        copy = run;
+        while (pushed_step(&run) == PUSHED_RUNNING) {
+            pushed_step(&copy); /* holds no addresses */
+            run = copy;
+            if (BETWEEN > 1.0 && pushed_time(&run) >= 0.7 * (k + 1)) {
+                break;
+            }
+        }
+        status = pushed_at(&run, pushed_time(&run), state);
+        printf("%a %a %a", pushed_time(&run), state[0], state[1]);
+        for (e = 0; e < PUSHED_EVENTS; e++) {
+            printf(" %d", (int)pushed_event(&run, e, &last));
+            printf(" %a", last);
+        }
+        printf("\\n");
+        pushed_continue(&run, 0.7 * (k + 2));
+    }
+    return status > PUSHED_SUCCESS;
+}
+"""
+"""A program that sets an input at times, and prints them, the state there, and number and last time of each event."""
+
+
+def pushed():
+    """Return a pendulum that strikes a stop and is pushed, its start, its parameters and its events."""
+    (theta, u), (m, l, g, e) = dynamicsymbols("theta u"), symbols("m l g e")
+    N, O = ReferenceFrame("N"), Point("O")
+    P = O.locatenew("P", l * (sin(theta) * N.x - cos(theta) * N.y))
+    scene = da.Scene("pushed", frame=N, origin=O, coordinates=[theta])
+    scene.add_bodies(Particle("bob", P, m))
+    scene.add_inputs(u)
+    scene.add_loads((P, u * N.x - m * g * N.y))
+    stop = da.Event(theta - 0.5, direction=1, apply={theta.diff(): -e * theta.diff()}, name="stop")
+    balance = da.Event(u - 3 * theta, name="balance")
+    events = [stop, da.Event(theta, direction=1, name="lowest"), balance]
+    return da.compile_model(scene), {"theta": 0.2, "theta_dot": 2}, {"m": 1, "l": 1, "g": 9.81, "e": 0.9}, events
+
+
+def events_beside_inputs(folder, method, between, events):
+    """Return what `INPUTS` prints (6, 3 + 2 n_events), and the run of `simulate` with the same inputs."""
+    compiler()
+    model, start, numbers, known = pushed()
+    events = [*known, *events]
+    given = {"events": events, "method": method, **TOLERANCES}
+    path = model.export(folder / "export", initial=start, parameters=numbers, **given)
+    text = INPUTS.replace("BETWEEN", between).replace("PUSHED_EVENTS", str(len(events)))
+    (path / "inputs.c").write_text(text)
+    lines = output(built(path, ["inputs.c", "pushed.c"], "-fsanitize=address,undefined")).splitlines()
+    found = np.array([[float.fromhex(item) for item in line.split()] for line in lines])
+    times, forces = [0.0, *found[:, 0]], [1.0, -2.0, 3.0, 0.5, -4.0, 2.0, 2.0]
+    inputs = {"u": da.samples(times, forces, kind="hold")}
+    return found, model.simulate((0, times[-1]), start, numbers, inputs=inputs, **given)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
+def test_inputs_are_set_beside_events_where_runs_end(tmp_path, method):
+    """A jump of an input that changes the sign of an expression is an event at that time."""
+    found, run = events_beside_inputs(tmp_path, method, "0.7", [])
+    (end, *state), pairs = found[-1, :3], found[-1, 3:].reshape(-1, 2)
+    assert end == run.t[-1] == pytest.approx(4.2)
+    for (count, last), label in zip(pairs, ["stop", "lowest", "balance"], strict=True):
+        assert count == len(run.events[label].t) > 1
+        assert last == pytest.approx(run.events[label].t[-1], rel=1e-13)
+    assert {0.7 * 2, 0.7 * 5} < set(run.events["balance"].t)
+    assert state == pytest.approx([run["theta"][-1], run["theta_dot"][-1]], rel=1e-12)
+    if fuses() == target().fused:
+        assert state == [run["theta"][-1], run["theta_dot"][-1]]
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
+def test_inputs_are_set_beside_events_between_steps(tmp_path, method):
+    found, run = events_beside_inputs(tmp_path, method, "9.0", [])
+    assert found[0, 0] > 0.7 and found[-1, 3::2].tolist() == [len(run.events[label].t) for label in run.events]
+    assert found[-1, 1:3] == pytest.approx([run["theta"][-1], run["theta_dot"][-1]], rel=1e-8)
+    np.testing.assert_allclose(found[-1, 4::2], [run.events[label].t[-1] for label in run.events], rtol=1e-9)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
+def test_an_event_where_a_run_ends_occurs_once(tmp_path, method):
+    """It occurs at the end of the run, which then goes on from the state behind its map."""
+    t, theta = dynamicsymbols._t, dynamicsymbols("theta")
+    turn = da.Event(t - 1.4, apply={theta.diff(): -theta.diff()}, name="turn")
+    found, run = events_beside_inputs(tmp_path, method, "0.7", [turn])
+    assert found[:, -2].tolist() == [0, 1, 1, 1, 1, 1] and found[-1, -1] == run.events["turn"].t[0] == 1.4
+    assert found[1, 2] == pytest.approx(run.events["turn"].after["theta_dot"][0], rel=1e-9)
+    assert found[-1, 3::2].tolist() == [len(run.events[label].t) for label in run.events]
+    assert found[-1, 1:3] == pytest.approx([run["theta"][-1], run["theta_dot"][-1]], rel=1e-8)
+
+
+def test_a_page_has_events_beside_inputs(tmp_path):
+    need_pages()
+    model, start, numbers, events = pushed()
+    path, given = tmp_path / "page.html", {"inputs": {"u": 1.0}, "events": events, **TOLERANCES}
+    model.export(path, "page", initial=start, parameters=numbers, t_span=(0, 4), **given)
+    times = np.linspace(0, 4, 17)
+    printed, found = run_of(path, times)
+    run = model.simulate((0, 4), start, numbers, **given)
+    assert printed["status"] == 0
+    np.testing.assert_allclose(found["theta"], run(times)["theta"], rtol=1e-10, atol=1e-10)
+
+
 def test_what_exports_with_events_do_not_carry(tmp_path):
     model, start, numbers, events = pendulum()
     given = {"initial": start, "parameters": numbers, "events": events}
-    for kind in ("wheel", "fmu", "numba", "jax"):
+    for kind in ("fmu", "numba", "jax"):
         with pytest.raises(CapabilityError, match=rf"kind='{kind}' do not carry events \(lowest, stop\)"):
             model.export(tmp_path / f"run.{ {'fmu': 'fmu', 'numba': 'py', 'jax': 'py'}.get(kind, 'd') }", kind, **given)
     with pytest.raises(CapabilityError, match="method='rk4' do not carry events"):
@@ -202,12 +315,7 @@ def test_what_exports_with_events_do_not_carry(tmp_path):
         model.export(tmp_path / "run", events=["m"])
     with pytest.raises(UnknownNameError):
         model.export(tmp_path / "run", events=["nothing"])
-    ball = da.compile_model(da.scenes.bouncing_ball())
-    with pytest.raises(CapabilityError, match="do not carry events and contacts that change"):
-        ball.export(tmp_path / "run", events=["y_dot"])
     pushed = driven()
-    with pytest.raises(CapabilityError, match=r"do not carry events and inputs \(force\)"):
-        da.compile_model(pushed).export(tmp_path / "run", events=["x_dot"])
     force, x = pushed.inputs[0], pushed.coordinates[0]
     pushed.add_controllers(da.Controller("hold", period=0.1, inputs={force: -x}))
     with pytest.raises(CapabilityError, match=r"do not carry events and sampled controllers \(hold\)"):

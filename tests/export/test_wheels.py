@@ -13,6 +13,7 @@ import dalembert as da
 from codegen.c_programs import compiler
 from dalembert.errors import MissingExtraError
 from dalembert.export import wheel
+from export.test_events import pendulum
 from hard_cases.contacts import contact_motion
 
 RUN = """
@@ -21,7 +22,8 @@ sys.path.insert(0, sys.argv[1])
 import {0} as made
 run = made.simulate({1})
 loaded = [name for name in ("dalembert", "sympy", "numba", "llvmlite", "scipy") if name in sys.modules]
-print(json.dumps({{"run": {{name: list(values) for name, values in run.items()}}, "loaded": loaded}}))
+events = run.pop("events", {{}})
+print(json.dumps({{"run": {{name: list(values) for name, values in run.items()}}, "events": events, "loaded": loaded}}))
 """
 
 
@@ -102,3 +104,18 @@ def test_contacts_that_change(tmp_path):
     run = model.simulate((0, 2), case.initial, case.parameters, t_eval=times)
     for name in model.layout.variables:
         np.testing.assert_allclose(found[name], run[name], rtol=1e-11, atol=1e-11, err_msg=name)
+
+
+def test_events_are_counted_and_end_runs(tmp_path):
+    model, start, numbers, (lowest, stop) = pendulum()
+    lowest = da.Event(lowest.expression, direction=1, terminal=2, name="lowest")
+    given = {"events": [lowest, stop], "rtol": 1e-10, "atol": 1e-12}
+    target, times = installed(tmp_path, model, initial=start, parameters=numbers, **given), np.linspace(0, 8, 81)
+    said = called(target, "pendulum", times.tolist())
+    found, events = said["run"], said["events"]
+    run = model.simulate((0, 8), start, numbers, **given)
+    reached = times[times <= run.t[-1]]
+    assert found["t"] == reached.tolist() and len(reached) < 81
+    np.testing.assert_allclose(found["theta"], run(reached)["theta"], rtol=1e-10, atol=1e-10)
+    for name, event in events.items():
+        assert event == {"count": len(run.events[name].t), "last": pytest.approx(run.events[name].t[-1], rel=1e-12)}

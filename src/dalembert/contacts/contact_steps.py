@@ -20,6 +20,8 @@ from .contact_decisions import LOOP as DECISIONS
 from .contact_decisions import DecisionArguments
 from .contact_kinds import forget_breaks
 from .phase_loop import LOOP, PhaseArguments
+from .phase_maps import EventMaps, map_state, refuse_map
+from .phase_tables import JUMPS
 
 CHANGES = 2
 """Value of ``ContactPlace.pending``."""
@@ -47,13 +49,14 @@ class ContactSteps(NamedTuple):
     """A motion with contacts.
 
     ``sampled`` (2 n_q + n_z,) gets coordinates, rates and first-order states; ``own`` (n_y,) is the state of a mode
-    that is to be corrected.
+    that is to be corrected; ``maps`` are those of events of users.
     """
 
     phases: PhaseArguments
     sampled: Vector
     place: ContactPlace
     own: Vector
+    maps: EventMaps
 
 
 @compiled_subset
@@ -99,16 +102,29 @@ def cut_phase(steps: ContactSteps, runner: SweepArguments) -> None:
             space.carried[0, 2 * e + 1] = 1.0
 
 
-@compiled_subset
-def contact_step(steps: ContactSteps) -> int:
-    """Take a step; return the status of the run."""
-    table, place = steps.phases.table, steps.place
-    if LOOP(steps.phases) != 0:
-        return RUNNING
-    place.time, place.pending = table.cases.t[0], 0
-    if table.numbers.state[0] == RUNNING:  # no equations determine the motion in the mode
-        return Status.SINGULAR_CONFIGURATION
-    return table.numbers.state[0]
+def stepping(mapped: bool) -> Callable[[ContactSteps], int]:
+    """Return a function that takes a step and returns the status of the run, which events of users may map."""
+
+    def contact_step(steps: ContactSteps) -> int:
+        table, place = steps.phases.table, steps.place
+        if LOOP(steps.phases) != 0:
+            return RUNNING
+        if mapped:
+            while table.numbers.state[0] == RUNNING and table.numbers.runner[0] == JUMPS:
+                map_state(table, steps.maps, 0)
+                table.turn[0] = 0
+                if LOOP(steps.phases) != 0:
+                    return RUNNING
+            refuse_map(table, steps.maps, 0)
+        place.time, place.pending = table.cases.t[0], 0
+        if table.numbers.state[0] == RUNNING:  # no equations determine the motion in the mode
+            return Status.SINGULAR_CONFIGURATION
+        return table.numbers.state[0]
+
+    return compiled_subset(contact_step)
+
+
+contact_step, mapped_contact_step = stepping(mapped=False), stepping(mapped=True)
 
 
 @compiled_subset

@@ -112,11 +112,10 @@ def ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int
         for m in range(2 * plan.runners.events[runner]):
             table.carried[i, m] = space.carried[place * 2 * plan.runners.events[runner] + m]
     if status == _SUCCESS:
+        if table.carried.shape[0] > 0 and numbers.steps[i] >= plan.most_steps:
+            numbers.state[i] = _MAX_STEPS
         if t == table.t1[i]:
             numbers.state[i] = _SUCCESS
-        elif table.carried.shape[0] > 0:
-            if numbers.steps[i] >= plan.most_steps:
-                numbers.state[i] = _MAX_STEPS
         return False
     if status != _EVENT or over:
         numbers.state[i] = status

@@ -257,7 +257,7 @@ def _stop(arguments: SweepArguments, lane: int, found: int, theta: float) -> Non
     numbers.status[lane] = status_after(abs(end - t) == 0.0, state.tally[ATTEMPTS, lane], arguments.limits[0, 1])
     cut = numbers.status[lane] == Status.SUCCESS and t != end_of_case(arguments, lane)
     if numbers.status[lane] == RUNNING or cut:
-        _restart(arguments, lane)
+        restart(arguments, lane)
 
 
 @compiled_subset
@@ -275,7 +275,7 @@ def _drop_samples(arguments: SweepArguments, lane: int, t: float) -> None:
 
 
 @compiled_subset
-def _restart(arguments: SweepArguments, lane: int) -> None:
+def restart(arguments: SweepArguments, lane: int) -> None:
     """Restart a lane from the state in ``one_point``: its signs, and the memory of its step."""
     state, space, events, limits = arguments.state, arguments.workspace, arguments.events, arguments.limits
     t, direction, one = state.clock[NOW, lane], state.settings[1, lane], row(space.own, lane)

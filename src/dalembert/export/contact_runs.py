@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,8 +16,10 @@ from ..codegen.c.library import CFunctions, CLibrary
 from ..codegen.c.printing import prefix_of
 from ..codegen.compiled_engine import CompiledEngine
 from ..contacts.contact_laws import Mode
+from ..contacts.phase_maps import no_maps
 from ..contacts.phase_tables import ANY_PHASE
 from ..errors import CapabilityError, ConstraintError, SingularMassMatrixError
+from ..events.event_code import Event
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..lanes.sweep_arguments import SweepArguments
@@ -28,6 +30,7 @@ from ..phases.mode_models import ModeModels
 from ..phases.mode_runners import FIRST_PARAMETER, GatheredRows, ModeRunner
 from ..phases.output_values import PhaseReductions
 from ..phases.runner_choice import RunnerChoice
+from ..phases.velocity_jumps import EventJumps
 from ..pipeline import Compiled
 from ..reduction.admission import admission_of_state
 from ..reduction.jumps import has_jumps
@@ -79,6 +82,7 @@ def contact_source(
     method: str,
     tolerances: tuple[float, float],
     span: tuple[float, float],
+    events: Sequence[Event] = (),
     *,
     continued: bool = False,
 ) -> CSource:
@@ -95,8 +99,8 @@ def contact_source(
     assert modes is not None
     refuse_contact_scene(modes)
     names = sorted(set(modes.layout.variables if initial is None else initial))
-    fitting = _methods_of_example(model, names, numbers, tolerances, span) if method == "auto" else {}
-    loop = contact_loop(model, method, fitting, tolerances, prefix_of(model.name), continued=continued)
+    fitting = _methods_of_example(model, names, numbers, tolerances, span, events) if method == "auto" else {}
+    loop = contact_loop(model, method, fitting, tolerances, prefix_of(model.name), events, continued=continued)
     begins = modes.model(modes.starting_mode(frozenset(names), open_contacts(modes, {**numbers, **_time(modes, span)})))
     program, reduced = begins.stages.program, begins.stages.reduced
     start = starting(reduced, names)
@@ -123,6 +127,7 @@ def _methods_of_example(
     numbers: Mapping[str, float],
     tolerances: tuple[float, float],
     span: tuple[float, float],
+    events: Sequence[Event],
 ) -> Mapping[int, str]:
     """Return the methods that fit the modes which a run of the example enters, by the numbers of these."""
     groups = names, model.layout.given, model.layout.inputs
@@ -130,7 +135,8 @@ def _methods_of_example(
         return {}
     initial, parameters, inputs = ({name: numbers[name] for name in some} for some in groups)
     rtol, atol = tolerances
-    run = model.sweep(span, initial, parameters, inputs=inputs or None, rtol=rtol, atol=atol, threads=1)
+    given: dict[str, Any] = {"inputs": inputs or None, "events": events, "rtol": rtol, "atol": atol}
+    run = model.sweep(span, initial, parameters, threads=1, **given)
     return {number: method for (number, _), method in run.stats.methods.items()}
 
 
@@ -140,6 +146,7 @@ def contact_loop(
     fitting: Mapping[int, str],
     tolerances: tuple[float, float],
     prefix: str,
+    events: Sequence[Event] = (),
     *,
     continued: bool = False,
 ) -> ContactLoop:
@@ -156,6 +163,8 @@ def contact_loop(
         Relative and absolute.
     prefix : str
         Of the names of functions.
+    events : sequence of Event
+        That users watch.
     continued : bool
         Whether runs go on behind any time at which a step has ended, and carry the signs of guards over it.
 
@@ -169,8 +178,8 @@ def contact_loop(
     modes, every = _own_modes(model, functions), modes_of(model.modes)
     rtol, atol = tolerances
     options = PrepareOptions(method=method, rtol=rtol, atol=atol)
-    choice = RunnerChoice(modes, options, PhaseReductions({}, ()))
-    found = [_runner(modes, mode, options, fitting) for mode in every]
+    choice = RunnerChoice(modes, options, PhaseReductions({}, tuple(events)))
+    found = [_runner(choice, mode, fitting) for mode in every]
     runners = [runner for runner in found if runner is not None]
     choice.runners += runners
     choice.served = np.array([runner.number for runner in runners], np.int64)
@@ -188,6 +197,8 @@ def contact_loop(
         inputs=layout.inputs,
         angles=(),
         contacts=tuple((contact.name, automaton.states(i)) for i, contact in enumerate(automaton.contacts)),
+        events=tuple(event.label for event in events),
+        maps=EventJumps(modes, events).maps(1) if any(event.apply for event in events) else no_maps(),
     )
 
 
@@ -207,7 +218,7 @@ def _own_modes(model: CompiledModel, functions: CFunctions) -> ModeModels:
     return own
 
 
-def _runner(modes: ModeModels, mode: Mode, options: PrepareOptions, fitting: Mapping[int, str]) -> ModeRunner | None:
+def _runner(choice: RunnerChoice, mode: Mode, fitting: Mapping[int, str]) -> ModeRunner | None:
     """Return the runner of a mode; None where the equations do not determine its motions, which end there.
 
     Raises
@@ -215,6 +226,7 @@ def _runner(modes: ModeModels, mode: Mode, options: PrepareOptions, fitting: Map
     CapabilityError
         For modes that compiled loops do not run.
     """
+    modes, options = choice.modes, choice.options
     try:
         model = modes.model(mode)
     except (ConstraintError, SingularMassMatrixError):
@@ -242,7 +254,8 @@ def _runner(modes: ModeModels, mode: Mode, options: PrepareOptions, fitting: Map
         asked = "taylor"
     method = model.choose_method(asked, options.rtol, options.atol, many=True)
     expand = model.engine.code(modes.expansion(mode))[0]
-    return ModeRunner(number, mode, model, tuple(modes.events(mode)), {}, method, options, expand, {})
+    events = *choice.requested, *modes.events(mode)
+    return ModeRunner(number, mode, model, events, {}, method, options, expand, {})
 
 
 def _exported(modes: ModeModels, runner: ModeRunner, lane: SweepArguments) -> ContactMode:

@@ -14,9 +14,12 @@ from ..codegen.kernel_code import KernelCode
 from ..codegen.lane_runs import LaneRuns
 from ..codegen.steppers import Steppers
 from ..events.event_code import Event
+from ..ir.program import coefficient_places
 from ..lanes.sweep_arguments import no_columns, no_part_samples
 from ..lanes.workspace import EventWorkspace
 from ..steps.problem import IntegrationProblem
+from ..stops.input_records import no_inputs
+from ..stops.stops import no_stops
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
@@ -66,7 +69,16 @@ def event_run(
     made.state.progress.patience, made.state.progress.returns = _NEVER, 1
     made.happened[0, ::3] = 0.0
     part = no_part_samples()._replace(clock=np.zeros((1, 1)), states=np.zeros((n, 1)))
+    inputs, shape = no_inputs(), made.shape
+    if program.layout.inputs:
+        places = np.array(coefficient_places(program.layout.parameters, program.layout.inputs), np.int64)
+        memory = np.zeros((n + 2 + shape.memory, 1))
+        inputs = inputs._replace(places=places, ends=np.zeros((1, 1)), remembered=memory)
     arguments = made._replace(
-        columns=no_columns(), workspace=exported_workspace(made.workspace), steps=made.steps[:1].copy(), part=part
+        stops=no_stops(inputs),
+        columns=no_columns(),
+        workspace=exported_workspace(made.workspace),
+        steps=made.steps[:1].copy(),
+        part=part,
     )
     return EventRun(tuple(event.label for event in events), arguments, functions, method == "radau")

@@ -201,16 +201,11 @@ def refuse_events(model: CompiledModel) -> None:
     CapabilityError
         With what such a scene has besides, and the remedy.
     """
-    besides = {
-        "contacts that change": model.contacts if model.modes is not None else (),
-        "inputs": model.layout.inputs,
-        "sampled controllers": [item.name for item in model.controllers],
-    }
-    for what, names in besides.items():
-        if names:
-            raise CapabilityError(
-                f"exports do not carry events and {what} ({list_names(names)}) together: leave one of them out"
-            )
+    names = [item.name for item in model.controllers]
+    if names:
+        raise CapabilityError(
+            f"exports do not carry events and sampled controllers ({list_names(names)}) together: leave one of them out"
+        )
 
 
 def refuse_contact_scene(modes: ModeModels) -> None:

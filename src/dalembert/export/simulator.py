@@ -82,7 +82,7 @@ def c_source(
     if model.modes is not None:
         from .contact_runs import contact_source
 
-        return contact_source(model, initial, numbers, method, tolerances, span, continued=continued)
+        return contact_source(model, initial, numbers, method, tolerances, span, events, continued=continued)
     refuse_scene(model, unit=continued)
     start = start_of(model, initial)
     refuse_inputs(model, start)

@@ -71,6 +71,7 @@ def _functions(source: CSource, prefix: str) -> dict[str, Any]:
         "n_outputs": len(layout.outputs),
         "n_variables": variables,
         "first_energy": variables + len(layout.outputs),
+        "n_events": len(source.watched),
     }
 
 
@@ -95,5 +96,6 @@ def _module(source: CSource, prefix: str, library: str) -> dict[str, Any]:
         "parameters": known(source.parameters),
         "inputs": known(layout.inputs, 0.0),
         "names": ascii(names),
+        "events": ascii(list(source.watched)) if source.watched else "",
         "library": library,
     }

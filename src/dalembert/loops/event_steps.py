@@ -6,16 +6,19 @@ each one, and is what the state within that step is computed from.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+from ..events.lane_events import restart
 from ..lanes.step_records import END_AT, FIRST_AT, START_AT
 from ..lanes.sweep_arguments import SweepArguments
-from ..lanes.workspace import ATTEMPTS, NOW, REJECTIONS
+from ..lanes.workspace import ATTEMPTS, END, NOW, REJECTIONS
+from ..methods.status import RUNNING
 from ..steps.projection import FAILED, PENDING, correct
 from ..subset.arguments import Record, Vector
 from ..subset.compiled_subset import compiled_subset, fma
-from .lane_loop import EVENT_LOOP, IMPLICIT_LOOP
+from .lane_loop import EVENT_LOOP, IMPLICIT_LOOP, STOP_EVENT_LOOP
 
 
 class EventPlace(Record):
@@ -42,6 +45,9 @@ def event_step(loop: Callable[[SweepArguments], int]) -> Callable[[EventSteps], 
         runner, place = steps.runner, steps.place
         state, progress = runner.state, runner.state.progress
         progress.recorded, runner.workspace.occurrences[0, 0] = 0, 0.0
+        if runner.stops.inputs.ends.shape[0] > 0:
+            for e in range(runner.events.directions.size):
+                runner.workspace.ends[0, e] = math.nan
         if loop(runner) == 0:  # it has ended without a further step
             place.time = runner.ends[0, 0]
             return int(runner.ends[0, 1])
@@ -53,6 +59,35 @@ def event_step(loop: Callable[[SweepArguments], int]) -> Callable[[EventSteps], 
 
 
 take_step, take_implicit_step = event_step(EVENT_LOOP), event_step(IMPLICIT_LOOP)
+take_step_with_inputs = event_step(STOP_EVENT_LOOP)
+
+
+@compiled_subset
+def cut_run(steps: EventSteps) -> None:
+    """Continue a run with other inputs from its present time on, as behind a knot of these."""
+    state = steps.runner.state
+    if state.numbers.status[0] == RUNNING:
+        state.clock[END, 0] = state.clock[NOW, 0]
+
+
+@compiled_subset
+def continue_run(steps: EventSteps, t1: float) -> None:
+    """Continue a run behind its end up to another, as behind a knot of inputs.
+
+    There its end was looked at, and signs were taken. Those before count, unless an event has occurred.
+    """
+    runner, state, space = steps.runner, steps.runner.state, steps.runner.workspace
+    if state.progress.paused == 0:  # it has taken no time
+        runner.rows.times[0, 0], runner.rows.times[0, 1], runner.turn[0] = steps.place.time, t1, 0
+        return
+    if space.occurrences[0, 0] > 0.0:
+        restart(runner, 0)
+    else:
+        for e in range(runner.events.directions.size):
+            if abs(space.ends[0, e]) > 0.0:
+                space.signs[0, e], space.zero[0, e], space.seen[0, e] = space.ends[0, e], 0.0, 1.0
+    runner.stops.inputs.ends[0, 0], state.numbers.status[0] = t1, RUNNING
+    state.tally[ATTEMPTS, 0] = state.tally[REJECTIONS, 0] = 0.0
 
 
 @compiled_subset

@@ -91,7 +91,7 @@ PRECISIONS = ("double", "single")
 INSTEAD = {("jax", "auto"): "dop853", ("jax", "taylor"): "dop853"}
 """Methods of kinds in place of those that "auto" finds."""
 
-EVENT_KINDS = ("c", "page")
+EVENT_KINDS = ("c", "page", "wheel")
 """Kinds that carry events."""
 
 ENDINGS = {"fmu": ".fmu", "page": ".html", "numba": ".py", "jax": ".py"}
@@ -169,8 +169,8 @@ def export(
         Initial values, parameters and inputs that have a slider on a page, and its ends. By default all have one, about
         the value that is given.
     events : sequence of Event, SymPy expression or str, or one of these
-        Events that occur in runs of the kinds "c" and "page": as in `simulate`, they are counted, end runs, and map the
-        state.
+        Events that occur in runs of the kinds "c", "page" and "wheel": as in `simulate`, they are counted, end runs,
+        and map the state.
 
     Returns
     -------
@@ -183,8 +183,8 @@ def export(
         For what exports do not carry, with the remedy: contacts with many modes, sampled controllers but in units,
         functions of time with kinks, formulations other than "minimal", "projected" and "augmented"; in files of Python
         contacts that change, and in those for JAX tables and angles that may lock; by steps of a fixed size contacts
-        that change, tables, and rates that jump with the state; events in other kinds than "c" and "page", by steps of
-        a fixed size, and beside contacts that change, inputs and controllers.
+        that change, tables, and rates that jump with the state; events in "fmu" and files of Python, by steps of
+        a fixed size, and beside controllers.
     OptionError
         For an unknown kind, and a path at which something else is.
     InitialStateError, UnknownNameError, ValueInputError

@@ -9,7 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
+from ..codegen.host_code import raise_failure
+from ..codegen.llvm.loops import loop_named
 from ..contacts.contact_cases import ADDED, UNDECIDED, contact_cases
+from ..contacts.phase_maps import MAP, REFUSE, EventMaps, MapArguments
 from ..contacts.phase_stops import no_phase_stops
 from ..contacts.phase_tables import JUMPS, NOT_STARTED, CaseSamples, CaseTable, case_numbers
 from ..events.event_rules import last_instants
@@ -101,8 +104,7 @@ class CaseRuns:
         self.executor = PhaseExecutor(choice, self._table, threads)
         changing = () if threads else (*self.cases, *self.numbers, self.occurred)
         self.first: FloatArray | None = None
-        self._before_map: tuple[FloatArray, NDArray[np.int64]] | None = None
-        self._jumped = np.full(count, np.nan)
+        self._maps: EventMaps | None = None
         self._initial = [(values, values.copy()) for values in changing]
 
     def begin(
@@ -131,8 +133,7 @@ class CaseRuns:
         """
         for values, first in self._initial:
             values[...] = first
-        cases, table, self._before_map = self.cases, self._table, None
-        self._jumped[:] = np.nan
+        cases, table, self._maps = self.cases, self._table, None
         cases.t[...] = table.t0[...] = t0
         table.t1[...], cases.span[...] = t1, t1 - t0
         cases.x[...], cases.p[...] = x, p
@@ -180,38 +181,25 @@ class CaseRuns:
                 self.executor.run(running[:together], paused)
                 if paused is not None:
                     paused()
-                jumping = np.flatnonzero((self.numbers.state == RUNNING) & (self.numbers.runner == JUMPS))
-                if len(jumping):
-                    assert jumps is not None
-                    self._jump(jumps, jumping)
+                if np.any((self.numbers.state == RUNNING) & (self.numbers.runner == JUMPS)):
+                    self._mapped(jumps, MAP)
                     if jumped is not None:
                         jumped()
                 if advance is not None:
                     advance(len(running) - len(self.running()))
         finally:
-            self._mark_refused_maps()
+            if self._maps is not None:
+                self._mapped(jumps, REFUSE)
             self._mark_paradoxes()
             self._mark_divergence()
 
-    def _jump(self, jumps: EventJumps, some: NDArray[np.intp]) -> None:
-        """Map the states of cases in which events have occurred that do so, and begin a phase anew in each."""
-        x, modes = self._before_map = self._before_map or (np.full_like(self.cases.x, np.nan), self.cases.number.copy())
-        x[some], modes[some] = self.cases.x[some], self.cases.number[some]
-        self.numbers.state[some] = jumps.apply(
-            self.cases, self.occurred, self.executor.table.carried, some, self._jumped[some]
-        )
-        self._jumped[some] = self.cases.t[some]
-        ended = some[self.numbers.state[some] != RUNNING]
-        self.numbers.phases[ended] -= self.cases.passed[ended] != 0.0
-        self.numbers.runner[some] = NOT_STARTED
-
-    def _mark_refused_maps(self) -> None:
-        """Distinguish states that contacts reject after a map from those at starts; such a map does not take place."""
-        if self._before_map is not None:
-            x, modes = self._before_map
-            some = np.flatnonzero((self.cases.status == Status.INITIAL_STATE) & np.isfinite(x).any(axis=1))
-            self.numbers.state[some] = int(Status.EVENT_STATE)
-            self.cases.x[some], self.cases.number[some] = x[some], modes[some]
+    def _mapped(self, jumps: EventJumps | None, task: int) -> None:
+        """Map the states of cases in which events have occurred that do so, which begin anew; or undo such maps."""
+        if self._maps is None:
+            assert jumps is not None
+            self._maps = jumps.maps(len(self.numbers.state))
+        loop_named("map_loop")(MapArguments(self.executor.table, self._maps, task))
+        raise_failure()
 
     def _mark_paradoxes(self) -> None:
         """Distinguish failures near Painleve's paradox from others."""

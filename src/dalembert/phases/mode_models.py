@@ -232,6 +232,12 @@ class ModeModels:
         return self.automaton.sliding_mode([i for i, contact in contacts if contact.constraint is not None])
 
     @cached_property
+    def constants_when_open(self) -> Kernel:
+        """The kernel from (t, y, c), c being the parameters, to the constants of `open_mode`."""
+        prepare = self.model(self.open_mode).stages.program.kernel("prepare")
+        return replace(prepare, loads=tuple(replace(load, array="c") for load in prepare.loads))
+
+    @cached_property
     def closed_mode(self) -> Mode:
         """The mode in which all contacts are closed and slip."""
         return self.automaton.sliding_mode([])

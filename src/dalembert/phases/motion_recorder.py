@@ -77,8 +77,7 @@ class MotionRequest(Generic[OptionsT]):
     @cached_property
     def jumps(self) -> EventJumps:
         """Maps of the state by the events that users watch."""
-        opened, events = self.modes.open_mode, self.reductions.requested
-        return EventJumps(self.modes.model(opened), events, self.modes.layout.parameters)
+        return EventJumps(self.modes, self.reductions.requested)
 
     @property
     def labels(self) -> list[str]:

@@ -62,6 +62,8 @@ class RunnerChoice:
     rows : int
         Least number of records of steps, and of what occurs, that a recorded run has room for; 0 records nothing.
     gathered : GatheredRows
+    requested : list of Event
+        What users watch, as phases have it: an event that maps the state ends a phase.
     compile_seconds : float
     """
 
@@ -81,7 +83,7 @@ class RunnerChoice:
         self.runners: list[ModeRunner | HostMode] = []
         self.served, self.begins = np.zeros(0, np.int64), np.zeros(0, np.int64)
         self.parallel, self.compile_seconds = modes.engine().parallel, 0.0
-        self._requested = [
+        self.requested = [
             replace(event, name=event.label, terminal=1 if event.apply else int(event.terminal), apply=None)
             for event in reductions.events
         ]
@@ -173,7 +175,7 @@ class RunnerChoice:
         key = number, method, compiled, begins
         if key not in self._places:
             self._places[key] = len(self.runners)
-            events = (*self._requested, *self.modes.events(mode))
+            events = (*self.requested, *self.modes.events(mode))
             if compiled:
                 along = self.reductions.along
                 expand = model.engine.code(self.modes.expansion(mode))[0]

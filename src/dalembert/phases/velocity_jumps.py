@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, final
@@ -11,16 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..contacts.contact_cases import UNDECIDED, ContactCases
 from ..contacts.contact_laws import OPEN, STICK, Mode
+from ..contacts.phase_maps import AT_TIME, DEFAULT, EventMaps
 from ..errors import CapabilityError, list_names
 from ..events.event_code import Event
-from ..events.event_rules import accumulates
 from ..ir.conditions import CONDITION_TIME
 from ..ir.interpret import interpret_rows
-from ..methods.status import RUNNING, Status
+from ..lanes.workspace import aligned
+from ..methods.status import Status
 from ..runs.impulses import Impulses
 from ..starts import inputs
+from ..subset.addresses import NO_CODE, AddressTable
 from .mode_models import ModeModels
 
 if TYPE_CHECKING:
@@ -140,72 +140,61 @@ class EventJumps:
 
     Parameters
     ----------
+    modes : ModeModels
+    events : sequence of Event
+
+    Attributes
+    ----------
     model : CompiledModel
         Of the mode in which all that can open is open.
-    events : sequence of Event
-    names : sequence of str
-        Parameters of the scene.
     """
 
-    def __init__(self, model: CompiledModel, events: Sequence[Event], names: Sequence[str]) -> None:
-        self.model = model
-        self._events, self._names = tuple(events), tuple(names)
+    def __init__(self, modes: ModeModels, events: Sequence[Event]) -> None:
+        self._modes, self.model = modes, modes.model(modes.open_mode)
+        self._events, self._names = tuple(events), modes.layout.parameters
         jumping = [replace(event, terminal=False) for event in events if event.apply is not None]
-        self._codes = {event.label: model.derived.events((event,)) for event in jumping}
+        self._labels = {event.label for event in jumping}
+        self._code = self.model.derived.events(tuple(jumping))
 
     def __contains__(self, label: str) -> bool:
-        return label in self._codes
+        return label in self._labels
 
-    def apply(
-        self,
-        cases: ContactCases,
-        occurred: FloatArray,
-        carried: FloatArray,
-        some: NDArray[np.intp],
-        before: FloatArray,
-    ) -> NDArray[np.int64]:
-        """Map the states of cases by the events that have just occurred in them, whose modes are to be selected then.
+    def maps(self, count: int) -> EventMaps:
+        """Return the maps as compiled code has them, for so many cases."""
+        code, names = self._code, self._names
+        assert code is not None
+        program, engine = self.model.stages.program, self.model.engine
+        layout, start, prepare = program.layout, code.start, self._modes.constants_when_open
+        lanes = engine.code(start.kernel)[1]
+        columns = [names.index(name) if name in names else DEFAULT for name in layout.parameters]
+        columns = [AT_TIME if n == CONDITION_TIME else c for n, c in zip(layout.parameters, columns, strict=True)]
+        n, n_x, jumps = len(layout.state), len(layout.variables), iter(code.jumps)
+        own = [next(jumps) if event.apply is not None else None for event in self._events]
 
-        Parameters
-        ----------
-        cases : ContactCases
-        occurred : ndarray (n_case, 3 n_events)
-            Number, first and last time of each event.
-        carried : ndarray (n_case, 2 n)
-            Which events were seen beyond rounding since the last jump (`CaseTable.carried`); none is from this one on.
-        some : ndarray (k,)
-            Numbers of the cases.
-        before : ndarray (k,)
-            Times of their last jumps before these, NaN before the first.
+        def room(rows: int) -> FloatArray:
+            return aligned(max(rows, 1), lanes)
 
-        Returns
-        -------
-        ndarray (k,)
-            RUNNING, or the status of cases that end: EVENT_STATE where the constraints forbid the state, EVENT where
-            the event was the last, EVENTS_ACCUMULATE where no time has passed since the last jump or what jumps was not
-            seen in between.
-        """
-        status, seen = np.full(len(some), RUNNING, np.int64), np.ones(len(some), bool)
-        for i, event in enumerate(self._events):
-            here = (occurred[some, 3 * i + 2] == cases.t[some]) & (status == RUNNING)
-            if event.label in self and np.any(here):
-                jumping = some[here]
-                seen[here] &= carried[jumping, 2 * i + 1] != 0.0
-                x, allowed = self._mapped(event.label, cases, jumping)
-                cases.x[jumping[allowed]] = x[allowed]
-                status[np.flatnonzero(here)[~allowed]] = Status.EVENT_STATE
-        for i, event in enumerate(self._events):
-            if event.label in self and event.terminal:
-                over = (occurred[some, 3 * i] >= int(event.terminal)) & (status == RUNNING)
-                status[over] = Status.EVENT
-        for place, i in enumerate(some.tolist()):
-            gap, t, span = abs(cases.t[i] - before[place]), cases.t[i], abs(cases.span[i])
-            if status[place] == RUNNING and not math.isnan(gap) and accumulates(gap, t, span, seen[place], 0.0):
-                status[place] = Status.EVENTS_ACCUMULATE
-        carried[some, 1::2] = 0.0
-        going = some[status == RUNNING]
-        cases.modes[going], cases.number[going] = UNDECIDED, UNDECIDED
-        return status
+        return EventMaps(
+            prepare=engine.code(prepare)[0],
+            initial=engine.code(program.kernel("initial"))[0],
+            start=engine.code(start.kernel)[0],
+            expand=engine.code(program.kernel("expand"))[0],
+            jumps=AddressTable([NO_CODE if jump is None else engine.code(jump)[0] for jump in own]),
+            terminal=np.array([int(event.terminal) for event in self._events], np.int64),
+            columns=np.array(columns, np.int64),
+            defaults=np.array([layout.defaults.get(name, 0.0) for name in layout.parameters]),
+            size=n,
+            clock=room(1),
+            parameters=room(len(columns)),
+            constants=room(len(prepare.outputs)),
+            states=room(n),
+            given=room(len(start.given)),
+            begun=room(len(start.kernel.outputs)),
+            posed=room(n_x),
+            last=np.full(count, np.nan),
+            before=np.zeros((count, n_x)),
+            number=np.zeros(count, np.int64),
+        )
 
     def motion_state(self, t: FloatArray, x: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return states (k, n_y) and constants (k, n_c) of `model` at times, variables and parameters."""
@@ -217,13 +206,3 @@ class EventJumps:
         own = np.array([columns[name] for name in program.layout.parameters]).T.reshape(len(t), -1)
         c = inputs.prepare_rows(program, own)
         return interpret_rows(program.kernel("initial"), t, x, c), c
-
-    def _mapped(self, label: str, cases: ContactCases, some: NDArray[np.intp]) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return variables (k, 2 n_q + n_z) of cases after an event, and whether the constraints allow them (k,)."""
-        program, code, t = self.model.stages.program, self._codes[label], cases.t[some]
-        assert code is not None
-        jump = code.jumps[0]
-        assert jump is not None
-        y, c = self.motion_state(t, cases.x[some], cases.p[some])
-        states, allowed = code.after_jump(jump, t, y, c, np.where(cases.span[some] < 0.0, -1.0, 1.0))
-        return interpret_rows(program.kernel("expand"), t, states, c), allowed

@@ -97,7 +97,7 @@ def begin_inputs(
     ``t`` and ``t1`` are start and end of the case.
     """
     number = _row(inputs, case)
-    shift = element(inputs.shift, inputs.shift_stride * number)
+    shift = _shift(inputs, number)
     for r in range(inputs.knots.size):
         low, high, knots = 0, inputs.counts[r], inputs.knots[r]
         while low < high:  # so many knots lie before the start
@@ -119,7 +119,7 @@ def pass_knots(inputs: InputTable, constants: FloatArray, lane: int, case: int, 
     """Write the coefficients of the pieces that begin at a time; return where the first of the present pieces ends."""
     end, close = inputs.ends[0, lane], SMALLEST_OF_TIME * abs(t)
     number = _row(inputs, case)
-    shift = element(inputs.shift, inputs.shift_stride * number)
+    shift = _shift(inputs, number)
     first = end
     for r in range(inputs.knots.size):
         edge = inputs.edges[r, lane]
@@ -169,6 +169,12 @@ def take_sides(
 def _row(inputs: InputTable, case: int) -> int:
     """Return the number of the row that belongs to a case."""
     return inputs.rows[case] if inputs.rows.size > 0 else case
+
+
+@compiled_subset
+def _shift(inputs: InputTable, number: int) -> float:
+    """Return the time at which the clock of a case is zero, where there are records."""
+    return element(inputs.shift, inputs.shift_stride * number) if inputs.knots.size > 0 else 0.0
 
 
 @compiled_subset

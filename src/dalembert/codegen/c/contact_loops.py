@@ -18,6 +18,7 @@ from ...contacts.contact_steps import (
     contact_step,
     correct_phase,
     cut_phase,
+    mapped_contact_step,
     run_implicit_phase,
     run_phase,
     sample_end,
@@ -25,6 +26,7 @@ from ...contacts.contact_steps import (
     select_modes,
 )
 from ...contacts.phase_loop import PhaseArguments
+from ...contacts.phase_maps import EventMaps
 from ...ir.kernel import Kernel
 from ...ir.program import Program
 from ...lanes.sweep_arguments import SweepArguments
@@ -91,6 +93,10 @@ class ContactLoop:
         Coordinates that matter modulo a turn.
     contacts : tuple of (str, tuple of str)
         Name of each contact, and what it may do.
+    events : tuple of str
+        Names of events that users watch.
+    maps : EventMaps
+        Their maps.
     """
 
     phases: PhaseArguments
@@ -102,6 +108,8 @@ class ContactLoop:
     inputs: tuple[str, ...]
     angles: tuple[str, ...]
     contacts: tuple[tuple[str, tuple[str, ...]], ...]
+    events: tuple[str, ...]
+    maps: EventMaps
 
 
 CONSTANT_OF_LANE = "events.directions events.last events.used events.kinds events.read columns.stride"
@@ -112,6 +120,7 @@ _CONSTANT = {
     " row_owner owner angle",
     "phases.plan": "columns guards terminal jumps runners.mode runners.size runners.parameters runners.events"
     " runners.first_guard runners.inside",
+    "maps": "terminal columns defaults",
     "mode": CONSTANT_OF_LANE,
 }
 """Arrays that never change; "mode" is that of each."""
@@ -152,7 +161,8 @@ class ContactSource:
             made = code.call(function, [steps, runner, Value(INTEGER, (str(i),))])
             self._made(made, _loop_name(prefix, "run_phase", i))
         code.add_tables_of_loops()
-        self.take_step = code.call(contact_step, [steps])[0]
+        step = mapped_contact_step if loop.maps.jumps.size else contact_step
+        self.take_step = code.call(step, [steps])[0]
         time = Value(NUMBER, ("t",))
         self.samples = [code.call(sample_phase, [steps, runner, time])[0] for runner in runners]
         self.sample_end = code.call(sample_end, [steps])[0]
@@ -187,10 +197,10 @@ def _memory(loop: ContactLoop, prefix: str) -> tuple[Workspace, dict[str, Value]
     sampled = phases.table.cases.x[0].copy()
     own = np.zeros(max(len(mode.program.kernel("initial").outputs) for mode in loop.modes))
     fields: list[tuple[str, Any]] = [("phases", PhaseArguments), ("sampled", Vector), ("place", ContactPlace)]
-    fields += [("own", Vector)]
+    fields += [("own", Vector), ("maps", EventMaps)]
     fields += [("decision", DecisionArguments), *((f"mode_{i}", SweepArguments) for i in range(len(modes)))]
     kind: Callable[..., Any] = NamedTuple("ContactRun", fields)  # type: ignore[misc]
-    arguments: Any = kind(*(phases, sampled, ContactPlace(), own, loop.decision, *modes))
+    arguments: Any = kind(*(phases, sampled, ContactPlace(), own, loop.maps, loop.decision, *modes))
     constant = {
         f"{path}.{name}"
         for part, names in _CONSTANT.items()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, final
 
 from ...contacts.contact_laws import STATES
 from ...contacts.phase_tables import NOT_STARTED
@@ -42,7 +42,9 @@ def simulator_of(source: CSource) -> Simulator:
         return FixedSimulator(source)
     if source.events is not None:
         return EventSimulator(source)
-    return Simulator(source) if source.contacts is None else ContactSimulator(source)
+    if source.contacts is None:
+        return Simulator(source)
+    return ContactEventSimulator(source) if source.watched else ContactSimulator(source)
 
 
 class ContactSimulator(Simulator):
@@ -95,10 +97,11 @@ class ContactSimulator(Simulator):
             "input_places": list(coefficient_places(loop.parameters, loop.inputs)),
             "cuts": loops.cuts,
             "not_started": NOT_STARTED,
+            "n_events": len(self.source.watched),
         }
         further = self._further_variables(loops.space.beginning_used(loops.code.text, needed), f"{self.prefix}_step")
         self.corrections = loops.corrections
-        steps = self._changing_steps(loops.take_step, n_events=0, n_locks=0)
+        steps = self._changing_steps(loops.take_step, n_events=len(self.source.watched), n_locks=0, phases=True)
         return {"header": self._header_variables(members), "functions": functions, "steps": steps, **further}
 
     def _needed(self) -> set[str]:
@@ -107,6 +110,7 @@ class ContactSimulator(Simulator):
         count = len(self.source.contacts.modes)
         needed = {"sampled", "place", "phases.plan.most_steps", *(f"phases.table.{name}" for name in _TABLE)}
         needed |= {"phases.table.turn"} if self.layout.inputs else set()
+        needed |= {"phases.table.occurred", "phases.space.happened"} if self.source.watched else set()
         return needed | {f"mode_{i}.{name}" for i in range(count) for name in ("limits", "state.constants")}
 
     def _mode_kernels(self, number: int) -> dict[str, Any]:
@@ -122,3 +126,10 @@ class ContactSimulator(Simulator):
             self._print(name, kernel, f"{what.capitalize()} where contacts {' and '.join(mode.states)}")
         inputs = [str(place) for place in coefficient_places(mode.program.layout.parameters, self.layout.inputs)]
         return {what: self._name(name) for what, name in named.items()} | {"inputs": inputs}
+
+
+@final
+class ContactEventSimulator(ContactSimulator):
+    """A simulator in C99 of a scene whose contacts change, with events."""
+
+    statuses: ClassVar[tuple[Status, ...]] = (*ContactSimulator.statuses, Status.EVENT, Status.EVENT_STATE)

@@ -113,9 +113,16 @@ class CSource:
         return tuple(self.program.layout.state[i] for i in angles_of(self.program))
 
     @property
+    def watched(self) -> tuple[str, ...]:
+        """Names of the events."""
+        if self.contacts is not None:
+            return self.contacts.events
+        return () if self.events is None else self.events.events
+
+    @property
     def goes_on(self) -> bool:
         """Whether a run can continue behind its end."""
-        return self.events is None and (self.contacts is None or bool(self.contacts.inputs))
+        return (self.events is None and self.contacts is None) or bool(self.program.layout.inputs)
 
     @property
     def begun(self) -> int:
@@ -169,7 +176,7 @@ def enumerations(source: CSource) -> list[dict[str, Any]]:
         ("Inputs", "input", layout.inputs),
         ("Outputs", "output", layout.outputs),
         ("Contacts", "contact", _contacts(source)),
-        ("Events", "event", _events(source)),
+        ("Events", "event", source.watched),
     ]
     return [{"title": title, "kind": kind, "entries": _entries(names)} for title, kind, names in groups]
 
@@ -219,7 +226,7 @@ def readme_variables(source: CSource, prefix: str) -> dict[str, Any]:
         ("State", layout.state, False),
         ("Coordinates", layout.coordinates, False),
         ("Contacts", _contacts(source), False),
-        ("Events", _events(source), False),
+        ("Events", source.watched, False),
     ]
     return {
         "prefix": prefix,
@@ -236,7 +243,7 @@ def readme_variables(source: CSource, prefix: str) -> dict[str, Any]:
         "constraints": [plain(label) for label in layout.constraints],
         "locks": bool(source.locking),
         "contacts": source.contacts is not None,
-        "events": source.events is not None,
+        "events": bool(source.watched),
         "goes_on": source.goes_on,
         "step": step_of(source),
         "single": source.single,
@@ -252,10 +259,6 @@ def _steps(source: CSource) -> str:
 
 def _contacts(source: CSource) -> tuple[str, ...]:
     return () if source.contacts is None else tuple(name for name, _ in source.contacts.contacts)
-
-
-def _events(source: CSource) -> tuple[str, ...]:
-    return () if source.events is None else source.events.events
 
 
 def _entries(names: tuple[str, ...]) -> list[dict[str, str]]:

@@ -6,7 +6,16 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
-from ...loops.event_steps import EventPlace, EventSteps, sample_step, take_implicit_step, take_step
+from ...loops.event_steps import (
+    EventPlace,
+    EventSteps,
+    continue_run,
+    cut_run,
+    sample_step,
+    take_implicit_step,
+    take_step,
+    take_step_with_inputs,
+)
 from ...methods.status import Status
 from ...subset.arguments import kind_of
 from ...subset.compiled_subset import NUMBER
@@ -23,7 +32,7 @@ _AT = {
     "direction": "place.direction",
     "steps": "place.steps",
     "constants": "constants",
-    "evaluated": "place.steps",  # no scene with events has inputs, for which it is read
+    "evaluated": "runner.state.progress.paused",
     "now": "runner.state.states + run->runner.state.progress.old",
 }
 """Members of a run that its functions set and read."""
@@ -57,9 +66,12 @@ class EventSimulator(Simulator):
         space = workspace_of(steps, frozenset(), constant, codes)
         code = LoopSource(space, self.prefix, "fused", self._taken())
         value = Value(kind_of(EventSteps), (), "run", 0)
-        step = take_implicit_step if own.implicit else take_step
+        inputs = bool(self.layout.inputs)
+        step = take_implicit_step if own.implicit else take_step_with_inputs if inputs else take_step
         take = code.call(step, [value])[0]
         sample = code.call(sample_step, [value, Value(NUMBER, ("t",))])[0]
+        go_on = [code.call(continue_run, [value, Value(NUMBER, ("t1",))])[0]] if inputs else []
+        renew = [code.call(cut_run, [value])[0]] if inputs else []
         used = own.functions.used(code.text)
         self._finish(render("c/kernels.c.j2", {"kernels": self.kernels}) + used, code)
         needed = {"sampled", "place", "runner.state.states", "runner.state.progress", "runner.happened"}
@@ -74,11 +86,13 @@ class EventSimulator(Simulator):
             "n_events": len(own.events),
             "n_constants": len(self.program.kernel("prepare").outputs),
             "n_locks": n_locks,
+            "go_on": go_on,
         }
+        copies = ["runner.rows.constants", "runner.state.constants"] if inputs else []
         return {
             "header": self._header_variables(members) | {"n_locks": n_locks},
             "functions": functions,
             "steps": self._changing_steps(take, n_events=len(own.events), n_locks=n_locks),
-            **self._state_variables(),
+            **self._state_variables(renew, copies),
             **self._further_variables(space.beginning_used(code.text, needed), f"{self.prefix}_step"),
         }

@@ -237,12 +237,16 @@ class Simulator:
             **self._further_variables(space.beginning, "advance"),
         }
 
-    def _state_variables(self, renew: Sequence[str] = ()) -> dict[str, dict[str, Any]]:
-        """Return the variables of templates of simulators without contacts; calls follow where inputs change."""
+    def _state_variables(self, renew: Sequence[str] = (), copies: Sequence[str] = ()) -> dict[str, dict[str, Any]]:
+        """Return the variables of templates of simulators without contacts.
+
+        Calls follow where inputs change, which is also written to members that have copies of the constants.
+        """
         named, n_locks = {"prefix": self.prefix}, len(self.source.locking)
         state = named | {
             "at": {name: self.at[name] for name in ("constants", "evaluated", "time")},
             "renew": list(renew),
+            "copies": list(copies),
             "input_places": list(coefficient_places(self.layout.parameters, self.layout.inputs)),
             "n_inputs": len(self.layout.inputs),
             "n_outputs": len(self.layout.outputs),
@@ -287,7 +291,7 @@ class Simulator:
             "step": step_of(self.source),
             "n_further": len(self.layout.states),
             "n_locks": 0,
-            "n_events": 0 if self.source.events is None else len(self.source.events.events),
+            "n_events": len(self.source.watched),
             "goes_on": self.source.goes_on,
             "contact_states": self.contact_states,
             **dict.fromkeys(("n_values", "n_knowns", "n_guards", "exchanged", "corrected", "controlled"), 0),
@@ -304,7 +308,7 @@ class Simulator:
             "max_steps": MAX_STEPS,
         }
 
-    def _changing_steps(self, take_step: str, *, n_events: int, n_locks: int) -> dict[str, Any]:
+    def _changing_steps(self, take_step: str, *, n_events: int, n_locks: int, phases: bool = False) -> dict[str, Any]:
         """Return the variables of ``c/changing_steps.c.j2``."""
         return {
             "prefix": self.prefix,
@@ -314,6 +318,7 @@ class Simulator:
             "n_states": len(self.layout.state),
             "n_events": n_events,
             "n_locks": n_locks,
+            "phases": phases,
             "rounding": double(RESOLUTION),
         }
 

@@ -46,6 +46,7 @@ SOURCES: dict[str, tuple[str, str, Shape]] = {
     "implicit_loop": ("steps.implicit_loop", "LOOP", "loops"),
     "kernel_rows": ("steps.row_loops", "ROWS_LOOP", "loops"),
     "lane_loop": ("loops.lane_loop", "LOOP", "loops"),
+    "map_loop": ("contacts.phase_maps", "LOOP", "loops"),
     "phase_loop": ("contacts.phase_loop", "LOOP", "loops"),
     "prepared_loop": ("loops.prepared_loop", "LOOP", "loops"),
     "projected_lane_loop": ("loops.lane_loop", "PROJECTED_LOOP", "loops"),
