@@ -145,3 +145,56 @@ def test_faults():
         with pytest.raises(SceneError) as caught:
             scene.add_joints(da.RollingDisc(**good | changed))
         assert text in str(caught.value)
+
+
+def test_a_ball_on_a_turntable_goes_round_in_a_circle():
+    """At 2/7 of the table's angular velocity (E. J. Routh, Dynamics of a System of Rigid Bodies II, 1905, ch. V)."""
+    x, y, z = dynamicsymbols("x y z")
+    table, speed = N.orientnew("table", "Axis", (2 * T, N.z)), 2.0
+    S = ReferenceFrame("S")
+    scene = da.Scene("table", frame=N, origin=O, coordinates=[x, y, z])
+    G = sphere(scene, S, 2 * m * r**2 / 5, x * N.x + y * N.y + z * N.z)
+    scene.apply_uniform_gravity(-g * N.z)
+    scene.add_joints(da.RollingSphere("floor", "ball", centre=G, radius=r, plane=(O, table.z)))
+    forces = scene.reaction("floor", frame=N)
+    model = da.compile_model(scene, outputs={**forces, "x_ddot": x.diff(T, 2), "y_ddot": y.diff(T, 2)}, cache=False)
+    at, v = np.array([0.4, 0.2]), np.array([0.3, 0.1])
+    start = {"x": at[0], "y": at[1], "z": 0.2, "x_dot": v[0], "y_dot": v[1], "z_dot": 0}
+    rates = {"omega_S_x": -(v[1] - speed * at[0]) / 0.2, "omega_S_y": (v[0] + speed * at[1]) / 0.2, "omega_S_z": 0.3}
+    pose = {"e0_S": 1, "e1_S": 0, "e2_S": 0, "e3_S": 0}
+    run = model.simulate((0, 3), start | rates | pose, COIN, **TIMES)
+    w, t = 2 * speed / 7, run.t
+    turned = np.array([[np.sin(w * t), np.cos(w * t) - 1], [1 - np.cos(w * t), np.sin(w * t)]]) / w
+    x_t, y_t = at[:, None] + np.einsum("ijt,j->it", turned, v)
+    np.testing.assert_allclose(run["x"], x_t, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(run["y"], y_t, rtol=0, atol=1e-9)
+    for axis in "xy":
+        pushed = run[f"floor.force_{axis} on N"]
+        np.testing.assert_allclose(pushed, 0.1 * run[f"{axis}_ddot"], rtol=0, atol=1e-10)
+
+
+def test_a_disc_on_a_turntable_moves_as_by_hand():
+    runs = []
+    table = N.orientnew("table", "Axis", (2 * T, N.z))
+    for joint in (True, False):
+        scene, G, L, D = coin(six=False)
+        if joint:
+            scene.add_joints(da.RollingDisc("coin", "coin", centre=G, radius=r, axis=D.y, plane=(O, table.z)))
+        else:
+            touching = G.pos_from(O).dt(N) + D.ang_vel_in(N).cross(-r * L.z)
+            slip = touching - (2 * N.z).cross(G.pos_from(O) - r * L.z)
+            scene.add_nonholonomic_constraints(slip.dot(N.x), slip.dot(N.y))
+        start = {"x": 0.2, "y": 0, "heading": 0, "lean": 0.3, "spin": 0, "heading_dot": 0.8, "lean_dot": 0}
+        runs.append(da.compile_model(scene, cache=False).simulate((0, 3), start | {"spin_dot": 4.0}, COIN, **TIMES))
+    for name in ("x", "y", "heading", "lean", "spin"):
+        np.testing.assert_allclose(runs[0][name], runs[1][name], rtol=0, atol=1e-8)
+
+
+def test_a_normal_on_a_frame_that_turns_with_coordinates_is_that_of_a_floor_at_rest(by_hand):
+    start, exact = by_hand
+    scene, G, L, D = coin(six=False)
+    heading = next(frame for frame in L._dcm_dict if frame.name == "H")
+    scene.add_joints(da.RollingDisc("coin", "coin", centre=G, radius=r, axis=D.y, plane=(O, heading.z)))
+    run = da.compile_model(scene, outputs=[G], cache=False).simulate((0, 3), start, COIN, **TIMES)
+    for axis in "xyz":
+        assert run[f"G_{axis}"] == pytest.approx(exact[f"G_{axis}"], abs=1e-9)

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
+from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Particle, Point
 from sympy.physics.vector import Vector
 
@@ -50,7 +51,8 @@ class RollingDisc:
     axis : Vector
         Of the disc, fixed in the body; a unit vector.
     plane : (Point, Vector)
-        A point of the plane, and its unit normal on the side of the disc.
+        A point of the plane, and its unit normal on the side of the disc. A normal on a frame that turns about it as a
+        function of time makes the plane a turntable.
     other : str or RigidBody, optional
         The body that the plane is fixed on; by default the fixed frame.
 
@@ -125,7 +127,7 @@ class RollingSphere:
     radius : expression of parameters, or number
         [m]
     plane : (Point, Vector)
-        A point of the plane, and its unit normal on the side of the sphere.
+        A point of the plane, and its unit normal on the side of the sphere; see `RollingDisc` for turntables.
     other : str or RigidBody, optional
         The body that the plane is fixed on; by default the fixed frame.
 
@@ -177,15 +179,30 @@ Rolling = RollingDisc | RollingSphere
 def slip_of(scene: Scene, rolling: Rolling) -> tuple[Any, Any]:
     """Return the velocity of the contact point of the body relative to the plane, along the tangents [m/s]."""
     body, other = (body_of(scene, each, lambda _: None) for each in (rolling.body, rolling.other))
-    velocity = _velocity(scene, body, rolling.centre, rolling.arm) - _velocity(scene, other, rolling.contact_point, 0)
+    velocity = _velocity(scene, body, rolling.centre, rolling.arm)
+    if other is None:
+        velocity = velocity - _spin_of_plane(scene, rolling).cross(rolling.contact_point.pos_from(rolling.plane[0]))
+    else:
+        velocity = velocity - _velocity(scene, other, rolling.contact_point, 0)
     first, second = (velocity.dot(tangent) for tangent in rolling.tangents)
     return first, second
 
 
+def _spin_of_plane(scene: Scene, rolling: Rolling) -> Any:
+    """Return the angular velocity of a plane that no body carries.
+
+    It is that of the frame of its normal where that is a function of time. A frame that turns with coordinates, such as
+    the heading of a wheel, is not the plane's.
+    """
+    (_, frame), *more = rolling.plane[1].args
+    spin = Vector(0) if more else frame.ang_vel_in(scene.frame)
+    coordinates = {*scene.coordinates}
+    turns = any(matrix.atoms(AppliedUndef) & coordinates for matrix, _ in spin.args)
+    return Vector(0) if turns else spin
+
+
 def _velocity(scene: Scene, body: Any, point: Point, arm: Any) -> Any:
     """Return the velocity of a body's point at `arm` from a point: by the body's velocity field from its centre."""
-    if body is None:
-        return Vector(0)
     centre: Any = body.masscenter
     way = point.pos_from(centre) + arm
     return centre.pos_from(scene.origin).dt(scene.frame) + body.frame.ang_vel_in(scene.frame).cross(way)
