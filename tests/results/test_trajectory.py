@@ -5,7 +5,7 @@ import functools
 import numpy as np
 import pytest
 import sympy as sp
-from sympy.physics.mechanics import dynamicsymbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.errors import OptionError, UnknownNameError
@@ -213,3 +213,24 @@ def test_projection_holds_the_constraints_over_a_hundred_thousand_steps():
     assert max(worst["projected"]) <= 1e-12
     assert worst["augmented"][0] > 1e3 * worst["projected"][0]
     assert worst["augmented"][1] > 1e2 * worst["projected"][1]
+
+
+def test_an_estimate_of_two_runs_that_take_the_same_steps_says_so():
+    """A pendulum that a controller with a quantised angle holds up: between instants, tolerances choose nothing."""
+    a, u = dynamicsymbols("a u")
+    N, O = ReferenceFrame("N"), Point("O")
+    P1 = O.locatenew("P", sp.sin(a) * N.x + sp.cos(a) * N.y)
+    scene = da.Scene("quantised", frame=N, origin=O, coordinates=[a])
+    scene.add_bodies(Particle("bob", P1, 1))
+    scene.add_inputs(u)
+    scene.add_loads((P1, -10 * N.y + u * N.x))
+    law = -40 * sp.Rational(1, 500) * sp.floor(500 * a + sp.Rational(1, 2)) - 8 * a.diff()
+    scene.add_controllers(da.Controller("hold", period=sp.Rational(1, 50), inputs={u: law}))
+    held = da.compile_model(scene)
+    start = {"a": 0.1, "a_dot": 0.0}
+    run = held.simulate((0, 4), start, {}, error_estimate=True)
+    sweep = held.sweep((0, 4), start | {"a": np.array([0.1, 0.2])}, {}, error_estimate=True)
+    for result in (run, sweep):
+        assert "take the same steps" in result.stats.note
+        assert np.max(result.error_estimate["a"]) < 1e-16
+    assert trajectory(error_estimate=True).stats.note == ""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..arrays import FloatArray
 from ..errors import OptionError, nesting_named
 from ..methods.status import Status
+from ..methods.step_constants import EPSILON
 
 if TYPE_CHECKING:
     from .parts import Part
@@ -103,6 +104,15 @@ class ErrorEstimate:
         return np.abs(self._run[key] - self._twin[key])
 
 
+_SAME = (
+    "the two runs of the error estimate take the same steps to the same states, so that it does not see what rounding"
+    " grows to: compare with a run by another method, or with a smaller max_step"
+)
+
+
+_ROUNDING = 4.0 * EPSILON
+
+
 class Estimated(ABC):
     """Base class of results whose errors a twin at a tighter tolerance may estimate."""
 
@@ -119,9 +129,18 @@ class Estimated(ABC):
     def __getitem__(self, key: Any) -> NDArray[np.float64]: ...
 
     def with_twin(self, twin: Self) -> Self:
-        """Return this result with the estimate of its errors that a twin at a tighter tolerance gives."""
+        """Return this result with the estimate of its errors that a twin at a tighter tolerance gives.
+
+        Where short steps between stops leave the tolerance nothing to choose, both are the same up to rounding.
+        """
         self._twin = twin
-        return self
+        mine, theirs = self._ends(), twin._ends()
+        same = self.stats.steps == twin.stats.steps > 1 and mine.shape == theirs.shape
+        return self.with_note(_SAME if same and np.allclose(mine, theirs, _ROUNDING, 0.0, equal_nan=True) else "")
+
+    @abstractmethod
+    def _ends(self) -> FloatArray:
+        """Return the final states (k, n)."""
 
     @property
     def error_estimate(self) -> ErrorEstimate:

@@ -111,6 +111,9 @@ class Sweep(Estimated):
         """Reductions by name."""
         return NamedValues("reduction", {})
 
+    def _ends(self) -> FloatArray:
+        return self.y
+
     @property
     def y(self) -> FloatArray:
         """Final states (n_case, n_y)."""

@@ -181,6 +181,9 @@ class Trajectory(Estimated):
         variables = joined_variables(self.parts)
         return variables if self._order is None else variables[self._order]
 
+    def _ends(self) -> FloatArray:
+        return self.y[-1:]
+
     @property
     def y(self) -> FloatArray:
         """See the class."""
