@@ -106,16 +106,21 @@ print(json.dumps({"first": first, "run": best, "end": end, "status": int(found.g
 """
 
 
-def further(quick: bool) -> Iterator[tuple[Measure, Motion]]:
-    """Yield motions, and how each is measured."""
-    known = {motion.name: motion for motion in motions(quick)}
-    changing = []
+def changing(quick: bool) -> list[Motion]:
+    """Return motions whose contacts change."""
+    found = []
     for name in CONTACTS[:1] if quick else CONTACTS:
         case = contact_motion(name).motion
         end = min(case.times()[-1], 10.0)
-        changing.append(Motion(name, case.compile("auto"), case.initial, case.parameters, end))
-    yield from ((contacts, motion) for motion in changing)
-    yield from ((unit, motion) for motion in (*(known[name] for name in UNITS if name in known), *changing))
+        found.append(Motion(name, case.compile("auto"), case.initial, case.parameters, end))
+    return found
+
+
+def further(quick: bool) -> Iterator[tuple[Measure, Motion]]:
+    """Yield motions, and how each is measured."""
+    known, with_contacts = {motion.name: motion for motion in motions(quick)}, changing(quick)
+    yield from ((contacts, motion) for motion in with_contacts)
+    yield from ((unit, motion) for motion in (*(known[name] for name in UNITS if name in known), *with_contacts))
     for precision, names in (("double", FIXED), ("single", SINGLE)):
         yield from ((partial(fixed, precision=precision), known[name]) for name in names if name in known)
     for kind in ("numba", "jax"):

@@ -103,13 +103,14 @@ int main(int argc, char **argv)
 @final
 @dataclass(frozen=True)
 class Motion:
-    """A motion of a model, over a span from 0."""
+    """A motion of a model, over a span from 0, with events."""
 
     name: str
     model: Any
     initial: Any
     parameters: Any
     end: float
+    events: tuple[Any, ...] = ()
 
 
 @final

@@ -9,15 +9,23 @@ from __future__ import annotations
 import argparse
 import json
 import subprocess
+import sys
 import tempfile
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import exports
-from exports import ATOL, RTOL, Motion, measured, motions
+from export_kinds import changing
+from exports import ATOL, CLOCK, LEAST, PROGRAM, ROOT, RTOL, Motion, compiled, method_of, motions, ran
 from report import fill_page
 
+import dalembert as da
 from export.pages import parts  # of the tests, whose folder `exports` makes known
+
+sys.path.insert(0, str(ROOT / "docs"))
+
+from live_pages import PAGES
 
 MARKERS = ("<!-- pages: begin (written by benchmarks/pages.py) -->", "<!-- pages: end -->")
 TIMED = """
@@ -40,11 +48,24 @@ console.log(page.page_status(), best / 1000);
 """
 
 
+def further(quick: bool) -> Iterator[Motion]:
+    """Yield motions with contacts, and the walker of the live pages, whose strikes are events."""
+    yield from changing(quick)
+    if not quick:
+        live = PAGES["walker"]
+        model = da.compile_model(live.scene())
+        yield Motion("compass walker", model, live.initial, live.parameters, live.end, tuple(live.events()))
+
+
 def row(motion: Motion, folder: Path) -> str:
     """Return the line of a motion."""
-    native = measured(motion, folder)
-    given = {"initial": motion.initial, "parameters": motion.parameters, "method": native.method}
-    path = motion.model.export(folder / "a.html", "page", t_span=(0, motion.end), rtol=RTOL, atol=ATOL, **given)
+    given = {"initial": motion.initial, "parameters": motion.parameters, "events": motion.events}
+    given |= {"t_span": (0, motion.end), "rtol": RTOL, "atol": ATOL}
+    native = motion.model.export(folder / "export", **given)
+    method, prefix = method_of(native), next(native.glob("*.h")).stem
+    compiled(native, (CLOCK + PROGRAM).format(prefix, prefix.upper(), LEAST))
+    own, steps = ran(motion, native)
+    path = motion.model.export(folder / "a.html", "page", **given)
     described, codes = parts(path)
     asked = {"code": codes["run"], "given": [item["value"] for item in described["given"]], "span": described["span"]}
     program = TIMED.replace("LEAST", str(3000 * exports.LEAST))
@@ -52,7 +73,7 @@ def row(motion: Motion, folder: Path) -> str:
     status, seconds = done.stdout.split()
     if status != "0":
         raise RuntimeError(f"{motion.name} ends with the status {status}")
-    cells = (motion.name, native.method, native.steps, f"{1e6 * native.own:.0f}", f"{1e6 * float(seconds):.0f}")
+    cells = (motion.name, method, len(steps), f"{1e6 * own:.0f}", f"{1e6 * float(seconds):.0f}")
     return "| " + " | ".join(map(str, (*cells, f"{path.stat().st_size / 1e3:.0f}"))) + " |"
 
 
@@ -64,7 +85,7 @@ def main() -> None:
     options = reader.parse_args()
     warnings.simplefilter("ignore")
     lines = ["| motion | method | steps | C [us] | WebAssembly [us] | page [kB] |", "|---" * 6 + "|"]
-    for motion in motions(options.quick):
+    for motion in (*motions(options.quick), *further(options.quick)):
         with tempfile.TemporaryDirectory() as folder:
             lines.append(row(motion, Path(folder)))
         print(lines[-1], flush=True)

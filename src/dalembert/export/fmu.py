@@ -48,6 +48,17 @@ _OTHER_TYPES = {
 }
 """Types of variables that no unit has, by versions, and what to call them."""
 
+_EVERYWHERE = "contacts controlled exchanged n_states prefix stops upper"
+
+_PARTS = {
+    "unit": "corrected first_input guid indicated inputs n_given n_knowns n_locks n_slopes rtol span starts"
+    " state_references version",
+    "unit_values": "first_input first_known_parameter inputs n_all n_known_parameters n_known_states n_knowns"
+    " n_references n_values n_wanted",
+    "unit_exchange": "corrected first_indicator n_indicators n_locks n_values nominal",
+}
+"""Templates of the functions of a unit, in their order, and the variables of each besides those `_EVERYWHERE`."""
+
 
 def fmu_files(source: CSource, platforms: Sequence[str] | None = None, version: str = "2.0") -> dict[str, str | bytes]:
     """Return the files of a unit by their names in the archive.
@@ -70,7 +81,11 @@ def fmu_files(source: CSource, platforms: Sequence[str] | None = None, version: 
     guid = hashlib.sha256("".join(texts.values()).encode()).hexdigest()[:32]
     variables = unit_variables(simulator, independent=version != "2.0")
     functions = _functions(simulator, variables, version) | {"guid": guid}
-    texts[f"fmi{digit}.c"] = render("fmi/unit.c.j2", functions) + _interface(simulator, functions, digit)
+    parts = [
+        render(f"fmi/{name}.c.j2", {key: functions[key] for key in f"{_EVERYWHERE} {own}".split()})
+        for name, own in _PARTS.items()
+    ]
+    texts[f"fmi{digit}.c"] = "".join(parts) + _interface(simulator, functions, digit)
     sources = [f"{prefix}.c", f"fmi{digit}.c"]
     described = _description(simulator, variables, digit, sources) | {"guid": guid}
     files: dict[str, str | bytes] = {"modelDescription.xml": render(f"fmi/fmi{digit}.xml.j2", described)}
@@ -131,6 +146,8 @@ def _functions(simulator: AnyUnit, variables: UnitVariables, version: str) -> di
     """Return the variables of the templates of the functions of a unit."""
     source, layout = simulator.source, simulator.layout
     wanted = [*source.start.given, *source.parameters, *layout.inputs]
+    n_locks = len(source.locking) if simulator.exchanged else 0
+    first_indicator = simulator.n_values - len(variables.indicators) if variables.indicators else 0
     return {
         "version": version,
         "prefix": simulator.prefix,
@@ -143,7 +160,8 @@ def _functions(simulator: AnyUnit, variables: UnitVariables, version: str) -> di
         "n_states": len(layout.state),
         "n_values": simulator.n_values,
         "n_knowns": simulator.n_knowns,
-        "n_locks": len(source.locking) if simulator.exchanged else 0,
+        "n_locks": n_locks,
+        "indicated": [(first_indicator, simulator.n_values)] if n_locks else [],
         "n_indicators": len(variables.indicators),
         "first_input": len(wanted) - len(layout.inputs),
         "starts": rows_of([double(float(source.numbers.get(name, 0.0))) for name in wanted] or ["0.0"]),
@@ -155,7 +173,7 @@ def _functions(simulator: AnyUnit, variables: UnitVariables, version: str) -> di
         "stops": source.contacts is not None and version != "2.0",
         "span": "" if source.contacts is None else double(abs(source.span[1] - source.span[0])),
         "inputs": len(layout.inputs),
-        "first_indicator": simulator.n_values - len(variables.indicators) if variables.indicators else 0,
+        "first_indicator": first_indicator,
         "n_all": simulator.n_values + 1,
         "n_references": len(wanted) + simulator.n_values,
         "n_known_states": simulator.n_known_states,

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from ..codegen.c.descriptions import CSource, plain, readme_variables
-from ..codegen.c.simulator import STATUS_TEXTS, STATUSES
+from ..codegen.c.template_variables import STATUS_TEXTS, STATUSES
 from ..methods.status import Status
 from ..version import __version__
 

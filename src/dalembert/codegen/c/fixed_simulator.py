@@ -16,8 +16,9 @@ from ...transforms.taylor import STEP_ARGUMENTS
 from ..rendering import render
 from .descriptions import CSource
 from .printing import SINGLE
-from .simulator import STATUSES, Simulator
+from .simulator import Simulator
 from .single import in_single, kernel_in_single
+from .template_variables import STATUSES
 
 _NO_END = (Status.MAX_STEPS, Status.STEP_TOO_SMALL)
 """Statuses of runs that choose their steps."""

@@ -2,54 +2,26 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
 from ...ir.kernel import Kernel
-from ...ir.program import coefficient_places
-from ...methods.status import Status
-from ...methods.step_constants import RESOLUTION
-from ...options import MAX_STEPS
 from ...transforms.passes import EliminateDeadCode
 from ...transforms.periodic import angles_of
 from ...transforms.recurrences import recurrences
 from ...transforms.taylor import STEP_ARGUMENTS, step_kernel
 from ..library import derivative_of
-from ..llvm.vector_functions import shared_constants
 from ..rendering import banner_lines, render
-from .descriptions import (
-    CSource,
-    enumerations,
-    main_variables,
-    names_and_numbers,
-    plain,
-    quoted,
-    readme_variables,
-    step_of,
-)
-from .kernels import elementary_variables, kernel_variables, table_variables
+from .descriptions import CSource, plain
+from .kernels import kernel_variables
 from .library import LARGEST_STRAIGHT
 from .order_loops import order_loop_variables
-from .printing import double, prefix_of
+from .preludes import source_of
 from .run_loops import RunLoop, explicit_loop_of, implicit_loop_of, taylor_loop_of
 from .source import LoopSource
+from .template_variables import TemplateVariables
 from .workspace import workspace_of
-
-STATUSES = (
-    Status.SUCCESS,
-    Status.MAX_STEPS,
-    Status.STEP_TOO_SMALL,
-    Status.NON_FINITE,
-    Status.PROJECTION_FAILED,
-    Status.INITIAL_STATE,
-    Status.SINGULAR_CONFIGURATION,
-    Status.SINGULAR_COORDINATES,
-    Status.ASSUMPTION,
-    Status.TIMES_IN_NO_ORDER,
-)
-"""Statuses of exported runs."""
 
 _PUBLIC = (
     *("run", "start", "step", "at", "continue", "set_input", "simulate", "time", "expand", "outputs", "energy"),
@@ -57,43 +29,24 @@ _PUBLIC = (
 )
 """Ends of the names of public functions."""
 
-STATUS_TEXTS = {
-    Status.TIMES_IN_NO_ORDER: "The times are not finite, not sorted, or before the last step.",
-    Status.INITIAL_STATE: "The initial values contradict a constraint: see the number of the check.",
-    Status.ASSUMPTION: "A parameter or an initial value contradicts what its symbol was declared to be.",
-    Status.SINGULAR_CONFIGURATION: "Constraints depend on each other at the start, or do not determine the motion.",
-}
-"""Texts of statuses of exported runs that differ from their messages."""
 
-
-class Simulator:
+class Simulator(TemplateVariables):
     """A simulator in C99 of a scene without contacts that change.
 
     Attributes
     ----------
     files : dict of str to str
         The texts of its files, by their names.
-    prefix : str
-        Of all public names.
-    at : mapping of str to str
-        Members of a run, see `dalembert.codegen.c.run_loops.RunLoop`.
     """
-
-    statuses: ClassVar[tuple[Status, ...]] = STATUSES
-    """Statuses of its runs."""
-
-    contact_states: ClassVar[tuple[str, ...]] = ()
-    """Names of the states of contacts that change, by their numbers; empty without such contacts."""
 
     template: ClassVar[str] = "c/functions.c.j2"
     """Template of the public functions."""
 
     def __init__(self, source: CSource) -> None:
-        self.source, self.program, self.layout = source, source.program, source.program.layout
-        self.prefix = prefix_of(source.program.name)
+        super().__init__(source)
         self.kernels: list[dict[str, Any]] = []
         self.order_loops: list[str] = []
-        self.source_code, self.at = "", dict[str, str]()
+        self.source_code = ""
         variables, prefix = self._variables(), self.prefix
         self.files = {
             f"{prefix}.h": render("c/header.h.j2", variables["header"]),
@@ -237,36 +190,6 @@ class Simulator:
             **self._further_variables(space.beginning, "advance"),
         }
 
-    def _state_variables(self, renew: Sequence[str] = (), copies: Sequence[str] = ()) -> dict[str, dict[str, Any]]:
-        """Return the variables of templates of simulators without contacts.
-
-        Calls follow where inputs change, which is also written to members that have copies of the constants.
-        """
-        named, n_locks = {"prefix": self.prefix}, len(self.source.locking)
-        state = named | {
-            "at": {name: self.at[name] for name in ("constants", "evaluated", "time")},
-            "renew": list(renew),
-            "copies": list(copies),
-            "input_places": list(coefficient_places(self.layout.parameters, self.layout.inputs)),
-            "n_inputs": len(self.layout.inputs),
-            "n_outputs": len(self.layout.outputs),
-            "n_variables": len(self.program.kernel("expand").outputs),
-        }
-        locks = named | {
-            "at": {name: self.at[name] for name in ("constants", "now", "time")},
-            "n_locks": n_locks,
-        }
-        return {"state": state} | ({"locks": locks} if n_locks else {})
-
-    def _further_variables(self, beginning: Sequence[tuple[str, str]], advance: str) -> dict[str, dict[str, Any]]:
-        """Return the variables of what all simulators have; members begin so, and a function takes steps."""
-        return {
-            "starts": self._start_variables(beginning),
-            "texts": self._text_variables(advance),
-            "main": main_variables(self.source, self.prefix),
-            "readme": readme_variables(self.source, self.prefix),
-        }
-
     def _taken(self) -> frozenset[str]:
         """Return the names of functions that are not those of loops."""
         kernels = {kernel["name"] for kernel in self.kernels}
@@ -278,135 +201,6 @@ class Simulator:
         loops: tuple[Any, ...] = () if code is None else (code.text, code.used, self._name("run"))
         self.source_code = source_of(banner, [f"{self.prefix}.h"], printed, *loops)
 
-    def _header_variables(self, members: list[str]) -> dict[str, Any]:
-        """Return the variables of ``c/header.h.j2`` for the members of a run, of one whose angles do not lock."""
-        return {
-            **names_and_numbers(self.source, self.prefix),
-            "banner": [plain(line) for line in banner_lines(self.program)],
-            "statuses": [{"name": status.name, "number": int(status)} for status in self.statuses],
-            "guard": f"{self.prefix.upper()}_H",
-            "enumerations": enumerations(self.source),
-            "members": members,
-            "max_steps": MAX_STEPS,
-            "step": step_of(self.source),
-            "n_further": len(self.layout.states),
-            "n_locks": 0,
-            "n_events": len(self.source.watched),
-            "goes_on": self.source.goes_on,
-            "contact_states": self.contact_states,
-            **dict.fromkeys(("n_values", "n_knowns", "n_guards", "exchanged", "corrected", "controlled"), 0),
-        }
-
-    def _function_variables(self) -> dict[str, Any]:
-        """Return variables of the public functions of all simulators."""
-        return {
-            "prefix": self.prefix,
-            "upper": self.prefix.upper(),
-            "at": self.at,
-            "n_states": len(self.layout.state),
-            "n_started": max(len(self.source.start.kernel.outputs), 1),
-            "max_steps": MAX_STEPS,
-        }
-
-    def _changing_steps(self, take_step: str, *, n_events: int, n_locks: int, phases: bool = False) -> dict[str, Any]:
-        """Return the variables of ``c/changing_steps.c.j2``."""
-        return {
-            "prefix": self.prefix,
-            "upper": self.prefix.upper(),
-            "at": {name: self.at[name] for name in ("time", "direction")},
-            "take_step": take_step,
-            "n_states": len(self.layout.state),
-            "n_events": n_events,
-            "n_locks": n_locks,
-            "phases": phases,
-            "rounding": double(RESOLUTION),
-        }
-
-    def _start_variables(self, beginning: Sequence[tuple[str, str]]) -> dict[str, Any]:
-        """Return the variables of ``c/starts.c.j2``; members begin so."""
-        source, parameters, admission = self.source, self.layout.parameters, self.source.admission
-        return {
-            "prefix": self.prefix,
-            "upper": self.prefix.upper(),
-            "at": {"constants": self.at["constants"]},
-            "beginning": list(beginning),
-            "defaults": [(parameters.index(name), double(value)) for name, value in source.defaults.items()],
-            "parameter_places": [parameters.index(name) for name in source.parameters],
-            "n_given": max(len(parameters), 1),
-            "n_initial": len(source.start.given),
-            "n_begun": source.begun,
-            "n_checks": len(source.start.labels),
-            "n_tests": 0 if admission is None else len(admission.outputs),
-            "dependent_tests": self._dependent_tests(),
-            "n_constants": len(self.program.kernel("prepare").outputs),
-            "forward_only": source.forward_only,
-        }
-
-    def _text_variables(self, advance: str) -> dict[str, Any]:
-        """Return the variables of ``c/texts.c.j2``; a function takes steps."""
-        statuses = [
-            {"name": status.name, "text": quoted(STATUS_TEXTS.get(status, status.message))} for status in self.statuses
-        ]
-        return {
-            "prefix": self.prefix,
-            "upper": self.prefix.upper(),
-            "at": {"time": self.at["time"]},
-            "advance": advance,
-            "n_states": len(self.layout.state),
-            "checks": [quoted(f"{kind}: {label}") for kind, label in self.source.start.labels],
-            "statuses": statuses,
-        }
-
-    def _dependent_tests(self) -> list[tuple[int, int]]:
-        """Return the places of the number of constraints that depend on others and of its limit, where it is tested."""
-        if self.source.admission is None or not self.source.dependent:
-            return []
-        count = len(self.source.admission.outputs)
-        return [(count - 2, count - 1)]
-
 
 def _elements(pairs: Sequence[tuple[str, str]]) -> list[dict[str, str]]:
     return [{"member": member, "value": value} for member, value in pairs]
-
-
-def _numbers(value: Any) -> Any:
-    """Return numbers as literals, in tuples and mappings."""
-    if isinstance(value, dict):
-        return {key: _numbers(item) for key, item in value.items()}
-    return [_numbers(item) for item in value] if isinstance(value, tuple) else double(value)
-
-
-def source_of(
-    banner: Sequence[str],
-    headers: Sequence[str],
-    printed: str,
-    loops: str = "",
-    used: Collection[str] = (),
-    run: str = "",
-) -> str:
-    """Return a source without its public functions: what is called, tables, printed kernels, and loops.
-
-    `used` are the functions of the prelude that the loops call, and `run` is the type of what loops in tables take.
-    """
-    tables, elementary = table_variables(printed), elementary_variables(printed)
-    printed = (render("c/elementary.c.j2", elementary) if elementary else "") + printed
-    prelude = {
-        "banner": list(banner),
-        "headers": list(headers),
-        "used": _used(printed + loops, used),
-        "runs": [run] if "loop_function" in loops else [],
-        "constants": {key: _numbers(value) for key, value in shared_constants().items()},
-    }
-    text = render("c/prelude.c.j2", prelude)
-    return text + (render("c/tables.c.j2", {"tables": tables}) if tables else "") + printed + loops
-
-
-_PRELUDE = re.compile(r"\b(fused|angle_of|rough_log2|rough_exp2|kernel_function|loop_function|inputs_fit)\b")
-
-
-def _used(text: str, loops: Collection[str]) -> list[str]:
-    """Return the functions of the prelude that a text calls."""
-    used = {*loops, *_PRELUDE.findall(text)}
-    if used & {"angle_of", "rough_log2", "rough_exp2"}:
-        used.add("fused")
-    return sorted(used)
