@@ -7,11 +7,9 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, 
 
 import dalembert as da
 from codegen.c_programs import built, compiler, fuses, output
-from dalembert.codegen.c.contact_simulator import c_files
 from dalembert.codegen.llvm.target import target
 from dalembert.contacts.contact_laws import STATES
 from dalembert.errors import CapabilityError
-from dalembert.export.simulator import c_source
 from export.pages import need_pages, parts, run_of
 from hard_cases.contacts import contact_motion
 
@@ -218,13 +216,6 @@ def test_two_rough_contacts_that_open_fit_in_a_page(tmp_path):
     assert printed["status"] == run.status == 0 and len(run.phases) > 2
     for key in model.layout.variables:
         np.testing.assert_allclose(found[key], run[key], rtol=1e-9, atol=1e-9, err_msg=key)
-
-
-def test_an_export_is_the_same_text_every_time():
-    """It holds no addresses of the process that writes it."""
-    sources = [c_source(ball()[0], None, {}, "taylor", (1e-8, 1e-10), (0.0, 1.0)) for _ in range(2)]  # both at once
-    first, second = map(c_files, sources)
-    assert first == second
 
 
 # -- what is not exported -------------------------------------------------------------------------

@@ -191,10 +191,10 @@ def _memory(loop: ContactLoop, prefix: str) -> tuple[Workspace, dict[str, Value]
     phases, modes = loop.phases, [mode.arguments for mode in loop.modes]
     codes |= {int(mode.kernels.check): Known(CHECK) for mode in modes}
     entries = AddressTable([entry("run_phase", i) for i in range(len(modes))])
-    packed, decision = (np.zeros_like(each) for each in (phases.space.packed_args, phases.space.decision))
-    phases = phases._replace(  # what is packed has addresses of this process, and loops of C do not read it
+    packed = np.empty((len(modes), 0), np.int64)  # loops in C read the run; packed arguments are addresses in a process
+    phases = phases._replace(
         plan=phases.plan._replace(decide=entry("select_modes")),
-        space=phases.space._replace(entries=entries, packed_args=packed, decision=decision),
+        space=phases.space._replace(entries=entries, packed_args=packed, decision=packed[:1]),
     )
     sampled = phases.table.cases.x[0].copy()
     own = np.zeros(max(len(mode.program.kernel("initial").outputs) for mode in loop.modes))

@@ -1,0 +1,83 @@
+"""Exports of the same scenes from two processes: every file has the same bytes."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from sympy.physics.mechanics import dynamicsymbols
+
+import dalembert as da
+from export.test_contact_simulators import block
+from export.test_events import pendulum
+from export.test_events_beside_contacts import ball
+from hard_cases.contacts import contact_motion
+
+MEMORY = ("17", "213")
+"""Bytes that glibc writes to memory that it hands out, one a process: files must not hold what lies there."""
+
+
+def write_contacts(folder):
+    """Export a block on a belt, which slips and sticks."""
+    case = contact_motion("block on a belt").motion
+    case.compile("auto").export(folder / "a", initial=case.initial, parameters=case.parameters, t_span=(0, 2))
+
+
+def write_contacts_with_events(folder):
+    """Export a ball over a floor, with an event that maps its state."""
+    model, start, numbers, events = ball()
+    model.export(folder / "a", initial=start, parameters=numbers, t_span=(0, 2), events=events)
+
+
+def write_contacts_with_inputs(folder):
+    """Export a block that an input pushes, with an event."""
+    x, u = dynamicsymbols("x u")
+    model, start, numbers = da.compile_model(block(push=u)[0]), {"x": 0.0, "x_dot": 0.0}, {"m": 1.0, "mu": 0.5}
+    model.export(folder / "a", initial=start, parameters=numbers, t_span=(0, 2), events=[da.Event(x - 1)])
+
+
+def write_events(folder):
+    """Export a pendulum that strikes a stop, with explicit and implicit steps."""
+    model, start, numbers, events = pendulum()
+    for method in ("taylor", "radau"):
+        given = {"initial": start, "parameters": numbers, "t_span": (0, 2), "method": method}
+        model.export(folder / method, events=events, **given)
+
+
+def write_units(folder):
+    """Export a ball over a floor as units, without binaries, whose bytes are those of a compiler."""
+    case = contact_motion("bouncing ball").motion
+    model = da.compile_model(da.scenes.bouncing_ball(), outputs=["N"])
+    given = {"initial": case.initial, "parameters": case.parameters, "t_span": (0, 2), "platforms": []}
+    for version in ("2.0", "3.0"):
+        model.export(folder / f"{version}.fmu", "fmu", fmi=version, **given)
+
+
+def write_all(folder):
+    """Make all exports, each in a folder of its own."""
+    writers = write_contacts, write_contacts_with_events, write_contacts_with_inputs, write_events, write_units
+    for writer in writers:
+        own = folder / writer.__name__
+        own.mkdir(parents=True)
+        writer(own)
+
+
+def started(folder, seed):
+    """Start a process that makes all exports."""
+    path = os.pathsep.join([str(Path(da.__file__).parents[1]), str(Path(__file__).parents[1])])
+    environment = {**os.environ, "PYTHONPATH": path, "PYTHONHASHSEED": seed, "MALLOC_PERTURB_": MEMORY[int(seed)]}
+    code = f"from pathlib import Path; from export.test_equal_text import write_all; write_all(Path({str(folder)!r}))"
+    return subprocess.Popen([sys.executable, "-c", code], env=environment)
+
+
+def test_processes_write_the_same_bytes(tmp_path):
+    """No address, hash or date of a process is in a file."""
+    folders = [tmp_path / seed for seed in "01"]
+    processes = [started(folder, folder.name) for folder in folders]
+    assert [process.wait() for process in processes] == [0, 0]
+    first, second = (
+        {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+        for folder in folders
+    )
+    assert len(first) == 5 * 6 + 2 and first.keys() == second.keys()
+    assert [name for name in sorted(first) if first[name] != second[name]] == []
