@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dalembert as da
-from dalembert.errors import OptionError, UnknownNameError
+from dalembert.errors import CapabilityError, OptionError, UnknownNameError
 from dalembert.methods.status import Status
 from oracles.complex_step import derivatives
 
@@ -111,6 +111,17 @@ def test_wrong_names():
         sleigh(wrt=["b"], of=["z"])
     with pytest.raises(OptionError, match="at least one"):
         sleigh(wrt=[])
+
+
+def test_options_that_only_other_calls_have():
+    model, (p, initial, _) = compiled("chaplygin_sleigh", "projected"), MOTIONS["chaplygin_sleigh"]
+    hit = da.Event("x", apply={"x_dot": "-x_dot"})
+    with pytest.raises(CapabilityError, match=r"does not have events=.*differences of two runs of simulate\(events="):
+        model.sensitivity((0, 1), initial, p, wrt=["b"], events=[hit])
+    with pytest.raises(OptionError, match=r"'max_step'\. Did you mean 'max_steps'\? Known: wrt, inputs,.*t_eval gives"):
+        model.sensitivity((0, 1), initial, p, wrt=["b"], max_step=0.1)
+    with pytest.raises(OptionError, match=r"'progress'\. Known: (.|\n)*option 'with_respect'"):
+        model.sensitivity((0, 1), initial, p, progress=True, with_respect=["b"])
 
 
 def test_failure_is_a_status():
