@@ -113,6 +113,18 @@ def test_wrong_names():
         sleigh(wrt=[])
 
 
+def test_values_that_have_to_be_compiled_as_outputs():
+    p, initial, _ = MOTIONS["chaplygin_sleigh"]
+    model = da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy")
+    for name, kind in (("energy", "an energy"), ("X", "a reaction of the scene"), ("x_ddot", "an acceleration")):
+        with pytest.raises(UnknownNameError, match=rf"It is {kind}; request .*\(scene, outputs=\['{name}'\]\)"):
+            model.sensitivity((0, 1), initial, p, wrt=["b"], of=["x", name])
+    asked = da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy", outputs=["kinetic_energy"])
+    found = asked.sensitivity((0, 1), initial, p, wrt=["theta_dot"], of=["kinetic_energy"])
+    slope = p["I_C"] * initial["theta_dot"]  # T = m v^2 / 2 + I_C w^2 / 2 is constant
+    np.testing.assert_allclose(found.jacobian("kinetic_energy", "theta_dot"), slope, rtol=1e-7)
+
+
 def test_options_that_only_other_calls_have():
     model, (p, initial, _) = compiled("chaplygin_sleigh", "projected"), MOTIONS["chaplygin_sleigh"]
     hit = da.Event("x", apply={"x_dot": "-x_dot"})

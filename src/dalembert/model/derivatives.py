@@ -87,8 +87,8 @@ def sensitivity(
         An input is the number that it is given, or the values of its samples, which are called "u[0]", "u[1]", ...;
         one of them alone may be named too.
     of : iterable of symbols or names, optional
-        Coordinates, rates, states and their rates, components of the state and outputs; by default all
-        coordinates, rates and states.
+        Coordinates, rates, states and their rates, components of the state and outputs that were compiled, energies
+        too; by default all coordinates, rates and states.
 
     Returns
     -------
