@@ -125,7 +125,8 @@ def sensitivity(
     if self.modes is not None:
         raise CapabilityError(
             f"derivatives across changes of contacts ({list_names(self.contacts)}) are not computed: differentiate runs"
-            " of one mode, as model.mode().sensitivity(...), or take differences of runs"
+            f" of one mode, as model.mode({self.modes.automaton.example}).sensitivity(...), where contacts that"
+            " are not named are closed and slip, or take differences of runs"
         )
     if options.fits_atol:
         simulate = partial(self.simulate, t_span, initial, parameters, inputs=inputs, t_eval=t_eval)
