@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dalembert as da
-from dalembert.errors import OptionError, UnknownNameError
+from dalembert.errors import CapabilityError, OptionError, UnknownNameError
 from dalembert.methods.status import Status
 from oracles.complex_step import derivatives
 
@@ -111,6 +111,29 @@ def test_wrong_names():
         sleigh(wrt=["b"], of=["z"])
     with pytest.raises(OptionError, match="at least one"):
         sleigh(wrt=[])
+
+
+def test_values_that_have_to_be_compiled_as_outputs():
+    p, initial, _ = MOTIONS["chaplygin_sleigh"]
+    model = da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy")
+    for name, kind in (("energy", "an energy"), ("X", "a reaction of the scene"), ("x_ddot", "an acceleration")):
+        with pytest.raises(UnknownNameError, match=rf"It is {kind}; request .*\(scene, outputs=\['{name}'\]\)"):
+            model.sensitivity((0, 1), initial, p, wrt=["b"], of=["x", name])
+    asked = da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy", outputs=["kinetic_energy"])
+    found = asked.sensitivity((0, 1), initial, p, wrt=["theta_dot"], of=["kinetic_energy"])
+    slope = p["I_C"] * initial["theta_dot"]  # T = m v^2 / 2 + I_C w^2 / 2 is constant
+    np.testing.assert_allclose(found.jacobian("kinetic_energy", "theta_dot"), slope, rtol=1e-7)
+
+
+def test_options_that_only_other_calls_have():
+    model, (p, initial, _) = compiled("chaplygin_sleigh", "projected"), MOTIONS["chaplygin_sleigh"]
+    hit = da.Event("x", apply={"x_dot": "-x_dot"})
+    with pytest.raises(CapabilityError, match=r"does not have events=.*differences of two runs of simulate\(events="):
+        model.sensitivity((0, 1), initial, p, wrt=["b"], events=[hit])
+    with pytest.raises(OptionError, match=r"'max_step'\. Did you mean 'max_steps'\? Known: wrt, inputs,.*t_eval gives"):
+        model.sensitivity((0, 1), initial, p, wrt=["b"], max_step=0.1)
+    with pytest.raises(OptionError, match=r"'progress'\. Known: (.|\n)*option 'with_respect'"):
+        model.sensitivity((0, 1), initial, p, progress=True, with_respect=["b"])
 
 
 def test_failure_is_a_status():

@@ -1,6 +1,7 @@
 """Every fault of a friction law or a contact is reported, by name, with what to do."""
 
 import math
+import re
 
 import pytest
 import sympy as sp
@@ -191,9 +192,59 @@ def test_what_only_the_model_of_a_mode_has():
     model = da.compile_model(da.scenes.bouncing_ball(), backend="numpy")
     with pytest.raises(AttributeError, match=r"no 'expand' of its own.*model\.mode\(.*\)\.expand"):
         _ = model.expand
-    with pytest.raises(CapabilityError, match=r"across changes of contacts \(ground\).* model\.mode\(\)\.sensitivity"):
+    with pytest.raises(
+        CapabilityError, match=r"across changes of contacts \(ground\).* model\.mode\(ground='open'\)\.sens"
+    ):
         model.sensitivity((0, 1), {}, {}, wrt=["g"])
     assert not hasattr(model, "velocity") and model.mode().prepare
+
+
+def call_in(error):
+    """Return the arguments of the call of `mode` that a message gives."""
+    return re.search(r"as model\.mode\((.*?)\)\.sensitivity", str(error.value)).group(1)
+
+
+def test_messages_give_a_call_of_one_mode_that_works():
+    m, l, g, d = sp.symbols("m l g d", positive=True)
+    frame, origin = ReferenceFrame("N"), Point("O")
+    rod = frame.orientnew("S", "Axis", (theta, frame.z))
+    bob = origin.locatenew("P", -l * rod.y)
+    scene = da.Scene("stopped", frame=frame, origin=origin, coordinates=[theta])
+    scene.add_bodies(Particle("bob", bob, m))
+    scene.apply_uniform_gravity(-g * frame.y)
+    scene.add_joints(da.Stop("stop", theta, upper=d, restitution=0.5, body="bob", at=bob, direction=rod.x))
+    start, given = {theta: -1.0, theta.diff(): 0}, {"m": 1, "l": 1, "g": 9.81, "d": 0.3}
+    model = da.compile_model(scene)
+    with pytest.raises(CapabilityError) as error:
+        model.sensitivity((0, 0.3), start, given, wrt=["l"])
+    assert call_in(error) == "**{'stop.upper': 'open'}"
+    open_mode = eval(f"model.mode({call_in(error)})", {"model": model})
+    found = open_mode.sensitivity((0, 0.3), start, given, wrt=["l"], of=["theta"], t_eval=[0.3])
+    high, low = (model.simulate((0, 0.3), start, given | {"l": 1 + h})["theta"][-1] for h in (1e-4, -1e-4))
+    assert found.jacobian("theta", "l")[-1] == pytest.approx((high - low) / 2e-4, rel=1e-5)
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_messages_give_a_call_for_several_contacts(count):
+    heights, frame, origin = dynamicsymbols(f"h:{count}"), ReferenceFrame("N"), Point("O")
+    scene = da.Scene("balls", frame=frame, origin=origin, coordinates=heights)
+    for i, h in enumerate(heights):
+        point = origin.locatenew(f"P_{i}", h * frame.y + i * frame.x)
+        scene.add_bodies(Particle(f"ball_{i}", point, sp.Symbol("m", positive=True)))
+        scene.add_contacts(da.PointPlane(f"floor_{i}", body=f"ball_{i}", point=point, plane=(origin, frame.y)))
+    balls = da.compile_model(scene, backend="numpy")
+    with pytest.raises(CapabilityError) as error:
+        balls.sensitivity((0, 1), {}, {}, wrt=["m"])
+    falling = eval(f"model.mode({call_in(error)})", {"model": balls})
+    assert falling is balls.mode(**{f"floor_{i}": "open" for i in range(count)})
+
+
+def test_messages_give_a_call_for_friction_that_never_opens():
+    belt = da.compile_model(da.scenes.belt_oscillator(), backend="numpy")
+    with pytest.raises(CapabilityError) as error:
+        belt.sensitivity((0, 1), {}, {}, wrt=["m"])
+    assert "'slip'" in call_in(error)
+    assert eval(f"belt.mode({call_in(error)})", {"belt": belt}) is belt.mode()
 
 
 def test_a_start_where_the_direction_of_a_contact_is_undefined():

@@ -171,6 +171,19 @@ def test_a_component_that_no_joint_has():
         scene.reaction("knee")
 
 
+def test_the_reaction_of_a_plain_joint():
+    scene, shoulder, elbow = arm()
+    scene.add_joints(shoulder, elbow)
+    T, F = da.unknowns("T F")
+    tip = elbow.child.masscenter
+    scene.add_joints(da.Joint("floor", body="lower", at=tip, force=T * N.x + F * N.y, torque=2 * T * N.z))
+    scene.add_joints(da.Joint("spring", body="lower", at=tip, force=3 * N.x))
+    with pytest.raises(UnknownNameError, match=r"'floor' is a plain da\.Joint.*\(scene, outputs=\['F', 'T'\]\)\. "):
+        scene.reaction("floor")
+    with pytest.raises(UnknownNameError, match=r"'spring' is a plain da\.Joint.* and it has none"):
+        scene.reaction("spring")
+
+
 def test_no_coordinates_at_all():
     scene = da.Scene("empty", frame=N, origin=O)
     with pytest.raises(SceneError, match=r"no coordinates; give them as coordinates=.*, or add joints of SymPy"):

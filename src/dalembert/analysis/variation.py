@@ -21,6 +21,7 @@ from ..reduction.sampling_kernels import SamplingKernels, sampling_kernels
 from ..reduction.starting import start_tangents
 from ..reduction.variational import input_of, variational
 from ..results.analyses import Sensitivity
+from ..results.labels import request_hint
 from ..runs.engines import segmented
 from ..runs.sampling import Sampling
 from ..scene.elapsed import Offset
@@ -307,7 +308,8 @@ def chosen_names(
             choices = (str(key), layout.aliases.get(str(key), str(key)))
             name = next((choice for choice in choices if choice in known), None)
             if name is None:
-                wrong.append(unknown_name(kind, str(key), dict.fromkeys(known)))
+                hint = request_hint(layout, choices[1]) if kind == "output" else ""
+                wrong.append(unknown_name(kind, str(key), dict.fromkeys(known)) + hint)
             else:
                 found.append(name)
         return tuple(dict.fromkeys(found)), wrong

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from keyword import iskeyword
 from typing import final
 
 from ..errors import ConstraintError
@@ -169,6 +170,17 @@ class HybridAutomaton:
         else:
             closed = (SLIP, STICK)
         return (*closed, OPEN) if row.opens else closed
+
+    @property
+    def example(self) -> str:
+        """Text of the arguments of `mode` for what opens to be open, and of others for their first closed state."""
+        chosen = {row.name: self.states(i)[-1 if row.opens else 0] for i, row in enumerate(self.contacts)}
+        leaders = {row.name: chosen[row.name] for row in self.contacts if row.leader is None}
+        if len(leaders) > 3 and {*leaders.values()} == {OPEN}:
+            return f"**dict.fromkeys(model.contacts, {OPEN!r})"
+        if all(name.isidentifier() and not iskeyword(name) for name in leaders):
+            return ", ".join(f"{name}={state!r}" for name, state in leaders.items())
+        return f"**{leaders!r}"
 
     def sliding_mode(self, opened: Collection[int]) -> Mode:
         """Return the mode in which contacts of some numbers are open, and all others are closed and slip."""

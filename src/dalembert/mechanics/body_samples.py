@@ -26,6 +26,8 @@ from .body_balances import BodyBalances
 from .equations import EquationsOfMotion
 from .manifold import places_on_manifold
 
+_SMALL = 1e-8
+
 
 @final
 @dataclass(frozen=True)
@@ -192,3 +194,30 @@ def values_at(sample: BodySample, nodes: Sequence[Node]) -> FloatArray:
     if all(node.op == "const" for node in nodes):
         return np.array([float(node.payload) for node in nodes])  # type: ignore[arg-type]
     return np.array(values_of(nodes, {**random_inputs(nodes, random.Random(0)), **sample.nodes}))
+
+
+def reaction_direction(samples: Sequence[BodySample], number: int, rigid: Sequence[bool]) -> FloatArray | None:
+    """Return the one force or torque (6,) on one body that has the power of a constraint, of size 1 and any sign.
+
+    None where it moves several bodies, where it needs a force at the mass centre and a torque, and where the direction
+    differs between samples.
+    """
+    found = []
+    for sample in samples:
+        row = sample.constraints[number]
+        moving = np.abs(row) > _SMALL * np.abs(row).max()
+        twists = sample.twists.reshape(len(rigid), 6, len(row))
+        moved = np.flatnonzero(np.abs(twists[:, :, moving]).max(axis=(1, 2)))
+        if len(moved) != 1:
+            return None
+        body = int(moved[0])
+        twist = twists[body].copy()
+        if rigid[body]:
+            twist[:3] += np.cross(twist[3:], sample.places[body], axis=0)  # the velocity of the mass centre
+        wrench = np.linalg.lstsq(twist.T, row, rcond=_SMALL)[0]
+        size = np.abs(wrench).max()
+        wrench[np.abs(wrench) < _SMALL * size] = 0.0
+        found.append(wrench / (size * np.sign(wrench[np.flatnonzero(wrench)[0]])))
+    one = found[0]
+    fixed = all(np.abs(other - one).max() < _SMALL for other in found)
+    return one if fixed and not (one[:3].any() and one[3:].any()) else None

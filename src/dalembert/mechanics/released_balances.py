@@ -7,6 +7,7 @@ balances.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import final
@@ -20,6 +21,7 @@ from ..ir.zero_tests import vanishes
 from ..naming import acceleration_input
 from ..transforms.derivatives import tangents
 from .balance_choice import BalanceChoice, BodySystem, Released, self_stresses, tied_together
+from .body_samples import reaction_direction
 from .connections import Pair, components, in_span, null_space, pair_of, rank, wrench_columns
 from .equations import ContactRow, EquationsOfMotion
 
@@ -164,12 +166,47 @@ class _Search:
             for i, b in enumerate(sorted(bodies))
             if in_span(demand, np.hstack([whole, own[:, 6 * i : 6 * i + 6]]), size)
         ]
-        names = list_names(map(repr, alone or [self.system.names[b] for b in sorted(bodies)]))
+        suspects = alone or [self.system.names[b] for b in sorted(bodies)]
+        names = list_names(map(repr, suspects))
         what = "exert the reactions of its constraints" if self.system.equations.constraints else "hold its bodies"
-        return ConstraintError(
-            f"scene {self.system.equations.name!r}: its joints cannot {what}: a force or torque on {names} is missing,"
-            " which no joint declares. Give a joint of these bodies the unknown component that holds them"
+        lost = self._unheld([self.system.names.index(name) for name in suspects])
+        part = "torque" if lost and "(a torque" in lost[0] else "force"
+        remedy = (
+            f", which no joint declares: what holds {'; '.join(lost)}. Give a joint of these bodies that unknown, as in"
+            f' R = da.unknowns("R"), scene.add_joints(da.Joint("rail", body={suspects[0]!r}, at=P, {part}=R * n)), with'
+            " the point P at which it acts and its direction n"
+            if lost
+            else ", which no joint declares. Give a joint of these bodies the unknown component that holds them"
         )
+        return ConstraintError(
+            f"scene {self.system.equations.name!r}: its joints cannot {what}: a force or torque on {names} is missing"
+            f"{remedy}"
+        )
+
+    def _unheld(self, bodies: Sequence[int]) -> list[str]:
+        """Return the constraints on some bodies that no joint holds, with the directions of their reactions."""
+        sample, equations = self.system.samples[0], self.system.equations
+        rows = [6 * body + k for body in bodies for k in range(6)]
+        names = self.system.balances.model.symbols.unknowns
+        own = [i for i, x in enumerate(names) if x not in equations.mode_reactions]  # normal forces without friction
+        ideal, found = sample.twists.T @ sample.unknowns[:, own], []
+        for number in self.system.connections[0].unheld():
+            row = sample.constraints[number]
+            size = float(np.abs(row).max())
+            if np.abs(sample.twists[rows] * row).max() > _SMALL * size and not in_span(row, ideal, size):
+                found.append(equations.constraints[number].label + self._along(number))
+        return found
+
+    def _along(self, number: int) -> str:
+        """Return the direction of the one force or torque that holds a constraint; empty where it is not fixed."""
+        bodies = self.system.balances.model.bodies
+        wrench = reaction_direction(self.system.samples, number, [body.inertia is not None for body in bodies])
+        if wrench is None:
+            return ""
+        kind, part = ("force", wrench[:3]) if wrench[:3].any() else ("torque", wrench[3:])
+        frame = self.system.balances.model.frames[0].name
+        text = " + ".join(f"{c:.4g}*{frame}.{axis}" for c, axis in zip(part, "xyz", strict=True) if c)
+        return f" (a {kind} along {re.sub(r'(?<![0-9.])1[*]', '', text).replace('+ -', '- ')})"
 
     def _require_determined(self, open_pairs: Sequence[Mapping[Pair, FloatArray]], bodies: set[int]) -> None:
         """Raise unless the wanted reactions are the same whatever else is carried, or share it by their compliances.

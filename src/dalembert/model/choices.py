@@ -40,7 +40,8 @@ def mode(self: CompiledModel, **states: str) -> CompiledModel:
     Parameters
     ----------
     **states : str
-        For each contact "slip", "stick", "closed" or "open"; contacts that are left out slip, or are closed.
+        For each contact "slip", "stick", "closed" or "open"; contacts that are left out slip, or are closed. A name
+        with a dot is given as ``model.mode(**{"stop.upper": "open"})``.
         Directions of slip are further parameters of the model, see ``layout.parameters``.
 
     Raises
@@ -75,10 +76,10 @@ def mode(self: CompiledModel, **states: str) -> CompiledModel:
 def missing(model: CompiledModel, name: str) -> str:
     """Return the message of an attribute that a model does not have, or only the models of its modes."""
     hint, known = "", name in type(model).__annotations__ or hasattr(type(model), name)
-    if known and not name.startswith("_") and model.__dict__.get("modes") is not None:
+    if known and not name.startswith("_") and (modes := model.__dict__.get("modes")) is not None:
         hint = (
             f" of its own, because its contacts change what it is; ask the model of one mode, such as"
-            f" model.mode().{name}, or model.mode({model.contacts[0]}='open').{name}"
+            f" model.mode().{name}, or model.mode({modes.automaton.example}).{name}"
         )
     return f"a {type(model).__name__} has no {name!r}{hint}"
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import inspect
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import partial, wraps
 from typing import TYPE_CHECKING, Any, cast
 
-from ..errors import CapabilityError, list_names, nesting_named
+from ..errors import CapabilityError, OptionError, P, T, list_names, nesting_named, unknown_name
 from ..options import SensitivityOptions, TrimOptions
 from ..runs.capabilities import WITHOUT, refuse_functions, refuse_sampling
 from ..runs.component_tolerances import with_component_names
@@ -20,7 +21,42 @@ if TYPE_CHECKING:
     from ..results.linearization import DiscreteLinearization, Linearization
     from .model import CompiledModel
 
+_STEPS = " The steps follow from rtol and atol, and t_eval gives the times to record."
+_INSTEAD = {
+    "reduce": " Differentiate the states at the times of t_eval instead.",
+    "grid": " One motion is differentiated: call it for each case.",
+    "first_step": _STEPS,
+    "max_step": _STEPS,
+    "dense": " Results are at recorded times, which t_eval gives.",
+    "error_estimate": " Compare the results with those of smaller rtol and atol.",
+    "project_invariants": " Smaller rtol and atol keep first integrals more closely.",
+}
+"""What to do for options of `simulate` and `sweep` that `sensitivity` does not have."""
 
+
+def _keywords_named(function: Callable[P, T]) -> Callable[P, T]:
+    """Return `sensitivity` with a named error for options that it does not have."""
+    parameters = inspect.signature(function).parameters
+    options = [name for name, p in parameters.items() if p.kind is p.KEYWORD_ONLY]
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+        unknown = [name for name in kwargs if name not in parameters]
+        if "events" in unknown:
+            raise CapabilityError(
+                "sensitivity does not have events=, because derivatives across jumps of the state at events are not"
+                " computed: take differences of two runs of simulate(events=...), or on the backend 'jax' derivatives"
+                " of model.solve_fn(events=...) with events that do not change the state"
+            )
+        if unknown:
+            lines = [f"sensitivity: {unknown_name('option', n, options)}{_INSTEAD.get(n, '')}" for n in unknown]
+            raise OptionError("\n".join(lines))
+        return function(*args, **kwargs)
+
+    return call
+
+
+@_keywords_named
 @nesting_named
 def sensitivity(
     self: CompiledModel,
@@ -51,8 +87,8 @@ def sensitivity(
         An input is the number that it is given, or the values of its samples, which are called "u[0]", "u[1]", ...;
         one of them alone may be named too.
     of : iterable of symbols or names, optional
-        Coordinates, rates, states and their rates, components of the state and outputs; by default all
-        coordinates, rates and states.
+        Coordinates, rates, states and their rates, components of the state and outputs that were compiled, energies
+        too; by default all coordinates, rates and states.
 
     Returns
     -------
@@ -64,7 +100,7 @@ def sensitivity(
     UnknownNameError, ValueInputError, InitialStateError, OptionError
         For input that is wrong.
     CapabilityError
-        For controllers that are Python functions, and scenes whose contacts change.
+        For controllers that are Python functions, events, and scenes whose contacts change.
 
     Examples
     --------
@@ -89,7 +125,8 @@ def sensitivity(
     if self.modes is not None:
         raise CapabilityError(
             f"derivatives across changes of contacts ({list_names(self.contacts)}) are not computed: differentiate runs"
-            " of one mode, as model.mode().sensitivity(...), or take differences of runs"
+            f" of one mode, as model.mode({self.modes.automaton.example}).sensitivity(...), where contacts that"
+            " are not named are closed and slip, or take differences of runs"
         )
     if options.fits_atol:
         simulate = partial(self.simulate, t_span, initial, parameters, inputs=inputs, t_eval=t_eval)

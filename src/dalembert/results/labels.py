@@ -159,9 +159,11 @@ def with_units(
 
 
 def request_hint(layout: Layout, name: str) -> str:
-    """Return the advice to request a reaction or an acceleration as an output; empty for other names."""
-    accelerations = map(acceleration_name, layout.coordinates)
-    kind = "a reaction of the scene" if name in layout.unknowns else "an acceleration" if name in accelerations else ""
+    """Return the advice to request a reaction, an acceleration or an energy as an output; empty for other names."""
+    kinds = dict.fromkeys(("energy", "kinetic_energy", "potential_energy"), "an energy")
+    kinds |= dict.fromkeys(map(acceleration_name, layout.coordinates), "an acceleration")
+    kinds |= dict.fromkeys(layout.unknowns, "a reaction of the scene")
+    kind = kinds.get(name)
     return f" It is {kind}; request it with compile_model(scene, outputs=[{name!r}])." if kind else ""
 
 

@@ -275,7 +275,7 @@ def _refusal(model: CompiledModel, events: tuple[Event, ...], table: Mapping[str
     if model.modes is not None:
         return (
             f"derivatives across changes of contacts ({list_names(model.contacts)}) are not computed: differentiate"
-            " runs of one mode, such as model.mode().solve_fn(), or take differences of runs"
+            f" runs of one mode, as model.mode({model.modes.automaton.example}).solve_fn(), or take differences of runs"
         )
     jumps = [event.label for event in events if event.apply is not None]
     if jumps:

@@ -168,6 +168,15 @@ def connection_named(scene: Scene, name: str) -> Connection:
     for item in scene.connections:
         if item.name == name:
             return item
+    named = [joint for joint in scene.joints if joint.name == name]
+    if named:
+        vectors = [v for joint in named for v in (joint.force, joint.torque)]
+        names = sorted({str(x) for v in vectors if isinstance(v, Vector) for x in _unknowns_in(v)})
+        request = f": compile_model(scene, outputs={names!r})" if names else ", and it has none"
+        raise UnknownNameError(
+            f"scene {scene.name!r}: {name!r} is a plain da.Joint, whose reactions are its unknowns, by their own names"
+            f"{request}. scene.reaction takes joints that constrain: those of SymPy, Closure, Rod and their like"
+        )
     known = [item.name for item in scene.connections]
     raise UnknownNameError(
         f"scene {scene.name!r}: {unknown_name('joint', str(name), known)} Joints that constrain are those of SymPy,"
