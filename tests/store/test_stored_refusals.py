@@ -16,6 +16,7 @@ from dalembert.store import cluster as on_cluster
 from dalembert.store import sweep as stored_sweep
 from dalembert.store.chunks import ChunkJob
 from dalembert.store.description import difference, machine
+from dalembert.store.jax_device import device_of
 
 zarr = pytest.importorskip("zarr")
 xarray = pytest.importorskip("xarray")
@@ -244,7 +245,7 @@ DEVICES = """
 from types import SimpleNamespace
 import distributed
 distributed.get_worker = lambda: SimpleNamespace(name=1)
-from dalembert.store.cluster import take_own_device
+from dalembert.store.jax_device import take_own_device
 take_own_device()
 import jax.numpy as jnp
 print(*(device.id for device in jnp.zeros(3).devices()))
@@ -263,4 +264,4 @@ def test_a_worker_takes_the_device_of_its_number():
 
 @pytest.mark.parametrize(("worker", "device"), [(0, "a"), (4, "b"), ("cluster-0-2", "c"), ("alone", "a")])
 def test_devices_go_round_by_the_numbers_of_workers(worker, device):
-    assert on_cluster.device_of(worker, "abc") == device
+    assert device_of(worker, "abc") == device

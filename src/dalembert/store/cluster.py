@@ -10,7 +10,6 @@ from __future__ import annotations
 import copyreg
 import io
 import pickle
-import re
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -130,6 +129,8 @@ class _SentJob:
                 f"this worker does not see the store {str(self.where)!r}, or another one; all machines must share it"
             )
         if self.backend == "jax":
+            from .jax_device import take_own_device
+
             take_own_device()
         model = derived_once(_MODELS, self.program, lambda: unpacked(program or b""))
         return ChunkJob(model, self.options, self.request, self.leaders, store)
@@ -229,25 +230,3 @@ def _job_of(text: bytes) -> ChunkJob:
 def _received(text: bytes) -> ChunkJob:
     sent: _SentJob = pickle.loads(text)
     return sent.received()
-
-
-def device_of(worker: Any, devices: Sequence[Any]) -> Any:
-    """Return which of the devices that a worker sees is its own: they go round by the last number in its name.
-
-    Workers are numbered from 0 by the clusters of dask; one that sees a single device, as those of dask-cuda do, has
-    that one.
-    """
-    numbers = re.findall(r"\d+", str(worker))
-    return devices[int(numbers[-1]) % len(devices) if numbers else 0]
-
-
-def take_own_device() -> None:
-    """Let this process of a cluster compute on a device of its own."""
-    import jax
-    from distributed import get_worker
-
-    devices = jax.local_devices()
-    if len(devices) > 1:
-        jax.config.update(  # type: ignore[no-untyped-call]
-            "jax_default_device", device_of(get_worker().name, devices)
-        )
