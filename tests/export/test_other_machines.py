@@ -106,13 +106,18 @@ IMPORTERS = {
 }
 
 
-def compiled_for(machine, folder, *sources):
-    """Compile sources in a folder for a machine; return the command that runs the program."""
-    target, runner = MACHINES[machine]
+def need(machine):
+    """Skip a test where programs of a machine are not compiled and run."""
+    _, runner = MACHINES[machine]
     if find_spec("ziglang") is None:
         pytest.skip("the package ziglang is not installed")
     if shutil.which(runner[0]) is None or (machine == "arm64" and not ARM.is_dir()):
         pytest.skip(f"{runner[0]} and a C library for {machine} are not installed")
+
+
+def compiled_for(machine, folder, *sources):
+    """Compile sources in a folder for a machine; return the command that runs the program."""
+    target, runner = MACHINES[machine]
     command = [sys.executable, "-m", "ziglang", "cc", "-target", target, "-std=c99", "-O2", "-o", "program.exe"]
     done = subprocess.run([*command, *sources, "-lm"], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[:3000]
@@ -130,6 +135,7 @@ def printed(command):
 @pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.parametrize("name", SCENES)
 def test_programs_move_as_in_simulate(tmp_path, name, machine):
+    need(machine)
     case = READY[name] if name in READY else hard_case(name)
     model, method = da.compile_model(case.build() if name in READY else case.scene), SCENES[name]
     given = {"method": method, "rtol": 1e-10, "atol": 1e-12}
@@ -146,6 +152,7 @@ def test_programs_move_as_in_simulate(tmp_path, name, machine):
 
 @pytest.mark.parametrize("machine", MACHINES)
 def test_units_move_as_in_simulate(tmp_path, machine):
+    need(machine)
     case = READY["ready: chaplygin_sleigh"]
     model = da.compile_model(case.build())
     version, platform, binary = UNITS[machine]
