@@ -47,34 +47,41 @@ def test_three_of_these_contacts_are_a_mode(rough):
     assert {"p0.normal", "p1.normal", "p2.normal"} <= {*names.unknowns}
 
 
-def pressed(free, mu):
-    """Return the run of a block that a force presses against a plate, which slides along it."""
-    x, y, s = dynamicsymbols("x y s")
+def pressed(free, mu, *, planar=False):
+    """Return the run of a block that a force presses against a plate, which slides along it.
+
+    Friction at the floor is along the force, or planar: then the plate keeps the block from slipping along the force.
+    """
+    x, y, z, s = dynamicsymbols("x y z s")
     P = sp.Symbol("P", positive=True)
-    scene = da.Scene("pressed", frame=N, origin=O, coordinates=[x, y, s] if free else [x, y])
-    B, W = O.locatenew("B", x * N.x + y * N.y), O.locatenew("W", s * N.y)
+    scene = da.Scene("pressed", frame=N, origin=O, coordinates=[x, y, *([z] if planar else []), *([s] if free else [])])
+    B, W = O.locatenew("B", x * N.x + y * N.y + (z * N.z if planar else 0)), O.locatenew("W", s * N.y)
     scene.add_bodies(Particle("block", B, 1))
     if free:
         scene.add_bodies(Particle("plate", W, 1))
     scene.apply_uniform_gravity(-10 * N.y)
     scene.add_loads((B, P * N.x))
-    n, f, c, d = da.unknowns("n f c d")
+    n, f, e, c, d = da.unknowns("n f e c d")
     speed = s.diff() if free else 5
     other = {"other": "plate"} if free else {}
-    scene.add_joints(da.Joint("floor", body="block", at=B, force=(f * N.x if mu else 0) + n * N.y))
+    scene.add_joints(
+        da.Joint("floor", body="block", at=B, force=(f * N.x if mu else 0) + (e * N.z if planar else 0) + n * N.y)
+    )
     scene.add_joints(da.Joint("wall", body="block", at=B, force=-c * N.x + d * N.y, **other))
     scene.add_contacts(da.UnilateralContact(n, gap=y, name="floor"), da.UnilateralContact(c, gap=-x, name="wall"))
     scene.add_friction(da.CoulombFriction(c, d, mu=0.3, slip=y.diff() - speed, name="wall"))
     if mu:
-        scene.add_friction(da.CoulombFriction(n, f, mu=mu, name="floor"))
+        scene.add_friction(da.CoulombFriction(n, (f, e) if planar else f, mu=mu, name="floor"))
     start = dict.fromkeys(("x", "y", "x_dot", "y_dot"), 0.0) | ({"s": 0.0, "s_dot": 5.0} if free else {})
+    start |= {"z": 0.0, "z_dot": 0.0} if planar else {}
     return da.compile_model(scene, outputs=["n", "c"]).simulate((0.0, 0.3), start, {"P": 10.0})
 
 
-def test_a_plate_slides_where_the_floor_may_take_a_part_of_what_presses_it():
+@pytest.mark.parametrize("planar", [False, True])
+def test_a_plate_slides_where_the_floor_may_take_a_part_of_what_presses_it(planar):
     """What friction at the floor takes of P decides how the plate slows down."""
     with pytest.raises(ConstraintError, match=r"keep 'floor' from slipping, .* presses 'wall', which slides"):
-        pressed(True, 0.5)
+        pressed(True, 0.5, planar=planar)
 
 
 def test_a_plate_slides_where_nothing_shares_what_presses_it():
@@ -82,7 +89,8 @@ def test_a_plate_slides_where_nothing_shares_what_presses_it():
     assert run.success and run["s_dot"][-1] == pytest.approx(5 - (10 + 0.3 * 10) * 0.3, abs=1e-9)
 
 
-def test_a_block_rests_whatever_the_floor_takes_of_what_presses_it():
+@pytest.mark.parametrize("planar", [False, True])
+def test_a_block_rests_whatever_the_floor_takes_of_what_presses_it(planar):
     """The wall is a belt: its friction moves nothing."""
-    run = pressed(False, 0.5)
+    run = pressed(False, 0.5, planar=planar)
     assert run.success and abs(run["x"][-1]) < 1e-12 and abs(run["y"][-1]) < 1e-12

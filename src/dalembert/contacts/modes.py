@@ -158,7 +158,9 @@ class _ModeEquations:
         whole, graph = self.whole, self.graph
         names = whole.symbols.unknowns
         frictionless = self._without_friction(self.rows, self.kept)
-        friction = sliding_friction(frictionless, whole, self.kept, self.sliding, self.idle)
+        idle = {contact.name: contact.tangential for contact in self.idle}
+        idle |= {name: (line.other,) for name, line in self.lines.items()}
+        friction = sliding_friction(frictionless, whole, self.kept, self.sliding, idle)
         known: dict[Node, Node] = {}
         for item, kappa in zip(self.sliding, friction.factors, strict=True):
             pressing = self.laws.normal(item.contact)

@@ -7,7 +7,7 @@ Friction is -kappa N. Without it the normal reactions would be N_0, each unit of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -53,7 +53,7 @@ def sliding_friction(
     whole: EquationsOfMotion,
     kept: Sequence[int],
     sliding: Sequence[SlidingContact],
-    idle: Sequence[ContactRow] = (),
+    idle: Mapping[str, Sequence[int]] | None = None,
 ) -> SlidingFriction:
     """Return what sliding friction adds to equations.
 
@@ -66,8 +66,9 @@ def sliding_friction(
     kept : sequence of int
         Which of these `frictionless` has.
     sliding : sequence of SlidingContact
-    idle : sequence of ContactRow
-        Sticking contacts that constraints keep from slipping, so that what friction holds there is taken as zero.
+    idle : dict of str to sequence of int
+        Friction forces of sticking contacts, by their names, along which constraints keep these from slipping: they are
+        taken as zero.
 
     Raises
     ------
@@ -100,7 +101,7 @@ def sliding_friction(
         pushed = accelerations(direction, nothing)
         added.append(normals(_residual(frictionless, pushed, direction)))
         moving += [] if all(vanishes(a) for a in pushed) else [item]
-    _require_idle_apart(whole, kept, moving, idle)
+    _require_idle_apart(whole, kept, moving, idle or {})
     size = range(len(n0))
     matrix: Matrix = [[(graph.one if i == j else graph.zero) - added[j][i] for j in size] for i in size]
     determinant, pressing = determinant_and_solution(graph, matrix, n0)
@@ -110,17 +111,20 @@ def sliding_friction(
 
 
 def _require_idle_apart(
-    whole: EquationsOfMotion, kept: Sequence[int], moving: Sequence[SlidingContact], idle: Sequence[ContactRow]
+    whole: EquationsOfMotion,
+    kept: Sequence[int],
+    moving: Sequence[SlidingContact],
+    idle: Mapping[str, Sequence[int]],
 ) -> None:
     """Raise where friction that moves something needs a normal reaction that friction of idle contacts may share."""
     if not idle or not moving:
         return
-    numbers = [*kept, *(i for contact in idle for i in contact.tangential)]
+    numbers = [*kept, *(i for forces in idle.values() for i in forces)]
     _, undetermined = independent_columns([[row[i] for i in numbers] for row in whole.reactions])
     shared = {numbers[place] for place in undetermined}
     names = [repr(item.contact.name) for item in moving if item.contact.normal in shared]
     if names:
-        held = list_names(repr(contact.name) for contact in idle)
+        held = list_names(map(repr, idle))
         raise ConstraintError(
             f"scene {whole.name!r}: other contacts keep {held} from slipping, so that friction there may take any part"
             f" of what presses {list_names(names)}, which slides: the motion is not determined. Give the former"
