@@ -231,6 +231,17 @@ def test_a_binary_for_another_machine(tmp_path, model, version, functions):
         assert f"fmi{version[0]}{function}\0".encode() in library
 
 
+@pytest.mark.matrix
+@pytest.mark.parametrize(("platform", "begins"), [("win64", b"MZ"), ("darwin64", b"\xcf\xfa\xed\xfe")])
+def test_binaries_for_systems_that_are_not_here(tmp_path, model, platform, begins):
+    """Their libraries take a minute to compile at first."""
+    need_pages()
+    given = {"initial": START, "parameters": NUMBERS, "platforms": [platform], "fmi": "2.0"}
+    _, folder = unpacked(model, tmp_path / "mass.fmu", **given)
+    (library,) = (folder / "binaries" / platform).iterdir()
+    assert library.read_bytes().startswith(begins) and b"fmi2DoStep\0" in library.read_bytes()
+
+
 def test_platforms_that_are_wrong(tmp_path, model, monkeypatch):
     given = {"initial": START, "parameters": NUMBERS}
     with pytest.raises(OptionError, match="platform 'beos'"):
