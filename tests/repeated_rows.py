@@ -46,8 +46,7 @@ REPEATED = (
     # pages, in C and in a browser: test_pages, and contacts in C beside it
     ("export/test_contact_simulators.py", "test_a_page_moves_as_in_simulate_and_shows_what_contacts_do"),
     ("export/test_fmu_contacts.py", "test_an_importer_may_find_events_late"),
-    # inputs beside contacts: taylor and radau, and events beside them by taylor, stay
-    ("export/test_contact_simulators.py", "test_inputs_are_set_at_the_ends_of_runs_and_between_steps[[]dop853*"),
+    # inputs beside contacts, and events beside them by taylor, stay
     ("export/test_events_beside_contacts.py", "test_inputs_are_set_beside_events_and_contacts[[]dop853*"),
     # products with Hessians of single runs stay
     ("jax_backend/test_jax_second.py", "test_products_with_hessians_in_batches"),

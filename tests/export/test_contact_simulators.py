@@ -266,7 +266,7 @@ int main(void)
     static const double forces[] = {2.0, 5.0, 3.0, -4.5, 0.0, -9.0, 4.4};
     static const double slopes[] = {0.0, -1.0, 0.0, 3.0, 0.0, 0.0, 0.0};
     const double initial[] = {0.0, 0.0}, parameters[] = {1.0, 0.5};
-    double state[BLOCK_STATES];
+    double state[BLOCK_STATES], end;
     block_run run;
     int32_t k, status = block_start(&run, 0.0, BETWEEN, initial, parameters, 0.0, 0);
     for (k = 0; k < 7 && status <= BLOCK_SUCCESS; k++) {
@@ -276,8 +276,11 @@ int main(void)
                 break;
             }
         }
-        status = block_at(&run, block_time(&run), state);
-        printf("%a %a %a %d\\n", block_time(&run), state[0], state[2], (int)block_contact(&run, 0));
+        do { /* a change at the end of a step takes the next one */
+            end = block_time(&run);
+            status = block_at(&run, end, state);
+        } while (end != block_time(&run));
+        printf("%a %a %a %d\\n", end, state[0], state[2], (int)block_contact(&run, 0));
         block_continue(&run, block_time(&run) + 0.3);
     }
     return status > BLOCK_SUCCESS;
@@ -286,6 +289,7 @@ int main(void)
 """A program that sets an input at times, and prints them, the state there, and what the contact has done until then."""
 
 
+@pytest.mark.filterwarnings("ignore:no coordinate or rate")  # of the first step of radau alone
 @pytest.mark.parametrize("between", ["0.3", "3.0"])
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
 def test_inputs_are_set_at_the_ends_of_runs_and_between_steps(tmp_path, method, between):
