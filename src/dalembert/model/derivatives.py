@@ -31,7 +31,7 @@ _INSTEAD = {
     "error_estimate": " Compare the results with those of smaller rtol and atol.",
     "project_invariants": " Smaller rtol and atol keep first integrals more closely.",
 }
-"""What to do for options of `simulate` and `sweep` that `sensitivity` does not have."""
+"""Advice by name of an option that `simulate` or `sweep` has, and `sensitivity` has not."""
 
 
 def _keywords_named(function: Callable[P, T]) -> Callable[P, T]:
