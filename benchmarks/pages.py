@@ -20,7 +20,6 @@ from export_kinds import changing
 from exports import ATOL, CLOCK, LEAST, PROGRAM, ROOT, RTOL, Motion, compiled, method_of, motions, ran
 from report import fill_page
 
-import dalembert as da
 from export.pages import parts  # of the tests, whose folder `exports` makes known
 
 sys.path.insert(0, str(ROOT / "docs"))
@@ -53,8 +52,8 @@ def further(quick: bool) -> Iterator[Motion]:
     yield from changing(quick)
     if not quick:
         live = PAGES["walker"]
-        model = da.compile_model(live.scene())
-        yield Motion("compass walker", model, live.initial, live.parameters, live.end, tuple(live.events()))
+        run = live.begin()
+        yield Motion("compass walker", run.model, run.initial, run.parameters, live.end, tuple(run.events))
 
 
 def row(motion: Motion, folder: Path) -> str:

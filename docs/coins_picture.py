@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from live_pages import of_gallery
+from live_pages import scene_of_gallery
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
@@ -83,7 +83,7 @@ def shaded(faces: Array, paint: Array, color: Array) -> Array:
 
 def draw_coins(path: Path) -> None:
     """Simulate the coins of the gallery, and write the animation to a gif."""
-    model = da.compile_model(of_gallery("a04_rolling_coin")())
+    model = da.compile_model(scene_of_gallery("a04_rolling_coin"))
     names = ("x", "y", "heading", "lean", "heading_dot", "lean_dot", "spin_dot")
     runs = [
         model.simulate(

@@ -134,6 +134,11 @@ REPEATED = (
     ("system/test_short_passages.py", "test_short_passages_on_other_backends[[]jax-tsit5]"),
     # `make lint`, with which `make test` begins, checks the same
     ("test_prose.py", "test_the_project_has_none"),
+    # pages whose scripts compute long before their first run, and a page of each kind stays
+    *(
+        ("export/test_live_pages.py", f"test_pages_of_the_site[[]{name}]")
+        for name in ("three_blocks", "unicycle", "bicycle", "delta_robot", "squeezing_mechanism", "backlash")
+    ),
     # one page and two motions by steps of each kind
     ("export/test_pages.py", "test_ready_scenes_move_as_in_simulate[[]rolling_sphere]"),
     (

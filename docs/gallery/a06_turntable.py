@@ -35,6 +35,7 @@ slip = (
     - (w * N.z).cross(x * N.x + y * N.y)
 )
 scene.add_nonholonomic_constraints(slip.dot(N.x), slip.dot(N.y))
+scene.add_shapes({"ball": da.Sphere(r), "table": da.Ground(N.z)})
 model = da.compile_model(scene)
 
 # %%

@@ -30,6 +30,7 @@ scene.add_joints(da.Joint("floor", body="ball", at=B, force=R * N.y))
 scene.add_contacts(
     da.UnilateralContact(normal=R, gap=y, restitution=e, name="floor")
 )
+scene.add_shapes({"ball": da.Sphere(0.05), "floor": da.Ground(N.y)})
 model = da.compile_model(scene)
 
 # %%

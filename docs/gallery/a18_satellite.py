@@ -46,6 +46,7 @@ for name, axis, angle, error in zip(
         k_p * error + k_d * omega.dot(axis)
     ) * axis  # on the wheel; the body has the opposite
     scene.add_loads((W, torque), (B, -torque))
+scene.add_shapes({"body": da.Box(1.2, 0.9, 0.6)})
 model = da.compile_model(scene)
 
 # %%

@@ -9,6 +9,7 @@ stops, and turns the other way.
 
 import matplotlib.pyplot as plt
 import numpy as np
+from scipy.spatial import ConvexHull
 from sympy import sqrt, symbols
 from sympy.physics.mechanics import (
     Point,
@@ -44,7 +45,14 @@ scene.apply_uniform_gravity(-g * N.z)
 slip = centre.pos_from(O).dt(N) + S.ang_vel_in(N).cross(to_contact)
 scene.add_nonholonomic_constraints(slip.dot(N.x), slip.dot(N.y))
 spin_rate = S.ang_vel_in(N).dot(S.z)
-model = da.compile_model(scene, outputs=[spin_rate])
+i = np.arange(200) + 0.5  # points of a spiral on the ellipsoid
+z, turn = 1 - i / 100, np.pi * (1 + np.sqrt(5)) * i
+round_z = np.sqrt(1 - z**2)
+points = np.stack([round_z * np.cos(turn), round_z * np.sin(turn), z], axis=1)
+surface = points * (0.2, 0.03, 0.02), ConvexHull(points).simplices
+scene.add_shapes({"rattleback": da.Mesh(surface, at=centre)})
+scene.add_shapes({"table": da.Ground(N.z)})
+model = da.compile_model(scene, outputs={"spin": spin_rate})
 
 # %%
 # Semi-axes and moments of inertia are those of Kane and Levinson (1982). The
@@ -76,7 +84,7 @@ for spin in (-5.0, 5.0):
     runs[spin] = model.simulate((0, 20), start, values, rtol=1e-10)
     run = runs[spin]
     print(
-        f"spin {spin:+.0f} rad/s at the start, {run[str(spin_rate)][-1]:+.2f}"
+        f"spin {spin:+.0f} rad/s at the start, {run['spin'][-1]:+.2f}"
         " rad/s after 20 s;",
         end=" ",
     )
@@ -90,7 +98,7 @@ _, panel = plt.subplots()
 for spin, run in runs.items():
     panel.plot(
         run.t,
-        run[str(spin_rate)],
+        run["spin"],
         lw=0.8,
         label=f"started with {spin:+.0f} rad/s",
     )

@@ -47,6 +47,8 @@ strike = da.Event(
     apply={stance: swing, swing: stance, **rates},
     name="strike",
 )
+legs = {"stance": da.Rod(O, hip, "gray"), "swing": da.Rod(hip, foot, "orange")}
+scene.add_shapes({**legs, "hip": da.Sphere(0.08), "slope": da.Ground(N.y)})
 model = da.compile_model(scene)
 values = {slope: 0.009, m: 1e-9, g: 1}
 
