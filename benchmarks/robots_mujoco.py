@@ -7,6 +7,7 @@ Needs the package mujoco, which the library's own environments do not have:
     python benchmarks/robots_mujoco.py --references        # writes what the tests compare with
     pip install --no-deps dm_control gymnasium robosuite
     python benchmarks/robots_mujoco.py --packages --write  # their models; to docs/robots_measured.md
+    python benchmarks/robots_mujoco.py --packages --menagerie FOLDER --write  # with a copy of mujoco_menagerie
 
 Equalities are among the forces of neither, nor is what a scene has no part for: tendons, a fluid, other actuators.
 Controls and forces are not clipped in MuJoCo, as they are not in a scene. Models of more than `MOST` coordinates are
@@ -151,18 +152,27 @@ def differences(path: Path, scene: da.Scene) -> float:
     return float(max(errors))
 
 
-def packaged() -> dict[str, Path]:
-    """Return the models of packages: files whose outermost element is <mujoco> and that have bodies of their own."""
-    found: dict[str, Path] = {}
+def packaged(menagerie: Path | None) -> dict[str, Path]:
+    """Return the models of packages, and of a copy of MuJoCo's menagerie, where one is given."""
+    found = {} if menagerie is None else models_in(menagerie, menagerie, "menagerie")
     for package, folders in PACKAGES.items():
         spec = importlib.util.find_spec(package)
         if spec is None or not spec.submodule_search_locations:
             raise SystemExit(f"{package} is not installed: pip install --no-deps {' '.join(PACKAGES)}")
         top = Path(spec.submodule_search_locations[0])
-        for path in sorted(path for folder in folders for path in (top / folder).rglob("*.xml")):
-            text = path.read_text()
-            if "<mujoco" in text and "<mujocoinclude" not in text and ("<joint" in text or "<include" in text):
-                found[f"{package}/{path.relative_to(top).with_suffix('')}"] = path
+        for folder in folders:
+            found |= models_in(top / folder, top, package)
+    return found
+
+
+def models_in(folder: Path, top: Path, prefix: str) -> dict[str, Path]:
+    """Return files whose outermost element is <mujoco>, and that have bodies of their own and are no scenes of one."""
+    found = {}
+    for path in sorted(folder.rglob("*.xml")):
+        text = path.read_text()
+        robot = "<mujoco" in text and "<mujocoinclude" not in text and not path.name.startswith("scene")
+        if robot and any(f"<{what}" in text for what in ("joint", "freejoint", "include")):
+            found[f"{prefix}/{path.relative_to(top).with_suffix('')}"] = path
     return found
 
 
@@ -201,10 +211,10 @@ def table(rows: dict[str, tuple[int, str]]) -> str:
     return "\n".join(lines)
 
 
-def measure_packages(write: bool) -> None:
+def measure_packages(menagerie: Path | None, write: bool) -> None:
     """Print the table of models of packages; write it to its page."""
     rows = {}
-    for name, path in packaged().items():
+    for name, path in packaged(menagerie).items():
         rows[name] = read_and_compared(path)
         print(name, *rows[name], flush=True)
     text = table(rows)
@@ -218,7 +228,8 @@ def measure_packages(write: bool) -> None:
 def main(arguments: list[str]) -> None:
     """Compare models, or write what the tests compare with."""
     if "--packages" in arguments:
-        measure_packages("--write" in arguments)
+        at = arguments.index("--menagerie") + 1 if "--menagerie" in arguments else 0
+        measure_packages(Path(arguments[at]) if at else None, "--write" in arguments)
         return
     with tempfile.TemporaryDirectory() as folder:
         paths = {name: Path(name) for name in arguments if not name.startswith("--")}

@@ -153,6 +153,27 @@ def test_coupled_joints_follow_polynomials(tmp_path):
     assert held.accelerations(0, [0, 0.2], [1, 0], {})[1] == pytest.approx(0, abs=1e-12)
 
 
+LIFTED = """<mujoco model="lifted"><compiler angle="radian"/><worldbody>
+<body name="a" gravcomp="0.4"><joint name="j" axis="0 1 0"/>
+ <inertial pos="0.1 0.02 0.3" mass="2" diaginertia="0.02 0.03 0.01"/>
+ <body name="fixed" pos="0.2 0 0.1" euler="0.3 0 0.2" gravcomp="1">
+  <inertial pos="0.1 0 0.05" mass="0.7" diaginertia="0.002 0.003 0.001"/></body>
+ <body name="b" pos="0 0 0.5" gravcomp="1.5"><joint name="k" axis="1 0 0"/><joint name="s" type="slide" axis="0 0 1"/>
+  <inertial pos="0 0.1 0.2" mass="1" diaginertia="0.01 0.02 0.01"/></body>
+</body></worldbody></mujoco>"""
+
+
+def test_weights_are_held_up_as_in_mujoco(tmp_path):
+    """gravcomp= of bodies, one of them fixed to another; qacc of MuJoCo 4.0."""
+    model = da.compile_model(scene_of(tmp_path, LIFTED), backend="numpy")
+    found = model.accelerations(0, [0.4, -0.7, 0.1], [0.5, -0.3, 0.2], {})
+    np.testing.assert_allclose(found, [1.4849859262419531, 9.39798468898427, 2.6697696781228126], rtol=1e-13)
+    still = da.compile_model(scene_of(tmp_path, LIFTED, gravity=(0, 0, 0)), backend="numpy")
+    np.testing.assert_allclose(still.accelerations(0, [0.4, -0.7, 0.1], [0, 0, 0], {}), 0, atol=1e-13)
+    with pytest.raises(SceneError, match="gravcomp= of 'a', 'fixed', 'b' holds up masses that are numbers"):
+        scene_of(tmp_path, LIFTED, parameters="symbols")
+
+
 # -- faults ----------------------------------------------------------------------------------------
 
 
@@ -175,7 +196,7 @@ def test_all_faults_at_once_with_their_lines(tmp_path):
     expected = [
         "line 2: forces of a fluid are not supported: density= or viscosity= of <option>; leave them out with skip=",
         "line 4: type='screw' of <joint>: known are hinge, slide, ball, free",
-        "line 4: the mass of a body would follow from a geom of type 'mesh'; give the body an <inertial>",
+        "line 4: mesh='m' of <geom> '' is no <mesh> of <asset>",
         "line 4: geoms that collide are not supported",
         "line 5: a second <body> is called 'a'",
         "line 5: <body> 'a' has quat and euler; give one of them",

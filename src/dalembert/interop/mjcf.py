@@ -15,8 +15,9 @@ import numpy as np
 from ..errors import OptionError, list_names
 from ..values import listed
 from .mjcf_actions import add_actions, read_actions
+from .mjcf_meshes import Meshes
 from .mjcf_settings import LIMITED, Settings, check_attributes
-from .mjcf_values import Defaults, inertia_of_geoms, mesh_assets, visual_of
+from .mjcf_values import Defaults, inertia_of_geoms, visual_of
 from .robot_description import Description, Inertia, JointItem, Placement, in_tree_order
 from .robot_files import Element, FileReader
 from .robot_options import RobotOptions
@@ -56,13 +57,10 @@ def scene_from_mjcf(path: str | PathLike[str], *, skip: Any, **options: Any) -> 
     robot, actions = reader.description(), read_actions(reader)
     reader.raise_faults()
     robot = replace(robot, skipped=tuple(SKIPPABLE[kind] for kind in reader.unserved))
-    find, scales = mesh_assets(reader.file, reader.defaults)
-    visuals = {
-        link: tuple(replace(each, size=scales.get(each.source, each.size)) if each.source else each for each in several)
-        for link, several in reader.visuals.items()
-    }
-    robot = replace(robot, visuals=visuals)
-    return scene_of(robot, chosen, find, lambda builder: add_actions(builder, actions, reader.postures(robot)))
+    robot = replace(robot, visuals=reader.visuals)
+    return scene_of(
+        robot, chosen, reader.meshes.find, lambda builder: add_actions(builder, actions, reader.postures(robot))
+    )
 
 
 @final
@@ -84,6 +82,7 @@ class MjcfReader:
     file : FileReader
     defaults : Defaults
     settings : Settings
+    meshes : Meshes
     bodies : dict of str to str
         Links by the names of the bodies; "world" is the root.
     sites : dict of str to (str, Placement)
@@ -98,6 +97,7 @@ class MjcfReader:
         self.defaults = Defaults(file)
         self.settings = Settings.of(file)
         self.angles = self.settings.angles
+        self.meshes = Meshes(file, self.defaults, self.angles)
         for compiler in self.root.all("compiler"):
             for name in ("boundmass", "boundinertia", "balanceinertia"):
                 if compiler.attributes.get(name, "0") not in ("0", "false"):
@@ -107,6 +107,7 @@ class MjcfReader:
         self.sites: dict[str, tuple[str, Placement]] = {}
         self.joints: dict[str, JointItem] = {}
         self.labels: dict[str, str] = {}
+        self.lifted: dict[str, float] = {}
         self.starts: dict[str, Placement] = {}
         self._edges: list[JointItem] = []
         self._geoms: list[tuple[_Around, Element]] = []
@@ -152,14 +153,23 @@ class MjcfReader:
         name = self.root.attributes.get("model", "").strip() or self.file.path.stem
         joints = in_tree_order("world", self._edges)
         links = self.settings.scaled(self.links)
-        return Description(name, "world", links, joints, self.settings.gravity, (), self.labels, has_actuators=True)
+        return Description(
+            name,
+            "world",
+            links,
+            joints,
+            self.settings.gravity,
+            labels=self.labels,
+            has_actuators=True,
+            lifted=self.lifted,
+        )
 
     @property
     def visuals(self) -> dict[str, tuple[Visual, ...]]:
         """The shapes of all links, once there are no faults: what they lack is none."""
         found: dict[str, tuple[Visual, ...]] = {}
         for around, geom in self._geoms:
-            visual = visual_of(self.file, geom, self.angles, around.place)
+            visual = visual_of(self.file, geom, self.angles, self.meshes, around.place)
             if visual is not None:
                 found[around.link] = (*found.get(around.link, ()), visual)
         return found
@@ -208,10 +218,9 @@ class MjcfReader:
             name = f"{name}_{len(self.bodies)}"
         if element.attributes.get("mocap", "false") == "true":
             file.fault(element, f"body {name!r} is a mocap body, which is not supported: leave it out")
-        if file.number(element, "gravcomp", 0.0):
-            file.fault(
-                element, f"gravcomp= of body {name!r} is not supported: leave it out, and add its force as a load"
-            )
+        share = file.number(element, "gravcomp", 0.0)
+        if share:
+            self.lifted[name] = share
         within = element.attributes.get("childclass", around.within)
         place = around.place.then(self.angles.placement(file, element))
         link, place = self._chain(element, name, around.link, place, within)
@@ -314,7 +323,7 @@ class MjcfReader:
         first, last = self.settings.groups
         geoms = [self.defaults.applied(geom, within) for geom in element.all("geom")]
         geoms = [geom for geom in geoms if first <= self.file.number(geom, "group", 0.0) <= last]
-        total = inertia_of_geoms(self.file, geoms, self.angles).on(place)
+        total = inertia_of_geoms(self.file, geoms, self.angles, self.meshes).on(place)
         for frame in element.all("frame"):
             there = place.then(self.angles.placement(self.file, frame))
             total = total.plus(self._from_geoms(frame, frame.attributes.get("childclass", within), there))

@@ -56,6 +56,10 @@ KNOWN = {
         *("mesh", "material", "condim", "friction", "priority", "hfield", "fluidcoef", "fluidshape", "castshadow"),
         *("adhesion", "surfacevel", "fitscale", "shellinertia"),
     ),
+    "mesh": (
+        *("name", "class", "content_type", "file", "vertex", "face", "normal", "texcoord", "scale", "inertia"),
+        *("refpos", "refquat", "smoothnormal", "maxhullvert", "material", "octree_maxdepth", "needsdf"),
+    ),
     "general": (*_ACTUATOR, "gainprm", "biasprm", "biastype", "gaintype", "dyntype", "dynprm"),
     "motor": _ACTUATOR,
     "position": (*_ACTUATOR, "kp", "kv"),

@@ -1,12 +1,11 @@
-"""Values of MJCF files: default classes, orientations, inertias and shapes of geoms, and files of meshes."""
+"""Values of MJCF files: default classes, orientations, inertias and shapes of geoms."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import pi
-from pathlib import Path
-from typing import final
+from typing import TYPE_CHECKING, final
 
 import numpy as np
 
@@ -14,6 +13,9 @@ from ..arrays import FloatArray
 from .robot_description import Inertia, Placement, clean_rotation
 from .robot_files import Element, FileReader
 from .robot_visuals import Visual, color_of
+
+if TYPE_CHECKING:
+    from .mjcf_meshes import Meshes
 
 ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 """Attributes of which one orients an element."""
@@ -182,31 +184,39 @@ def from_quaternion(values: FloatArray) -> FloatArray:
 # Inertias of geoms.
 
 
-def inertia_of_geoms(file: FileReader, geoms: Iterable[Element], angles: Angles) -> Inertia:
+def inertia_of_geoms(file: FileReader, geoms: Iterable[Element], angles: Angles, meshes: Meshes) -> Inertia:
     """Return the inertia of geoms, with their defaults applied, on the axes around them."""
     total = Inertia()
     for geom in geoms:
-        total = total.plus(_inertia_of_geom(file, geom, angles))
+        total = total.plus(_inertia_of_geom(file, geom, angles, meshes))
     return total
 
 
-def _inertia_of_geom(file: FileReader, geom: Element, angles: Angles) -> Inertia:
+def _inertia_of_geom(file: FileReader, geom: Element, angles: Angles, meshes: Meshes) -> Inertia:
     kind = geom.attributes.get("type", "sphere")
     mass = None if "mass" not in geom.attributes else file.number(geom, "mass", None)
     density = file.number(geom, "density", DENSITY)
     if mass == 0.0 or (mass is None and density == 0.0) or kind == "plane":
         return Inertia()
-    if kind not in PRIMITIVES:
-        file.fault(geom, f"the mass of a body would follow from a geom of type {kind!r}; give the body an <inertial>")
-        return Inertia()
-    size, place = primitive_of(file, geom, angles)
+    advice = "the mass of a body would follow from {}; give the body an <inertial>"
+    if kind == "mesh":
+        one, place = meshes.inertia(geom), angles.placement(file, geom)
+        if mass is not None and one.mass > 0.0:
+            density = mass / one.mass
+        return Inertia(density * one.mass, one.centre, density * one.matrix).on(place)
     if geom.attributes.get("shellinertia", "false") == "true":
-        file.fault(geom, "the mass of a body would follow from a geom with shellinertia=; give the body an <inertial>")
-    if not size:
-        return Inertia()
-    volume, moments = _solid(kind, size)
-    mass = density * volume if mass is None else mass
-    return Inertia(mass, np.zeros(3), mass * np.diag(moments)).on(place)
+        file.fault(geom, advice.format("a geom with shellinertia="))
+    elif kind in PRIMITIVES and "mesh" in geom.attributes:
+        file.fault(geom, advice.format(f"a geom of type {kind!r} that is fitted to a mesh"))
+    elif kind not in PRIMITIVES:
+        file.fault(geom, advice.format(f"a geom of type {kind!r}"))
+    else:
+        size, place = primitive_of(file, geom, angles)
+        if size:
+            volume, moments = _solid(kind, size)
+            mass = density * volume if mass is None else mass
+            return Inertia(mass, np.zeros(3), mass * np.diag(moments)).on(place)
+    return Inertia()
 
 
 def primitive_of(file: FileReader, geom: Element, angles: Angles) -> tuple[list[float], Placement]:
@@ -245,7 +255,7 @@ def _solid(kind: str, size: list[float]) -> tuple[float, list[float]]:
     return volume, [side, side, (tube * a * a / 2 + ball * 0.4 * a * a) / volume]
 
 
-def visual_of(file: FileReader, geom: Element, angles: Angles, around: Placement) -> Visual | None:
+def visual_of(file: FileReader, geom: Element, angles: Angles, meshes: Meshes, around: Placement) -> Visual | None:
     """Return the shape of a geom with its defaults applied, on the axes of a link; None for one that is not shown."""
     kind = geom.attributes.get("type", "mesh" if "mesh" in geom.attributes else "sphere")
     if file.number(geom, "group", 0.0) > _SHOWN:
@@ -263,24 +273,5 @@ def visual_of(file: FileReader, geom: Element, angles: Angles, around: Placement
         half = [float(word) for word in geom.attributes.get("size", "0 0").split()[:2]]
         edges = [2.0 * each if each > 0.0 else _WIDE for each in half]
         return Visual(place, "box", np.array([*edges, 1e-6 * max(edges)]), color=color)
-    return Visual(place, "mesh", np.ones(3), geom.attributes.get("mesh", f"a geom of type {kind}"), color)
-
-
-def mesh_assets(file: FileReader, defaults: Defaults) -> tuple[Callable[[str], Path | None], dict[str, FloatArray]]:
-    """Return what finds the file of a mesh by its name, and the scales (3,) of meshes by their names."""
-    compilers = [element.attributes for element in file.root.all("compiler")]
-    folder = next((x[what] for what in ("meshdir", "assetdir") for x in compilers if what in x), "")
-    files: dict[str, Path] = {}
-    scales: dict[str, FloatArray] = {}
-    for asset in (each for assets in file.root.all("asset") for each in assets.all("mesh")):
-        mesh = defaults.applied(asset, "main")
-        written = mesh.attributes.get("file", "")
-        name = mesh.attributes.get("name", Path(written).stem)
-        files[name] = file.path.parent / folder / written
-        scales[name] = file.numbers(mesh, "scale", 3, (1.0, 1.0, 1.0))
-
-    def find(name: str) -> Path | None:
-        path = files.get(name)
-        return path if path is not None and path.is_file() else None
-
-    return find, scales
+    name = geom.attributes.get("mesh", f"a geom of type {kind}")
+    return Visual(place.then(meshes.place(name)), "mesh", np.ones(3), name, color)

@@ -206,6 +206,8 @@ class Description:
         Whether motors are those that the file has, and not those of joints.
     visuals : mapping of str to tuple of Visual
         Shapes of links for pictures.
+    lifted : mapping of str to float
+        Shares of their weight that forces at the mass centres of links hold up.
     """
 
     name: str
@@ -217,6 +219,7 @@ class Description:
     labels: Mapping[str, str] = field(default_factory=dict)
     has_actuators: bool = False
     visuals: Mapping[str, tuple[Visual, ...]] = field(default_factory=dict)
+    lifted: Mapping[str, float] = field(default_factory=dict)
 
 
 @final

@@ -9,6 +9,8 @@ import sympy as sp
 from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import Dyadic, Vector, dynamicsymbols
 
+from ..arrays import FloatArray
+from ..errors import SceneError, list_names
 from ..scene.contacts import CoulombFriction
 from ..scene.joints import Joint, Unknown
 from ..scene.limits import Stop
@@ -121,3 +123,22 @@ def add_gravity(builder: RobotBuilder) -> None:
         scene.apply_uniform_gravity(-builder.parameter("g", -float(field[2]), nonnegative=True) * scene.frame.z)
     elif np.any(field):
         scene.apply_uniform_gravity(vector(scene.frame, [number(float(x)) for x in field]))
+    _lift(builder, field)
+
+
+def _lift(builder: RobotBuilder, field: FloatArray) -> None:
+    """Add the forces that hold up shares of the weights of links (gravcomp= of a body of MuJoCo)."""
+    robot = builder.robot
+    if robot.lifted and builder.options.symbols:
+        names = list_names(map(repr, robot.lifted))
+        raise SceneError(
+            robot.name,
+            [f"gravcomp= of {names} holds up masses that are numbers: leave it out, or give parameters='numbers'"],
+        )
+    for name, share in robot.lifted.items():
+        own = robot.links[name]
+        if np.any(own.mass * field) and not builder.rests(builder.carriers[name][0]):
+            link = builder.link(name)
+            centre = link.point.locatenew(f"{name} lifted", vector(link.frame, [number(float(x)) for x in own.centre]))
+            force = [number(float(x)) for x in -share * own.mass * field]
+            builder.scene.add_loads((centre, vector(builder.scene.frame, force)))
