@@ -97,6 +97,18 @@ def test_a_box_from_a_file_is_the_primitive(law, tmp_path):
     np.testing.assert_allclose(matrix, np.diag(np.sum(edges) - edges) / 4, rtol=0, atol=1e-15)
 
 
+@pytest.mark.parametrize("heights", [(0, 0.25, 1, 0.25), (0.25, 0, 0.25, 1)])
+def test_faces_of_four_corners_are_parted_along_the_shorter_diagonal(heights, tmp_path):
+    """A block below a face that is no plane: its volume is that below the two triangles, as in MuJoCo."""
+    sides = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+    corners = [(*side, z) for z in (heights, (-0.5,) * 4) for side, z in zip(sides, z, strict=True)]
+    faces = ["1 2 3 4", "8 7 6 5", "1 5 6", "1 6 2", "2 6 7", "2 7 3", "3 7 8", "3 8 4", "4 8 5", "4 5 1"]
+    lines = [f"v {words(corner)}" for corner in corners] + [f"f {face}" for face in faces]
+    (tmp_path / "block.obj").write_text("\n".join(lines))
+    mass, _, _ = inertia_of(write(tmp_path, 'file="block.obj" inertia="exact"', 'density="1"'))
+    np.testing.assert_allclose(mass, 0.5 + (1 + 4 * 0.25) / 6, rtol=1e-14)
+
+
 def test_points_alone_are_their_hull(tmp_path):
     corners, faces = box((0, 0, 0), (0.5, 0.25, 1))
     for found, expected in zip(

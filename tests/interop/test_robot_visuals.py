@@ -1,4 +1,4 @@
-"""Shapes of robot files in pictures: places by the oracle, meshes of three formats, colours, and what is left out."""
+"""Shapes of robot files in pictures: places by the oracle, meshes of four formats, colours, and what is left out."""
 
 import struct
 
@@ -71,8 +71,13 @@ def dae():
     return DAE.format(numbers, " ".join(f"{place} 0" for place in FACES.ravel())).encode()
 
 
-@pytest.mark.parametrize("write", [binary_stl, text_stl, obj, dae])
-def test_meshes_of_three_formats(tmp_path, write):
+def msh():
+    counts = struct.pack("<4i", 4, 1, 2, 4)
+    return counts + np.float32([*CORNERS.ravel(), 0, 0, 1, 0, 0, 1, 1]).tobytes() + np.int32(FACES).tobytes()
+
+
+@pytest.mark.parametrize("write", [binary_stl, text_stl, obj, dae, msh])
+def test_meshes_of_four_formats(tmp_path, write):
     """A tetrahedron: its volume has its size and its sense."""
     path = tmp_path / f"tip.{'stl' if 'stl' in write.__name__ else write.__name__}"
     path.write_bytes(write())

@@ -1,4 +1,4 @@
-"""Surfaces from files, for pictures: the triangles of STL, OBJ and DAE (COLLADA), without colours and textures."""
+"""Surfaces from files: the triangles of STL, OBJ, DAE (COLLADA) and MuJoCo's MSH, without colours and textures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..errors import OptionError
 from ..scene.shape_meshes import Triangles
 from .robot_files import Element, FileReader
 
-FORMATS = (".stl", ".obj", ".dae")
+FORMATS = (".stl", ".obj", ".dae", ".msh")
 """Ends of the names of files that are read."""
 
 _HEADER = 84
@@ -32,7 +32,7 @@ def read_mesh(path: str | PathLike[str], name: str = "mesh") -> Triangles:
         For a file that cannot be read, has another format, or no triangles.
     """
     file = Path(path)
-    reader = {".stl": _stl, ".obj": _obj, ".dae": _dae}.get(file.suffix.lower())
+    reader = {".stl": _stl, ".obj": _obj, ".dae": _dae, ".msh": _msh}.get(file.suffix.lower())
     if reader is None:
         raise OptionError(f"shape {name!r}: {file.name!r} has none of the formats {', '.join(FORMATS)}")
     try:
@@ -59,18 +59,38 @@ def _stl(file: Path) -> tuple[FloatArray, NDArray[np.intp]]:
 
 
 def _obj(file: Path) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return vertices and faces; polygons are fans of triangles."""
+    """Return vertices and faces; polygons are fans, those of four corners from an end of the shorter diagonal."""
     vertices: list[list[float]] = []
-    faces: list[list[int]] = []
+    polygons: list[list[int]] = []
     for line in file.read_text(errors="replace").splitlines():
         head, *words = line.split() or [""]
         if head == "v":
             vertices.append([float(word) for word in words[:3]])
         elif head == "f":
             numbers = [int(word.partition("/")[0]) for word in words]
-            places = [number - 1 if number > 0 else len(vertices) + number for number in numbers]
-            faces += [[places[0], *pair] for pair in pairwise(places[1:])]
-    return np.array(vertices).reshape(-1, 3), np.array(faces, dtype=np.intp).reshape(-1, 3)
+            polygons.append([number - 1 if number > 0 else len(vertices) + number for number in numbers])
+    corners = np.array(vertices).reshape(-1, 3)
+    faces = [triangle for polygon in polygons for triangle in _fan(_from_short_diagonal(polygon, corners))]
+    return corners, np.array(faces, dtype=np.intp).reshape(-1, 3)
+
+
+def _from_short_diagonal(polygon: list[int], corners: FloatArray) -> list[int]:
+    """Return a polygon from an end of its shorter diagonal on, if it has four corners: so it is parted in MuJoCo."""
+    if len(polygon) != 4:
+        return polygon
+    a, b, c, d = corners[polygon]
+    return [*polygon[1:], polygon[0]] if np.sum((d - b) ** 2) <= np.sum((c - a) ** 2) else polygon
+
+
+def _msh(file: Path) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Return vertices and faces: four numbers of items, then vertices, normals, texture coordinates and triangles."""
+    data = file.read_bytes()
+    vertices, normals, textures, faces = (int(count) for count in np.frombuffer(data, "<i4", 4))
+    place = 4 * (4 + 3 * vertices + 3 * normals + 2 * textures)
+    if min(vertices, normals, textures, faces) < 0 or len(data) != place + 12 * faces:
+        raise ValueError("its size is not that of its numbers of vertices and triangles")
+    corners = np.frombuffer(data, "<f4", 3 * vertices, 16).reshape(-1, 3).astype(float)
+    return corners, np.frombuffer(data, "<i4", 3 * faces, place).reshape(-1, 3).astype(np.intp)
 
 
 # COLLADA: geometries in a tree of nodes, with a unit and an axis that points up.

@@ -112,8 +112,8 @@ class Mesh:
     Parameters
     ----------
     source : path, or pair of array_like (n, 3) and (m, 3)
-        A file in the format STL, OBJ or DAE; or vertices [m], and the numbers of the vertices of each triangle. A file
-        is read when it is drawn, with at most 400 vertices.
+        A file in the format STL, OBJ, DAE or MSH; or vertices [m], and the numbers of the vertices of each triangle.
+        A file is read when it is drawn, with at most 400 vertices.
     at : Point, optional
         Its origin; the mass centre of the body by default.
     color : str, optional
