@@ -38,7 +38,8 @@ def read_mesh(path: str | PathLike[str], name: str = "mesh") -> Triangles:
     try:
         vertices, faces = reader(file)
     except (OSError, ValueError, IndexError, KeyError) as reason:
-        raise OptionError(f"shape {name!r}: {file.name!r} cannot be read: {reason}") from None
+        why = (isinstance(reason, OSError) and reason.strerror) or reason
+        raise OptionError(f"shape {name!r}: {file.name!r} cannot be read: {why}") from None
     if not len(faces):
         raise OptionError(f"shape {name!r}: {file.name!r} has no triangles")
     return Triangles(vertices, faces)
