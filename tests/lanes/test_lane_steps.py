@@ -67,7 +67,7 @@ def sweep(memory=0, t_eval=(), cases=2, position=0):
         steps=np.empty((0, 0)),
         rows=no_rows(),
         part=no_part_samples(),
-        alone=no_row_steps(),
+        implicit=no_row_steps(),
     )
     begin_lanes(arguments)
     for lane in range(LANES):

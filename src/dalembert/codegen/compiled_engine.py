@@ -136,7 +136,7 @@ class CompiledEngine(Engine):
         _ = (
             self._taylor(problem)
             if method == "taylor"
-            else self._steppers.implicit
+            else self._steppers.implicit()
             if method == "radau"
             else self._steppers.explicit
         )
@@ -151,7 +151,7 @@ class CompiledEngine(Engine):
         if method == "radau":
             from ..steps import implicit_loop as implicit
 
-            own = self._steppers.implicit
+            own = self._steppers.implicit()
             found = implicit.integrate(loop_named("implicit_loop"), own.codes, compiled, own.multipliers, own.states)
             raise_failure()
             return found

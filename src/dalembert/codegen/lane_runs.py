@@ -166,8 +166,8 @@ class LaneRuns:
 
     def _runner(self, cases: CaseColumns, method: str, watched: EventCode | None) -> SweepRunner:
         """Return what runs cases like these."""
-        sampled, sizes, alone = len(cases.t_eval) > 0, self._code.sizes, method == "radau"
-        lanes = 1 if alone else self._library.lanes
+        sampled, sizes, implicit = len(cases.t_eval) > 0, self._code.sizes, method == "radau"
+        lanes = self._library.lanes
         each_step = cases.recorded > 0 or cases.part is not None
         dense = sampled or watched is not None or each_step
         with_series = 0
@@ -178,7 +178,7 @@ class LaneRuns:
         stepper = self._steppers.stepper(method, tolerances, lanes, dense=dense, bounded=located, watched=series_of)
         nothing_each_step = watched is None or (with_series > 0 and not sampled and not watched.kinds)
         nothing_each_step = nothing_each_step and not cases.recorded and (watched is not None or not each_step)
-        nothing_each_step = nothing_each_step and not alone
+        nothing_each_step = nothing_each_step and not implicit
         assert cases.start is not None
         prepare, start = self._library.prepare(lanes), self._library.start(cases.start, lanes)
         of_step = sizes["rhs"], sizes["prepare"], stepper.degree, stepper.memory
@@ -187,7 +187,7 @@ class LaneRuns:
             SweepShape(lanes, *of_step, dense, with_series),
             stepper,
             self._steppers.events(watched, method, stepper, lanes, with_series),
-            watched=watched is not None or each_step or alone,
+            watched=watched is not None or each_step or implicit,
         )
 
     def surely_not_stiff(self, cases: CaseColumns, numbers: Sequence[int], tried: str | None, screened: bool) -> bool:

@@ -173,7 +173,7 @@ class KernelLibrary(ABC):
             name, lanes, lambda: self.kernel_text(kernel.name, kernel, lanes), kernel.name, table=self._further
         )
 
-    def derivative(self, name: str) -> tuple[OwnedAddress, OwnedAddress]:
+    def derivative(self, name: str, lanes: int = 1) -> tuple[OwnedAddress, OwnedAddress]:
         """Return the addresses of the derivative of a kernel by all of its state.
 
         The first is the whole Jacobian, the second one column after the other (see `dalembert.transforms.partials`);
@@ -181,7 +181,7 @@ class KernelLibrary(ABC):
         """
         whole = has_jacobian(self._program.kernel(name))
         made = f"{name}_{_DERIVATIVES[whole]}"
-        address = self._entry(made, 1, lambda: self._derivative_text(name), made)
+        address = self._entry(made, lanes, lambda: self._derivative_text(name, lanes), made)
         return (address, NO_CODE) if whole else (NO_CODE, address)
 
     # -- facts about the program ------------------------------------------------------------
@@ -262,9 +262,9 @@ class KernelLibrary(ABC):
         made, derivative = derivative_of(self._program.kernel(name))
         return f"{name}_{made}", derivative
 
-    def _derivative_text(self, name: str) -> str:
+    def _derivative_text(self, name: str, lanes: int) -> str:
         made, kernel = self._derivative_kernel(name)
-        return self.kernel_text(made, kernel, 1)
+        return self.kernel_text(made, kernel, lanes)
 
     def _entry(
         self,

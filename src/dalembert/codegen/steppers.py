@@ -176,31 +176,44 @@ class Steppers:
         self._n = len(self._names)
         self._events: BoundedTable[tuple[EventCode, str, tuple[int, int], int, int, bool, bool], EventKernels]
         self._events = BoundedTable(_MOST_EVENTS)
+        self._implicit: dict[int, ImplicitSteps] = {}
 
     def projections(self, lanes: int) -> tuple[OwnedAddress, OwnedAddress]:
         """Return the addresses of the corrections of positions and of velocities, 0 where there are none."""
         return self._steps.kernel("project_position", lanes), self._steps.kernel("project_velocity", lanes)
 
-    @once_property
+    @property
     def explicit(self) -> RunCodes:
         """Kernels of steps of Runge-Kutta pairs that are not compiled."""
-        return RunCodes(self._steps.kernel("rhs"), *self.projections(1), self._steps.kernel("knots"))
+        return self._codes(1)
 
-    @once_property
-    def implicit(self) -> ImplicitSteps:
-        """Steps of the implicit method."""
+    def _codes(self, lanes: int) -> RunCodes:
+        kernel = self._steps.kernel
+        return RunCodes(kernel("rhs", lanes), *self.projections(lanes), kernel("knots", lanes))
+
+    def implicit(self, lanes: int = 1) -> ImplicitSteps:
+        """Return steps of the implicit method, of so many cases side by side."""
+        return computed_once(self._implicit, lanes, lambda: self._implicit_steps(lanes))
+
+    def _implicit_steps(self, lanes: int) -> ImplicitSteps:
         from ..steps.implicit_loop import DEGREE
 
         steps, program = self._steps, self._program
         if "stages" not in program:
-            jacobian, tangent = steps.derivative("rhs")
-            codes = self.explicit._replace(jacobian=jacobian, tangent=tangent)
+            jacobian, tangent = steps.derivative("rhs", lanes)
+            codes = self._codes(lanes)._replace(jacobian=jacobian, tangent=tangent)
             return ImplicitSteps(codes, self._n, 0, 0, DEGREE)
-        jacobian, tangent = steps.derivative("stages")
+        jacobian, tangent = steps.derivative("stages", lanes)
         kernel = program.kernel("multipliers")
-        multipliers = steps.kernel(kernel.name) if steps.compiles_starts else interpreted_code(kernel, 1)
+        multipliers = (
+            steps.kernel(kernel.name, lanes) if steps.compiles_starts else interpreted_code(kernel, lanes)
+        )
         codes = RunCodes(
-            steps.kernel("stages"), NO_CODE, NO_CODE, steps.kernel("knots"), jacobian, tangent, multipliers
+            steps.kernel("stages", lanes),
+            knots=steps.kernel("knots", lanes),
+            jacobian=jacobian,
+            tangent=tangent,
+            multipliers=multipliers,
         )
         return ImplicitSteps(codes, self._n, len(kernel.outputs), len(program.layout.states), DEGREE)
 
@@ -224,7 +237,7 @@ class Steppers:
         own = component_tolerances(atol, self._names)
         weighted, atol = own is not None, float(atol)
         if method == "radau":
-            steps, each = self.implicit, np.full(self._n, atol) if own is None else own
+            steps, each = self.implicit(lanes), np.full(self._n, atol) if own is None else own
             return Stepper((NO_CODE, NO_CODE), CONTROLS, steps.degree, [rtol, atol], rows=steps, allowed=each)
         if method == "taylor":
             order, floor = order or order_at(rtol, atol), scale_floor(rtol, atol)

@@ -1,4 +1,4 @@
-"""Memory of steps on rows: those of single runs, which a case takes that has the one lane of a loop."""
+"""Memory of steps on rows: those of single runs, which cases take that are in the lanes of a loop."""
 
 from __future__ import annotations
 
@@ -17,23 +17,21 @@ from ..steps.packed_tableaus import ALLOWED
 from ..steps.recorded_runs import Progress, Run, RunCodes, RunSettings
 from ..stops.stops import no_stops
 from ..subset.addresses import NO_CODE
-from ..subset.arguments import Record, constant_group
-
-
-class RowPlace(Record):
-    """Whether a step from the present state was attempted before (``known``), so that its slope is known."""
-
-    known: int
+from ..subset.arguments import IntVector, constant_group
+from .workspace import aligned
 
 
 class RowSteps(NamedTuple):
-    """The workspace of steps on rows; their constants are those of the lane."""
+    """The workspace of steps on rows; their constants are those of the lanes.
+
+    ``known`` is 1 where a step from the present state of a lane was attempted before, so that its slope is known.
+    """
 
     codes: RunCodes
     settings: RunSettings
     space: NewtonWorkspace
     run: Run
-    place: RowPlace
+    known: IntVector
 
 
 @final
@@ -68,18 +66,18 @@ class ImplicitSteps:
 
         Parameters
         ----------
-        constants : (n_c, 1)
-            Those of the lane.
+        constants : (n_c, lanes)
+            Those of the lanes.
         tolerances, allowed
             Relative and smallest absolute one; absolute ones (n,) of the components.
         max_step, first_step
             Largest size of a step, and that of the first, 0 where it is chosen.
         """
-        n, width = self.n, self.n + self.multipliers
-        work = np.zeros((ROWS, width))
+        n, width, lanes = self.n, self.n + self.multipliers, constants.shape[1]
+        work = aligned(ROWS, width * lanes)
         rtol, atol = tolerances[0], max(tolerances[1], SMALLEST_SCALE)
         work[ALLOWED] = atol
-        work[ALLOWED, :n] = np.maximum(allowed, SMALLEST_SCALE)
+        work[ALLOWED, : n * lanes] = np.repeat(np.maximum(allowed, SMALLEST_SCALE), lanes)
         return RowSteps(
             codes=self.codes,
             settings=RunSettings(
@@ -96,22 +94,23 @@ class ImplicitSteps:
                 stop_if_stiff=False,
                 behind=False,
             ),
-            space=newton_workspace(width, n - self.states),
+            space=newton_workspace(width, n - self.states, lanes),
             run=_run(work, constants, n, self.degree),
-            place=RowPlace(),
+            known=np.zeros(lanes, np.int64),
         )
 
 
 def _run(work: FloatArray, constants: FloatArray, n: int, degree: int) -> Run:
+    lanes = constants.shape[1]
     return Run(
-        clock=np.zeros((1, 1)),
+        clock=np.zeros((1, lanes)),
         constants=constants,
         t_eval=np.zeros(0),
         work=work,
-        delta=np.zeros((n, 1)),
-        mark=np.zeros(1, np.int64),
+        delta=np.zeros((n, lanes)),
+        mark=np.zeros(lanes, np.int64),
         progress=Progress(),
-        knot=np.zeros((1, 2)),
+        knot=np.zeros((1, 2 * lanes)),
         rows=np.zeros((0, 1 + n)),
         pieces=np.zeros((1, 1 + (degree + 1) * n)),
         stops=no_stops(),

@@ -221,8 +221,8 @@ class SweepArguments(NamedTuple):
         Cases that are given so, in place of columns.
     part : PartSamples
         Samples of cases that are parts of motions, in place of ``t_eval``.
-    alone : RowSteps
-        Memory of steps that are not compiled, of which a case has the one lane.
+    implicit : RowSteps
+        Memory of steps of the implicit method.
     """
 
     kernels: SweepKernels
@@ -245,4 +245,4 @@ class SweepArguments(NamedTuple):
     steps: Matrix
     rows: CaseRows
     part: PartSamples
-    alone: RowSteps
+    implicit: RowSteps

@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 from ..events.lane_events import handle_events, hold_for_events, test_steps, watch_case
 from ..lanes.case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes, runs_on
-from ..lanes.implicit_steps import implicit_step
+from ..lanes.implicit_steps import begin_implicit_step, implicit_steps
 from ..lanes.lane_steps import (
     accept_steps,
     advance_together,
@@ -27,7 +27,7 @@ from ..lanes.lane_steps import (
 from ..lanes.lane_stops import begin_lane_stops, end_of_case, pass_lane_stops, run_on_at_stops, watch_constants
 from ..lanes.step_records import compensate_steps, record_cases, record_steps, records_are_full
 from ..lanes.sweep_arguments import SweepArguments
-from ..subset.compiled_subset import compiled_subset, lowest
+from ..subset.compiled_subset import compiled_subset, lane_count, lowest
 from ..threads import STOPPED
 
 
@@ -95,10 +95,13 @@ def _following(watched: bool, projected: bool, stops: bool, recorded: bool) -> C
 
 
 @compiled_subset
-def take_implicit_step(arguments: SweepArguments) -> None:
-    """Attempt a step of the implicit method in the one lane there is."""
-    fresh, behind = arguments.state.numbers.fresh[0] != 0, arguments.workspace.jumped[0, 2] != 0.0
-    implicit_step(arguments.alone, arguments.state, arguments.shape.n, end_of_case(arguments, 0), fresh, behind)
+def take_implicit_steps(arguments: SweepArguments) -> None:
+    """Attempt a step of the implicit method in every lane."""
+    state, jumped = arguments.state, arguments.workspace.jumped
+    for lane in range(lane_count()):
+        fresh, behind = state.numbers.fresh[lane] != 0, jumped[lane, 2] != 0.0
+        begin_implicit_step(arguments.implicit, state, lane, end_of_case(arguments, lane), fresh, behind)
+    implicit_steps(arguments.implicit, state)
 
 
 def sweeping(
@@ -147,4 +150,4 @@ RECORDED_LOOP = sweeping(watched=False, projected=True, recorded=True)
 STOP_LOOP = sweeping(watched=False, projected=True, stops=True)
 EVENT_LOOP = sweeping(watched=True, projected=True)
 STOP_EVENT_LOOP = sweeping(watched=True, projected=True, stops=True)
-IMPLICIT_LOOP = sweeping(watched=True, projected=False, stops=True, step=take_implicit_step)
+IMPLICIT_LOOP = sweeping(watched=True, projected=False, stops=True, step=take_implicit_steps)

@@ -250,4 +250,4 @@ def implicit_correct(arguments: ImplicitSteps, t: float) -> int:
 def implicit_continue(arguments: ImplicitSteps) -> None:
     """Forget what was known of the motion before, where constants have changed."""
     loop, progress = arguments.run, arguments.run.run.progress
-    begin_piece(loop.codes, loop.settings, loop.run, progress.row, progress.t, progress.size)
+    begin_piece(loop.codes, loop.settings, loop.workspace, loop.run, progress.size)

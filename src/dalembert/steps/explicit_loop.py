@@ -37,6 +37,7 @@ from .recorded_runs import (
     pass_first_stops,
     passes_stop,
     pending,
+    find_limits,
     planned_step,
     project,
     proposed_after,
@@ -173,7 +174,8 @@ def _attempt(codes: RunCodes, tableau: PackedTableau, settings: RunSettings, run
     """Attempt a step, and accept or reject it; return the status."""
     progress, work, n = run.progress, run.work, settings.kept
     y, y_new, t = progress.row, 1 - progress.row, progress.t
-    h, t_new = planned_step(settings, run, codes.knots)
+    run.clock[0, 0] = progress.t
+    h, t_new = planned_step(settings, run, find_limits(run, codes.knots), 0)
     proposed = progress.size
     evaluate_stages(codes.rhs, tableau, 1, tableau.end + 1, t, h, run, y, y_new)
     error = error_norm(tableau, h, work, y, y_new, settings.rtol, n)

@@ -12,7 +12,7 @@ from ..methods.status import RUNNING, Status
 from ..stops.stops import StopTable, begin_stops, end_of_steps, is_due, pass_stops, take_stops
 from ..subset.addresses import NO_CODE
 from ..subset.arguments import Address, IntVector, Matrix, Record, Vector
-from ..subset.compiled_subset import call_code, compiled_subset, flat, fma, row
+from ..subset.compiled_subset import call_code, compiled_subset, flat, fma, lane_count, row
 from .packed_tableaus import POINT
 from .projection import project_row
 from .step_control import next_step, smallest_step, status_after
@@ -99,8 +99,8 @@ class Run(NamedTuple):
     ``work`` (n_rows, width) are vectors in rows: the ends of a step in turn, then those of `packing`. ``rows``
     (k, 1 + n) get the times to record ``t_eval`` with their states or, where there are none, the start and the ends of
     the steps of a block; ``pieces`` (k, 1 + (degree + 1)*n) ends of steps and polynomials, of one step where they are
-    not kept. Steps end at ``stops``, where ``constants`` (n_c, 1) change; ``prepare`` is their code. ``knot`` (1, 2)
-    gets the limits of a step at knots of tables.
+    not kept. Steps end at ``stops``, where ``constants`` (n_c, 1) change; ``prepare`` is their code. ``knot``
+    (1, 2) gets the limits of a step at knots of tables. Loops over lanes have a column for each where there is one here.
     """
 
     clock: Matrix
@@ -161,15 +161,15 @@ def block_is_full(progress: Progress) -> bool:
 
 
 @compiled_subset
-def planned_step(settings: RunSettings, run: Run, knots: int) -> tuple[float, float]:
-    """Return the next step, with its sign, and where it ends; `knots` is the kernel of its limits at knots of tables.
+def planned_step(settings: RunSettings, run: Run, limited: bool, lane: int) -> tuple[float, float]:
+    """Return the next step of a lane, with its sign, and where it ends; it may be `limited` (`find_limits`).
 
     Where a knot cuts the step, ``progress.unlimited`` keeps the proposed size; it is 0 where none does.
     """
     progress, t, end = run.progress, run.progress.t, run.progress.end
     size, progress.size = next_step(progress.size, t, end, settings.max_step)
-    if knots != 0:
-        limit = _limit_at_knots(run, knots)
+    if limited:
+        limit = _limit_at_knots(run, lane)
         progress.unlimited = progress.size if limit < size else 0.0
         size = min(size, limit)
     if size == abs(end - t):
@@ -212,12 +212,20 @@ def passes_stop(settings: RunSettings, run: Run, status: int) -> bool:
 
 
 @compiled_subset
-def _limit_at_knots(run: Run, knots: int) -> float:
-    """Return the largest size of a step from the present state that knots of tables allow."""
-    t, out = run.progress.t, row(run.knot, 0)
-    run.clock[0, 0] = t
-    call_code(knots, row(run.clock, 0), row(run.work, run.progress.row), row(run.constants, 0), 0, out)
-    limit = run.knot[0, 0] if run.progress.direction > 0.0 else run.knot[0, 1]
+def find_limits(run: Run, knots: int) -> bool:
+    """Compute the limits of steps at knots of tables, at the times of ``clock``; return whether there are tables."""
+    if knots == 0:
+        return False
+    state, out = row(run.work, run.progress.row), row(run.knot, 0)
+    call_code(knots, row(run.clock, 0), state, row(run.constants, 0), 0, out)
+    return True
+
+
+@compiled_subset
+def _limit_at_knots(run: Run, lane: int) -> float:
+    """Return the largest size of a step from the present state of a lane that knots of tables allow."""
+    t = run.progress.t
+    limit = run.knot[0, lane] if run.progress.direction > 0.0 else run.knot[0, lane_count() + lane]
     return max(limit, 4.0 * smallest_step(t, abs(run.progress.t1 - t)))
 
 

@@ -10,11 +10,12 @@ from __future__ import annotations
 import ctypes
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from fractions import Fraction
 from operator import index
-from threading import Lock
+from threading import Lock, local
 from typing import Any, TypeVar, final
 
 import numpy as np
@@ -30,6 +31,7 @@ _CODE, _TEST = ctypes.CFUNCTYPE(None, *_ADDRESSES), ctypes.CFUNCTYPE(ctypes.c_in
 _FOREIGN = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
 _TAKING = Lock()
 _TARGET = {"fused": True}
+_LANES = local()
 
 
 def compiled_subset(function: F) -> F:
@@ -46,8 +48,8 @@ def row(matrix: NDArray[Any], number: int) -> int:
 
 
 def flat(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a C-contiguous matrix of doubles as one column, a view of the same memory."""
-    return matrix.reshape(-1, 1)
+    """Return a C-contiguous matrix of doubles as one column for each lane, a view of the same memory."""
+    return matrix.reshape(-1, lane_count())
 
 
 def call_code(address: int, t: int, y: int, c: int, s: int, out: int) -> None:
@@ -112,6 +114,29 @@ def fma(a: float, b: float, c: float) -> float:
     except OverflowError:
         found = math.inf if exact > 0 else -math.inf
     return np.float64(found if exact > 0 else -abs(found))
+
+
+def lane_count() -> int:
+    """Return how many cases the loop that runs has side by side, which is known when it is translated."""
+    return int(getattr(_LANES, "count", 1))
+
+
+def lanes() -> range:
+    """Return the numbers of these cases, for a ``for`` whose rounds do not depend on each other.
+
+    A round reads nothing that another writes, so that machine code takes them at once.
+    """
+    return range(lane_count())
+
+
+@contextmanager
+def lanes_of(count: int) -> Iterator[None]:
+    """Run plain Python with so many cases side by side, in this thread."""
+    before, _LANES.count = lane_count(), count
+    try:
+        yield
+    finally:
+        _LANES.count = before
 
 
 def square(x: float) -> float:

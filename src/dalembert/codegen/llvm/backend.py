@@ -126,7 +126,7 @@ class LLVMLibrary(KernelLibrary):
         elif method == "radau":
             rates = "stages" if "stages" in self._program else "rhs"
             kernels.insert(1, rates)
-            texts.append(self._derivative_text(rates))
+            texts.append(self._derivative_text(rates, 1))
         else:
             kernels.insert(1, "rhs")
         return "\n".join([banner, *(self._program_text(name, 1) for name in kernels if name in self._program), *texts])

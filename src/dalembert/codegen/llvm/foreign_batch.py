@@ -167,7 +167,7 @@ def sweep_arguments(kernels: SweepKernels, sizes: BatchSizes) -> SweepArguments:
         steps=none,
         rows=CaseRows(none, none, none, none),
         part=no_part_samples(),
-        alone=no_row_steps(),
+        implicit=no_row_steps(),
     )
 
 

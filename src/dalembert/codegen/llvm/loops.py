@@ -21,7 +21,7 @@ from ...errors import OptionError
 from ...once import once, once_property
 from ...subset.addresses import OwnedAddress
 from ...subset.arguments import address_of, arguments_of, kind_of, pack, unpack
-from ...subset.compiled_subset import PLAIN_LOOPS, CheckedArray, tell_target
+from ...subset.compiled_subset import PLAIN_LOOPS, CheckedArray, lanes_of, tell_target
 from ...version import __version__
 from ..cache import digest_of, directory
 from ..host_code import host_code
@@ -104,8 +104,8 @@ def library_code(name: str, text: Callable[[], str], shape: Shape = "straight") 
 class Loop:
     """The loop of a name (`loop_named`): machine code, or plain Python."""
 
-    def __init__(self, name: str, *, plain: bool = False) -> None:
-        self._name, self.plain = name, plain
+    def __init__(self, name: str, *, plain: bool = False, lanes: int = 1) -> None:
+        self._name, self.plain, self._lanes = name, plain, lanes
 
     @once_property
     def _function(self) -> Callable[[Any], int | None]:
@@ -118,9 +118,11 @@ class Loop:
         def text() -> str:
             from ..subset import loop_assembly
 
-            return loop_assembly(self._function, fused=target().fused)
+            return loop_assembly(self._function, fused=target().fused, lanes=self._lanes)
 
-        return library_code(self._name, text, SOURCES[self._name][2])
+        if self._lanes == 1:
+            return library_code(self._name, text, SOURCES[self._name][2])
+        return library_code(f"{self._name}_{self._lanes}", text, "lanes")
 
     @once_property
     def call(self) -> Any:
@@ -154,7 +156,8 @@ class Loop:
         arguments = arguments_of(self._function)
         address = pointer if isinstance(pointer, int) else pointer.value
         packed_args = (ctypes.c_int64 * len(kind_of(arguments).words)).from_address(address)
-        with np.errstate(all="ignore"):  # divisions by zero follow IEEE 754
+        # divisions by zero follow IEEE 754
+        with np.errstate(all="ignore"), lanes_of(self._lanes):
             return int(self._function(unpack(arguments, np.array(packed_args), CheckedArray)) or 0)
 
     def __call__(self, arguments: tuple[Any, ...]) -> int:
@@ -164,9 +167,12 @@ class Loop:
 
 
 @once
-def loop_named(name: str) -> Loop:
-    """Return the loop of a name, one for the process: as plain Python where these are debugged."""
-    return Loop(name, plain=debugging())
+def loop_named(name: str, lanes: int = 1) -> Loop:
+    """Return the loop of a name, one for the process: as plain Python where these are debugged.
+
+    One whose functions are those of `dalembert.subset.compiled_subset.lanes` has so many cases side by side.
+    """
+    return Loop(name, plain=debugging(), lanes=lanes)
 
 
 def compiled_entry(name: str) -> OwnedAddress:

@@ -116,7 +116,7 @@ class RecordedLane:
         before, each = self._stepper.evaluations
         evaluations = int(before + each * attempts)
         if self._stepper.rows is not None:
-            evaluations = self.arguments.alone.run.progress.evaluations
+            evaluations = self.arguments.implicit.run.progress.evaluations
         return RecordedCase(
             steps,
             occurrences,
@@ -136,7 +136,7 @@ class RecordedLane:
         made.limits[0, :2] = problem.max_step, problem.max_steps
         made.happened[0, ::3], made.turn[0], occurred[0] = 0.0, 0, 0.0
         progress.paused, progress.recorded, progress.returns = 0, 0, 1
-        made.alone.run.progress.evaluations = 0
+        made.implicit.run.progress.evaluations = 0
         progress.patience = _OBSERVED if is_observed() else _ROWS
         steps: list[FloatArray] = []
         found: list[FloatArray] = []

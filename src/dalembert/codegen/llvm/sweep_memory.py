@@ -17,13 +17,12 @@ from ...stops.stops import no_stops
 from ...subset.arguments import pack, place_of, words_of
 from ..runs import CaseRun
 from ..steppers import Stepper
-from .loops import loop_named
 from .sweeps import CaseArrays, SweepShape, begin_progress, run_loop
 
 _CASES, _SHARE = (place_of(SweepArguments, f"shape.{name}") for name in ("cases", "share"))
 _COLUMNS, _TURN, _STATE = (place_of(SweepArguments, name) for name in ("columns", "turn", "state"))
 _HAPPENED, _STOPS, _STEPS = (place_of(SweepArguments, name) for name in ("happened", "stops", "steps"))
-_LARGEST = place_of(SweepArguments, "alone.settings.max_step")
+_LARGEST = place_of(SweepArguments, "implicit.settings.max_step")
 
 
 def _reuses_memory(cases: CaseColumns) -> bool:
@@ -110,7 +109,7 @@ class _Memory:
         self._words, self._made, self._stops = array("q", pack(made).tobytes()), made, made.stops
         self._numbers = np.frombuffer(self._words, np.float64)
         self._block = cast("NDArray[np.uint8]", made.state.clock.base)  # of all arrays of the lanes
-        self.code, self.pointer = loop_named(arrays.loop_name).call, ctypes.c_void_p(self._words.buffer_info()[0])
+        self.code, self.pointer = arrays.loop.call, ctypes.c_void_p(self._words.buffer_info()[0])
         self.progress: LoopProgress = made.state.progress
         self.held: object = None
         self._limits: tuple[float, int] | None = None

@@ -42,7 +42,7 @@ from ...threads import STOPPED, check
 from ..host_code import raise_failure
 from ..runs import LoopCall
 from ..steppers import Stepper
-from .loops import loop_named
+from .loops import Loop, loop_named
 
 _FIRST_ROUNDS, _ROUNDS, _MOST_ROUNDS, _QUICK = 32, 256, 1 << 24, 0.02
 """Rounds after which a loop that others may join first returns to Python, any loop, and at most; seconds below which
@@ -156,6 +156,11 @@ class CaseArrays:
         return "projected_lane_loop" if self.projected else "lane_loop"
 
     @property
+    def loop(self) -> Loop:
+        """The loop that serves these cases."""
+        return loop_named(self.loop_name, 1 if self.stepper.rows is None else self.shape.lanes)
+
+    @property
     def results(self) -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
         """What the loop reads and writes of all cases, in the order of its arguments: before and behind its memory."""
         result, kept = self.result, self.kept
@@ -166,7 +171,7 @@ class CaseArrays:
         """Return a call of the loop in one thread, for loops that do so themselves."""
         made = self.arguments(turn)
         about = made.state.progress, made.steps, made.workspace.occurrences
-        return LoopCall(loop_named(self.loop_name).entry, pack(made), *about, (self, made))
+        return LoopCall(self.loop.entry, pack(made), *about, (self, made))
 
     def arguments(self, turn: NDArray[np.int64]) -> SweepArguments:
         """Return the arguments of the loop in one thread; `turn` counts the cases that all threads have taken."""
@@ -201,10 +206,10 @@ class CaseArrays:
             steps=steps,
             rows=cases.rows or no_rows(),
             part=cases.part or no_part_samples(),
-            alone=self._alone(state),
+            implicit=self._implicit(state),
         )
 
-    def _alone(self, state: LaneState) -> RowSteps:
+    def _implicit(self, state: LaneState) -> RowSteps:
         """Return the memory of steps that are not compiled."""
         cases, stepper = self.cases, self.stepper
         if stepper.rows is None:

@@ -39,7 +39,7 @@ class NumbaLibrary(KernelLibrary):
         if method == "taylor":
             return [self._taylor_text(order, 1, True, False)]
         if method == "radau":
-            return [self._derivative_text("stages" if "stages" in self._program else "rhs")]
+            return [self._derivative_text("stages" if "stages" in self._program else "rhs", 1)]
         return []
 
     @once_property

@@ -40,7 +40,7 @@ declare i64 @llvm.cttz.i64(i64, i1)
 declare void @llvm.prefetch.p0(ptr, i32, i32, i32)"""
 
 
-def loop_assembly(loop: Any, *, fused: bool = True) -> str:
+def loop_assembly(loop: Any, *, fused: bool = True, lanes: int = 1) -> str:
     """Return a module that defines `ENTRY`, which reads the arguments of `loop` from packed words and calls it.
 
     Parameters
@@ -50,13 +50,15 @@ def loop_assembly(loop: Any, *, fused: bool = True) -> str:
         results to arrays and records of its arguments.
     fused : bool
         Whether the target has instructions for `fma`; elsewhere it is a product and a sum, each rounded.
+    lanes : int
+        Cases side by side (`dalembert.subset.compiled_subset.lanes`).
 
     Raises
     ------
     TypeError
         For statements that have no translation; the message names the line.
     """
-    module, kind = _Module(fused), kind_of(arguments_of(loop))
+    module, kind = _Module(fused, lanes), kind_of(arguments_of(loop))
     name, result = module.function(loop, (kind,))
     lines = [f"%r = call {{i64}} @{name}(ptr %packed_args)", "%status = extractvalue {i64} %r, 0", "ret i64 %status"]
     if result != INTEGER:
@@ -64,14 +66,16 @@ def loop_assembly(loop: Any, *, fused: bool = True) -> str:
     body = "\n".join(["entry:", *lines])
     entry = f"define i64 @{ENTRY}(ptr %packed_args) nounwind {{\n{body}\n}}"
     declared = f"{_DECLARED}\ndeclare double @{module.fused}(double, double, double)"
-    return "\n\n".join([declared, *module.constants, *module.texts, entry, "!0 = !{}", ""])
+    return "\n\n".join([declared, *module.constants, *module.texts, entry, *module.metadata, ""])
 
 
 @final
 class _Module:
     """The functions and constants of one module."""
 
-    def __init__(self, fused: bool) -> None:
+    def __init__(self, fused: bool, lanes: int) -> None:
+        self.lanes = lanes
+        self.metadata = ["!0 = !{}"]
         self.fused = f"llvm.{'fma' if fused else 'fmuladd'}.f64"
         self.texts: list[str] = []
         self.constants: list[str] = []
@@ -89,6 +93,20 @@ class _Module:
             self.texts.append("\n".join(lines))
             self._functions[key] = name, result
         return self._functions[key]
+
+    def side_by_side(self) -> tuple[int, int]:
+        """See `Functions.side_by_side`."""
+        group = len(self.metadata)
+        parallel, enable, width, once, loop = range(group + 1, group + 6)
+        self.metadata += [
+            f"!{group} = distinct !{{}}",
+            f'!{parallel} = !{{!"llvm.loop.parallel_accesses", !{group}}}',
+            f'!{enable} = !{{!"llvm.loop.vectorize.enable", i1 true}}',
+            f'!{width} = !{{!"llvm.loop.vectorize.width", i32 {self.lanes}}}',
+            f'!{once} = !{{!"llvm.loop.unroll.disable"}}',
+            f"!{loop} = distinct !{{!{loop}, !{parallel}, !{enable}, !{width}, !{once}}}",
+        ]
+        return group, loop
 
     def array(self, array: Any) -> Value:
         """See `Functions.array`."""

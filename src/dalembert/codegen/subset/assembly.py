@@ -34,6 +34,12 @@ class Functions(Protocol):
     fused: str
     """Name of LLVM's function for a product and a sum that are rounded once."""
 
+    lanes: int
+    """Cases side by side."""
+
+    def side_by_side(self) -> tuple[int, int]:
+        """Return the numbers of the metadata of accesses, and of the loop, that takes its rounds at once."""
+
 
 def rounded(number: float) -> str:
     """Return an exact literal of a double."""

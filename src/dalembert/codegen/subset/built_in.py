@@ -60,7 +60,8 @@ def _flat(lines: Expressions, matrix: Value) -> Value:
     if matrix.kind != MATRIX:
         raise TypeError("only matrices of doubles can be made a column")
     data, rows, columns = matrix.words
-    return Value(MATRIX, (data, lines.set(f"mul i64 {rows}, {columns}"), "1"))
+    count, size = lines.module.lanes, lines.set(f"mul i64 {rows}, {columns}")
+    return Value(MATRIX, (data, size if count == 1 else lines.set(f"udiv i64 {size}, {count}"), str(count)))
 
 
 def _row(lines: Expressions, matrix: Value, number: Value) -> Value:
@@ -127,6 +128,7 @@ BUILT_IN: dict[Any, Callable[..., Value]] = {
     code.element: _load,
     code.flat: _flat,
     code.fma: _fma,
+    code.lane_count: lambda lines: lines.literal(lines.module.lanes),
     code.lowest: _lowest,
     code.take: _take,
 }

@@ -128,6 +128,21 @@ class _Statements(Expressions):
         self.jump(again)
         self._block(end)
 
+    def loop_lanes(self, name: str, body: list[ast.stmt]) -> None:
+        """See `Translation.loop_lanes`; of several lanes, LLVM makes vectors."""
+        if self.module.lanes == 1:
+            super().loop_lanes(name, body)
+            return
+        group, loop = self.module.side_by_side()
+        with self.aside() as lines:
+            self.loop_range(name, [self.literal(self.module.lanes)], body)
+        last = max(place for place, line in enumerate(lines) if line.startswith("br label"))
+        for place, line in enumerate(lines):
+            if " load " in line or line.startswith("store ") or "call " in line:
+                lines[place] = f"{line}, !llvm.access.group !{group}"
+        lines[last] += f", !llvm.loop !{loop}"
+        self.lines += lines
+
     def _fall(self) -> str:
         """End a block, and return the name of the one that follows it."""
         following = self.fresh()

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Protocol, final
 
 import numpy as np
 
-from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
+from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind, lanes
 from .target import Target
 from .values import Value, parts, unified
 
@@ -302,6 +302,10 @@ class Translation(Target):
                 self.loop_while(test, body)
             case ast.For(target=ast.Name(id=name), iter=ast.Call(func=ast.Name(id="range"), args=args), orelse=[]):
                 self.loop_range(name, [self.value(argument) for argument in args], node.body)
+            case ast.For(target=ast.Name(id=name), iter=ast.Call(func=func, args=[]), orelse=[]):
+                if self.known(func) is not lanes:
+                    raise TypeError("a for runs over a range, lanes or a tuple that is written out")
+                self.loop_lanes(name, node.body)
             case ast.For(target=target, iter=ast.Tuple(elts=elements), orelse=[]):
                 self.loop_each(target, elements, node.body)
             case ast.Break() | ast.Continue():
@@ -314,6 +318,12 @@ class Translation(Target):
                 self.value(call)
             case _:
                 raise TypeError(f"{type(node).__name__} has no translation")
+
+    def loop_lanes(self, name: str, body: list[ast.stmt]) -> None:
+        """Translate a loop over the cases side by side, of which there is one."""
+        self.fixed[name] = self.literal(0)
+        self.body(body)
+        del self.fixed[name]
 
     def together(self, nodes: list[ast.expr], targets: list[ast.expr]) -> list[Value]:
         """Return values that are all computed before one of them is assigned to its target."""
