@@ -282,8 +282,8 @@ def test_a_plan_runs_as_it_was_made(plainly, monkeypatch, first):
 
 @pytest.mark.parametrize("called", ["contact_decisions", "lane_loop"])
 def test_compiled_code_that_calls_a_plain_loop_is_an_error(monkeypatch, called):
-    def mixed(name):
-        return Loop(name, plain=called in name)
+    def mixed(name, lanes=1):
+        return Loop(name, plain=called in name, lanes=lanes)
 
     for module in (phases, sweeps):
         monkeypatch.setattr(module, "loop_named", mixed)

@@ -52,10 +52,19 @@ def factor(
 
 
 @compiled_subset
+def _last(pivots: NDArray[np.int64], k: int, n: int) -> int:
+    """Return n where row k of a lane has another pivot, else 0."""
+    count, others = lane_count(), 0
+    for lane in lanes():
+        others += 0 if pivots[k * count + lane] == k else 1
+    return n if others > 0 else 0
+
+
+@compiled_subset
 def exchange(a: FloatArray, pivots: NDArray[np.int64], k: int) -> None:
     """Exchange row k of each lane with that of its pivot."""
     n, count = a.shape[0], lane_count()
-    for i in range(k + 1, n):
+    for i in range(k + 1, _last(pivots, k, n)):
         some = 0
         for lane in lanes():
             some += 1 if pivots[k * count + lane] == i else 0
@@ -73,12 +82,7 @@ def exchange_vector(b: FloatArray, pivots: NDArray[np.int64], n: int) -> None:
     """Exchange elements of ``b`` (n,) as the rows were."""
     count = lane_count()
     for k in range(n):  # every row was exchanged as a whole, so that all exchanges come first
-        for i in range(k + 1, n):
-            some = 0
-            for lane in lanes():
-                some += 1 if pivots[k * count + lane] == i else 0
-            if some == 0:
-                continue
+        for i in range(k + 1, _last(pivots, k, n)):
             for lane in lanes():
                 x, y = b[k * count + lane], b[i * count + lane]
                 b[k * count + lane] = y if pivots[k * count + lane] == i else x

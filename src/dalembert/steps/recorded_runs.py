@@ -12,7 +12,7 @@ from ..methods.status import RUNNING, Status
 from ..stops.stops import StopTable, begin_stops, end_of_steps, is_due, pass_stops, take_stops
 from ..subset.addresses import NO_CODE
 from ..subset.arguments import Address, IntVector, Matrix, Record, Vector
-from ..subset.compiled_subset import call_code, compiled_subset, flat, fma, lane_count, row
+from ..subset.compiled_subset import call_code, compiled_subset, flat, fma, row
 from .packed_tableaus import POINT
 from .projection import project_row
 from .step_control import next_step, smallest_step, status_after
@@ -225,7 +225,7 @@ def find_limits(run: Run, knots: int) -> bool:
 def _limit_at_knots(run: Run, lane: int) -> float:
     """Return the largest size of a step from the present state of a lane that knots of tables allow."""
     t = run.progress.t
-    limit = run.knot[0, lane] if run.progress.direction > 0.0 else run.knot[0, lane_count() + lane]
+    limit = run.knot[0, lane] if run.progress.direction > 0.0 else run.knot[0, run.knot.shape[1] // 2 + lane]
     return max(limit, 4.0 * smallest_step(t, abs(run.progress.t1 - t)))
 
 

@@ -113,6 +113,7 @@ BUILT_IN: dict[Any, Callable[..., Value]] = {
     code.element: _element,
     code.flat: _flat,
     code.fma: _fma,
+    code.lane_count: lambda lines: lines.literal(1),
     code.lowest: _lowest,
 }
 """Translation of each function, by the function that Python code calls."""

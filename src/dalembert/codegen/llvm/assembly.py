@@ -117,9 +117,9 @@ def _machine(level: int) -> Any:
     )
 
 
-Shape = Literal["straight", "once", "loops", "short loops", "branches", "lanes"]
+Shape = Literal["straight", "once", "loops", "short loops", "branches"]
 """Shape of code: straight-line code; such code that runs once in a while; loops translated from Python; such loops of a
-few rounds; such that branch; such whose innermost loops are over lanes."""
+few rounds; such that branch."""
 
 _LONG = 10_000
 """Lines of straight-line code from which on LLVM's code generator has its second lowest level: as fast, and compiled in
@@ -153,9 +153,9 @@ def _compiled(source: str, shape: Shape) -> tuple[Any, Any]:
     module.data_layout = str(machine.target_data)
     module.verify()
     options = llvm.create_pipeline_tuning_options(speed_level=0 if straight else 1 if shape == "branches" else 2)
-    if shape in ("short loops", "branches", "lanes"):
-        options.loop_unrolling = options.loop_interleaving = options.slp_vectorization = False
-        options.loop_vectorization = shape == "lanes"
+    if shape in ("short loops", "branches"):
+        options.loop_unrolling = options.loop_interleaving = False
+        options.loop_vectorization = options.slp_vectorization = False
     builder = llvm.create_pass_builder(machine, options)
     passes = llvm.create_new_module_pass_manager() if straight else builder.getModulePassManager()
     if straight:  # the code needs no optimisation but inlining

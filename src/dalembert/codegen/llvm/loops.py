@@ -120,9 +120,8 @@ class Loop:
 
             return loop_assembly(self._function, fused=target().fused, lanes=self._lanes)
 
-        if self._lanes == 1:
-            return library_code(self._name, text, SOURCES[self._name][2])
-        return library_code(f"{self._name}_{self._lanes}", text, "lanes")
+        lanes = "" if self._lanes == 1 else f"_{self._lanes}"
+        return library_code(f"{self._name}{lanes}", text, SOURCES[self._name][2])
 
     @once_property
     def call(self) -> Any:

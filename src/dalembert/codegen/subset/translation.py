@@ -150,6 +150,9 @@ class Translation(Target):
             if divisor.lstrip("-").isdigit() and int(divisor) <= 0:
                 raise TypeError("whole numbers are divided by positive ones")
             return self.divided(isinstance(op, ast.Mod), a, b)
+        neutral = {ast.Mult: "1", ast.Add: "0"}.get(type(op))
+        if kind == INTEGER and neutral in b.words:  # of one lane, whose number is 0
+            return a
         return self.arithmetic(op, kind, a, b)
 
     def converted(self, value: Value, kind: Kind) -> Value:
