@@ -1,10 +1,10 @@
 """Stiff sweeps by radau: cases side by side in lanes, beside one case at a time and beside implicit peers.
 
-``python benchmarks/stiff_sweeps.py [--cases N] [--seconds S] [--write]`` sweeps five stiff scenes on one thread. "One at
-a time" is the same method with one lane. The peers integrate equations written by hand, case by case (CVODES by CasADi,
-BDF and its own Newton iteration) or in one vectorised program (Kvaerno5 by diffrax). Errors are the largest at the end,
-over all cases, relative where a value is above one, against radau at a tolerance of 1e-11. Calls are timed in turn, and
-the least time counts. With ``--write`` the tables go to ``docs/speed.md``.
+``python benchmarks/stiff_sweeps.py [--cases N] [--seconds S] [--write]`` sweeps five stiff scenes on one thread. "One
+at a time" is the same method with one lane. The peers integrate equations written by hand, case by case (CVODES by
+CasADi: BDF and Newton's iteration) or in one vectorised program (Kvaerno5 by diffrax). Errors are the largest at the
+end, over all cases, relative where a value is above one, against radau at a tolerance of 1e-11. Calls are timed in
+turn, and the least time counts. With ``--write`` the tables go to ``docs/speed.md``.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def _sleigh(cases: int) -> Work:
 
 
 def _belt(cases: int) -> Work:
-    """A block on a belt, whose friction is smoothed by tanh(slip / eps)."""
+    """Return a block on a belt, whose friction is smoothed by tanh(slip / eps)."""
     x, (m, k, mu, g, v, eps) = dynamicsymbols("x"), symbols("m k mu g v eps", positive=True)
     N, O = ReferenceFrame("N"), Point("O")
     P = O.locatenew("P", x * N.x)
@@ -67,7 +67,7 @@ def _belt(cases: int) -> Work:
 
 
 def _chain(cases: int) -> Work:
-    """Six links, on springs and dampers that hold them nearly straight."""
+    """Return six links, on springs and dampers that hold them nearly straight."""
     q, (g, k, d) = dynamicsymbols("q1:7"), symbols("g k d", positive=True)
     N, O = ReferenceFrame("N"), Point("O")
     scene, end, before = da.Scene("stiff_chain", frame=N, origin=O, coordinates=list(q)), O, N

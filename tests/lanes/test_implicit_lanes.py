@@ -49,7 +49,9 @@ def SOLVE(systems: Systems) -> int:
 
 
 def machine_code(loop, count):
-    code = assembly.load_object(assembly.compile_object(loop_assembly(loop, fused=target().fused, lanes=count), "branches"))
+    code = assembly.load_object(
+        assembly.compile_object(loop_assembly(loop, fused=target().fused, lanes=count), "branches")
+    )
     entry = code.address("entry").function(loops._ENTRY)
 
     def call(arguments):
@@ -60,7 +62,7 @@ def machine_code(loop, count):
 
 
 def systems_of(matrices, right):
-    """Return systems from matrices (lanes, n, n) and right sides (lanes, n), both complex; the real parts are systems."""
+    """Return systems of matrices (lanes, n, n) and right sides (lanes, n), both complex, and of their real parts."""
     count, n = right.shape
 
     def laid(values):
@@ -212,7 +214,9 @@ def test_constraints_in_lanes(formulation, columns):
         scene.add_loads((P, -g * N.y - k * (x.diff() - y) * N.x))
         model = da.compile_model(scene, formulation=formulation)
         many = {"g": np.linspace(5.0, 15.0, CASES), "k": np.geomspace(1.0, 1e4, CASES)}
-        return model.sweep((0, 1), {"x": 0.6, "y": -0.8, "x_dot": 0.4, "y_dot": 0.3}, many, t_eval=[0.0, 0.4, 1.0], **LOOSE)
+        return model.sweep(
+            (0, 1), {"x": 0.6, "y": -0.8, "x_dot": 0.4, "y_dot": 0.3}, many, t_eval=[0.0, 0.4, 1.0], **LOOSE
+        )
 
     with patch.object(library, "_LARGEST_JACOBIAN", 0 if columns else library._LARGEST_JACOBIAN):
         assert assert_equal_sweeps(run).success.all()

@@ -15,7 +15,7 @@ from ..lanes.row_steps import ImplicitSteps
 from ..lanes.workspace import POINT_LANES, SLOPE_LANES, EventKernels, no_events
 from ..methods.pairs import PAIRS
 from ..methods.step_constants import SMALLEST_SCALE
-from ..once import BoundedTable, computed_once, once_property
+from ..once import BoundedTable, computed_once
 from ..options import component_tolerances
 from ..steps.recorded_runs import RunCodes
 from ..subset.addresses import NO_CODE, AddressTable, OwnedAddress
@@ -205,9 +205,7 @@ class Steppers:
             return ImplicitSteps(codes, self._n, 0, 0, DEGREE)
         jacobian, tangent = steps.derivative("stages", lanes)
         kernel = program.kernel("multipliers")
-        multipliers = (
-            steps.kernel(kernel.name, lanes) if steps.compiles_starts else interpreted_code(kernel, lanes)
-        )
+        multipliers = steps.kernel(kernel.name, lanes) if steps.compiles_starts else interpreted_code(kernel, lanes)
         codes = RunCodes(
             steps.kernel("stages", lanes),
             knots=steps.kernel("knots", lanes),

@@ -8,9 +8,22 @@ from __future__ import annotations
 
 from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
-from ..steps.implicit_loop import attempt, begin_motions, enter_lane, leave_lane, propose
+from ..steps.implicit_attempts import attempt, propose
+from ..steps.implicit_loop import begin_motions
 from ..steps.implicit_stages import write_polynomial
-from ..steps.newton import BEGINS, FINITE, NORM, QUOTIENT, RESULT, RUNS, STEP, T_NEW, marked
+from ..steps.lane_progress import (
+    BEGINS,
+    FINITE,
+    NORM,
+    QUOTIENT,
+    RESULT,
+    RUNS,
+    STEP,
+    T_NEW,
+    enter_lane,
+    leave_lane,
+    marked,
+)
 from ..steps.step_control import ACCEPTED
 from ..subset.compiled_subset import compiled_subset, lane_count, lanes
 from ..transforms.runge_kutta_parts import CONTROLS, PROPOSAL_AT
@@ -41,7 +54,7 @@ def begin_implicit_step(rows: RowSteps, state: LaneState, lane: int, t1: float, 
     flags[BEGINS, lane] = _NOTHING
     if flags[RUNS, lane] == 0:
         return
-    enter_lane(rows.space, rows.run, lane)
+    enter_lane(rows.space.numbers, rows.run, lane)
     progress.row, progress.t, progress.end, progress.t1 = 0, state.clock[NOW, lane], state.clock[END, lane], t1
     progress.direction, progress.size = state.settings[1, lane], states[old + place, lane]
     if (fresh or behind) and (rows.known[lane] == 0 or state.tally[ATTEMPTS, lane] == 0.0):
@@ -50,7 +63,7 @@ def begin_implicit_step(rows: RowSteps, state: LaneState, lane: int, t1: float, 
             progress.size, progress.steps, progress.retried, progress.fresh = rows.settings.first_step, 0, 0, 0
             progress.rejected, progress.factored, progress.unlimited = 0, 0.0, 0.0
     rows.known[lane] = 1
-    leave_lane(rows.space, rows.run, lane)
+    leave_lane(rows.space.numbers, rows.run, lane)
 
 
 @compiled_subset
@@ -101,7 +114,7 @@ def _write_outcome(rows: RowSteps, state: LaneState, lane: int, new: int) -> Non
     """Write the size of the step of a lane, what failed, or 0, and its polynomials where there is room."""
     run, space, states, n = rows.run, rows.space, state.states, rows.settings.kept
     numbers, result, size, failed = space.numbers, space.flags[RESULT, lane], 0.0, 0.0
-    enter_lane(space, run, lane)
+    enter_lane(numbers, run, lane)
     if result != ACCEPTED:
         if result == Status.NON_FINITE or result == Status.PROJECTION_FAILED:
             failed = float(result)
@@ -114,7 +127,7 @@ def _write_outcome(rows: RowSteps, state: LaneState, lane: int, new: int) -> Non
         size = abs(numbers[STEP, lane])
     states[new + n, lane], states[new + n + 1, lane] = size, failed
     states[new + n + PROPOSAL_AT, lane] = run.progress.size
-    leave_lane(space, run, lane)
+    leave_lane(numbers, run, lane)
 
 
 @compiled_subset

@@ -7,29 +7,9 @@ import numpy as np
 from ..arrays import FloatArray
 from ..methods.collocation import BETWEEN, ERROR_WEIGHTS, INVERSE_POWERS, NODES
 from ..subset.compiled_subset import call_code, compiled_subset, fma, lane_count, lanes, row, sqrt, square
+from .lane_progress import AGAIN, BEFORE, ENDED, LAST_SIZE, NORM, RESULT, RETRIED, RUNS, STEP, STEPS, TOTAL, marked
 from .lu import solve
-from .newton import (
-    AGAIN,
-    ENDED,
-    CONVERGED,
-    ERROR,
-    LAST_SIZE,
-    NORM,
-    RESULT,
-    RETRIED,
-    RUNS,
-    SCALE,
-    SLOPE,
-    STEP,
-    STEPS,
-    TOTAL,
-    BEFORE,
-    NewtonWorkspace,
-    P,
-    Z,
-    marked,
-    set_times,
-)
+from .newton import CONVERGED, ERROR, SCALE, SLOPE, NewtonWorkspace, P, Z, set_times
 from .packed_tableaus import ALLOWED, DELTA, POINT
 from .projection import end_polynomial
 from .recorded_runs import Run

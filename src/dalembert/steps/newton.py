@@ -14,13 +14,33 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..methods.collocation import COMPLEX, FROM_MODES, NODES, REAL, TO_MODES
 from ..methods.step_constants import SMALLEST_NORMAL
 from ..subset.arguments import IntMatrix, IntVector, Matrix, Vector
 from ..subset.compiled_subset import call_code, compiled_subset, fma, lane_count, lanes, row, sqrt, square
+from .lane_progress import (
+    BEFORE,
+    BEGINS,
+    ENDED,
+    FACTORED,
+    FINITE,
+    FLAGS,
+    ITERATES,
+    ITERATIONS,
+    JUDGED,
+    NUMBERS,
+    OF_STATE,
+    RATE,
+    RATIO,
+    REGULAR,
+    RENEWS,
+    RUNS,
+    STEP,
+    TIME,
+    TOTAL,
+)
 from .lu import factor, factor_pair, solve, solve_pair
 from .packed_tableaus import POINT
 from .recorded_runs import Run
@@ -29,16 +49,6 @@ from .recorded_runs import Run
 # at the nodes, modes, and coefficients of the last step's polynomial.
 SLOPE, ERROR, SCALE, Z, F, W, P = 5, 6, 7, 8, 11, 14, 17
 ROWS = 20
-
-# Rows of ``numbers``: what a lane keeps of its `Progress`, then what belongs to one attempt of a step.
-TIME, LAST, DIRECTION, END_OF_STEPS, SIZE, PREVIOUS, STEPS, REJECTED, RETRIED, FRESH, LAST_SIZE, RATIO, RATE = range(13)
-KNOWN_RATE, FACTORED, UNLIMITED, STEP, T_NEW, NORM, QUOTIENT, TOTAL, OF_STATE, JUDGED, BEFORE, FINITE = range(13, 25)
-NUMBERS = 25
-
-# Rows of ``flags``: whether the lane begins a motion or attempts a step, renews its Jacobian, iterates, filters its error
-# once more; how the iteration ended and after how many rounds; whether its matrices are regular; how the attempt ended.
-BEGINS, RUNS, RENEWS, ITERATES, AGAIN, ENDED, ITERATIONS, REGULAR, RESULT = range(9)
-FLAGS = 9
 
 MAX_ITERATIONS = 7
 _NEGLIGIBLE = 0.1
@@ -82,15 +92,6 @@ def newton_workspace(n: int, paired: int, lanes: int = 1) -> NewtonWorkspace:
     flags[[BEGINS, RUNS]] = 1
     numbers = np.zeros((NUMBERS, lanes))
     return NewtonWorkspace(j, wide, real, re, im, *pivots, first, second, third, numbers, flags, paired)
-
-
-@compiled_subset
-def marked(flags: NDArray[np.int64], which: int) -> bool:
-    """Return whether a row of flags is set in a lane."""
-    some = 0
-    for lane in lanes():
-        some += flags[which, lane]
-    return some > 0
 
 
 @compiled_subset
@@ -243,7 +244,9 @@ def _correct(work: FloatArray, space: NewtonWorkspace, differential: int) -> Non
             c = c + third[at] if share != 0.0 else c
             work[W, at], work[W + 1, at], work[W + 2, at] = a, b, c
             weight = 1.0 / work[SCALE, at]
-            numbers[TOTAL, lane] += square(first[at] * weight) + square(second[at] * weight) + square(third[at] * weight)
+            numbers[TOTAL, lane] += (
+                square(first[at] * weight) + square(second[at] * weight) + square(third[at] * weight)
+            )
             work[Z, at] = fma(FROM_MODES[0, 2], c, fma(FROM_MODES[0, 0], a, FROM_MODES[0, 1] * b))
             work[Z + 1, at] = fma(FROM_MODES[1, 2], c, fma(FROM_MODES[1, 0], a, FROM_MODES[1, 1] * b))
             work[Z + 2, at] = fma(FROM_MODES[2, 2], c, fma(FROM_MODES[2, 0], a, FROM_MODES[2, 1] * b))
@@ -284,9 +287,7 @@ def newton(rhs: int, differential: int, run: Run, y: int, space: NewtonWorkspace
 
 
 @compiled_subset
-def _judge(
-    space: NewtonWorkspace, lane: int, iteration: int, most: int, n: int, alone: bool, tolerance: float
-) -> None:
+def _judge(space: NewtonWorkspace, lane: int, iteration: int, most: int, n: int, alone: bool, tolerance: float) -> None:
     """Decide whether the iteration of a lane ends; ``alone`` says that there are no multipliers."""
     numbers, flags = space.numbers, space.flags
     size, size_of_state = sqrt(numbers[TOTAL, lane] / (3 * n)), sqrt(numbers[OF_STATE, lane] / (3 * n))

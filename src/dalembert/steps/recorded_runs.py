@@ -99,8 +99,8 @@ class Run(NamedTuple):
     ``work`` (n_rows, width) are vectors in rows: the ends of a step in turn, then those of `packing`. ``rows``
     (k, 1 + n) get the times to record ``t_eval`` with their states or, where there are none, the start and the ends of
     the steps of a block; ``pieces`` (k, 1 + (degree + 1)*n) ends of steps and polynomials, of one step where they are
-    not kept. Steps end at ``stops``, where ``constants`` (n_c, 1) change; ``prepare`` is their code. ``knot``
-    (1, 2) gets the limits of a step at knots of tables. Loops over lanes have a column for each where there is one here.
+    not kept. Steps end at ``stops``, where ``constants`` (n_c, 1) change; ``prepare`` is their code. ``knot`` (1, 2)
+    gets the limits of a step at knots of tables. Loops over lanes have a column for each where there is one here.
     """
 
     clock: Matrix
