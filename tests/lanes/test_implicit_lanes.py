@@ -69,7 +69,7 @@ def systems_of(matrices, right):
         return np.ascontiguousarray(np.moveaxis(values, 0, -1)).reshape(*values.shape[1:-1], -1)
 
     vectors = laid(right.real), laid(right.real), laid(right.imag)
-    whole = np.zeros(n * count, np.int64), np.zeros((1, count)), np.zeros((2, count), np.int64)
+    whole = np.zeros(n * (count + 2), np.int64), np.zeros((1, count)), np.zeros((2, count), np.int64)
     return Systems(laid(matrices.real), laid(matrices.real), laid(matrices.imag), *vectors, *whole)
 
 

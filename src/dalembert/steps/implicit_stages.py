@@ -7,7 +7,21 @@ import numpy as np
 from ..arrays import FloatArray
 from ..methods.collocation import BETWEEN, ERROR_WEIGHTS, INVERSE_POWERS, NODES
 from ..subset.compiled_subset import call_code, compiled_subset, fma, lane_count, lanes, row, sqrt, square
-from .lane_progress import AGAIN, BEFORE, ENDED, LAST_SIZE, NORM, RESULT, RETRIED, RUNS, STEP, STEPS, TOTAL, marked
+from .lane_progress import (
+    AGAIN,
+    BEFORE,
+    ENDED,
+    LAST_SIZE,
+    NORM,
+    OF_STATE,
+    RESULT,
+    RETRIED,
+    RUNS,
+    STEP,
+    STEPS,
+    TOTAL,
+    marked,
+)
 from .lu import solve
 from .newton import CONVERGED, ERROR, SCALE, SLOPE, NewtonWorkspace, P, Z, set_times
 from .packed_tableaus import ALLOWED, DELTA, POINT
@@ -83,8 +97,8 @@ def between(work: FloatArray, y: int, y_new: int, differential: int, space: Newt
     for lane in lanes():
         # theta, and its product of distances from the nodes
         theta = x * numbers[LAST_SIZE, lane] / abs(numbers[STEP, lane])
-        numbers[BEFORE, lane] = theta
-        numbers[TOTAL, lane] = 0.0
+        numbers[BEFORE, lane], numbers[TOTAL, lane] = theta, 0.0
+        numbers[OF_STATE, lane] = theta * (theta - NODES[0]) * (theta - NODES[1]) * (theta - NODES[2])
     for m in range(differential):
         for lane in lanes():
             at, theta = m * count + lane, numbers[BEFORE, lane]
@@ -95,8 +109,7 @@ def between(work: FloatArray, y: int, y_new: int, differential: int, space: Newt
             here = theta * (_power_of(1, z0, z1, z2) + here)
             here = theta * (_power_of(0, z0, z1, z2) + here)
             scale = error_scale(rtol, work[ALLOWED, at], max(abs(work[y, at]), abs(work[y_new, at])))
-            scope = theta * (theta - NODES[0]) * (theta - NODES[1]) * (theta - NODES[2])
-            numbers[TOTAL, lane] += square((there - here) / (scope * scale))
+            numbers[TOTAL, lane] += square((there - here) / (numbers[OF_STATE, lane] * scale))
     for lane in lanes():
         norm, error = numbers[NORM, lane], BETWEEN * sqrt(numbers[TOTAL, lane] / differential)
         numbers[NORM, lane] = max(norm, error) if numbers[LAST_SIZE, lane] != 0.0 else norm
@@ -133,9 +146,10 @@ def scale_of(
                 numbers[TOTAL, lane] = max(numbers[TOTAL, lane], abs(work[y, m * lanes_ + lane]))
         for lane in lanes():
             numbers[BEFORE, lane] = max(numbers[BEFORE, lane], numbers[TOTAL, lane])
+            numbers[TOTAL, lane] *= 1e-15 / tolerance
         for m in range(kind * count, (kind + 1) * count):
             for lane in lanes():
-                noise, at = 1e-15 * numbers[TOTAL, lane] / tolerance, m * lanes_ + lane
+                noise, at = numbers[TOTAL, lane], m * lanes_ + lane
                 work[SCALE, at] = max(noise, error_scale(rtol, work[ALLOWED, at], abs(work[y, at])))
     for m in range(kinds * count, differential):
         for lane in lanes():

@@ -1,7 +1,9 @@
 """L U factors of small dense matrices, real or complex, of every case side by side, written out for the loops.
 
 Element (i, k) of the matrix of a lane is ``a[i, k * lanes + lane]``, element m of its vector ``b[m * lanes + lane]``. A
-complex matrix is two, its real and its imaginary parts. The factors hold the inverses of the pivots.
+complex matrix is two, its real and its imaginary parts. ``pivots`` (n * (lanes + 2)) are laid out as vectors, with what
+`_bound_pivots` writes behind them. The factors hold the inverses of the pivots. An entry that is not a number is never a
+pivot before the last, and not regular there.
 """
 
 from __future__ import annotations
@@ -29,47 +31,44 @@ def factor(
         for i in range(k, n):
             for lane in lanes():
                 size, before = abs(a[i, k * count + lane]), numbers[largest, lane]
-                flags[regular, lane] = flags[regular, lane] if size < np.inf else 0
                 pivots[k * count + lane] = i if size > before else pivots[k * count + lane]
                 numbers[largest, lane] = size if size > before else before
-        exchange(a, pivots, k)
+        _bound_pivots(pivots, k, n)
+        _exchange(a, pivots, k)
         for lane in lanes():
-            flags[regular, lane] = 0 if numbers[largest, lane] == 0.0 else flags[regular, lane]
+            regular_here = 0.0 < numbers[largest, lane] < np.inf
+            flags[regular, lane] = flags[regular, lane] if regular_here else 0
             a[k, k * count + lane] = 1.0 / a[k, k * count + lane]
         for i in range(k + 1, n):
-            some = 0
+            some, last = 0, 0.0
             for lane in lanes():
                 entry = a[i, k * count + lane]
                 some += 0 if entry == 0.0 else 1
-                a[i, k * count + lane] = entry * a[k, k * count + lane]
+                last = entry * a[k, k * count + lane]
+                a[i, k * count + lane] = last
             if some == 0:
                 continue
             for j in range(k + 1, n):
-                for lane in lanes():
-                    entry, old = a[i, k * count + lane], a[i, j * count + lane]
+                for lane in lanes():  # a single entry stays in a register
+                    entry, old = last if count == 1 else a[i, k * count + lane], a[i, j * count + lane]
                     new = fma(-entry, a[k, j * count + lane], old)
-                    a[i, j * count + lane] = new if entry != 0.0 else old
+                    a[i, j * count + lane] = new if count == 1 or entry != 0.0 else old
 
 
 @compiled_subset
-def _last(pivots: NDArray[np.int64], k: int, n: int) -> int:
-    """Return n where row k of a lane has another pivot, else 0."""
-    count, others = lane_count(), 0
+def _bound_pivots(pivots: NDArray[np.int64], k: int, n: int) -> None:
+    """Write the first and the last row that row k is exchanged with in a lane behind the pivots of all rows."""
+    first, last, count = n, 0, lane_count()
     for lane in lanes():
-        others += 0 if pivots[k * count + lane] == k else 1
-    return n if others > 0 else 0
+        first, last = min(first, pivots[k * count + lane]), max(last, pivots[k * count + lane])
+    pivots[n * count + 2 * k], pivots[n * count + 2 * k + 1] = max(first, k + 1), last
 
 
 @compiled_subset
-def exchange(a: FloatArray, pivots: NDArray[np.int64], k: int) -> None:
+def _exchange(a: FloatArray, pivots: NDArray[np.int64], k: int) -> None:
     """Exchange row k of each lane with that of its pivot."""
     n, count = a.shape[0], lane_count()
-    for i in range(k + 1, _last(pivots, k, n)):
-        some = 0
-        for lane in lanes():
-            some += 1 if pivots[k * count + lane] == i else 0
-        if some == 0:
-            continue
+    for i in range(pivots[n * count + 2 * k], pivots[n * count + 2 * k + 1] + 1):
         for j in range(n):
             for lane in lanes():
                 x, y = a[k, j * count + lane], a[i, j * count + lane]
@@ -78,11 +77,11 @@ def exchange(a: FloatArray, pivots: NDArray[np.int64], k: int) -> None:
 
 
 @compiled_subset
-def exchange_vector(b: FloatArray, pivots: NDArray[np.int64], n: int) -> None:
-    """Exchange elements of ``b`` (n,) as the rows were."""
+def _exchange_elements(b: FloatArray, pivots: NDArray[np.int64], n: int) -> None:
+    """Exchange elements of ``b`` (n,) as the rows were, as a whole, so that all exchanges come first."""
     count = lane_count()
-    for k in range(n):  # every row was exchanged as a whole, so that all exchanges come first
-        for i in range(k + 1, _last(pivots, k, n)):
+    for k in range(n):
+        for i in range(pivots[n * count + 2 * k], pivots[n * count + 2 * k + 1] + 1):
             for lane in lanes():
                 x, y = b[k * count + lane], b[i * count + lane]
                 b[k * count + lane] = y if pivots[k * count + lane] == i else x
@@ -93,7 +92,7 @@ def exchange_vector(b: FloatArray, pivots: NDArray[np.int64], n: int) -> None:
 def solve(a: FloatArray, pivots: NDArray[np.int64], b: FloatArray) -> None:
     """Solve for ``b`` (n,) in place, ``a`` and ``pivots`` being what `factor` left."""
     n, count = a.shape[0], lane_count()
-    exchange_vector(b, pivots, n)
+    _exchange_elements(b, pivots, n)
     for j in range(n):
         for k in range(j + 1, n):
             for lane in lanes():
@@ -124,36 +123,39 @@ def factor_pair(
         for i in range(k, n):
             for lane in lanes():
                 size, before = abs(re[i, k * count + lane]) + abs(im[i, k * count + lane]), numbers[largest, lane]
-                flags[regular, lane] = flags[regular, lane] if size < np.inf else 0
                 pivots[k * count + lane] = i if size > before else pivots[k * count + lane]
                 numbers[largest, lane] = size if size > before else before
-        exchange(re, pivots, k)
-        exchange(im, pivots, k)
+        _bound_pivots(pivots, k, n)
+        _exchange(re, pivots, k)
+        _exchange(im, pivots, k)
         for lane in lanes():
             x, y = re[k, k * count + lane], im[k, k * count + lane]
-            flags[regular, lane] = 0 if numbers[largest, lane] == 0.0 else flags[regular, lane]
+            regular_here = 0.0 < numbers[largest, lane] < np.inf
+            flags[regular, lane] = flags[regular, lane] if regular_here else 0
             # the square of the pivot may be out of range (R. L. Smith, Communications of the ACM 5 (1962) 435)
             wide = abs(x) >= abs(y)
             large, small = x if wide else y, y if wide else x
             ratio = small / large
-            below = 1.0 / (large + small * ratio)
-            re[k, k * count + lane] = below if wide else ratio * below
-            im[k, k * count + lane] = -(ratio * below) if wide else -below
+            inverse = 1.0 / (large + small * ratio)
+            re[k, k * count + lane] = inverse if wide else ratio * inverse
+            im[k, k * count + lane] = -(ratio * inverse) if wide else -inverse
         for i in range(k + 1, n):
-            some = 0
+            some, last, below = 0, 0.0, 0.0
             for lane in lanes():
                 x, y = re[i, k * count + lane], im[i, k * count + lane]
                 u, v = re[k, k * count + lane], im[k, k * count + lane]
                 some += 0 if abs(x) + abs(y) == 0.0 else 1
-                re[i, k * count + lane], im[i, k * count + lane] = fma(x, u, -(y * v)), fma(x, v, y * u)
+                last, below = fma(x, u, -(y * v)), fma(x, v, y * u)
+                re[i, k * count + lane], im[i, k * count + lane] = last, below
             if some == 0:
                 continue
             for j in range(k + 1, n):
                 for lane in lanes():
-                    x, y = re[i, k * count + lane], im[i, k * count + lane]
+                    x = last if count == 1 else re[i, k * count + lane]
+                    y = below if count == 1 else im[i, k * count + lane]
                     u, v = re[k, j * count + lane], im[k, j * count + lane]
                     a, b = re[i, j * count + lane], im[i, j * count + lane]
-                    here = abs(x) + abs(y) != 0.0
+                    here = count == 1 or abs(x) + abs(y) != 0.0
                     re[i, j * count + lane] = a - fma(x, u, -(y * v)) if here else a
                     im[i, j * count + lane] = b - fma(x, v, y * u) if here else b
 
@@ -162,8 +164,8 @@ def factor_pair(
 def solve_pair(re: FloatArray, im: FloatArray, pivots: NDArray[np.int64], a: FloatArray, b: FloatArray) -> None:
     """Solve for ``a + i b`` (n,) in place, the rest being what `factor_pair` left."""
     n, count = re.shape[0], lane_count()
-    exchange_vector(a, pivots, n)
-    exchange_vector(b, pivots, n)
+    _exchange_elements(a, pivots, n)
+    _exchange_elements(b, pivots, n)
     for j in range(n):
         for k in range(j + 1, n):
             _subtract(re, im, k, j, a, b)

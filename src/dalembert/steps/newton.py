@@ -86,7 +86,7 @@ def newton_workspace(n: int, paired: int, lanes: int = 1) -> NewtonWorkspace:
     """Return the arrays for n unknowns of so many cases side by side; in a single one, steps are attempted."""
     j, real, re, im = (np.zeros((n, n * lanes)) for _ in range(4))
     first, second, third = (np.zeros(n * lanes) for _ in range(3))
-    pivots = np.zeros(n * lanes, np.int64), np.zeros(n * lanes, np.int64)
+    pivots = np.zeros(n * (lanes + 2), np.int64), np.zeros(n * (lanes + 2), np.int64)
     wide = np.zeros((2, max(n * n, 2 * n) * lanes))
     flags = np.zeros((FLAGS, lanes), np.int64)
     flags[[BEGINS, RUNS]] = 1
