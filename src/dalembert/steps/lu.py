@@ -2,8 +2,8 @@
 
 Element (i, k) of the matrix of a lane is ``a[i, k * lanes + lane]``, element m of its vector ``b[m * lanes + lane]``. A
 complex matrix is two, its real and its imaginary parts. ``pivots`` (n * (lanes + 2)) are laid out as vectors, with what
-`_bound_pivots` writes behind them. The factors hold the inverses of the pivots. An entry that is not a number is never a
-pivot before the last, and not regular there.
+`_bound_pivots` writes behind them. The factors hold the inverses of the pivots. An entry that is not a number is never
+a pivot before the last, and not regular there.
 """
 
 from __future__ import annotations

@@ -2,10 +2,11 @@
 
 All vectors are rows of one array ``work`` (ROWS, n * lanes), component m of a lane at m * lanes + lane; the first rows
 are those of ``packed_tableaus``. What a lane has for itself is in ``numbers`` and ``flags``. Lanes do not wait for each
-other in what they compute: a case has the same bits alone. For the system
-E y' = f(t, y), E the identity in the first ``differential`` components and zero in the rest, the increments
-Z = y(t + c h) - y(t) at the three nodes c solve A^-1 E Z = h f(y + Z); transformed by W = T^-1 Z, a simplified Newton
-step is one real and one complex system with the matrices REAL/h E - J and COMPLEX/h E - J.
+other in what they compute: a case has the same bits alone.
+
+For the system E y' = f(t, y), E the identity in the first ``differential`` components and zero in the rest, the
+increments Z = y(t + c h) - y(t) at the three nodes c solve A^-1 E Z = h f(y + Z); transformed by W = T^-1 Z, a
+simplified Newton step is one real and one complex system with the matrices REAL/h E - J and COMPLEX/h E - J.
 """
 
 from __future__ import annotations
