@@ -373,7 +373,7 @@ def _separate(system: ContactSystem) -> None:
 def _leave_out_single(system: ContactSystem) -> None:
     """Leave out the directions that change the friction of one contact alone: constraints hold it, friction does not.
 
-    Where a wall would have to pull for that, it is open (`dalembert.contacts.slip_lines`).
+    Where a wall would have to pull for that, it is open (`dalembert.contacts.sticking_rows`).
     """
     count = 0
     for a in range(system.solved.undetermined):

@@ -15,18 +15,15 @@ from functools import partial
 from typing import final
 
 from ..errors import ConstraintError, list_names
-from ..ir.graph import Graph
 from ..ir.node import Node
 from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Guard
 from ..reduction.reaction_columns import independent_columns
-from ..reduction.unit_sphere import unit_values
-from ..transforms.linear import dependence
 from .contact_laws import OPEN, SLIP, SMOOTH, STICK, ContactLaws, Mode, mode_parameters
 from .points_of_one_link import pairs_of_one_link
 from .shared_loads import Direction, SharedLaw, lawful_sums, undetermined_directions
 from .sliding_friction import SlidingContact, SlidingFriction, sliding_friction
-from .slip_lines import SlipLine, along_lines
 from .sticking_pairs import StickingPair, with_pairs
+from .sticking_rows import StickingRows, along_lines
 
 
 def only_mode(contacts: Sequence[ContactRow]) -> Mode | None:
@@ -59,10 +56,8 @@ class _ModeEquations:
         self.whole = with_pairs(equations, self.pairs)
         sliding = [(c, state) for c, state in self.contacts if state in (SLIP, SMOOTH) and c.tangential]
         self.sliding = [SlidingContact(c, partial(self.laws.factors, c, state)) for c, state in sliding]
-        opened = {c.constraint for c, state in self.contacts if state == OPEN}
-        self.rows = [row for i, row in enumerate(equations.constraints) if i not in opened]
-        self.lines: dict[str, SlipLine] = {}
-        self.groups = self._stick([c for c, state in self.contacts if state == STICK])
+        held = self._stick([c for c, state in self.contacts if state == STICK])
+        self.rows, self.groups, self.idle, self.lines = held.rows, held.groups, held.idle, held.lines
         self.whole = along_lines(self.whole, self.lines.values())
         gone = {i for c, state in self.contacts if state == OPEN for i in (c.normal, *c.tangential)}
         gone |= {i for c in (*(c for c, _ in sliding), *self.idle) for i in c.tangential}
@@ -70,66 +65,18 @@ class _ModeEquations:
         gone |= {c.normal for c, _ in self.contacts if c.normal_load is not None}
         self.kept = [i for i in range(len(equations.symbols.unknowns)) if i not in gone]
 
-    def _stick(self, sticking: Sequence[ContactRow]) -> dict[str, list[ContactRow]]:
-        """Add the slip velocities of sticking contacts that no other row implies.
-
-        Returns, by the name of the contact that holds them, the others that cannot slip while it does not.
-        """
-        own = Graph()  # weights are not computed here as forces will be
-        units = unit_values(self.whole)  # contacts of one body depend on each other where its quaternion has length one
-
-        def slopes_of(row: ConstraintRow) -> list[Node]:
-            return own.adopt(self.graph.substitute(row.jacobian, units) if units else row.jacobian)
-
-        jacobians: list[list[Node]] = []
-        for row in self.rows if sticking else ():
-            slopes = slopes_of(row)
-            if dependence(own, jacobians, slopes) is None:
-                jacobians.append(slopes)
-        held = len(jacobians)
-        if sticking and held < len(self.rows):
-            self._require_pressing(sticking)
-        self.idle: list[ContactRow] = []
-        groups: dict[str, list[ContactRow]] = {}
-        owners: list[str] = []
+    def _stick(self, sticking: Sequence[ContactRow]) -> StickingRows:
+        """Return the constraints with the slip velocities of contacts that stick."""
+        opened = {c.constraint for c, state in self.contacts if state == OPEN}
+        rows = [row for i, row in enumerate(self.whole.constraints) if i not in opened]
         paired = {contact.name for pair in self.pairs for contact in (pair.first, pair.second)}
-        tied: dict[str, list[tuple[int, Node]]] = {}
-        for contact, k, row in ((each, k, row) for each in sticking for k, row in enumerate(self._rows_of(each))):
-            slopes = slopes_of(row)
-            weights = dependence(own, jacobians, slopes)
-            if weights is None:
-                self.rows.append(row)
-                jacobians.append(slopes)
-                owners.append(contact.name)
-                continue
-            holding = [owner for owner, weight in zip(owners, weights[held:], strict=True) if not weight.is_zero]
-            if len(contact.slips) > 1 and contact.name not in paired and {*holding} <= {contact.name}:
-                share = weights[-1] if owners and owners[-1] == contact.name else own.zero
-                tied.setdefault(contact.name, []).append((k, share))
-                continue
-            given = any(c.normal_load is not None for c in sticking if c is contact or c.name in holding)
-            lined = all(len(c.slips) == 1 for c in sticking if c is contact or c.name in holding)
-            several = lined and any(c.leader is not None for c in sticking if c is contact or c.name in holding)
-            plane = len(contact.slips) > 1 or (holding and not lined)
-            if plane or (len(holding) > 1 and not several) or (holding and given):
-                others = dict.fromkeys(o for o in holding if o != contact.name)
-                raise ConstraintError(
-                    f"scene {self.whole.name!r}: the contacts {contact.name!r} and"
-                    f" {list_names(repr(o) for o in others)} hold each other while they stick, and which of"
-                    " them slips first is not determined: give one of them friction=0 or a regularization, or write"
-                    " those with given normal loads as one law with the sum of the loads"
-                )
-            for owner in holding:
-                groups.setdefault(owner, []).append(contact)
-            if not holding:  # no slip is possible, and no friction is needed
-                self.idle.append(contact)
-        for contact in (each for each in sticking if each.name in tied):
-            (k, share), *more = tied[contact.name]
-            if more:
-                self.idle.append(contact)
-            else:
-                self.lines[contact.name] = SlipLine(contact, 1 - k, self.graph.adopt([share])[0])
-        return groups
+        held = StickingRows(self.whole, rows, paired)
+        if sticking and held.redundant:
+            self._require_pressing(sticking)
+        for contact in sticking:
+            pair = self.second.get(contact.name)
+            held.add(contact, contact.slips if pair is None else [pair.row()])
+        return held
 
     def _require_pressing(self, sticking: Sequence[ContactRow]) -> None:
         """Raise where the closed contacts of a mode whose constraints are redundant share a load."""
@@ -147,11 +94,6 @@ class _ModeEquations:
                 " holds depends on that: let at most three contacts of a rigid body with friction touch a plane, or"
                 " give all contacts friction=0, and compliances to the normal reactions that share the load"
             )
-
-    def _rows_of(self, contact: ContactRow) -> Sequence[ConstraintRow]:
-        """Return the rows that hold a sticking contact."""
-        pair = self.second.get(contact.name)
-        return contact.slips if pair is None else [pair.row()]
 
     def equations(self) -> EquationsOfMotion:
         """Return the equations in this mode."""

@@ -1,0 +1,167 @@
+"""Slip velocities of contacts that stick as constraints, without those that other rows imply.
+
+What others imply of a contact leaves its friction forces undetermined. Contacts that can only slip together share them
+(`dalembert.contacts.shared_loads`), and one that cannot slip at all needs none. Constraints may leave a contact in a
+plane one direction of slip, as a puck on a table at a wall: its slip velocities are then s_b = a s_a, whatever else
+moves. Across that line, friction and the reactions of the constraints share a load that the equations of motion do not
+determine. The motion does not depend on the shares, and friction needs least where it has none of it: its force is
+along the line, F_b = a F_a. Where a wall would have to pull for that, it opens, and friction has all of the load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import final
+
+from ..errors import ConstraintError, list_names
+from ..ir.graph import Graph
+from ..ir.node import Node
+from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion
+from ..reduction.unit_sphere import unit_values
+from ..transforms.linear import dependence
+
+
+@final
+@dataclass(frozen=True)
+class SlipLine:
+    """A contact, the number of the slip velocity that decides the other one, and what that one is of it."""
+
+    contact: ContactRow
+    own: int
+    share: Node
+
+    @property
+    def force_of_own(self) -> int:
+        """Number of the friction force along the slip that decides."""
+        return self.contact.tangential[self.own]
+
+    @property
+    def other(self) -> int:
+        """Number of the friction force that is no unknown any more."""
+        return self.contact.tangential[1 - self.own]
+
+    def parts(self, graph: Graph, names: Sequence[str]) -> tuple[Node, Node]:
+        """Return both friction forces in terms of the one that decides."""
+        force = graph.input(names[self.force_of_own])
+        return force, self.share * force
+
+    def force(self, graph: Graph, names: Sequence[str]) -> dict[Node, Node]:
+        """Return the other friction force by its input."""
+        return {graph.input(names[self.other]): self.parts(graph, names)[1]}
+
+    def entries(self, one: Node) -> tuple[tuple[int, Node], tuple[int, Node]]:
+        """Return both friction forces as numbers of unknowns and factors."""
+        return (self.force_of_own, one), (self.force_of_own, self.share)
+
+
+def along_lines(equations: EquationsOfMotion, lines: Iterable[SlipLine]) -> EquationsOfMotion:
+    """Return equations in which the friction forces that decide have the power of both."""
+    reactions = [list(row) for row in equations.reactions]
+    for line in lines:
+        for row in reactions:
+            row[line.force_of_own] = row[line.force_of_own] + line.share * row[line.other]
+    return replace(equations, reactions=reactions)
+
+
+@final
+class StickingRows:
+    """Constraints of a mode: those of the scene that it has, and what is added of contacts that stick.
+
+    Attributes
+    ----------
+    rows : list of ConstraintRow
+        The constraints, then the slip velocities that none of the rows before implies.
+    groups : dict of str to list of ContactRow
+        By the name of the contact that holds them, the others that cannot slip while it does not.
+    idle : list of ContactRow
+        Contacts that cannot slip anyway, and need no friction.
+    lines : dict of str to SlipLine
+        Contacts in a plane, by name, that can slip in one direction.
+    """
+
+    def __init__(self, equations: EquationsOfMotion, rows: Sequence[ConstraintRow], paired: Collection[str]) -> None:
+        self._name, self._graph, self._paired = equations.name, equations.graph, paired
+        self._own = Graph()  # weights are not computed here as forces will be
+        self._units = unit_values(equations)  # where a quaternion has length one, contacts of its body may be dependent
+        self.rows = [*rows]
+        self.groups: dict[str, list[ContactRow]] = {}
+        self.idle: list[ContactRow] = []
+        self.lines: dict[str, SlipLine] = {}
+        self._owners: list[ContactRow] = []
+
+    @cached_property
+    def _independent(self) -> list[list[Node]]:
+        """The rows of the Jacobian that do not depend on others, those of `_owners` last."""
+        found: list[list[Node]] = []
+        for row in self.rows:
+            slopes = self._slopes(row)
+            if dependence(self._own, found, slopes) is None:
+                found.append(slopes)
+        return found
+
+    @property
+    def redundant(self) -> bool:
+        """Whether some constraints of the scene imply others."""
+        return len(self._independent) < len(self.rows)
+
+    def add(self, contact: ContactRow, slips: Sequence[ConstraintRow]) -> None:
+        """Add the slip velocities of a contact that sticks.
+
+        Raises
+        ------
+        ConstraintError
+            Where it is not determined which of several contacts slips first.
+        """
+        tied: list[tuple[int, Node]] = []
+        for k, row in enumerate(slips):
+            slopes = self._slopes(row)
+            weights = dependence(self._own, self._independent, slopes)
+            if weights is None:
+                self.rows.append(row)
+                self._independent.append(slopes)
+                self._owners.append(contact)
+                continue
+            weights = weights[len(self._independent) - len(self._owners) :]
+            holding = [owner for owner, weight in zip(self._owners, weights, strict=True) if not weight.is_zero]
+            if self._may_be_tied(contact) and all(owner is contact for owner in holding):
+                tied.append((k, weights[-1] if holding else self._own.zero))
+            else:
+                self._share(contact, holding)
+        if tied:
+            self._tie(contact, tied)
+
+    def _slopes(self, row: ConstraintRow) -> list[Node]:
+        """Return the row of the Jacobian in the graph of the weights."""
+        return self._own.adopt(self._graph.substitute(row.jacobian, self._units) if self._units else row.jacobian)
+
+    def _may_be_tied(self, contact: ContactRow) -> bool:
+        """Whether constraints may leave a contact one direction of slip, of two of its own."""
+        return len(contact.slips) > 1 and contact.name not in self._paired
+
+    def _share(self, contact: ContactRow, holding: Sequence[ContactRow]) -> None:
+        """Note that a contact cannot slip while others stick; where there are none, it cannot slip at all."""
+        along_lines_only = all(len(each.slips) == 1 for each in (contact, *holding))
+        given = any(each.normal_load is not None for each in (contact, *holding))
+        further = any(each.leader is not None for each in (contact, *holding))
+        if not along_lines_only or (len(holding) > 1 and not further) or (holding and given):
+            others = dict.fromkeys(owner.name for owner in holding if owner is not contact)
+            raise ConstraintError(
+                f"scene {self._name!r}: the contacts {contact.name!r} and"
+                f" {list_names(repr(o) for o in others)} hold each other while they stick, and which of"
+                " them slips first is not determined: give one of them friction=0 or a regularization, or write"
+                " those with given normal loads as one law with the sum of the loads"
+            )
+        for owner in holding:
+            self.groups.setdefault(owner.name, []).append(contact)
+        if not holding:
+            self.idle.append(contact)
+
+    def _tie(self, contact: ContactRow, tied: Sequence[tuple[int, Node]]) -> None:
+        """Note that constraints leave a contact in a plane one direction of slip, or none."""
+        (k, share), *more = tied
+        if more:
+            self.idle.append(contact)
+        else:
+            self.lines[contact.name] = SlipLine(contact, 1 - k, self._graph.adopt([share])[0])
