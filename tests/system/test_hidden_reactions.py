@@ -456,6 +456,37 @@ def test_body_without_a_joint_may_rest_on_another():
     np.testing.assert_allclose(run["T"], 2 * 9.81, rtol=1e-15)
 
 
+def test_wheel_on_a_table_that_moves_may_hang_from_the_fixed_frame():
+    """Nothing says that the table carries the wheel, as long as both are located from the origin."""
+    z, phi = dynamicsymbols("z phi")
+
+    def normal(kind):
+        table = O.locatenew("table", z * N.x)
+        wheel = (
+            table.locatenew("C", (x - z) * N.x + l * N.y)
+            if kind == "located from the table"
+            else O.locatenew("C", x * N.x + (y if kind == "height" else l) * N.y)
+        )
+        W = N.orientnew("W", "Axis", (phi, N.z))
+        scene = scene_of("track", [z, x, phi, *([y] if kind == "height" else [])])
+        scene.add_bodies(
+            RigidBody("table", table, N, M, (inertia(N, 0, 0, J), table)),
+            RigidBody("wheel", wheel, W, m, (inertia(W, 0, 0, J), wheel)),
+        )
+        plane = (table, N.y)
+        rolls = da.RollingDisc("floor", "wheel", centre=wheel, radius=l, axis=W.z, plane=plane, other="table")
+        scene.add_joints(rolls)
+        model = da.compile_model(scene, backend="numpy", outputs=["floor.normal"])
+        start = {z: 0, x: 0, phi: 0, z.diff(): 0.1, x.diff(): 1} | ({y: 0.5} if kind == "height" else {})
+        return model.simulate((0, 0.1), start, {m: 1.0, M: 2.0, J: 0.1, l: 0.5, g: 9.81})["floor.normal"][-1]
+
+    remedy = "If nothing but 'floor' holds 'wheel', locate its points from a point of 'table', or make .* a coordinate"
+    with pytest.raises(ConstraintError, match=remedy):
+        normal("located from the origin")
+    assert normal("located from the table") == pytest.approx(9.81, rel=1e-14)
+    assert normal("height") == pytest.approx(9.81, rel=1e-14)
+
+
 def test_rope_over_a_pulley():
     y_2 = -y
     P, Q = O.locatenew("P", y * N.y), O.locatenew("Q", y_2 * N.y)

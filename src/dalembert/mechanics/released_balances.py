@@ -260,8 +260,23 @@ class _Search:
         return (
             f"{lost} would be another with another force or torque between {said}, which no joint declares.{load}"
             " Declare it, scene.add_joints(da.Joint(name, body, other=..., at=..., force=..., torque=...)), with all"
-            " unknown components that this connection has"
+            f" unknown components that this connection has{self._carried(structure)}"
         )
+
+    def _carried(self, pairs: Sequence[Pair]) -> str:
+        """Return the remedy for bodies that are located from the fixed frame, and that a joint connects with another.
+
+        Such is a wheel on a moving table.
+        """
+        by_pair, actions = self.system.connections[0].by_pair, self.system.balances.model.actions
+        found = [
+            f". If nothing but {joint.name!r} holds {self._body(b)}, locate its points from a point of"
+            f" {self._body(other)}, or make what they leave out a coordinate, such as a height, with its constraint"
+            for a, b in pairs
+            for joint in (joint for joints in by_pair.values() for joint in joints)
+            if a is None and actions[joint.action].target == b and (other := actions[joint.action].other) is not None
+        ]
+        return "".join(dict.fromkeys(found))
 
     def _body(self, body: int | None) -> str:
         return "the fixed frame" if body is None else repr(self.system.names[body])
