@@ -61,10 +61,13 @@ def decided(count, system, numbers, **known):
     return cases, arguments.after_impact != 0
 
 
-@pytest.mark.parametrize("count", [1, 2])
-def test_an_impact_has_an_outcome_that_obeys_the_laws(count):
-    """Steep friction has several directions of slip: in some of them a contact would pull."""
-    system, numbers = closed(count, 300, 2.0, seed=count)
+@pytest.mark.parametrize(("count", "most_friction", "seed"), [(1, 2.0, 1), (2, 2.0, 2), (2, 0.6, 12), (3, 1.0, 11)])
+def test_an_impact_has_an_outcome_that_obeys_the_laws(count, most_friction, seed):
+    """Steep friction has several directions of slip: in some of them a contact would pull.
+
+    Directions that are improved one after the other may diverge.
+    """
+    system, numbers = closed(count, 300, most_friction, seed=seed)
     normal = numbers["jacobian"][:, system.constraint] * system.sense[:, np.newaxis]
     push = np.linalg.solve(normal @ normal.transpose(0, 2, 1), np.ones((300, count, 1)))
     rates = numbers["rates"]
@@ -73,7 +76,7 @@ def test_an_impact_has_an_outcome_that_obeys_the_laws(count):
     before = rates.copy()
     cases, struck = decided(count, system, numbers)
     found = cases.status == Status.SUCCESS
-    assert found.mean() > (0.99 if count > 1 else 0.9999) and struck[found].all()
+    assert found.all() and struck.all()
     slipping = 0
     for i in np.flatnonzero(found):
         after, jacobian = cases.x[i, system.coordinates :], numbers["jacobian"][i]

@@ -35,8 +35,9 @@ _PATIENCE = 4
 _STEPS, _STEPS_EACH, _PROBING = 20, 20, 8
 """Most steps of a search, those for each contact in addition, and most steps of a search for another solution."""
 
-_SWEEPS, _CLOSE = 400, 1e-10
-"""Most iterations over all contacts, and the change of the forces, relative to the largest, at which they end."""
+_SWEEPS, _LEAST_SHARE, _CLOSE = 400, 0.25, 1e-10
+"""Most iterations over all contacts with steps of one length; the least of these for friction in a plane, halved where
+longer ones do not converge; and the change of the forces, relative to the largest, at which iterations end."""
 
 _FULL = 1.0 - 1e-6
 """Share of the most friction from which iterations on the forces let a contact slip."""
@@ -174,33 +175,61 @@ def _guessed_press(system: ContactSystem, pick: Candidates, i: int) -> float:
 
 
 @compiled_subset
-def _guess_contact(system: ContactSystem, pick: Candidates, i: int) -> float:
+def _step_of_friction(system: ContactSystem, pick: Candidates, i: int, share: float) -> None:
+    """Let the guessed friction of a contact oppose its slip. In a plane one step length keeps the direction of slip."""
+    guessed, first, last, ease = pick.guessed, system.first[i], system.first[i] + system.width[i] - 1, 0.0
+    for r in range(first, last + 1):
+        ease += system.compliances[r, 1 + r]
+    if ease > 0.0:
+        one, other = _excess(system, pick, first) / ease, _excess(system, pick, last) / ease
+        if first == last:
+            guessed[first] -= one
+        else:
+            guessed[first] -= share * one
+            guessed[last] -= share * other
+
+
+@compiled_subset
+def _guess_contact(system: ContactSystem, pick: Candidates, i: int, share: float) -> float:
     """Improve the guess of the forces of one contact; return the largest change."""
     guessed, row, first = pick.guessed, system.slips + i, system.first[i]
-    ease, press = system.compliances[row, 1 + row], guessed[row]
+    ease, press, last = system.compliances[row, 1 + row], guessed[row], first + system.width[i] - 1
     if ease > 0.0:
         guessed[row] = max(press - _excess(system, pick, row) / ease, 0.0)
     if system.given[i] != 0:
         guessed[row] = normal_load(system, i)
     change, sticks = abs(guessed[row] - press), find_option(pick, i, STICK, 0, 0) >= 0
     pressing = _guessed_press(system, pick, i)
-    for a in range(system.width[i]):
-        r = first + a
-        before, ease = guessed[r], system.compliances[r, 1 + r]
-        if sticks and ease > 0.0:
-            guessed[r] -= _excess(system, pick, r) / ease
-        elif not sticks:
-            guessed[r] = -system.mu[i] * pressing * pick.now.along[i, a]
-        change = max(change, abs(guessed[r] - before))
+    if system.width[i] == 0:
+        return change
+    before, other = guessed[first], guessed[last]
     if sticks:
+        _step_of_friction(system, pick, i, share)
         used = 0.0
-        for r in range(first, first + system.width[i]):
+        for r in range(first, last + 1):
             used += guessed[r] * guessed[r]
         most = friction_limit(system, pick, i) * pressing
         if used > most * most:
-            for r in range(first, first + system.width[i]):
+            for r in range(first, last + 1):
                 guessed[r] *= most / sqrt(used)
-    return change
+    else:
+        for a in range(system.width[i]):
+            guessed[first + a] = -system.mu[i] * pressing * pick.now.along[i, a]
+    return max(change, abs(guessed[first] - before), abs(guessed[last] - other))
+
+
+@compiled_subset
+def _iterate(system: ContactSystem, pick: Candidates, share: float) -> bool:
+    """Improve the guess of all forces, one contact after the other; return whether it converges."""
+    for _ in range(_SWEEPS):
+        change, largest = 0.0, 0.0
+        for i in range(system.contacts):
+            if pick.now.mode[i] != OPEN:
+                change = max(change, _guess_contact(system, pick, i, share))
+                largest = max(largest, pick.guessed[system.slips + i])
+        if change <= _CLOSE * largest:
+            return True
+    return False
 
 
 @compiled_subset
@@ -211,14 +240,11 @@ def _guess(system: ContactSystem, pick: Candidates) -> None:
     _begin(pick, False)
     combine(system, pick)
     load_compliances(system)
-    for _ in range(_SWEEPS):
-        change, largest = 0.0, 0.0
-        for i in range(system.contacts):
-            if pick.now.mode[i] != OPEN:
-                change = max(change, _guess_contact(system, pick, i))
-                largest = max(largest, pick.guessed[system.slips + i])
-        if change <= _CLOSE * largest:
-            break
+    share, least = 1.0, 1.0
+    for i in range(system.contacts):
+        least = _LEAST_SHARE if system.width[i] > 1 else least
+    while share >= least and not _iterate(system, pick, share):
+        share *= 0.5
     for i in range(system.contacts):
         press, opened, used = pick.guessed[system.slips + i], find_option(pick, i, OPEN, 0, 0), 0.0
         for r in range(system.first[i], system.first[i] + system.width[i]):

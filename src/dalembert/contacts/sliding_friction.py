@@ -222,6 +222,17 @@ def _residual(frictionless: EquationsOfMotion, a: Sequence[Node], forcing: Seque
     return [x - f for x, f in zip(matvec(frictionless.graph, frictionless.mass_matrix, a), forcing, strict=True)]
 
 
+def _remedy(shared: Sequence[str]) -> str:
+    """Return what helps where a normal reaction is not determined, by the contacts with a gap that share the load."""
+    if len(shared) > 1:
+        return (
+            f"The contacts {list_names(map(repr, shared))} share a load: let at most three contacts of a rigid body"
+            " with friction touch a plane, give all of them friction=0, or write their normal reactions as springs"
+            " and dampers with a smooth law of friction (docs/friction.md)"
+        )
+    return f"Release the coordinate along which it acts: {RELEASE}"
+
+
 def _normals(
     frictionless: EquationsOfMotion, whole: EquationsOfMotion, kept: Sequence[int], sliding: Sequence[SlidingContact]
 ) -> Callable[[Sequence[Node]], list[Node]]:
@@ -231,11 +242,11 @@ def _normals(
     for item in sliding:
         place = list(kept).index(item.contact.normal)
         if place in undetermined:
-            name = whole.symbols.unknowns[item.contact.normal]
+            name, shared = whole.symbols.unknowns[item.contact.normal], {kept[i] for i in undetermined}
             raise ConstraintError(
                 f"scene {whole.name!r}: friction {item.contact.name!r} needs {name}, which the equations of motion"
-                " do not determine: only a combination of it with other reactions appears in them, or none. Release the"
-                f" coordinate along which it acts: {RELEASE}"
+                " do not determine: only a combination of it with other reactions appears in them, or none."
+                f" {_remedy([c.name for c in whole.contacts if c.constraint is not None and c.normal in shared])}"
             )
         places.append(independent.index(place))
     solved = _solved_rates(frictionless)

@@ -26,6 +26,9 @@ _EXACT = 1e-15
 _ROUNDS, _HALVINGS, _SECTORS = 60, 80, 24
 """Rounds over several contacts; halvings of an angle; angles at which a root is looked for."""
 
+_NEWTON_STEPS, _ANGLE = 20, 1e-6
+"""Steps of Newton's method on several directions, and the angle of its differences."""
+
 _ANGLES = 2.0 * np.pi * np.arange(_SECTORS + 1) / _SECTORS
 _COSINES, _SINES = np.cos(_ANGLES), np.sin(_ANGLES)
 
@@ -140,12 +143,63 @@ def _improve(system: ContactSystem, pick: Candidates, count: int) -> bool:
                 change = max(change, abs(pick.now.along[i, 0] - x), abs(pick.now.along[i, 1] - y))
         if count == 1 or change <= _EXACT:
             break
+    return _all_found(system, pick)
+
+
+@compiled_subset
+def _all_found(system: ContactSystem, pick: Candidates) -> bool:
+    """Return whether all contacts that begin to slip do so along their directions, and push."""
     found = True
     for i in range(system.contacts):
         if pick.begins[i] != 0:
             found = found and _even(system, pick, i, _UNEVEN) and _along_slip(system, pick, i)
             found = found and pick.now.sides[i] * system.press[i] >= 0.0
     return found
+
+
+@compiled_subset
+def _shift(system: ContactSystem, pick: Candidates, i: int, change: float) -> None:
+    """Turn a direction by an angle whose tangent is given."""
+    x, y = pick.now.along[i, 0], pick.now.along[i, 1]
+    _turn(pick, i, x - change * y, y + change * x)
+
+
+@compiled_subset
+def _write_slips_across(system: ContactSystem, pick: Candidates, column: int) -> int:
+    """Write the slip accelerations across all directions to ``square_right``; return their number."""
+    count = 0
+    solve_mode(system, pick.now)
+    for i in range(system.contacts):
+        if pick.begins[i] != 0:
+            system.square_right[count, column] = _slip_across(system, pick, i)
+            count += 1
+    return count
+
+
+@compiled_subset
+def _refine(system: ContactSystem, pick: Candidates) -> None:
+    """Improve the directions of several contacts together, by Newton's method: one after the other may diverge."""
+    for _ in range(_NEWTON_STEPS):
+        count, j = _write_slips_across(system, pick, 0), 0
+        for i in range(system.contacts):
+            if pick.begins[i] != 0:
+                x, y = pick.now.along[i, 0], pick.now.along[i, 1]
+                _shift(system, pick, i, _ANGLE)
+                _write_slips_across(system, pick, 1)
+                pick.now.along[i, 0], pick.now.along[i, 1] = x, y
+                for k in range(count):
+                    system.square[k, j] = (system.square_right[k, 1] - system.square_right[k, 0]) / _ANGLE
+                j += 1
+        solve_dense(system.square, system.square_right, count, 1, system.dense)
+        j, change = 0, 0.0
+        for i in range(system.contacts):
+            if pick.begins[i] != 0:
+                _shift(system, pick, i, -system.square_right[j, 0])
+                change = max(change, abs(system.square_right[j, 0]))
+                j += 1
+        if change <= _EXACT:
+            break
+    solve_mode(system, pick.now)
 
 
 @compiled_subset
@@ -158,24 +212,42 @@ def hold_beginning(system: ContactSystem, pick: Candidates) -> None:
 
 
 @compiled_subset
-def steady_directions(system: ContactSystem, pick: Candidates) -> None:
-    """Write the directions in which slip in a plane begins in a combination.
-
-    They are looked for from those against the forces of `hold_beginning`. Where that does not find them, it is tried
-    from the given ones: those in which contacts slide into an impact, or guesses.
-    """
-    count, known = 0, False
-    for i in range(system.contacts):
-        if pick.begins[i] != 0:
-            first, count = system.first[i], count + 1
-            pick.now.mode[i], known = SLIP, known or pick.found.guided != 0 or pick.slides[i] != 0
-            _turn(pick, i, -system.forces[first, 0], -system.forces[first + 1, 0])
-    if _improve(system, pick, count) or not known:
-        return
+def _take_given(system: ContactSystem, pick: Candidates) -> None:
+    """Write the directions in which contacts slide into an impact, or guesses."""
     for i in range(system.contacts):
         if pick.begins[i] != 0 and (pick.found.guided != 0 or pick.slides[i] != 0):
             _turn(pick, i, pick.given.along[i, 0], pick.given.along[i, 1])
-    _improve(system, pick, count)
+
+
+@compiled_subset
+def _improve_given(system: ContactSystem, pick: Candidates, count: int) -> bool:
+    """Write directions near the given ones; return whether all are found."""
+    _take_given(system, pick)
+    found = _improve(system, pick, count)
+    if not found and count > 1:
+        _take_given(system, pick)
+        _refine(system, pick)
+        found = _all_found(system, pick)
+    return found
+
+
+@compiled_subset
+def steady_directions(system: ContactSystem, pick: Candidates) -> None:
+    """Write the directions in which slip in a plane begins in a combination.
+
+    They are looked for from those against the forces of `hold_beginning`, and where that does not find them, from those
+    in which contacts slide into an impact. Guesses come first: where there are any, no others have been lawful.
+    """
+    count, slides = 0, False
+    for i in range(system.contacts):
+        if pick.begins[i] != 0:
+            first, count = system.first[i], count + 1
+            pick.now.mode[i], slides = SLIP, slides or pick.slides[i] != 0
+            _turn(pick, i, -system.forces[first, 0], -system.forces[first + 1, 0])
+    if pick.found.guided != 0:
+        _improve_given(system, pick, count)
+    elif not _improve(system, pick, count) and slides:
+        _improve_given(system, pick, count)
 
 
 @compiled_subset
