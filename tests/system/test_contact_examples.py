@@ -7,9 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import sympy as sp
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.special import ellipk
+from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
+
+import dalembert as da
 
 PAGE = Path(__file__).parents[2] / "docs" / "contacts.md"
 
@@ -162,3 +166,32 @@ def test_ball_in_a_bowl(page):
     zeros = [brentq(x, (k + 0.2) * period, (k + 0.3) * period, xtol=1e-14) for k in (0, 3)]
     assert abs((zeros[1] - zeros[0]) / 3 / period - 1 - amplitude**2 / 16) < 1e-9
     assert run.phases[0].modes == {"bowl": "stick"} and len(run.phases) == 1
+
+
+def test_a_wheel_meets_the_edge_of_a_step():
+    """The edge is a point, a circle of radius 0; the angular momentum about it stays in the impact."""
+    x, y, theta = dynamicsymbols("x y theta")
+    T = sp.Symbol("T")
+    m, J, r, h, g = 2.0, 0.04, 0.2, 0.05, 9.81
+    N, O = ReferenceFrame("N"), Point("O")
+    S, C = N.orientnew("S", "Axis", (theta, N.z)), O.locatenew("C", x * N.x + y * N.y)
+    scene = da.Scene("step", frame=N, origin=O, coordinates=[x, y, theta])
+    scene.add_bodies(RigidBody("wheel", C, S, m, (inertia(S, 0, 0, J), C)))
+    scene.apply_uniform_gravity(-g * N.y)
+    scene.add_loads((S, -T * N.z))
+    floor = da.SpherePlane("floor", body="wheel", centre=C, radius=r, plane=(O, N.y), friction=0.8)
+    centres = (C, O.locatenew("E", h * N.y))
+    scene.add_contacts(
+        floor, da.SphereSphere("edge", bodies=("wheel", None), centres=centres, radii=(r, 0), friction=1.5)
+    )
+    model = da.compile_model(scene)
+    before, away = 1.2, np.sqrt(r**2 - (r - h) ** 2)
+    start = {x: -away - 0.12, y: r, theta: 0, x.diff(): before, y.diff(): 0, theta.diff(): -before / r}
+    run = model.simulate((0, 0.1 + 1e-9), start, {T: 0})
+    after = (m * before * (r - h) + J * before / r) / (J + m * r**2)
+    assert run.success and run.mode("edge")[-1] == "stick" and run.mode("floor")[-1] == "open"
+    np.testing.assert_allclose(run.qdot[-1], [after * (r - h), after * away, -after], atol=1e-6)
+    rest = start | {x: -away, x.diff(): 0, theta.diff(): 0}
+    for share in (0.99, 1.01):
+        lifted = model.simulate((0, 0.05), rest, {T: share * m * g * away})
+        assert lifted.success and (lifted["y"][-1] > r + 1e-6) == (share > 1)

@@ -192,15 +192,15 @@ def several(value: Any, numbers: Sequence[int], what: str) -> tuple[Any, ...]:
     return found
 
 
-def length(value: Any, what: str) -> Any:
-    """Return a length in parameters, which is positive where that is known."""
+def length(value: Any, what: str, *, zero: bool = False) -> Any:
+    """Return a length in parameters, which is positive where that is known; or zero, where that is allowed."""
     try:
         e = None if isinstance(value, str | bytes | bool) else sp.sympify(value)
     except (sp.SympifyError, TypeError, ValueError, AttributeError):
         e = None
     if not isinstance(e, sp.Expr) or e.has(dynamicsymbols._t):
         raise GeometryFault(f"{what} must be a number or an expression of parameters, and is {value!r}")
-    if e.is_nonpositive:
+    if e.is_nonpositive and not (zero and e.is_zero):
         raise GeometryFault(f"{what} is {value}; it must be positive")
     return e
 

@@ -38,6 +38,7 @@ class SphereSphere(GeometricContact):
     centres : (Point, Point)
         Each fixed in its body.
     radii : (Expr or number, Expr or number) [m]
+        One of them may be 0: a point, such as the edge of a step that a wheel meets in a planar scene.
 
     Examples
     --------
@@ -54,7 +55,8 @@ class SphereSphere(GeometricContact):
         """Return the point of contact."""
         first, second = several(self.bodies, (2,), "bodies=")
         one, two = several(self.centres, (2,), "centres=")
-        r, s = (length(x, "each of radii=") for x in several(self.radii, (2,), "radii="))
+        r, s = (length(x, "each of radii=", zero=True) for x in several(self.radii, (2,), "radii="))
+        length(r + s, "the sum of radii=")
         apart = places.position(one, "each of centres=") - places.position(two, "each of centres=")
         square, normal = dot(apart, apart), apart / (r + s)
         distance = sp.sqrt(square)
