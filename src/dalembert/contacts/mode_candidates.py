@@ -273,6 +273,13 @@ def next_combination(pick: Candidates) -> bool:
 
 
 @compiled_subset
+def choose_all(pick: Candidates, last: bool) -> None:
+    """Choose the first option of each contact, or the last."""
+    for i in range(pick.choice.size):
+        pick.choice[i] = pick.option_count[i] - 1 if last else 0
+
+
+@compiled_subset
 def combine(system: ContactSystem, pick: Candidates) -> bool:
     """Write the combination that is chosen; return whether slip in a plane begins in it."""
     planar, along = False, pick.now.along

@@ -5,23 +5,22 @@ opens, one that approaches closes, one that friction cannot hold slips, one that
 change at once as long as fewer and fewer laws are violated; where that does not help, the first of them alone, so that
 no cycle arises where the laws have one solution (J. J. Judice and F. M. Pires, Computers and Operations Research 21
 (1994) 587-596; K. G. Murty, Linear Algebra and its Applications 9 (1974) 65-108). Where that ends nowhere, iterations
-on the forces of one contact after the other suggest a combination to begin from (M. Jean, Computer Methods in Applied
-Mechanics and Engineering 177 (1999) 235-257), and then complementary pivots do (`complementary_forces`). A combination
-counts only where it obeys the laws of `mode_laws`.
+on the forces suggest a combination to begin from (`guessed_forces`), and then complementary pivots do
+(`complementary_forces`). A combination counts only where it obeys the laws of `mode_laws`.
 """
 
 from __future__ import annotations
 
-from ..subset.compiled_subset import compiled_subset, sqrt
+from ..subset.compiled_subset import compiled_subset
 from .complementary_forces import choose_complementary
-from .contact_forces import compliance, gap_compliance, load_compliances, normal_load, solve_mode
+from .contact_forces import compliance, gap_compliance, solve_mode
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertial_size
-from .mode_candidates import GRIPPED, RELEASED, TOUCHING, Candidates, combine, find_option, list_options
+from .guessed_forces import guess_forces
+from .mode_candidates import RELEASED, TOUCHING, Candidates, choose_all, combine, find_option, list_options
 from .mode_laws import (
     ROUNDING,
     all_forces,
     contact_margin,
-    friction_limit,
     push_margin,
     slips_in_vain,
     splits,
@@ -34,13 +33,6 @@ _PATIENCE = 4
 
 _STEPS, _STEPS_EACH, _PROBING = 20, 20, 8
 """Most steps of a search, those for each contact in addition, and most steps of a search for another solution."""
-
-_SWEEPS, _LEAST_SHARE, _CLOSE = 400, 0.25, 1e-10
-"""Most iterations over all contacts with steps of one length; the least of these for friction in a plane, halved where
-longer ones do not converge; and the change of the forces, relative to the largest, at which iterations end."""
-
-_FULL = 1.0 - 1e-6
-"""Share of the most friction from which iterations on the forces let a contact slip."""
 
 _POWERLESS = 1e-12
 """Share of the acceleration of a gap that a friction force could cause, up to which it causes none."""
@@ -152,129 +144,6 @@ def _search(system: ContactSystem, pick: Candidates, meets: bool, steps: int) ->
 
 
 @compiled_subset
-def _begin(pick: Candidates, last: bool) -> None:
-    """Choose the first option of each contact, or the last."""
-    for i in range(pick.choice.size):
-        pick.choice[i] = pick.option_count[i] - 1 if last else 0
-
-
-@compiled_subset
-def _excess(system: ContactSystem, pick: Candidates, row: int) -> float:
-    """Return the acceleration of slip, or of a gap, that the present guess of the forces leaves."""
-    value = system.compliances[row, 0]
-    for j in range(pick.guessed.size):
-        value += system.compliances[row, 1 + j] * pick.guessed[j]
-    return value
-
-
-@compiled_subset
-def _guessed_press(system: ContactSystem, pick: Candidates, i: int) -> float:
-    """Return the present guess of the normal reaction of a contact, or of the one whose further law it is."""
-    leader = system.leader[i]
-    return pick.guessed[system.slips + leader] + system.restored[leader]
-
-
-@compiled_subset
-def _step_of_friction(system: ContactSystem, pick: Candidates, i: int, share: float) -> None:
-    """Let the guessed friction of a contact oppose its slip. In a plane one step length keeps the direction of slip."""
-    guessed, first, last, ease = pick.guessed, system.first[i], system.first[i] + system.width[i] - 1, 0.0
-    for r in range(first, last + 1):
-        ease += system.compliances[r, 1 + r]
-    if ease > 0.0:
-        one, other = _excess(system, pick, first) / ease, _excess(system, pick, last) / ease
-        if first == last:
-            guessed[first] -= one
-        else:
-            guessed[first] -= share * one
-            guessed[last] -= share * other
-
-
-@compiled_subset
-def _guess_contact(system: ContactSystem, pick: Candidates, i: int, share: float) -> float:
-    """Improve the guess of the forces of one contact; return the largest change."""
-    guessed, row, first = pick.guessed, system.slips + i, system.first[i]
-    ease, press, last = system.compliances[row, 1 + row], guessed[row], first + system.width[i] - 1
-    if ease > 0.0:
-        guessed[row] = max(press - _excess(system, pick, row) / ease, 0.0)
-    if system.given[i] != 0:
-        guessed[row] = normal_load(system, i)
-    change, sticks = abs(guessed[row] - press), find_option(pick, i, STICK, 0, 0) >= 0
-    pressing = _guessed_press(system, pick, i)
-    if system.width[i] == 0:
-        return change
-    before, other = guessed[first], guessed[last]
-    if sticks:
-        _step_of_friction(system, pick, i, share)
-        used = 0.0
-        for r in range(first, last + 1):
-            used += guessed[r] * guessed[r]
-        most = friction_limit(system, pick, i) * pressing
-        if used > most * most:
-            for r in range(first, last + 1):
-                guessed[r] *= most / sqrt(used)
-    else:
-        for a in range(system.width[i]):
-            guessed[first + a] = -system.mu[i] * pressing * pick.now.along[i, a]
-    return max(change, abs(guessed[first] - before), abs(guessed[last] - other))
-
-
-@compiled_subset
-def _iterate(system: ContactSystem, pick: Candidates, share: float) -> bool:
-    """Improve the guess of all forces, one contact after the other; return whether it converges."""
-    for _ in range(_SWEEPS):
-        change, largest = 0.0, 0.0
-        for i in range(system.contacts):
-            if pick.now.mode[i] != OPEN:
-                change = max(change, _guess_contact(system, pick, i, share))
-                largest = max(largest, pick.guessed[system.slips + i])
-        if change <= _CLOSE * largest:
-            return True
-    return False
-
-
-@compiled_subset
-def _guess(system: ContactSystem, pick: Candidates) -> None:
-    """Choose the combination that iterations on the forces suggest: one contact at a time, the others as they are."""
-    for j in range(pick.guessed.size):
-        pick.guessed[j] = 0.0
-    _begin(pick, False)
-    combine(system, pick)
-    load_compliances(system)
-    share, least = 1.0, 1.0
-    for i in range(system.contacts):
-        least = _LEAST_SHARE if system.width[i] > 1 else least
-    while share >= least and not _iterate(system, pick, share):
-        share *= 0.5
-    for i in range(system.contacts):
-        press, opened, used = pick.guessed[system.slips + i], find_option(pick, i, OPEN, 0, 0), 0.0
-        for r in range(system.first[i], system.first[i] + system.width[i]):
-            used += pick.guessed[r] * pick.guessed[r]
-        side = 0 if system.restored[i] == 0.0 else 1 if press > 0.0 else RELEASED
-        sticks, most = find_option(pick, i, STICK, side, 0), friction_limit(system, pick, i)
-        if press == 0.0 and opened >= 0:
-            pick.choice[i] = opened
-        elif sticks >= 0 and sqrt(used) >= _FULL * most * _guessed_press(system, pick, i):
-            way = 0 if system.width[i] != 1 else -1 if pick.guessed[system.first[i]] > 0.0 else 1
-            pick.choice[i] = max(find_option(pick, i, SLIP, side, way), 0)
-        elif side != 0:
-            pick.choice[i] = sticks if sticks >= 0 else max(find_option(pick, i, system.closed[i], side, 0), 0)
-
-
-@compiled_subset
-def guess_directions(system: ContactSystem, pick: Candidates) -> bool:
-    """Write the directions in which iterations on the forces let contacts in a plane begin to slip; return if any."""
-    _guess(system, pick)
-    for i in range(system.contacts):
-        r, slipping = system.first[i], pick.kind[i] == GRIPPED and system.width[i] > 1
-        size = sqrt(pick.guessed[r] * pick.guessed[r] + pick.guessed[r + 1] * pick.guessed[r + 1]) if slipping else 0.0
-        if size > 0.0:
-            pick.found.guided = 1
-            for a in range(2):
-                pick.given.along[i, a] = -pick.guessed[r + a] / size
-    return pick.found.guided != 0
-
-
-@compiled_subset
 def _prefer(system: ContactSystem, pick: Candidates, meets: bool) -> None:
     """Let contacts in turn do what they prefer to what the taken combination has, where that holds no less."""
     for i in range(system.contacts):
@@ -336,13 +205,13 @@ def search_modes(system: ContactSystem, pick: Candidates, expected: bool, meets:
     steps = _STEPS + _STEPS_EACH * system.contacts
     for start in range(3):
         if start == 1:
-            _guess(system, pick)
+            guess_forces(system, pick)
         else:
-            _begin(pick, start == 2)
+            choose_all(pick, start == 2)
         if _search(system, pick, meets, steps):
             break
     if pick.found.best == 0 and pick.table.shape[0] > 0:
-        _begin(pick, False)
+        choose_all(pick, False)
         combine(system, pick)
         if choose_complementary(system, pick):
             _search(system, pick, meets, steps)
@@ -359,6 +228,6 @@ def search_modes(system: ContactSystem, pick: Candidates, expected: bool, meets:
                     pick.choice[j] = n if j == i else pick.taken[j]
                 _search(system, pick, meets, _PROBING)
                 if pick.found.ambiguous == 0:
-                    _begin(pick, True)
+                    choose_all(pick, True)
                     pick.choice[i] = n
                     _search(system, pick, meets, _PROBING)

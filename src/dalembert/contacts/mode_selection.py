@@ -10,6 +10,7 @@ from __future__ import annotations
 from ..methods.status import Status
 from ..subset.compiled_subset import compiled_subset
 from .contact_system import ContactSystem
+from .guessed_forces import guess_directions
 from .mode_candidates import (
     ALL,
     LIFTING,
@@ -19,7 +20,7 @@ from .mode_candidates import (
     list_options,
     next_combination,
 )
-from .mode_search import friction_decides, guess_directions, search_modes
+from .mode_search import friction_decides, search_modes
 from .mode_trials import try_combination
 
 _SUCCESS, _NON_FINITE = int(Status.SUCCESS), int(Status.NON_FINITE)
