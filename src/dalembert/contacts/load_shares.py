@@ -19,8 +19,8 @@ from .mode_laws import TOGETHER, all_forces, friction_limit
 _GOLDEN, _SECTIONS = 0.6180339887498949, 80
 """Golden section, and sections of a direction in which forces are not determined."""
 
-_MOST_SHARE = 4.0
-"""Largest share, in terms of all forces."""
+_MOST_SHARE = 1e4
+"""Largest share, in terms of all forces: a rod between rough walls needs 1/(2 (mu - tan a)) of its weight."""
 
 _PIVOTS, _FIRST_BY_NUMBER, _TINY = 400, 60, 1e-12
 """Most exchanges; those after which the first law that is violated enters and not the most violated, so that no cycle
