@@ -48,14 +48,14 @@ _OTHER_TYPES = {
 }
 """Types of variables that no unit has, by versions, and what to call them."""
 
-_EVERYWHERE = "contacts controlled exchanged n_states prefix stops upper"
+_EVERYWHERE = "contacts exchanged n_states prefix stops upper"
 
 _PARTS = {
     "unit": "corrected first_input guid indicated inputs n_given n_knowns n_locks n_slopes rtol span starts"
     " state_references version",
     "unit_values": "first_input first_known_parameter inputs n_all n_known_parameters n_known_states n_knowns"
     " n_references n_values n_wanted",
-    "unit_exchange": "corrected first_indicator n_indicators n_locks n_values nominal",
+    "unit_exchange": "controlled corrected first_indicator n_indicators n_locks n_values nominal",
 }
 """Templates of the functions of a unit, in their order, and the variables of each besides those `_EVERYWHERE`."""
 

@@ -88,10 +88,7 @@ def refuse_scene(model: CompiledModel, *, unit: bool = False) -> None:
         With what it has that is not exported, and the remedy.
     """
     program, reduced = model.stages.program, model.stages.reduced
-    if unit and model.controllers:
-        _refuse_unit_controllers(model)
-    else:
-        _refuse_controllers(model.controllers)
+    _refuse_unit_controllers(model)
     refuse_program(program)
     if program.conditions is not None:
         raise CapabilityError(

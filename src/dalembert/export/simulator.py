@@ -97,7 +97,7 @@ def c_source(
         dependent=model.derived.dependence is not None,
         method=chosen,
         tolerances=tolerances,
-        forward_only=has_jumps(reduced),
+        forward_only=has_jumps(reduced) or bool(model.controllers),
         numbers=numbers,
         span=span,
         locks=None if check is None else check.found.kernel,

@@ -308,7 +308,7 @@ def _passing(recorded: bool) -> Callable[[PreparedArguments, int, int], None]:
         taken = is_due(stops, 0, progress.t, forward)
         if recorded and taken:
             here = new + 1
-            _continue_in(arguments, new, here)
+            continue_in(arguments, new, here)
         clock[0, 0], place = progress.t, here * states.shape[1]
         progress.end = pass_stops(stops, arguments.kernels.prepare, clock, flat(states), place, constants, n, forward)
         if arguments.memory == 0:
@@ -333,7 +333,7 @@ def _passing(recorded: bool) -> Callable[[PreparedArguments, int, int], None]:
 
 
 @compiled_subset
-def _continue_in(arguments: PreparedArguments, new: int, here: int) -> None:
+def continue_in(arguments: PreparedArguments, new: int, here: int) -> None:
     """Begin another row with the state at a stop, from which the motion will continue without a step before."""
     states, n = arguments.states, arguments.n
     for m in range(n):

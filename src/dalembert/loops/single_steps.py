@@ -7,7 +7,7 @@ the same states.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
@@ -19,13 +19,15 @@ from ..steps.implicit_loop import ImplicitArguments, begin_piece
 from ..steps.packed_tableaus import ALLOWED, POINT
 from ..steps.projection import ROUNDING_OF_POLYNOMIALS, project_row
 from ..steps.recorded_runs import Run, RunCodes, RunSettings, evaluate, evaluate_polynomial
+from ..stops.instants import InstantTable, begin_instants, first_instant, instant_of, list_instants
+from ..stops.stops import end_of_steps, is_due, pass_stops
 from ..subset.arguments import IntVector, Record, Vector
-from ..subset.compiled_subset import compiled_subset
-from .prepared_loop import RECORDED_LOOP, PreparedArguments
+from ..subset.compiled_subset import compiled_subset, flat, row
+from .prepared_loop import RECORDED_LOOP, PreparedArguments, continue_in
 from .taylor_runs import LARGEST_WINDING, TURN, turns_to_take, unwound
 
-_SPARE_ROW = 2
-"""Row of the states of a run of Taylor steps that has none, of its three."""
+_STEP_ROW, _SPARE_ROW = 1, 2
+"""Rows of the states of a run of Taylor steps: that of the step, and one for the state behind a stop or any other."""
 
 
 class StepPlace(Record):
@@ -51,6 +53,8 @@ class TaylorSteps(NamedTuple):
         Components of the state that matter modulo a turn.
     turns, sampled : (n,)
         Turns that have been taken off the components; gets a state.
+    instants : InstantTable
+        Of controllers, which act where the steps end at which they are due.
     """
 
     run: PreparedArguments
@@ -58,6 +62,7 @@ class TaylorSteps(NamedTuple):
     turns: Vector
     sampled: Vector
     place: StepPlace
+    instants: InstantTable
 
 
 class ExplicitSteps(NamedTuple):
@@ -66,6 +71,7 @@ class ExplicitSteps(NamedTuple):
     run: ExplicitArguments
     sampled: Vector
     place: StepPlace
+    instants: InstantTable
 
 
 class ImplicitSteps(NamedTuple):
@@ -74,6 +80,19 @@ class ImplicitSteps(NamedTuple):
     run: ImplicitArguments
     sampled: Vector
     place: StepPlace
+    instants: InstantTable
+
+
+@compiled_subset
+def next_instant(steps: Any) -> float:
+    """Return the first instant of controllers that is not among the stops of a run of any kind of steps."""
+    return first_instant(steps.instants)
+
+
+@compiled_subset
+def instant_of_controller(steps: Any, number: int) -> float:
+    """Return the first instant of a controller that is not among the stops."""
+    return instant_of(steps.instants, number)
 
 
 @compiled_subset
@@ -98,6 +117,8 @@ def taylor_step(arguments: TaylorSteps) -> int:
                 arguments.turns[i] += turns
         place.left -= 1
     place.begin = progress.t
+    if arguments.instants.listed.size > 0:
+        list_instants(arguments.instants, run.stops, run.limits.t1, False)
     return RECORDED_LOOP(run)
 
 
@@ -105,12 +126,11 @@ def taylor_step(arguments: TaylorSteps) -> int:
 def taylor_sample(arguments: TaylorSteps, t: float) -> int:
     """Compute the state at a time within the last step; return `RUNNING`."""
     run, begin = arguments.run, arguments.place.begin
-    states, progress, n = run.states, run.progress, run.n
-    row, end = progress.row, progress.t
+    states, progress, n, end = run.states, run.progress, run.n, run.progress.t
     for i in range(n):
-        arguments.sampled[i] = states[row, i]
-    if t != end and row != 0:
-        width = (states.shape[1] - n - 2) // n
+        arguments.sampled[i] = states[progress.row, i]
+    if t != end and progress.row != 0:
+        row, width = _STEP_ROW, (states.shape[1] - n - 2) // n
         h, theta = states[row, n] * run.settings[0, 1], (t - begin) / (end - begin)
         for i in range(n):
             first, value, total, terms, power = n + 2 + i * width, 0.0, 0.0, 0.0, 1.0
@@ -150,7 +170,48 @@ def taylor_correct(arguments: TaylorSteps, t: float) -> int:
 
 
 @compiled_subset
-def _begin_step(settings: RunSettings, run: Run, place: StepPlace) -> None:
+def taylor_instants(arguments: TaylorSteps, t0: float) -> bool:
+    """Take the periods of controllers, in a run that begins at a time; return whether they make sense."""
+    return begin_instants(arguments.instants, row(arguments.run.constants, 0), t0)
+
+
+@compiled_subset
+def taylor_act(arguments: TaylorSteps, t1: float) -> None:
+    """Let controllers act that are due at the present time, which is the end of a run up to a time."""
+    list_instants(arguments.instants, arguments.run.stops, t1, True)
+    _act_in_taylor(arguments)
+
+
+@compiled_subset
+def taylor_extend(arguments: TaylorSteps, t1: float) -> None:
+    """Continue a run up to a time behind its end, where controllers may be due."""
+    stops, progress = arguments.run.stops, arguments.run.progress
+    list_instants(arguments.instants, stops, t1, False)
+    stops.inputs.ends[0, 0] = t1
+    _act_in_taylor(arguments)
+    progress.end = end_of_steps(stops, 0, t1, True)
+
+
+@compiled_subset
+def _act_in_taylor(arguments: TaylorSteps) -> None:
+    run = arguments.run
+    states, progress, stops, n = run.states, run.progress, run.stops, run.n
+    if not is_due(stops, 0, progress.t, True):
+        return
+    if progress.row == _STEP_ROW:
+        continue_in(run, _STEP_ROW, _SPARE_ROW)
+    run.clock[0, 0], place = progress.t, progress.row * states.shape[1]
+    pass_stops(stops, run.kernels.prepare, run.clock, flat(states), place, run.constants, n, True)
+    if progress.row == _SPARE_ROW:
+        for m in range(n):
+            if states[_SPARE_ROW, m] != states[_STEP_ROW, m]:
+                run.low[m] = 0.0  # what rounding took from another value
+
+
+@compiled_subset
+def _begin_step(
+    settings: RunSettings, run: Run, place: StepPlace, instants: InstantTable
+) -> None:
     """Make room for a step, set the time at which its polynomial is wanted, and before the first the tolerances."""
     progress = run.progress
     if progress.evaluations == 0:
@@ -159,6 +220,8 @@ def _begin_step(settings: RunSettings, run: Run, place: StepPlace) -> None:
     progress.begun, progress.limit = progress.steps, progress.steps + 1
     progress.recorded, run.t_eval[0] = 0, place.wanted
     place.begin = progress.t
+    if instants.listed.size > 0:
+        list_instants(instants, run.stops, progress.t1, False)
 
 
 @compiled_subset
@@ -198,9 +261,30 @@ def _correct(codes: RunCodes, settings: RunSettings, run: Run, sampled: FloatArr
 
 
 @compiled_subset
+def _act(settings: RunSettings, run: Run) -> bool:
+    """Let controllers act that are due at the present time; return whether there are any."""
+    progress, forward = run.progress, True
+    if not is_due(run.stops, 0, progress.t, forward):
+        return False
+    run.clock[0, 0], place = progress.t, progress.row * run.work.shape[1]
+    pass_stops(run.stops, run.prepare, run.clock, flat(run.work), place, run.constants, settings.kept, forward)
+    return True
+
+
+@compiled_subset
+def _extend(settings: RunSettings, run: Run, instants: InstantTable, t1: float) -> bool:
+    """Continue a run up to a time behind its end; return whether controllers have acted there."""
+    list_instants(instants, run.stops, t1, False)
+    run.stops.inputs.ends[0, 0] = t1
+    acts = _act(settings, run)
+    run.progress.end = end_of_steps(run.stops, 0, t1, True)
+    return acts
+
+
+@compiled_subset
 def explicit_step(arguments: ExplicitSteps) -> int:
     """Take a step; return the status of the run."""
-    _begin_step(arguments.run.settings, arguments.run.run, arguments.place)
+    _begin_step(arguments.run.settings, arguments.run.run, arguments.place, arguments.instants)
     return EXPLICIT_LOOP(arguments.run)
 
 
@@ -228,7 +312,7 @@ def explicit_continue(arguments: ExplicitSteps) -> None:
 @compiled_subset
 def implicit_step(arguments: ImplicitSteps) -> int:
     """Take a step; return the status of the run."""
-    _begin_step(arguments.run.settings, arguments.run.run, arguments.place)
+    _begin_step(arguments.run.settings, arguments.run.run, arguments.place, arguments.instants)
     return IMPLICIT_LOOP(arguments.run)
 
 
@@ -251,3 +335,45 @@ def implicit_continue(arguments: ImplicitSteps) -> None:
     """Forget what was known of the motion before, where constants have changed."""
     loop, progress = arguments.run, arguments.run.run.progress
     begin_piece(loop.codes, loop.settings, loop.workspace, loop.run, progress.size)
+
+
+@compiled_subset
+def explicit_instants(arguments: ExplicitSteps, t0: float) -> bool:
+    """Take the periods of controllers, in a run that begins at a time; return whether they make sense."""
+    return begin_instants(arguments.instants, row(arguments.run.run.constants, 0), t0)
+
+
+@compiled_subset
+def explicit_act(arguments: ExplicitSteps, t1: float) -> None:
+    """Let controllers act that are due at the present time, which is the end of a run up to a time."""
+    list_instants(arguments.instants, arguments.run.run.stops, t1, True)
+    if _act(arguments.run.settings, arguments.run.run):
+        explicit_continue(arguments)
+
+
+@compiled_subset
+def explicit_extend(arguments: ExplicitSteps, t1: float) -> None:
+    """Continue a run up to a time behind its end, where controllers may be due."""
+    if _extend(arguments.run.settings, arguments.run.run, arguments.instants, t1):
+        explicit_continue(arguments)
+
+
+@compiled_subset
+def implicit_instants(arguments: ImplicitSteps, t0: float) -> bool:
+    """Take the periods of controllers, in a run that begins at a time; return whether they make sense."""
+    return begin_instants(arguments.instants, row(arguments.run.run.constants, 0), t0)
+
+
+@compiled_subset
+def implicit_act(arguments: ImplicitSteps, t1: float) -> None:
+    """Let controllers act that are due at the present time, which is the end of a run up to a time."""
+    list_instants(arguments.instants, arguments.run.run.stops, t1, True)
+    if _act(arguments.run.settings, arguments.run.run):
+        implicit_continue(arguments)
+
+
+@compiled_subset
+def implicit_extend(arguments: ImplicitSteps, t1: float) -> None:
+    """Continue a run up to a time behind its end, where controllers may be due."""
+    if _extend(arguments.run.settings, arguments.run.run, arguments.instants, t1):
+        implicit_continue(arguments)

@@ -129,7 +129,7 @@ def take_next(stops: StopTable, constants: FloatArray, lane: int) -> bool:
     number = stops.next[lane]
     stops.next[lane], stops.acting[lane] = number + 1, stops.acts[number]
     middle = stops.middles[number]
-    if math.isnan(middle):
+    if stops.place < 0 or math.isnan(middle):
         return False
     constants[stops.place, lane] = middle
     return True

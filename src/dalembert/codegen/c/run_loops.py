@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -14,15 +14,24 @@ from ...loops.single_steps import (
     ImplicitSteps,
     StepPlace,
     TaylorSteps,
+    explicit_act,
     explicit_continue,
     explicit_correct,
+    explicit_extend,
+    explicit_instants,
     explicit_sample,
     explicit_step,
+    implicit_act,
     implicit_continue,
     implicit_correct,
+    implicit_extend,
+    implicit_instants,
     implicit_sample,
     implicit_step,
+    taylor_act,
     taylor_correct,
+    taylor_extend,
+    taylor_instants,
     taylor_sample,
     taylor_step,
 )
@@ -34,7 +43,9 @@ from ...steps.implicit_loop import DEGREE, ImplicitArguments
 from ...steps.newton import ROWS, newton_workspace
 from ...steps.packed_tableaus import packed_tableau
 from ...steps.recorded_runs import Progress, Run, RunCodes, RunSettings
-from ...stops.stops import no_stops
+from ...stops.input_records import no_inputs
+from ...stops.instants import InstantTable, instants_of, no_instants, stops_at_instants
+from ...stops.stops import StopTable, no_stops
 from ...subset.addresses import NO_CODE, OwnedAddress
 from ...transforms.taylor import scale_floor
 
@@ -58,6 +69,9 @@ class RunLoop:
         What follows where constants change between steps.
     correct : function
         Projects a state onto the constraints, in a run that has taken no steps; returns a status.
+    instants, act, extend : function
+        Begins with the instants of controllers at a time, and returns whether there are any; lets controllers act at
+        the end of a run up to a time; continues a run up to a time.
     at : mapping of str to str
         Members, as C has them, of what a run sets and reads.
     after_step, continuing : tuple of (str, str)
@@ -73,6 +87,9 @@ class RunLoop:
     sample: Callable[..., Any]
     renew: Callable[..., Any] | None
     correct: Callable[..., Any]
+    instants: Callable[..., Any]
+    act: Callable[..., Any]
+    extend: Callable[..., Any]
     at: Mapping[str, str]
     after_step: tuple[tuple[str, str], ...]
     continuing: tuple[tuple[str, str], ...]
@@ -86,12 +103,28 @@ def kernel_addresses(names: Mapping[str, bool]) -> dict[str, OwnedAddress]:
     }
 
 
+SCHEDULE, LAW = "schedule", "law_{}"
+"""Names of the kernels of controllers: their periods and offsets, and what each sets, by its number."""
+
+
+def sampled_stops(
+    places: Sequence[Sequence[int]], code: Mapping[str, OwnedAddress]
+) -> tuple[StopTable, InstantTable]:
+    """Return the stops of controllers that set components of the state at places, and the table of their instants."""
+    if not places:
+        return no_stops(), no_instants()
+    inputs = no_inputs()._replace(ends=np.zeros((1, 1)))
+    laws = [code[LAW.format(number)] for number in range(len(places))]
+    return stops_at_instants(places, laws, inputs), instants_of(code[SCHEDULE], len(places))
+
+
 def taylor_loop_of(
     sizes: tuple[int, int],
     order: int,
     tolerances: tuple[float, float],
     angles: tuple[int, ...],
     has: Mapping[str, bool],
+    acts: Sequence[Sequence[int]] = (),
 ) -> RunLoop:
     """Return the loop of Taylor steps.
 
@@ -106,9 +139,13 @@ def taylor_loop_of(
         Components of the state that matter modulo a turn.
     has : mapping of str to bool
         Kernels of the program ("step", "position", "velocity"), and whether there are.
+    acts : sequence of sequence of int
+        Components of the state that each sampled controller sets, whose kernels are `SCHEDULE` and `LAW`.
     """
     (n, constants), (rtol, atol), code = sizes, tolerances, kernel_addresses(has)
     nothing, width = np.zeros((0, 1)), n + 2 + n * (order + 1)
+    stops, instants = sampled_stops(acts, code)
+    angles = () if acts else angles  # laws read angles, and not modulo a turn
     run = PreparedArguments(
         kernels=PreparedKernels(NO_CODE, code["step"], NO_CODE, code["position"], code["velocity"]),
         limits=PreparedLimits(0.0, 0.0, 0.0, 0, 0, going=False, slack=1.0),
@@ -125,7 +162,7 @@ def taylor_loop_of(
         mark=np.zeros(1, np.int64),
         tests=nothing,
         progress=PreparedProgress(),
-        stops=no_stops(),
+        stops=stops,
     )
     limits = ("t0", "t1", "largest", "attempts", "going")
     at = {name: f"run.limits.{name}" for name in limits[:-1]} | {
@@ -140,13 +177,16 @@ def taylor_loop_of(
         "evaluated": "run.progress.attempts",
     }
     return RunLoop(
-        arguments=TaylorSteps(run, np.array(angles, np.int64), np.zeros(n), np.zeros(n), StepPlace()),
+        arguments=TaylorSteps(run, np.array(angles, np.int64), np.zeros(n), np.zeros(n), StepPlace(), instants),
         given=frozenset(f"run.limits.{name}" for name in limits),
         constant=frozenset({"angles"}),
         step=taylor_step,
         sample=taylor_sample,
         renew=None,
         correct=taylor_correct,
+        instants=taylor_instants,
+        act=taylor_act,
+        extend=taylor_extend,
         at=at,
         after_step=(("run.limits.going", "true"),),
         continuing=(("run.progress.attempts", "0"),),
@@ -155,7 +195,11 @@ def taylor_loop_of(
 
 
 def explicit_loop_of(
-    method: str, sizes: tuple[int, int], tolerances: tuple[float, float], has: Mapping[str, bool]
+    method: str,
+    sizes: tuple[int, int],
+    tolerances: tuple[float, float],
+    has: Mapping[str, bool],
+    acts: Sequence[Sequence[int]] = (),
 ) -> RunLoop:
     """Return the loop of the steps of a Runge-Kutta pair; for the parameters see `taylor_loop_of`.
 
@@ -163,29 +207,40 @@ def explicit_loop_of(
     """
     tableau, n = packed_tableau(PAIRS[method].tableau), sizes[0]
     shape = tableau.first + tableau.total, -(-n // LANES) * LANES
-    codes, settings, run = _recorded(sizes, tolerances, shape, tableau.degree, kernel_addresses(has))
+    codes, settings, run, instants = _recorded(sizes, tolerances, shape, tableau.degree, kernel_addresses(has), acts)
     return _recorded_loop(
-        arguments=ExplicitSteps(ExplicitArguments(codes, tableau, settings, run), np.zeros(n), StepPlace()),
+        arguments=ExplicitSteps(ExplicitArguments(codes, tableau, settings, run), np.zeros(n), StepPlace(), instants),
         constant=frozenset(f"run.tableau.{name}" for name in ("nodes", "starts", "stages", "weights")),
-        functions=(explicit_step, explicit_sample, explicit_continue, explicit_correct),
+        functions=(
+            *(explicit_step, explicit_sample, explicit_continue, explicit_correct),
+            *(explicit_instants, explicit_act, explicit_extend),
+        ),
         width=shape[1],
         has=has,
     )
 
 
-def implicit_loop_of(sizes: tuple[int, int], tolerances: tuple[float, float], has: Mapping[str, bool]) -> RunLoop:
+def implicit_loop_of(
+    sizes: tuple[int, int],
+    tolerances: tuple[float, float],
+    has: Mapping[str, bool],
+    acts: Sequence[Sequence[int]] = (),
+) -> RunLoop:
     """Return the loop of the implicit method; for the parameters see `taylor_loop_of`.
 
     Kernels are those of `explicit_loop_of`, and "jacobian" or "tangent".
     """
     n = sizes[0]
-    codes, settings, run = _recorded(sizes, tolerances, (ROWS, n), DEGREE, kernel_addresses(has))
+    codes, settings, run, instants = _recorded(sizes, tolerances, (ROWS, n), DEGREE, kernel_addresses(has), acts)
     return _recorded_loop(
         arguments=ImplicitSteps(
-            ImplicitArguments(codes, settings, newton_workspace(n, n), run), np.zeros(n), StepPlace()
+            ImplicitArguments(codes, settings, newton_workspace(n, n), run), np.zeros(n), StepPlace(), instants
         ),
         constant=frozenset(),
-        functions=(implicit_step, implicit_sample, implicit_continue, implicit_correct),
+        functions=(
+            *(implicit_step, implicit_sample, implicit_continue, implicit_correct),
+            *(implicit_instants, implicit_act, implicit_extend),
+        ),
         width=n,
         has=has,
     )
@@ -197,9 +252,10 @@ def _recorded(
     shape: tuple[int, int],
     degree: int,
     code: Mapping[str, OwnedAddress],
-) -> tuple[RunCodes, RunSettings, Run]:
+    acts: Sequence[Sequence[int]],
+) -> tuple[RunCodes, RunSettings, Run, InstantTable]:
     """Return what loops of recorded runs have in common, with room for one step."""
-    (n, constants), (rtol, atol) = sizes, tolerances
+    (n, constants), (rtol, atol), (stops, instants) = sizes, tolerances, sampled_stops(acts, code)
     settings = RunSettings(0.0, rtol, max(atol, SMALLEST_SCALE), 0.0, 0.0, 0, n, degree, False, False, False, False)
     run = Run(
         clock=np.zeros((1, 1)),
@@ -212,11 +268,11 @@ def _recorded(
         knot=np.zeros((1, 2)),
         rows=np.zeros((2, 1 + n)),
         pieces=np.zeros((1, 1 + (degree + 1) * n)),
-        stops=no_stops(),
+        stops=stops,
         prepare=NO_CODE,
     )
     kernels = (code.get(name, NO_CODE) for name in ("rhs", "position", "velocity", "knots", "jacobian", "tangent"))
-    return RunCodes(*kernels), settings, run
+    return RunCodes(*kernels), settings, run, instants
 
 
 def _recorded_loop(
@@ -243,7 +299,7 @@ def _recorded_loop(
         "dense": "run.settings.dense",
         "evaluated": f"{progress}.evaluations",
     }
-    step, sample, renew, correct = functions
+    step, sample, renew, correct, instants, act, extend = functions
     return RunLoop(
         arguments=arguments,
         given=frozenset(f"run.settings.{name}" for name in ("t0", "max_step", "max_steps", "dense")),
@@ -252,6 +308,9 @@ def _recorded_loop(
         sample=sample,
         renew=renew,
         correct=correct,
+        instants=instants,
+        act=act,
+        extend=extend,
         at=at,
         after_step=(),
         continuing=(

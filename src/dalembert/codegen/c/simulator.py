@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 from ...ir.kernel import Kernel
+from ...reduction.sampling_kernels import SamplingAction
 from ...transforms.passes import EliminateDeadCode
 from ...transforms.periodic import angles_of
 from ...transforms.recurrences import recurrences
@@ -18,7 +19,7 @@ from .kernels import kernel_variables
 from .library import LARGEST_STRAIGHT
 from .order_loops import order_loop_variables
 from .preludes import source_of
-from .run_loops import RunLoop, explicit_loop_of, implicit_loop_of, taylor_loop_of
+from .run_loops import LAW, SCHEDULE, RunLoop, explicit_loop_of, implicit_loop_of, taylor_loop_of
 from .source import LoopSource
 from .template_variables import TemplateVariables
 from .workspace import workspace_of
@@ -95,16 +96,18 @@ class Simulator(TemplateVariables):
     def _loop(self) -> tuple[RunLoop, dict[str, str]]:
         """Print the kernels of the loop; return it, and the names of kernels by their keys."""
         source, sizes = self.source, (len(self.layout.state), len(self.program.kernel("prepare").outputs))
+        acts = [action.places for action in self.actions]
         corrected = "Correction of the state onto the {} constraints"
         has = {
             kind: self._program_kernel(kind, f"project_{kind}", corrected.format(kind))
             for kind in ("position", "velocity")
         }
+        has |= self._law_kernels()
         if source.method == "taylor":
             self._taylor_step()
             has |= {"step": True}
             names = {kind: self._name(kind) for kind in has} | {"step": self._name("series")}
-            return taylor_loop_of(sizes, source.order, source.tolerances, angles_of(self.program), has), names
+            return taylor_loop_of(sizes, source.order, source.tolerances, angles_of(self.program), has, acts), names
         has["rhs"] = self._program_kernel("rates", "rhs", "Rate of the state")
         has["knots"] = self._program_kernel("knots", "knots", "Largest steps, forward and backward, at knots of tables")
         if source.method == "radau":
@@ -113,8 +116,25 @@ class Simulator(TemplateVariables):
             has[made] = True
         names = {kind: self._name(kind) for kind in has} | {"rhs": self._name("rates")}
         if source.method == "radau":
-            return implicit_loop_of(sizes, source.tolerances, has), names
-        return explicit_loop_of(source.method, sizes, source.tolerances, has), names
+            return implicit_loop_of(sizes, source.tolerances, has, acts), names
+        return explicit_loop_of(source.method, sizes, source.tolerances, has, acts), names
+
+    @property
+    def actions(self) -> tuple[SamplingAction, ...]:
+        """What the sampled controllers do at their instants."""
+        return () if self.source.sampling is None else self.source.sampling.actions
+
+    def _law_kernels(self) -> dict[str, bool]:
+        """Print the kernels of sampled controllers; return their keys."""
+        if self.source.sampling is None:
+            return {}
+        times = replace(self.source.sampling.times, arguments=STEP_ARGUMENTS)
+        self._print(SCHEDULE, times, "Periods of controllers, then their offsets")
+        for number, action in enumerate(self.actions):
+            assert action.kernel is not None
+            law = replace(action.kernel, arguments=STEP_ARGUMENTS)
+            self._print(LAW.format(number), law, f"What the controller {action.name!r} sets")
+        return dict.fromkeys((SCHEDULE, *(LAW.format(number) for number in range(len(self.actions)))), True)
 
     def _start_kernels(self) -> None:
         """Print the kernels of starts, and of what follows from coordinates and rates."""
@@ -144,7 +164,7 @@ class Simulator(TemplateVariables):
         outputs = tuple(source.locks.outputs[group] for group in source.locking)
         return EliminateDeadCode()(replace(source.locks, arguments=STEP_ARGUMENTS, outputs=outputs))
 
-    def _further_calls(self, loop: RunLoop, code: LoopSource) -> dict[str, str]:
+    def _further_calls(self, loop: RunLoop, code: LoopSource) -> dict[str, Any]:
         """Translate functions of the loop that further public functions call; return the calls."""
         return {}
 
@@ -167,12 +187,14 @@ class Simulator(TemplateVariables):
         kind = type(loop.arguments)
         calls = {"take_step": code.entry(loop.step, kind), "sample": code.entry(loop.sample, kind, "t")}
         further = self._further_calls(loop, code)
-        jumps = bool(self.layout.inputs) or source.sampling is not None
-        renew = [] if loop.renew is None or not jumps else [code.entry(loop.renew, kind)]
+        renew = [] if loop.renew is None or not self.layout.inputs else [code.entry(loop.renew, kind)]
+        extend = [code.entry(loop.extend, kind, "t1")] if self.actions else []
+        begins = code.entry(loop.instants, kind, "t0") if self.actions else ""
         printed = render("c/kernels.c.j2", {"kernels": self.kernels}) + "".join(self.order_loops)
         self._finish(printed, code)
         n_locks = len(source.locking)
-        members = space.members_used(code.text, {*loop.at.values(), "sampled", "place"})
+        needed = {*loop.at.values(), "sampled", "place"}
+        members = space.members_used(code.text, needed)
         functions = {
             **self._function_variables(),
             **calls,
@@ -181,13 +203,15 @@ class Simulator(TemplateVariables):
             "after_step": _elements(loop.after_step),
             "continuing": _elements(loop.continuing),
             "n_locks": n_locks,
+            "begins": begins,
+            "extend": extend,
         }
         return {
             "header": self._header_variables(members) | {"n_locks": n_locks},
             "functions": functions,
             "calls": further,
             **self._state_variables(renew),
-            **self._further_variables(space.beginning, "advance"),
+            **self._further_variables(space.beginning_used(code.text, needed), "advance"),
         }
 
     def _taken(self) -> frozenset[str]:

@@ -69,9 +69,15 @@ class LoopSource:
         """Write the tables of loops, behind the functions so far, which they name."""
         self._texts += [_constant(_DECLARED[kind], name, elements) for kind, name, elements in self._of_loops]
 
-    def entry(self, function: Any, arguments: type[tuple[Any, ...]], *numbers: str) -> str:
-        """Translate a function of the arguments of the loop and of further doubles; return how it is called."""
-        given = [Value(kind_of(arguments), (), "run"), *(Value(NUMBER, (number,)) for number in numbers)]
+    def entry(
+        self, function: Any, arguments: type[tuple[Any, ...]], *numbers: str, number: int | None = None
+    ) -> str:
+        """Translate a function of the arguments of the loop, and of further doubles or an integer.
+
+        Returns how it is called.
+        """
+        given = [Value(kind_of(arguments), (), "run"), *(Value(NUMBER, (word,)) for word in numbers)]
+        given += [] if number is None else [Value(INTEGER, (str(number),))]
         text, _, constant = self.call(function, given)
         return text if constant is None else constant.words[0]
 

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 from ...ir.kernel import Kernel
 from ...ir.program import coefficient_places
+from ...loops.single_steps import instant_of_controller, next_instant
 from ...methods.step_constants import SMALLEST_OF_TIME
-from ...reduction.sampling_kernels import SamplingAction
 from ...transforms.nonsmooth import decisions
 from ...transforms.partials import tangent_kernel
 from ...transforms.taylor import STEP_ARGUMENTS
 from ..rendering import render
 from .descriptions import CSource, plain
 from .printing import double
-from .run_loops import RunLoop
+from .run_loops import LAW, RunLoop
 from .simulator import Simulator
 from .source import LoopSource
 
-_PUBLIC = ("values", "directional", "rate", "correct", "begin", "advance", "act", "instant")
+_PUBLIC = ("values", "directional", "rate", "correct", "advance", "act", "instant")
 """Ends of the names of public functions that only units have."""
 
 
@@ -61,11 +61,6 @@ class UnitSimulator(Simulator):
         """Number of components of the state among them."""
         return len(self.layout.state) if self.exchanged else 0
 
-    @property
-    def actions(self) -> tuple[SamplingAction, ...]:
-        """What the sampled controllers do at their instants."""
-        return () if self.source.sampling is None else self.source.sampling.actions
-
     def _state_kernels(self) -> None:
         """See `Simulator`."""
         super()._state_kernels()
@@ -77,13 +72,6 @@ class UnitSimulator(Simulator):
                 self._program_kernel("rates", "rhs", "Rate of the state")
             locks = self._locks()
             kernels |= {} if locks is None else {"locks": locks}
-        if self.source.sampling is not None:
-            times = replace(self.source.sampling.times, arguments=STEP_ARGUMENTS)
-            self._print("schedule", times, "Periods of controllers, then their offsets")
-        for number, action in enumerate(self.actions):
-            assert action.kernel is not None
-            law = replace(action.kernel, arguments=STEP_ARGUMENTS)
-            self._print(f"law_{number}", law, f"What the controller {action.name!r} sets")
         for what, kernel in kernels.items() if self.n_knowns else ():
             self._print(f"{what}_along", self._tangent(kernel), f"Derivatives of {what} along a direction")
         if self.source.parameters:
@@ -98,9 +86,15 @@ class UnitSimulator(Simulator):
         along = tangent_kernel(kernel, n_states, count=self.n_known_states, further=constants)
         return replace(along, arguments=STEP_ARGUMENTS)
 
-    def _further_calls(self, loop: RunLoop, code: LoopSource) -> dict[str, str]:
+    def _further_calls(self, loop: RunLoop, code: LoopSource) -> dict[str, Any]:
         """See `Simulator`."""
-        return {"correct": code.entry(loop.correct, type(loop.arguments), "t")} if self.corrected else {"correct": ""}
+        kind = type(loop.arguments)
+        return {
+            "correct": code.entry(loop.correct, kind, "t") if self.corrected else "",
+            "act": [code.entry(loop.act, kind, "t1")] if self.actions else [],
+            "next": code.entry(next_instant, kind) if self.actions else "",
+            "instants": [code.entry(instant_of_controller, kind, number=k) for k in range(len(self.actions))],
+        }
 
     def _taken(self) -> frozenset[str]:
         """See `Simulator`."""
@@ -110,12 +104,12 @@ class UnitSimulator(Simulator):
         """See `Simulator`."""
         known, n_states = {**variables["functions"], **variables["state"]}, len(self.layout.state)
         first = self.n_computed + n_states
-        names = ("prefix", "n_states", "n_outputs", "n_variables")
+        names = ("prefix", "upper", "n_states", "n_outputs", "n_variables")
         text = render(
             "fmi/simulator.c.j2",
             {
                 **{name: known[name] for name in names},
-                **variables["calls"],
+                **{name: variables["calls"][name] for name in ("correct", "act")},
                 "at": {"constants": self.at["constants"]},
                 "n_computed": self.n_computed,
                 "n_knowns": self.n_knowns,
@@ -125,7 +119,7 @@ class UnitSimulator(Simulator):
                 "exchanged": self.exchanged,
             },
         )
-        return text + self._controllers(known["renew"]) if self.actions else text
+        return text + self._controllers(variables["calls"]) if self.actions else text
 
     def _along_variables(self) -> dict[str, Any]:
         """Return variables of directional derivatives; kernels take the state, then parts of it and of constants."""
@@ -144,15 +138,13 @@ class UnitSimulator(Simulator):
             "n_parameters": len(parameters),
         }
 
-    def _controllers(self, renew: Sequence[str]) -> str:
-        """Return the functions of controllers; calls follow where the state jumps."""
-        count = len(self.actions)
+    def _controllers(self, calls: Mapping[str, Any]) -> str:
+        """Return the functions of controllers, for calls of those of the loop."""
         laws = [
             {
                 "name": plain(action.name),
-                "law": self._name(f"law_{number}"),
-                "number": number,
-                "offset": count + number,
+                "law": self._name(LAW.format(number)),
+                "next": calls["instants"][number],
                 "places": list(action.places),
             }
             for number, action in enumerate(self.actions)
@@ -161,21 +153,16 @@ class UnitSimulator(Simulator):
             "fmi/controllers.c.j2",
             {
                 "prefix": self.prefix,
-                "upper": self.prefix.upper(),
-                "at": {name: self.at[name] for name in ("constants", "evaluated", "now", "time")},
+                "at": {"constants": self.at["constants"]},
                 "controllers": laws,
-                "n_controllers": count,
-                "n_schedule": 2 * count,
-                "n_states": len(self.layout.state),
                 "most_set": max(len(action.places) for action in self.actions),
-                "renew": list(renew),
+                "next": calls["next"],
                 "nearness": double(SMALLEST_OF_TIME),
             },
         )
 
     def _header_variables(self, members: list[str]) -> dict[str, Any]:
         """See `Simulator`."""
-        members = [*members, "double origin;", f"int64_t acted[{len(self.actions)}];"] if self.actions else members
         return {
             **super()._header_variables(members),
             "n_values": self.n_values,
