@@ -28,11 +28,14 @@ def ball():
     return da.compile_model(da.scenes.bouncing_ball()), start, {**numbers, "k": 1.1}, events
 
 
-def assert_same_run(found, run, model, last=None):
-    """Assert that a run alone is that of `simulate`, and its last state that of a sweep to the last bit."""
+def assert_same_run(found, run, model, last=None, expected=None):
+    """Assert that a run alone is that of `simulate`, and its last state that of a sweep to the last bit.
+
+    Its states are those `expected`, by default of the run between its steps.
+    """
     times, states, status, time, pairs = found
     assert status == run.status and time == pytest.approx(run.t[-1], rel=1e-13)
-    expected = run(times)
+    expected = run(times) if expected is None else expected
     for state, name in zip(states.T, model.layout.variables, strict=True):
         np.testing.assert_allclose(state, expected[name], rtol=1e-10, atol=1e-10, err_msg=name)
     for (count, at), label in zip(pairs, run.events, strict=True):

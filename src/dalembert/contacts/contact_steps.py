@@ -14,6 +14,7 @@ from ..lanes.workspace import BEFORE, END, NOW
 from ..loops.event_steps import corrects
 from ..loops.lane_loop import EVENT_LOOP, IMPLICIT_LOOP
 from ..methods.status import RUNNING, Status
+from ..stops.instants import InstantTable, begin_instants, list_instants
 from ..subset.arguments import Record, Vector
 from ..subset.compiled_subset import call_code, compiled_subset, row
 from .contact_decisions import LOOP as DECISIONS
@@ -49,7 +50,7 @@ class ContactSteps(NamedTuple):
     """A motion with contacts.
 
     ``sampled`` (2 n_q + n_z,) gets coordinates, rates and first-order states; ``own`` (n_y,) is the state of a mode
-    that is to be corrected; ``maps`` are those of events of users.
+    that is to be corrected; ``maps`` are those of events of users, ``instants`` those of controllers.
     """
 
     phases: PhaseArguments
@@ -57,6 +58,7 @@ class ContactSteps(NamedTuple):
     place: ContactPlace
     own: Vector
     maps: EventMaps
+    instants: InstantTable
 
 
 @compiled_subset
@@ -102,11 +104,19 @@ def cut_phase(steps: ContactSteps, runner: SweepArguments) -> None:
             space.carried[0, 2 * e + 1] = 1.0
 
 
+@compiled_subset
+def begin_motion_instants(steps: ContactSteps, t0: float) -> bool:
+    """Take the periods of controllers, in a motion that begins at a time; return whether they make sense."""
+    return begin_instants(steps.instants, row(steps.phases.table.cases.p, 0), t0)
+
+
 def stepping(mapped: bool) -> Callable[[ContactSteps], int]:
     """Return a function that takes a step and returns the status of the run, which events of users may map."""
 
     def contact_step(steps: ContactSteps) -> int:
         table, place = steps.phases.table, steps.place
+        if steps.instants.listed.size > 0:
+            list_instants(steps.instants, table.stops.table, table.t1[0], False)
         if LOOP(steps.phases) != 0:
             return RUNNING
         if mapped:

@@ -109,7 +109,7 @@ def _reach(table: CaseTable, i: int) -> tuple[int, float]:
         acts += stops.acts[place]
         if stops.acts[place] != 0:
             when = stops.middles[place]
-        if not math.isnan(stops.middles[place]):
+        if stops.place >= 0 and not math.isnan(stops.middles[place]):
             table.cases.p[i, stops.place] = stops.middles[place]
         stops.next[i] = place + 1
     passes = stops.next[i] > begun
@@ -134,7 +134,7 @@ def pass_stops(table: CaseTable, space: ThreadWorkspace) -> None:
         if reaching[0, lane] >= 0:
             reaching[1, lane], when = _reach(table, reaching[0, lane])
             load_case(table, space, reaching[0, lane], lane)
-            if not math.isnan(when):
+            if stops.place >= 0 and not math.isnan(when):
                 space.scene[stops.place, lane] = when
     for a in range(stops.actions.size):
         acting = False

@@ -17,6 +17,7 @@ from ..codegen.c.printing import prefix_of
 from ..codegen.compiled_engine import CompiledEngine
 from ..contacts.contact_laws import Mode
 from ..contacts.phase_maps import no_maps
+from ..contacts.phase_stops import PhaseStops
 from ..contacts.phase_tables import ANY_PHASE
 from ..errors import CapabilityError, ConstraintError, SingularMassMatrixError
 from ..events.event_code import Event
@@ -37,10 +38,12 @@ from ..reduction.jumps import has_jumps
 from ..reduction.starting import starting
 from ..runs.run_checks import GimbalCheck
 from ..starts.symbol_assumptions import ROUNDING
+from ..stops.input_records import no_inputs
+from ..stops.instants import InstantTable, no_instants
 from ..subset.addresses import NO_CODE
 from ..transforms.passes import EliminateDeadCode
 from ..transforms.periodic import angles_of
-from .event_runs import exported_workspace
+from .event_runs import exported_workspace, stops_of_controllers
 from .refusals import refuse_contact_scene, refuse_inputs, refuse_program
 
 if TYPE_CHECKING:
@@ -114,9 +117,10 @@ def contact_source(
         dependent=begins.derived.dependence is not None,
         method=", ".join(dict.fromkeys(mode.method for mode in loop.modes)),
         tolerances=tolerances,
-        forward_only=has_jumps(reduced),
+        forward_only=has_jumps(reduced) or modes.sampling is not None,
         numbers=numbers,
         span=span,
+        sampling=None if modes.sampling is None else modes.sampling.kernels,
         contacts=replace(loop, angles=tuple(own.state[i] for i in angles_of(program))),
     )
 
@@ -185,6 +189,8 @@ def contact_loop(
     choice.served = np.array([runner.number for runner in runners], np.int64)
     choice.begins = np.full(len(runners), ANY_PHASE)
     executor = CaseRuns(choice, t_eval=np.full(1, np.nan)).executor
+    stops, instants = _stops(modes)
+    executor.begin(stops)
     phases, decision, lanes = executor.arguments_alone(continued=continued or bool(modes.layout.inputs))
     layout, automaton = modes.layout, modes.automaton
     return ContactLoop(
@@ -198,8 +204,18 @@ def contact_loop(
         angles=(),
         contacts=tuple((contact.name, automaton.states(i)) for i, contact in enumerate(automaton.contacts)),
         events=tuple(event.label for event in events),
+        instants=instants,
         maps=EventJumps(modes, events).maps(1) if any(event.apply for event in events) else no_maps(),
     )
+
+
+def _stops(modes: ModeModels) -> tuple[PhaseStops | None, InstantTable]:
+    """Return the stops of a motion at which controllers act, and their instants."""
+    if modes.sampling is None:
+        return None, no_instants()
+    engine = modes.engine()
+    table, instants = stops_of_controllers(modes.sampling.kernels, lambda law: engine.code(law)[0], no_inputs())
+    return PhaseStops(table, np.zeros(1), np.zeros((0, 0))), instants
 
 
 def _own_modes(model: CompiledModel, functions: CFunctions) -> ModeModels:

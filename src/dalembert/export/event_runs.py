@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,12 +15,16 @@ from ..codegen.kernel_code import KernelCode
 from ..codegen.lane_runs import LaneRuns
 from ..codegen.steppers import Steppers
 from ..events.event_code import Event
+from ..ir.kernel import Kernel
 from ..ir.program import coefficient_places
 from ..lanes.sweep_arguments import no_columns, no_part_samples
 from ..lanes.workspace import EventWorkspace
+from ..reduction.sampling_kernels import SamplingKernels, sampling_kernels
 from ..steps.problem import IntegrationProblem
-from ..stops.input_records import no_inputs
-from ..stops.stops import no_stops
+from ..stops.input_records import InputTable, no_inputs
+from ..stops.instants import InstantTable, instants_of, no_instants, stops_at_instants
+from ..stops.stops import StopTable, no_stops
+from ..subset.addresses import OwnedAddress
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
@@ -32,6 +37,17 @@ def exported_workspace(workspace: EventWorkspace) -> EventWorkspace:
     """Return the memory of events with one row more than is filled: compilers of C see that none is written behind."""
     found = workspace.found
     return workspace._replace(found=np.zeros((len(found) + 1, found.shape[1])))
+
+
+def stops_of_controllers(
+    sampling: SamplingKernels | None, code: Callable[[Kernel], OwnedAddress], inputs: InputTable
+) -> tuple[StopTable, InstantTable]:
+    """Return the stops of a run with inputs and sampled controllers, whose kernels are code, and their instants."""
+    if sampling is None:
+        return no_stops(inputs), no_instants()
+    laws = [action.kernel for action in sampling.actions]
+    places, codes = [action.places for action in sampling.actions], [code(law) for law in laws if law is not None]
+    return stops_at_instants(places, codes, inputs), instants_of(code(sampling.times), len(laws))
 
 
 def event_run(
@@ -51,7 +67,8 @@ def event_run(
     program, (rtol, atol) = model.stages.program, tolerances
     functions = CFunctions(prefix_of(program.name))
     library = CLibrary(program, functions)
-    lanes = LaneRuns(library, KernelCode(program, library), Steppers(library, program), program.layout)
+    code = KernelCode(program, library)
+    lanes = LaneRuns(library, code, Steppers(library, program), program.layout)
     n, constants = len(program.layout.state), len(program.kernel("prepare").outputs)
     problem = IntegrationProblem(
         t0=span[0],
@@ -69,16 +86,17 @@ def event_run(
     made.state.progress.patience, made.state.progress.returns = _NEVER, 1
     made.happened[0, ::3] = 0.0
     part = no_part_samples()._replace(clock=np.zeros((1, 1)), states=np.zeros((n, 1)))
-    inputs, shape = no_inputs(), made.shape
-    if program.layout.inputs:
+    inputs, shape, sampling = no_inputs(), made.shape, sampling_kernels(model.stages.reduced)
+    if program.layout.inputs or sampling is not None:
         places = np.array(coefficient_places(program.layout.parameters, program.layout.inputs), np.int64)
         memory = np.zeros((n + 2 + shape.memory, 1))
         inputs = inputs._replace(places=places, ends=np.zeros((1, 1)), remembered=memory)
+    stops, instants = stops_of_controllers(sampling, partial(code.of, lanes=1), inputs)
     arguments = made._replace(
-        stops=no_stops(inputs),
+        stops=stops,
         columns=no_columns(),
         workspace=exported_workspace(made.workspace),
         steps=made.steps[:1].copy(),
         part=part,
     )
-    return EventRun(tuple(event.label for event in events), arguments, functions, method == "radau")
+    return EventRun(tuple(event.label for event in events), arguments, functions, method == "radau", instants)

@@ -13,7 +13,6 @@ from ..ir.kernel import calls_in
 from ..ir.ops import TABLE_OPERATIONS
 from ..ir.program import WIDTH, Program, coefficient_places
 from ..reduction.starting import Start
-from ..runs.capabilities import WITHOUT
 from ..runs.prepare import dependent_at_start
 from ..scene.model import ControllerModel
 from ..transforms.nonsmooth import decisions
@@ -53,34 +52,26 @@ def refuse_program(program: Program, further: tuple[str, ...] = ()) -> None:
         )
 
 
-def _refuse_controllers(controllers: Sequence[ControllerModel], *, contacts: bool = False) -> None:
-    if controllers and contacts:
-        names = list_names(item.name for item in controllers)
-        raise CapabilityError(
-            f"exports of scenes with contacts that change do not carry sampled controllers ({names}): {WITHOUT}, or"
-            ' export one mode as a unit, model.mode(...).export(..., kind="fmu")'
-        )
-    if controllers:
-        names = list_names(item.name for item in controllers)
-        raise CapabilityError(f'sampled controllers ({names}) are carried by kind="fmu" alone: take that, or {WITHOUT}')
-
-
-def _refuse_unit_controllers(model: CompiledModel) -> None:
-    functions = [item.name for item in model.controllers if item.function is not None]
-    if functions:
-        raise CapabilityError(
-            f"laws of controllers in Python ({list_names(functions)}) are code of this process, which no export can"
-            " hold: write them as expressions, with states= and inputs= of da.Controller"
-        )
-    if model.stages.program.knot_sides is not None:
+def _refuse_controllers(model: CompiledModel) -> None:
+    _refuse_functions(model.controllers)
+    if model.controllers and model.stages.program.knot_sides is not None:
         raise CapabilityError(
             f"{model.name!r} has both sampled controllers and tables or forces that jump, which exports do not carry"
             " together yet: smooth the jumps"
         )
 
 
-def refuse_scene(model: CompiledModel, *, unit: bool = False) -> None:
-    """Reject a model that no export carries, or none but a `unit`.
+def _refuse_functions(controllers: Sequence[ControllerModel]) -> None:
+    functions = [item.name for item in controllers if item.function is not None]
+    if functions:
+        raise CapabilityError(
+            f"laws of controllers in Python ({list_names(functions)}) are code of this process, which no export can"
+            " hold: write them as expressions, with states= and inputs= of da.Controller"
+        )
+
+
+def refuse_scene(model: CompiledModel) -> None:
+    """Reject a model that no export carries.
 
     Raises
     ------
@@ -88,7 +79,7 @@ def refuse_scene(model: CompiledModel, *, unit: bool = False) -> None:
         With what it has that is not exported, and the remedy.
     """
     program, reduced = model.stages.program, model.stages.reduced
-    _refuse_unit_controllers(model)
+    _refuse_controllers(model)
     refuse_program(program)
     if program.conditions is not None:
         raise CapabilityError(
@@ -190,21 +181,6 @@ def refuse_fixed_steps(model: CompiledModel) -> None:
         )
 
 
-def refuse_events(model: CompiledModel) -> None:
-    """Reject events of scenes whose exports do not carry them.
-
-    Raises
-    ------
-    CapabilityError
-        With what such a scene has besides, and the remedy.
-    """
-    names = [item.name for item in model.controllers]
-    if names:
-        raise CapabilityError(
-            f"exports do not carry events and sampled controllers ({list_names(names)}) together: leave one of them out"
-        )
-
-
 def refuse_contact_scene(modes: ModeModels) -> None:
     """Reject scenes with contacts that no export carries.
 
@@ -214,8 +190,8 @@ def refuse_contact_scene(modes: ModeModels) -> None:
         With what they have that is not exported, and the remedy.
     """
     name, equations = modes.equations.name, modes.equations
-    _refuse_controllers(equations.controllers, contacts=True)
-    if modes.changes or CONDITION_TIME in modes.layout.parameters:
+    _refuse_functions(equations.controllers)
+    if modes.conditions is not None or CONDITION_TIME in modes.layout.parameters:
         raise CapabilityError(
             f"{name!r} has functions of time with kinks or jumps, at which runs are cut; exports do not carry them yet:"
             " smooth them, as by a ramp or tanh"

@@ -21,7 +21,7 @@ from ..starts.initial_states import initial_state
 from ..starts.inputs import constants
 from ..starts.symbol_assumptions import ROUNDING
 from .event_runs import event_run
-from .refusals import refuse_events, refuse_fixed_steps, refuse_inputs, refuse_scene
+from .refusals import refuse_fixed_steps, refuse_inputs, refuse_scene
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
@@ -75,15 +75,13 @@ def c_source(
     CapabilityError, InitialStateError, OptionError
         For what is not exported, and for initial values that are not enough.
     """
-    if events:
-        refuse_events(model)
     if step is not None:
         refuse_fixed_steps(model)
     if model.modes is not None:
         from .contact_runs import contact_source
 
         return contact_source(model, initial, numbers, method, tolerances, span, events, continued=continued)
-    refuse_scene(model, unit=continued)
+    refuse_scene(model)
     start = start_of(model, initial)
     refuse_inputs(model, start)
     reduced = model.stages.reduced

@@ -11,13 +11,16 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ..events.lane_events import restart
+from ..lanes.lane_stops import end_of_case, pass_lane_stops, watch_constants
 from ..lanes.step_records import END_AT, FIRST_AT, START_AT
 from ..lanes.sweep_arguments import SweepArguments
 from ..lanes.workspace import ATTEMPTS, END, NOW, REJECTIONS
 from ..methods.status import RUNNING
 from ..steps.projection import FAILED, PENDING, correct
+from ..stops.instants import InstantTable, begin_instants, list_instants
+from ..stops.stops import take_stops
 from ..subset.arguments import Record, Vector
-from ..subset.compiled_subset import compiled_subset, fma
+from ..subset.compiled_subset import compiled_subset, flat, fma, row
 from .lane_loop import EVENT_LOOP, IMPLICIT_LOOP, STOP_EVENT_LOOP
 
 
@@ -31,11 +34,12 @@ class EventPlace(Record):
 
 
 class EventSteps(NamedTuple):
-    """A run with events; ``sampled`` (n_y,) gets a state."""
+    """A run with events; ``sampled`` (n_y,) gets a state, ``instants`` are those of controllers."""
 
     runner: SweepArguments
     sampled: Vector
     place: EventPlace
+    instants: InstantTable
 
 
 def event_step(loop: Callable[[SweepArguments], int]) -> Callable[[EventSteps], int]:
@@ -48,9 +52,13 @@ def event_step(loop: Callable[[SweepArguments], int]) -> Callable[[EventSteps], 
         if runner.stops.inputs.ends.shape[0] > 0:
             for e in range(runner.events.directions.size):
                 runner.workspace.ends[0, e] = math.nan
+        if steps.instants.listed.size > 0:
+            list_instants(steps.instants, runner.stops, _end(runner), False)
         if loop(runner) == 0:  # it has ended without a further step
             place.time = runner.ends[0, 0]
             return int(runner.ends[0, 1])
+        if steps.instants.listed.size > 0:
+            watch_constants(runner, pass_lane_stops(runner))
         place.begin, place.time = runner.steps[0, START_AT], state.clock[NOW, 0]
         place.steps = int(state.tally[ATTEMPTS, 0] - state.tally[REJECTIONS, 0])
         return state.numbers.status[0]
@@ -58,8 +66,28 @@ def event_step(loop: Callable[[SweepArguments], int]) -> Callable[[EventSteps], 
     return compiled_subset(take_step)
 
 
+@compiled_subset
+def _end(runner: SweepArguments) -> float:
+    """Return the end of a run, which may have taken no step."""
+    return runner.rows.times[0, 1] if runner.state.progress.paused == 0 else end_of_case(runner, 0)
+
+
+@compiled_subset
+def begin_run_instants(steps: EventSteps, t0: float) -> bool:
+    """Let controllers act at the start of a run; return whether their periods make sense."""
+    runner, rows, n = steps.runner, steps.runner.rows, steps.runner.shape.n
+    sensible = begin_instants(steps.instants, row(rows.constants, 0), t0)
+    if sensible:
+        list_instants(steps.instants, runner.stops, rows.times[0, 1], False)
+        clock, states, constants = flat(rows.times), flat(rows.states), flat(rows.constants)
+        take_stops(runner.stops, runner.kernels.prepare, clock, states, 0, constants, n, True)
+        for m in range(n):
+            runner.state.states[m, 0] = rows.states[0, m]
+    return sensible
+
+
 take_step, take_implicit_step = event_step(EVENT_LOOP), event_step(IMPLICIT_LOOP)
-take_step_with_inputs = event_step(STOP_EVENT_LOOP)
+take_step_with_stops = event_step(STOP_EVENT_LOOP)
 
 
 @compiled_subset

@@ -171,8 +171,12 @@ def taylor_correct(arguments: TaylorSteps, t: float) -> int:
 
 @compiled_subset
 def taylor_instants(arguments: TaylorSteps, t0: float) -> bool:
-    """Take the periods of controllers, in a run that begins at a time; return whether they make sense."""
-    return begin_instants(arguments.instants, row(arguments.run.constants, 0), t0)
+    """Let controllers act at the start of a run; return whether their periods make sense."""
+    sensible = begin_instants(arguments.instants, row(arguments.run.constants, 0), t0)
+    if sensible:
+        list_instants(arguments.instants, arguments.run.stops, arguments.run.limits.t1, False)
+        _act_in_taylor(arguments)
+    return sensible
 
 
 @compiled_subset
@@ -209,9 +213,7 @@ def _act_in_taylor(arguments: TaylorSteps) -> None:
 
 
 @compiled_subset
-def _begin_step(
-    settings: RunSettings, run: Run, place: StepPlace, instants: InstantTable
-) -> None:
+def _begin_step(settings: RunSettings, run: Run, place: StepPlace, instants: InstantTable) -> None:
     """Make room for a step, set the time at which its polynomial is wanted, and before the first the tolerances."""
     progress = run.progress
     if progress.evaluations == 0:
@@ -269,6 +271,16 @@ def _act(settings: RunSettings, run: Run) -> bool:
     run.clock[0, 0], place = progress.t, progress.row * run.work.shape[1]
     pass_stops(run.stops, run.prepare, run.clock, flat(run.work), place, run.constants, settings.kept, forward)
     return True
+
+
+@compiled_subset
+def _begin_instants(settings: RunSettings, run: Run, instants: InstantTable, t0: float) -> bool:
+    """Let controllers act at the start of a run; return whether their periods make sense."""
+    sensible = begin_instants(instants, row(run.constants, 0), t0)
+    if sensible:
+        list_instants(instants, run.stops, run.progress.t1, False)
+        _act(settings, run)
+    return sensible
 
 
 @compiled_subset
@@ -339,8 +351,8 @@ def implicit_continue(arguments: ImplicitSteps) -> None:
 
 @compiled_subset
 def explicit_instants(arguments: ExplicitSteps, t0: float) -> bool:
-    """Take the periods of controllers, in a run that begins at a time; return whether they make sense."""
-    return begin_instants(arguments.instants, row(arguments.run.run.constants, 0), t0)
+    """Let controllers act at the start of a run; return whether their periods make sense."""
+    return _begin_instants(arguments.run.settings, arguments.run.run, arguments.instants, t0)
 
 
 @compiled_subset
@@ -360,8 +372,8 @@ def explicit_extend(arguments: ExplicitSteps, t1: float) -> None:
 
 @compiled_subset
 def implicit_instants(arguments: ImplicitSteps, t0: float) -> bool:
-    """Take the periods of controllers, in a run that begins at a time; return whether they make sense."""
-    return begin_instants(arguments.instants, row(arguments.run.run.constants, 0), t0)
+    """Let controllers act at the start of a run; return whether their periods make sense."""
+    return _begin_instants(arguments.run.settings, arguments.run.run, arguments.instants, t0)
 
 
 @compiled_subset

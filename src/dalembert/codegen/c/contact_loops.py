@@ -15,6 +15,7 @@ from ...contacts.contact_decisions import DecisionArguments
 from ...contacts.contact_steps import (
     ContactPlace,
     ContactSteps,
+    begin_motion_instants,
     contact_step,
     correct_phase,
     cut_phase,
@@ -30,6 +31,7 @@ from ...contacts.phase_maps import EventMaps
 from ...ir.kernel import Kernel
 from ...ir.program import Program
 from ...lanes.sweep_arguments import SweepArguments
+from ...stops.instants import InstantTable
 from ...subset.addresses import AddressTable, OwnedAddress
 from ...subset.arguments import Vector, kind_of
 from ...subset.compiled_subset import INTEGER, NUMBER, Group
@@ -97,6 +99,8 @@ class ContactLoop:
         Names of events that users watch.
     maps : EventMaps
         Their maps.
+    instants : InstantTable
+        Of sampled controllers.
     """
 
     phases: PhaseArguments
@@ -110,6 +114,7 @@ class ContactLoop:
     contacts: tuple[tuple[str, tuple[str, ...]], ...]
     events: tuple[str, ...]
     maps: EventMaps
+    instants: InstantTable
 
 
 CONSTANT_OF_LANE = "events.directions events.last events.used events.kinds events.read columns.stride"
@@ -145,6 +150,8 @@ class ContactSource:
         How the state is taken where a run is over.
     cuts : list of str
         How the run of a phase is ended where inputs change, for each mode; empty without inputs.
+    begins : str
+        How controllers begin at a time ``t0``; empty without controllers.
     """
 
     corrections: Sequence[str] = ()
@@ -167,6 +174,8 @@ class ContactSource:
         self.samples = [code.call(sample_phase, [steps, runner, time])[0] for runner in runners]
         self.sample_end = code.call(sample_end, [steps])[0]
         self.cuts = [code.call(cut_phase, [steps, runner])[0] for runner in runners] if loop.inputs else []
+        controlled, start = loop.instants.listed.size > 0, Value(NUMBER, ("t0",))
+        self.begins = code.call(begin_motion_instants, [steps, start])[0] if controlled else ""
         if corrected:
             self.corrections = [code.call(correct_phase, [steps, runner, time])[0] for runner in runners]
 
@@ -199,10 +208,10 @@ def _memory(loop: ContactLoop, prefix: str) -> tuple[Workspace, dict[str, Value]
     sampled = phases.table.cases.x[0].copy()
     own = np.zeros(max(len(mode.program.kernel("initial").outputs) for mode in loop.modes))
     fields: list[tuple[str, Any]] = [("phases", PhaseArguments), ("sampled", Vector), ("place", ContactPlace)]
-    fields += [("own", Vector), ("maps", EventMaps)]
+    fields += [("own", Vector), ("maps", EventMaps), ("instants", InstantTable)]
     fields += [("decision", DecisionArguments), *((f"mode_{i}", SweepArguments) for i in range(len(modes)))]
     kind: Callable[..., Any] = NamedTuple("ContactRun", fields)  # type: ignore[misc]
-    arguments: Any = kind(*(phases, sampled, ContactPlace(), own, loop.maps, loop.decision, *modes))
+    arguments: Any = kind(*(phases, sampled, ContactPlace(), own, loop.maps, loop.instants, loop.decision, *modes))
     constant = {
         f"{path}.{name}"
         for part, names in _CONSTANT.items()

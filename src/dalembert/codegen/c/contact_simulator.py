@@ -98,6 +98,7 @@ class ContactSimulator(Simulator):
             "cuts": loops.cuts,
             "not_started": NOT_STARTED,
             "n_events": len(self.source.watched),
+            "begins": loops.begins,
         }
         further = self._further_variables(loops.space.beginning_used(loops.code.text, needed), f"{self.prefix}_step")
         self.corrections = loops.corrections

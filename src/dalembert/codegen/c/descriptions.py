@@ -11,6 +11,7 @@ from ...ir.program import Program, hidden_parameters
 from ...lanes.sweep_arguments import SweepArguments
 from ...reduction.sampling_kernels import SamplingKernels
 from ...reduction.starting import Start
+from ...stops.instants import InstantTable
 from ...transforms.periodic import angles_of
 from ...transforms.taylor import order_at
 from .contact_loops import ContactLoop
@@ -33,12 +34,15 @@ class EventRun:
         The kernels that stand at its addresses.
     implicit : bool
         Whether its steps are implicit.
+    instants : InstantTable
+        Of sampled controllers.
     """
 
     events: tuple[str, ...]
     arguments: SweepArguments
     functions: CFunctions
     implicit: bool
+    instants: InstantTable
 
 
 @final
@@ -75,7 +79,7 @@ class CSource:
     single : bool
         Whether it computes in single precision.
     sampling : SamplingKernels or None
-        Sampled controllers, which act in units.
+        Sampled controllers.
     events : EventRun or None
         The loop of a run with events.
     """

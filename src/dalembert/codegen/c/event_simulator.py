@@ -9,12 +9,13 @@ import numpy as np
 from ...loops.event_steps import (
     EventPlace,
     EventSteps,
+    begin_run_instants,
     continue_run,
     cut_run,
     sample_step,
     take_implicit_step,
     take_step,
-    take_step_with_inputs,
+    take_step_with_stops,
 )
 from ...methods.status import Status
 from ...subset.arguments import kind_of
@@ -60,18 +61,19 @@ class EventSimulator(Simulator):
         self.at |= _AT
         self._start_kernels()
         self._state_kernels()
-        steps = EventSteps(own.arguments, np.zeros(len(self.layout.state)), EventPlace())
+        steps = EventSteps(own.arguments, np.zeros(len(self.layout.state)), EventPlace(), own.instants)
         constant = frozenset(f"runner.{name}" for name in CONSTANT_OF_LANE.split())
         codes = {**own.functions.names, int(own.arguments.kernels.check): Known(CHECK)}
         space = workspace_of(steps, frozenset(), constant, codes)
         code = LoopSource(space, self.prefix, "fused", self._taken())
         value = Value(kind_of(EventSteps), (), "run", 0)
-        inputs = bool(self.layout.inputs)
-        step = take_implicit_step if own.implicit else take_step_with_inputs if inputs else take_step
+        inputs, controlled = bool(self.layout.inputs), bool(self.actions)
+        step = take_implicit_step if own.implicit else take_step_with_stops if inputs or controlled else take_step
         take = code.call(step, [value])[0]
         sample = code.call(sample_step, [value, Value(NUMBER, ("t",))])[0]
         go_on = [code.call(continue_run, [value, Value(NUMBER, ("t1",))])[0]] if inputs else []
         renew = [code.call(cut_run, [value])[0]] if inputs else []
+        begins = code.call(begin_run_instants, [value, Value(NUMBER, ("t0",))])[0] if controlled else ""
         used = own.functions.used(code.text)
         self._finish(render("c/kernels.c.j2", {"kernels": self.kernels}) + used, code)
         needed = {"sampled", "place", "runner.state.states", "runner.state.progress", "runner.happened"}
@@ -87,6 +89,7 @@ class EventSimulator(Simulator):
             "n_constants": len(self.program.kernel("prepare").outputs),
             "n_locks": n_locks,
             "go_on": go_on,
+            "begins": begins,
         }
         copies = ["runner.rows.constants", "runner.state.constants"] if inputs else []
         return {

@@ -107,9 +107,7 @@ SCHEDULE, LAW = "schedule", "law_{}"
 """Names of the kernels of controllers: their periods and offsets, and what each sets, by its number."""
 
 
-def sampled_stops(
-    places: Sequence[Sequence[int]], code: Mapping[str, OwnedAddress]
-) -> tuple[StopTable, InstantTable]:
+def sampled_stops(places: Sequence[Sequence[int]], code: Mapping[str, OwnedAddress]) -> tuple[StopTable, InstantTable]:
     """Return the stops of controllers that set components of the state at places, and the table of their instants."""
     if not places:
         return no_stops(), no_instants()

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 from ...ir.kernel import Kernel
+from ...methods.step_constants import RESOLUTION
 from ...reduction.sampling_kernels import SamplingAction
 from ...transforms.passes import EliminateDeadCode
 from ...transforms.periodic import angles_of
@@ -19,6 +20,7 @@ from .kernels import kernel_variables
 from .library import LARGEST_STRAIGHT
 from .order_loops import order_loop_variables
 from .preludes import source_of
+from .printing import double
 from .run_loops import LAW, SCHEDULE, RunLoop, explicit_loop_of, implicit_loop_of, taylor_loop_of
 from .source import LoopSource
 from .template_variables import TemplateVariables
@@ -205,6 +207,7 @@ class Simulator(TemplateVariables):
             "n_locks": n_locks,
             "begins": begins,
             "extend": extend,
+            "rounding": double(RESOLUTION),
         }
         return {
             "header": self._header_variables(members) | {"n_locks": n_locks},

@@ -69,9 +69,7 @@ class LoopSource:
         """Write the tables of loops, behind the functions so far, which they name."""
         self._texts += [_constant(_DECLARED[kind], name, elements) for kind, name, elements in self._of_loops]
 
-    def entry(
-        self, function: Any, arguments: type[tuple[Any, ...]], *numbers: str, number: int | None = None
-    ) -> str:
+    def entry(self, function: Any, arguments: type[tuple[Any, ...]], *numbers: str, number: int | None = None) -> str:
         """Translate a function of the arguments of the loop, and of further doubles or an integer.
 
         Returns how it is called.

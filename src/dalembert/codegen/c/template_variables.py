@@ -44,6 +44,12 @@ STATUS_TEXTS = {
 }
 """Texts of statuses of exported runs that differ from their messages."""
 
+_OF_CONTROLLERS = {
+    Status.TIMES_IN_NO_ORDER: "The times are not finite, not sorted, or before the last step; or a controller has no"
+    " period above 0, or an offset below 0."
+}
+"""Those of scenes with sampled controllers."""
+
 
 class TemplateVariables:
     """Variables of templates by a source, and the names of its simulator.
@@ -136,6 +142,7 @@ class TemplateVariables:
             "n_states": len(self.layout.state),
             "n_events": n_events,
             "n_locks": n_locks,
+            "controlled": self.source.sampling is not None and not phases,
             "phases": phases,
             "rounding": double(RESOLUTION),
         }
@@ -162,8 +169,9 @@ class TemplateVariables:
 
     def _text_variables(self, advance: str) -> dict[str, Any]:
         """Return the variables of ``c/texts.c.j2``; a function takes steps."""
+        texts = STATUS_TEXTS if self.source.sampling is None else STATUS_TEXTS | _OF_CONTROLLERS
         statuses = [
-            {"name": status.name, "text": quoted(STATUS_TEXTS.get(status, status.message))} for status in self.statuses
+            {"name": status.name, "text": quoted(texts.get(status, status.message))} for status in self.statuses
         ]
         return {
             "prefix": self.prefix,

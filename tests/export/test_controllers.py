@@ -1,0 +1,147 @@
+"""Simulators of scenes with sampled controllers, alone and beside events, run beside `simulate`."""
+
+import subprocess
+
+import numpy as np
+import pytest
+from sympy import cos, sin, symbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
+
+import dalembert as da
+from codegen.c_programs import built, compiler, fuses, output
+from dalembert.codegen.llvm.target import target
+from dalembert.methods.status import Status
+from export.pages import need_pages, run_of
+from export.test_contact_simulators import block
+from export.test_events import TOLERANCES, assert_same_run, run_alone
+from export.test_events_beside_contacts import assert_same_run as assert_same_motion
+
+METHODS = pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
+START = {"theta": 0.2, "theta_dot": 2.0, "e": 0.0, "w": 0.3}
+NUMBERS = {"m": 1, "l": 1, "g": 9.81, "k": 4, "c": 0.5, "T": 0.07}
+
+
+def held():
+    """Return a pendulum that a law of two rates pushes, and its coordinate."""
+    theta, u, w, e = dynamicsymbols("theta u w e")
+    m, l, g, k, c, T = symbols("m l g k c T")
+    N, O = ReferenceFrame("N"), Point("O")
+    P = O.locatenew("P", l * (sin(theta) * N.x - cos(theta) * N.y))
+    scene = da.Scene("held", frame=N, origin=O, coordinates=[theta])
+    scene.add_bodies(Particle("bob", P, m))
+    scene.add_inputs(u, w)
+    scene.add_loads((P, u * N.x - m * g * N.y))
+    plan = da.Controller("plan", period=1, offset=0.35, inputs={w: cos(dynamicsymbols._t)})
+    law = {"states": {e: e + T * (w - theta)}, "inputs": {u: k * (w - theta) - c * theta.diff() + e}}
+    scene.add_controllers(plan, da.Controller("pid", period=T, **law))
+    return da.compile_model(scene), theta
+
+
+@METHODS
+def test_controllers_act_where_steps_end(tmp_path, method):
+    """Also at times that are instants, where the state is that behind the controllers; by the example of the folder."""
+    compiler()
+    model, _ = held()
+    given = {"method": method, **TOLERANCES}
+    path = model.export(tmp_path / "export", initial=START, parameters=NUMBERS, t_span=(0, 4.2), **given)
+    names, *rows = output(built(path, ["main.c", "held.c"]), 4.2, 61).splitlines()
+    found = dict(zip(names.split(","), np.array([row.split(",") for row in rows], float).T, strict=True))
+    run = model.simulate((0, 4.2), START, NUMBERS, t_eval=found["t"], **given)
+    last = model.simulate((0, 4.2), START, NUMBERS, **given)
+    assert len(set(found["u"])) > 45
+    for name in model.layout.variables:
+        np.testing.assert_allclose(found[name], run[name], rtol=1e-11, atol=1e-11, err_msg=name)
+        if fuses() == target().fused:
+            assert found[name][-1] == last[name][-1]
+
+
+def with_events():
+    """Return the pendulum with its events: a stop, and a force that jumps."""
+    model, theta = held()
+    stop = da.Event(theta - 0.25, direction=1, apply={theta.diff(): -0.9 * theta.diff()}, name="stop")
+    return model, [stop, da.Event(dynamicsymbols("u"), name="jump")]
+
+
+@METHODS
+def test_controllers_act_beside_events(tmp_path, method):
+    model, events = with_events()
+    given = {"method": method, "events": events, **TOLERANCES}
+    found = run_alone(tmp_path, model, START, NUMBERS, 4.2, **given)
+    run = model.simulate((0, 4.2), START, NUMBERS, **given)
+    assert len(run.events["stop"].t) > 2 and len(run.events["jump"].t) > 1
+    at_times = model.simulate((0, 4.2), START, NUMBERS, t_eval=found[0], **given)
+    assert_same_run(found, run, model, ["stop", "jump"], at_times)
+
+
+def test_sanitizers_find_nothing(tmp_path):
+    model, events = with_events()
+    flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    assert run_alone(tmp_path, model, START, NUMBERS, 2.0, events, *flags)[2] == Status.SUCCESS
+
+
+def test_a_period_that_is_none_is_refused_at_the_start(tmp_path):
+    compiler()
+    model, _ = held()
+    path = model.export(tmp_path / "export", initial=START, parameters=NUMBERS)
+    program = built(path, ["main.c", "held.c"])
+    values = {name: NUMBERS[name] for name in sorted(NUMBERS)} | {"T": -0.1}
+    done = subprocess.run(
+        [program, "1", "2", *map(str, [*(START[name] for name in sorted(START)), *values.values()])],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1 and "a controller has no period above 0" in done.stderr
+
+
+def test_a_page_has_controllers_beside_events(tmp_path):
+    need_pages()
+    model, events = with_events()
+    path, given = tmp_path / "page.html", {"events": events, **TOLERANCES}
+    model.export(path, "page", initial=START, parameters=NUMBERS, t_span=(0, 4.2), **given)
+    times = np.linspace(0, 4.2, 41)
+    printed, found = run_of(path, times)
+    run = model.simulate((0, 4.2), START, NUMBERS, t_eval=times, **given)
+    assert printed["status"] == 0 and path.stat().st_size < 500_000
+    for name in model.layout.variables:
+        np.testing.assert_allclose(found[name], run[name], rtol=1e-10, atol=1e-10, err_msg=name)
+
+
+def pulled(events=False):
+    """Return a block on a rough table that a law pulls to and fro, with its start and its parameters."""
+    u = dynamicsymbols("u")
+    scene, x = block(push=u)
+    k, T = symbols("k"), symbols("T")
+    scene.add_controllers(da.Controller("pull", period=T, offset=0.2, inputs={u: k * cos(3 * dynamicsymbols._t) - x}))
+    turn = da.Event(x - 0.05, direction=1, apply={x.diff(): -x.diff()}, name="turn")
+    start, numbers = {"x": 0, "x_dot": 0, "u": 0}, {"m": 1, "mu": 0.2, "k": 4, "T": 0.3}
+    return da.compile_model(scene), start, numbers, [turn, da.Event(u - x, name="balance")] if events else []
+
+
+@METHODS
+def test_controllers_act_beside_contacts_that_change(tmp_path, method):
+    compiler()
+    model, start, numbers, _ = pulled()
+    given = {"method": method, **TOLERANCES}
+    path = model.export(tmp_path / "export", initial=start, parameters=numbers, t_span=(0, 5.5), **given)
+    names, *rows = output(built(path, ["main.c", "block.c"], "-fsanitize=address,undefined"), 5.5, 56).splitlines()
+    found = dict(zip(names.split(","), np.array([row.split(",") for row in rows], float).T, strict=True))
+    run = model.simulate((0, 5.5), start, numbers, t_eval=found["t"], **given)
+    last = model.sweep((0, 5.5), start, numbers, threads=1, **given)
+    assert {phase.modes["table"] for phase in run.phases} == {"slip", "stick"} and len(run.phases) > 8
+    assert len(set(found["u"])) > 15
+    for name in model.layout.variables:
+        np.testing.assert_allclose(found[name], run[name], rtol=1e-10, atol=1e-10, err_msg=name)
+        if fuses() == target().fused:
+            assert found[name][-1] == last[name][0]
+
+
+def test_controllers_act_beside_contacts_and_events(tmp_path):
+    model, start, numbers, events = pulled(events=True)
+    given = {"method": "taylor", "events": events, **TOLERANCES}
+    found = run_alone(tmp_path, model, start, numbers, 5.5, **given)
+    run = model.simulate((0, 5.5), start, numbers, **given)
+    assert all(len(record.t) > 1 for record in run.events.values())
+    last = model.sweep((0, 5.5), start, numbers, events=events, threads=1, method="taylor", **TOLERANCES)
+    at_times = model.simulate((0, 5.5), start, numbers, t_eval=found[0], **given)
+    assert_same_motion(found, run, model, last, at_times)
