@@ -48,7 +48,7 @@ class Unit:
         self.n_states = len(description.findall(".//Derivatives/*")) or len(
             description.findall(".//ContinuousStateDerivative")
         )
-        self.exchange, self.events = exchange, events
+        self.exchange, self.events, self.early_return = exchange, events, events
         self.instance = self.instantiated(self.token)
 
     def instantiated(self, token):
@@ -60,7 +60,7 @@ class Unit:
         kind = "ModelExchange" if self.exchange else "CoSimulation"
         make = getattr(self.library, f"fmi3Instantiate{kind}")
         make.restype = ctypes.c_void_p
-        further = () if self.exchange else (self.events, self.events, None, ctypes.c_size_t(0))
+        further = () if self.exchange else (self.events, self.early_return, None, ctypes.c_size_t(0))
         callbacks = (None, None) if self.exchange else (None, None, None)
         return make(b"unit", token.encode(), b"", False, False, *further, *callbacks)
 
@@ -117,6 +117,20 @@ class Unit:
         assert self.call("DoStep", ctypes.c_double(t), ctypes.c_double(size), True, *given) == 0
         assert not ended.value
         return last.value, event.value, early.value
+
+    def ended(self, t, size):
+        """Take a communication step that an event ends; return the time of that, and whether the step ended early."""
+        last, given = ctypes.c_double(), (ctypes.c_double(t), ctypes.c_double(size))
+        if self.version == "2.0":
+            ended = ctypes.c_int()
+            assert self.call("DoStep", *given, 1) == 2
+            assert self.call("GetBooleanStatus", 3, ctypes.byref(ended)) == 0 and ended.value
+            assert self.call("GetRealStatus", 2, ctypes.byref(last)) == 0
+            return last.value, False
+        event, end, early = (ctypes.c_bool(True) for _ in range(3))
+        assert self.call("DoStep", *given, True, *map(ctypes.byref, (event, end, early, last))) == 0
+        assert end.value and not event.value
+        return last.value, early.value
 
     def again(self):
         """Save the state of the unit, serialize it, and return a function that restores it from its bytes."""

@@ -56,8 +56,10 @@ def event_run(
     method: str,
     tolerances: tuple[float, float],
     span: tuple[float, float],
+    *,
+    continued: bool = False,
 ) -> EventRun:
-    """Return the loop of a run with events by a method.
+    """Return the loop of a run with events by a method; `continued`: it goes on behind any end, and carries signs.
 
     Raises
     ------
@@ -82,12 +84,14 @@ def event_run(
     )
     watch = model.derived.events(tuple(events))
     assert watch is not None
-    made = lanes.recorded_lane(problem, method, watch, None).arguments
+    carried = np.tile([np.nan, 0.0], len(events)) if continued else None
+    made = lanes.recorded_lane(problem, method, watch, carried).arguments
     made.state.progress.patience, made.state.progress.returns = _NEVER, 1
     made.happened[0, ::3] = 0.0
     part = no_part_samples()._replace(clock=np.zeros((1, 1)), states=np.zeros((n, 1)))
     inputs, shape, sampling = no_inputs(), made.shape, sampling_kernels(model.stages.reduced)
-    if program.layout.inputs or sampling is not None:
+    stopped = bool(program.layout.inputs) or sampling is not None or continued
+    if stopped:
         places = np.array(coefficient_places(program.layout.parameters, program.layout.inputs), np.int64)
         memory = np.zeros((n + 2 + shape.memory, 1))
         inputs = inputs._replace(places=places, ends=np.zeros((1, 1)), remembered=memory)
@@ -99,4 +103,12 @@ def event_run(
         steps=made.steps[:1].copy(),
         part=part,
     )
-    return EventRun(tuple(event.label for event in events), arguments, functions, method == "radau", instants)
+    return EventRun(
+        events=tuple(event.label for event in events),
+        arguments=arguments,
+        functions=functions,
+        implicit=method == "radau",
+        stops=stopped,
+        instants=instants,
+        values=watch.watch.values,
+    )

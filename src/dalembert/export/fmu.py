@@ -10,6 +10,7 @@ from typing import Any
 
 from ..codegen.c.contact_unit import ContactUnitSimulator
 from ..codegen.c.descriptions import CSource
+from ..codegen.c.event_unit import EventUnitSimulator
 from ..codegen.c.printing import double, rows_of
 from ..codegen.c.unit_simulator import UnitSimulator
 from ..codegen.rendering import render
@@ -48,14 +49,14 @@ _OTHER_TYPES = {
 }
 """Types of variables that no unit has, by versions, and what to call them."""
 
-_EVERYWHERE = "contacts exchanged n_states prefix stops upper"
+_EVERYWHERE = "contacts events exchanged n_states prefix stops upper"
 
 _PARTS = {
     "unit": "corrected first_input guid indicated inputs n_given n_knowns n_locks n_slopes rtol span starts"
     " state_references version",
-    "unit_values": "first_input first_known_parameter inputs n_all n_known_parameters n_known_states n_knowns"
+    "unit_values": "ended first_input first_known_parameter inputs n_all n_known_parameters n_known_states n_knowns"
     " n_references n_values n_wanted",
-    "unit_exchange": "controlled corrected first_indicator n_indicators n_locks n_values nominal",
+    "unit_exchange": "controlled corrected first_indicator looked_at n_indicators n_locks n_values nominal updated",
 }
 """Templates of the functions of a unit, in their order, and the variables of each besides those `_EVERYWHERE`."""
 
@@ -75,7 +76,7 @@ def fmu_files(source: CSource, platforms: Sequence[str] | None = None, version: 
         Where the compiler fails.
     """
     refuse_missing(source, "a unit")
-    simulator: AnyUnit = UnitSimulator(source) if source.contacts is None else ContactUnitSimulator(source)
+    simulator = unit_simulator(source)
     prefix, digit = simulator.prefix, version[0]
     texts = {name: simulator.files[name] for name in (f"{prefix}.c", f"{prefix}.h")}
     guid = hashlib.sha256("".join(texts.values()).encode()).hexdigest()[:32]
@@ -99,6 +100,13 @@ def fmu_files(source: CSource, platforms: Sequence[str] | None = None, version: 
         _, suffix, folder = _TARGETS[name]
         files[f"binaries/{name if version == '2.0' else folder}/{prefix}.{suffix}"] = library
     return files
+
+
+def unit_simulator(source: CSource) -> AnyUnit:
+    """Return the simulator of a unit."""
+    if source.contacts is not None:
+        return ContactUnitSimulator(source)
+    return UnitSimulator(source) if source.events is None else EventUnitSimulator(source)
 
 
 def _libraries(texts: Mapping[str, str], platforms: Sequence[str] | None, version: str) -> dict[str, bytes]:
@@ -147,6 +155,7 @@ def _functions(simulator: AnyUnit, variables: UnitVariables, version: str) -> di
     source, layout = simulator.source, simulator.layout
     wanted = [*source.start.given, *source.parameters, *layout.inputs]
     n_locks = len(source.locking) if simulator.exchanged else 0
+    updated = source.contacts is not None or bool(source.watched)
     first_indicator = simulator.n_values - len(variables.indicators) if variables.indicators else 0
     return {
         "version": version,
@@ -170,6 +179,10 @@ def _functions(simulator: AnyUnit, variables: UnitVariables, version: str) -> di
         "nominal": double(nominal_of(source.tolerances)),
         "contacts": source.contacts is not None,
         "controlled": source.sampling is not None,
+        "events": bool(source.watched),
+        "updated": updated,
+        "looked_at": bool(n_locks or simulator.corrected or updated or source.sampling is not None),
+        "ended": "UNIT_DISCARD" if version == "2.0" else "UNIT_OK",
         "stops": source.contacts is not None and version != "2.0",
         "span": "" if source.contacts is None else double(abs(source.span[1] - source.span[0])),
         "inputs": len(layout.inputs),
@@ -190,7 +203,7 @@ def _interface(simulator: AnyUnit, functions: Mapping[str, Any], digit: str) -> 
     else:
         given = {
             name: functions[name]
-            for name in ("contacts", "controlled", "exchanged", "n_indicators", "n_states", "prefix")
+            for name in ("contacts", "controlled", "events", "exchanged", "n_indicators", "n_states", "prefix", "upper")
         }
         has = {"exchanged": simulator.exchanged, "events": simulator.exchanged or functions["contacts"]}
         given["absent"] = absent_functions(_OTHER_TYPES["3.0"], **has)

@@ -103,7 +103,8 @@ def c_source(
         step=step,
         single=single,
         sampling=sampling_kernels(reduced),
-        events=event_run(model, events, chosen, tolerances, span) if events else None,
+        events=event_run(model, events, chosen, tolerances, span, continued=continued) if events else None,
+        continued=continued,
     )
 
 

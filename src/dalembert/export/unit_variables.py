@@ -108,6 +108,12 @@ def unit_variables(simulator: AnyUnit, *, independent: bool) -> UnitVariables:
         text, kind = f"what the contact does: {states_of_contacts}", "discrete"
         found.add(f"mode({name})", text, first + number, "output", own=True, variability=kind, initial="calculated")
     first += len(contacts)
+    for number, label in enumerate(source.watched):
+        text = f"how often the event {label} has occurred"
+        found.add(
+            f"count({label})", text, first + number, "output", own=True, variability="discrete", initial="calculated"
+        )
+    first += len(source.watched)
     if simulator.exchanged:
         _add_exchanged(found, simulator, states, first)
     if independent:
@@ -149,15 +155,16 @@ def _add_exchanged(found: UnitVariables, simulator: AnyUnit, states: Mapping[int
             found.add(f"der({name})", f"derivative of {name}", first + place, own=True, state=state, **calculated)
         )
     first += len(names)
-    name, text, count = "lock", "determinant of angles, which lock where it vanishes", len(simulator.source.locking)
+    locks = len(simulator.source.locking)
+    kinds = [("lock_{}", "determinant of angles, which lock where it vanishes", range(1, locks + 1))]
     if isinstance(simulator, ContactUnitSimulator):
-        name, text, count = (
-            "guard",
-            "guard of what contacts do, which change where it falls through zero",
-            simulator.n_guards,
-        )
-    for place in range(count):
-        found.indicators.append(found.add(f"{name}_{place + 1}", text, first + place, own=True, **calculated))
+        text = "guard of what contacts do, which change where it falls through zero"
+        kinds = [("guard_{}", text, range(1, simulator.n_guards + 1))]
+    else:
+        kinds.append(("event({})", "expression of the event, which occurs where it vanishes", simulator.source.watched))
+    named = [(form.format(name), text) for form, text, names in kinds for name in names]
+    for place, (name, text) in enumerate(named):
+        found.indicators.append(found.add(name, text, first + place, own=True, **calculated))
 
 
 def nominal_of(tolerances: tuple[float, float]) -> float:

@@ -15,13 +15,17 @@ from ..lanes.lane_stops import end_of_case, pass_lane_stops, watch_constants
 from ..lanes.step_records import END_AT, FIRST_AT, START_AT
 from ..lanes.sweep_arguments import SweepArguments
 from ..lanes.workspace import ATTEMPTS, END, NOW, REJECTIONS
-from ..methods.status import RUNNING
+from ..methods.status import RUNNING, Status
+from ..methods.step_constants import RESOLUTION
 from ..steps.projection import FAILED, PENDING, correct
 from ..stops.instants import InstantTable, begin_instants, list_instants
 from ..stops.stops import take_stops
 from ..subset.arguments import Record, Vector
 from ..subset.compiled_subset import compiled_subset, flat, fma, row
 from .lane_loop import EVENT_LOOP, IMPLICIT_LOOP, STOP_EVENT_LOOP
+
+_MOST_UPDATES = 100
+"""Maps of a state at one time after which more of them count as without end."""
 
 
 class EventPlace(Record):
@@ -119,6 +123,74 @@ def continue_run(steps: EventSteps, t1: float) -> None:
 
 
 @compiled_subset
+def act_run(steps: EventSteps, t1: float) -> None:
+    """Let controllers act that are due at the present time, which is the end of a run up to a time."""
+    runner, state = steps.runner, steps.runner.state
+    list_instants(steps.instants, runner.stops, t1, True)
+    if state.progress.paused == 0:  # it has taken no time
+        return
+    runner.stops.inputs.ends[0, 0] = math.inf
+    watch_constants(runner, pass_lane_stops(runner))
+    runner.stops.inputs.ends[0, 0] = state.clock[END, 0] = t1
+    state.numbers.status[0] = Status.SUCCESS
+
+
+@compiled_subset
+def correct_run(steps: EventSteps, t: float) -> int:
+    """Project a state, ``sampled``, onto the constraints; return the status."""
+    runner, status = steps.runner, RUNNING
+    runner.part.clock[0, 0] = t
+    for m in range(runner.shape.n):
+        runner.part.states[m, 0] = steps.sampled[m]
+    if not corrects(runner):
+        status = Status.PROJECTION_FAILED
+    for m in range(runner.shape.n):
+        steps.sampled[m] = runner.part.states[m, 0]
+    return status
+
+
+def event_update(step: Callable[[EventSteps], int]) -> Callable[[EventSteps, float, float], int]:
+    """Return a function that lets events happen at a time, in a state ``sampled`` that others have integrated.
+
+    It begins runs of no length but rounding, that of ``least`` near time 0, with the signs of the last one: what has
+    changed its sign since then occurs at once. It returns RUNNING where no event maps the state, SUCCESS where one has,
+    and the status of a run that ends.
+    """
+
+    def update(steps: EventSteps, t: float, least: float) -> int:
+        runner, n, outcome = steps.runner, steps.runner.shape.n, RUNNING
+        for _ in range(_MOST_UPDATES):
+            runner.rows.times[0, 0], runner.rows.times[0, 1] = t, t + RESOLUTION * max(abs(t), least)
+            for m in range(n):
+                runner.rows.states[0, m] = steps.sampled[m]
+            runner.turn[0], runner.state.progress.paused = 0, 0
+            status = step(steps)
+            while status == RUNNING and not _was_mapped(runner):
+                status = step(steps)
+            if not _was_mapped(runner):
+                return outcome if status == Status.SUCCESS else status
+            for m in range(n):
+                steps.sampled[m] = runner.state.states[runner.state.progress.old + m, 0]
+            for e in range(runner.events.directions.size):
+                runner.workspace.carried[0, 2 * e] = math.nan
+            if status != RUNNING and status != Status.SUCCESS:
+                return status
+            outcome = Status.SUCCESS
+        return Status.EVENTS_ACCUMULATE
+
+    return compiled_subset(update)
+
+
+@compiled_subset
+def _was_mapped(runner: SweepArguments) -> bool:
+    """Return whether an event in the last step has stopped the motion."""
+    occurrences, mapped = runner.workspace.occurrences, False
+    for k in range(int(occurrences[0, 0])):
+        mapped = mapped or occurrences[1 + k, 3] >= 1.0
+    return mapped
+
+
+@compiled_subset
 def sample_step(steps: EventSteps, t: float) -> None:
     """Compute the state at a time within the last step; at its end, the state that events have left."""
     runner, n = steps.runner, steps.runner.shape.n
@@ -159,3 +231,6 @@ def corrects(runner: SweepArguments) -> bool:
         state.constants, state.delta, lone, rtol, atol,
     )  # fmt: skip
     return lone[0] != FAILED
+
+
+update, implicit_update, update_with_stops = map(event_update, (take_step, take_implicit_step, take_step_with_stops))

@@ -91,7 +91,7 @@ PRECISIONS = ("double", "single")
 INSTEAD = {("jax", "auto"): "dop853", ("jax", "taylor"): "dop853"}
 """Methods of kinds in place of those that "auto" finds."""
 
-EVENT_KINDS = ("c", "page", "wheel")
+EVENT_KINDS = ("c", "fmu", "page", "wheel")
 """Kinds that carry events."""
 
 ENDINGS = {"fmu": ".fmu", "page": ".html", "numba": ".py", "jax": ".py"}

@@ -34,15 +34,21 @@ class EventRun:
         The kernels that stand at its addresses.
     implicit : bool
         Whether its steps are implicit.
+    stops : bool
+        Whether steps end at stops: inputs change, controllers act, or the run goes on behind its end.
     instants : InstantTable
         Of sampled controllers.
+    values : Kernel
+        The expressions of the events.
     """
 
     events: tuple[str, ...]
     arguments: SweepArguments
     functions: CFunctions
     implicit: bool
+    stops: bool
     instants: InstantTable
+    values: Kernel
 
 
 @final
@@ -82,6 +88,8 @@ class CSource:
         Sampled controllers.
     events : EventRun or None
         The loop of a run with events.
+    continued : bool
+        Whether its runs go on behind any end, as those of units do.
     """
 
     program: Program
@@ -100,6 +108,7 @@ class CSource:
     single: bool = False
     sampling: SamplingKernels | None = None
     events: EventRun | None = None
+    continued: bool = False
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -126,7 +135,9 @@ class CSource:
     @property
     def goes_on(self) -> bool:
         """Whether a run can continue behind its end."""
-        return (self.events is None and self.contacts is None) or bool(self.program.layout.inputs)
+        if self.contacts is None and (self.events is None or self.continued):
+            return True
+        return bool(self.program.layout.inputs)
 
     @property
     def begun(self) -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -9,8 +11,10 @@ import numpy as np
 from ...loops.event_steps import (
     EventPlace,
     EventSteps,
+    act_run,
     begin_run_instants,
     continue_run,
+    correct_run,
     cut_run,
     sample_step,
     take_implicit_step,
@@ -42,6 +46,14 @@ _ROWS = ("times", "states", "constants")
 
 
 @final
+@dataclass(frozen=True)
+class _Functions:
+    """Functions of the loop; see `dalembert.codegen.c.run_loops.RunLoop`."""
+
+    correct: Callable[..., Any] = correct_run
+    act: Callable[..., Any] = act_run
+
+
 class EventSimulator(Simulator):
     """A simulator in C99 of a scene without contacts that change, with events."""
 
@@ -68,12 +80,13 @@ class EventSimulator(Simulator):
         code = LoopSource(space, self.prefix, "fused", self._taken())
         value = Value(kind_of(EventSteps), (), "run", 0)
         inputs, controlled = bool(self.layout.inputs), bool(self.actions)
-        step = take_implicit_step if own.implicit else take_step_with_stops if inputs or controlled else take_step
+        step = take_implicit_step if own.implicit else take_step_with_stops if own.stops else take_step
         take = code.call(step, [value])[0]
         sample = code.call(sample_step, [value, Value(NUMBER, ("t",))])[0]
-        go_on = [code.call(continue_run, [value, Value(NUMBER, ("t1",))])[0]] if inputs else []
+        go_on = [code.call(continue_run, [value, Value(NUMBER, ("t1",))])[0]] if self.source.goes_on else []
         renew = [code.call(cut_run, [value])[0]] if inputs else []
         begins = code.call(begin_run_instants, [value, Value(NUMBER, ("t0",))])[0] if controlled else ""
+        further = self._further_calls(_Functions(), EventSteps, code)
         used = own.functions.used(code.text)
         self._finish(render("c/kernels.c.j2", {"kernels": self.kernels}) + used, code)
         needed = {"sampled", "place", "runner.state.states", "runner.state.progress", "runner.happened"}
@@ -95,6 +108,7 @@ class EventSimulator(Simulator):
         return {
             "header": self._header_variables(members) | {"n_locks": n_locks},
             "functions": functions,
+            "calls": further,
             "steps": self._changing_steps(take, n_events=len(own.events), n_locks=n_locks),
             **self._state_variables(renew, copies),
             **self._further_variables(space.beginning_used(code.text, needed), f"{self.prefix}_step"),

@@ -166,8 +166,11 @@ class Simulator(TemplateVariables):
         outputs = tuple(source.locks.outputs[group] for group in source.locking)
         return EliminateDeadCode()(replace(source.locks, arguments=STEP_ARGUMENTS, outputs=outputs))
 
-    def _further_calls(self, loop: RunLoop, code: LoopSource) -> dict[str, Any]:
-        """Translate functions of the loop that further public functions call; return the calls."""
+    def _further_calls(self, loop: Any, kind: type[tuple[Any, ...]], code: LoopSource) -> dict[str, Any]:
+        """Translate functions of the loop that further public functions call; return the calls.
+
+        ``loop`` has those of `dalembert.codegen.c.run_loops.RunLoop`.
+        """
         return {}
 
     # -- variables --------------------------------------------------------------------------
@@ -188,7 +191,7 @@ class Simulator(TemplateVariables):
         code = LoopSource(space, self.prefix, "fused", self._taken())
         kind = type(loop.arguments)
         calls = {"take_step": code.entry(loop.step, kind), "sample": code.entry(loop.sample, kind, "t")}
-        further = self._further_calls(loop, code)
+        further = self._further_calls(loop, kind, code)
         renew = [] if loop.renew is None or not self.layout.inputs else [code.entry(loop.renew, kind)]
         extend = [code.entry(loop.extend, kind, "t1")] if self.actions else []
         begins = code.entry(loop.instants, kind, "t0") if self.actions else ""

@@ -16,7 +16,7 @@ from ...transforms.taylor import STEP_ARGUMENTS
 from ..rendering import render
 from .descriptions import CSource, plain
 from .printing import double
-from .run_loops import LAW, RunLoop
+from .run_loops import LAW
 from .simulator import Simulator
 from .source import LoopSource
 
@@ -43,13 +43,23 @@ class UnitSimulator(Simulator):
 
     @property
     def n_computed(self) -> int:
-        """Number of coordinates, rates, first-order states and outputs."""
+        """Number of coordinates, rates, first-order states, outputs and events."""
+        return self.first_event + len(self.source.watched)
+
+    @property
+    def first_event(self) -> int:
+        """Place of the first event among the values."""
         return len(self.program.kernel("expand").outputs) + len(self.layout.outputs)
 
     @property
     def n_values(self) -> int:
-        """Number of values: those that are computed, then the state, its rate and determinants of angles."""
-        return self.n_computed + (2 * len(self.layout.state) + len(self.source.locking) if self.exchanged else 0)
+        """Number of values: those that are computed, then the state, its rate and event indicators."""
+        return self.n_computed + (2 * len(self.layout.state) + self.n_indicators if self.exchanged else 0)
+
+    @property
+    def n_indicators(self) -> int:
+        """Number of event indicators: determinants of angles, then expressions of events."""
+        return len(self.source.locking) + len(self.source.watched)
 
     @property
     def n_knowns(self) -> int:
@@ -68,10 +78,13 @@ class UnitSimulator(Simulator):
         kernels = {what: self.program.kernel(name) for what, name in known.items()}
         if self.exchanged:
             kernels["rates"] = self.program.kernel("rhs")
-            if self.source.method == "taylor":  # other loops print it
+            if self.source.method == "taylor" or self.source.events is not None:  # other loops print it
                 self._program_kernel("rates", "rhs", "Rate of the state")
             locks = self._locks()
             kernels |= {} if locks is None else {"locks": locks}
+            if self.source.events is not None:
+                kernels["indicators"] = replace(self.source.events.values, arguments=STEP_ARGUMENTS)
+                self._print("indicators", kernels["indicators"], "Expressions of events")
         for what, kernel in kernels.items() if self.n_knowns else ():
             self._print(f"{what}_along", self._tangent(kernel), f"Derivatives of {what} along a direction")
         if self.source.parameters:
@@ -86,9 +99,8 @@ class UnitSimulator(Simulator):
         along = tangent_kernel(kernel, n_states, count=self.n_known_states, further=constants)
         return replace(along, arguments=STEP_ARGUMENTS)
 
-    def _further_calls(self, loop: RunLoop, code: LoopSource) -> dict[str, Any]:
+    def _further_calls(self, loop: Any, kind: type[tuple[Any, ...]], code: LoopSource) -> dict[str, Any]:
         """See `Simulator`."""
-        kind = type(loop.arguments)
         return {
             "correct": code.entry(loop.correct, kind, "t") if self.corrected else "",
             "act": [code.entry(loop.act, kind, "t1")] if self.actions else [],
@@ -103,7 +115,7 @@ class UnitSimulator(Simulator):
     def _further_functions(self, variables: Mapping[str, Any]) -> str:
         """See `Simulator`."""
         known, n_states = {**variables["functions"], **variables["state"]}, len(self.layout.state)
-        first = self.n_computed + n_states
+        first, n_events = self.n_computed + n_states, len(self.source.watched)
         names = ("prefix", "upper", "n_states", "n_outputs", "n_variables")
         text = render(
             "fmi/simulator.c.j2",
@@ -116,6 +128,9 @@ class UnitSimulator(Simulator):
                 **self._along_variables(),
                 "first_rate": first,
                 "first_lock": first + n_states if known["n_locks"] else 0,
+                "n_events": n_events,
+                "first_event": self.first_event,
+                "first_indicator": first + n_states + known["n_locks"],
                 "exchanged": self.exchanged,
             },
         )
@@ -138,12 +153,16 @@ class UnitSimulator(Simulator):
             "n_parameters": len(parameters),
         }
 
+    def _law_name(self, number: int) -> str:
+        """Return the name of the function of what a controller sets."""
+        return self._name(LAW.format(number))
+
     def _controllers(self, calls: Mapping[str, Any]) -> str:
         """Return the functions of controllers, for calls of those of the loop."""
         laws = [
             {
                 "name": plain(action.name),
-                "law": self._name(LAW.format(number)),
+                "law": self._law_name(number),
                 "next": calls["instants"][number],
                 "places": list(action.places),
             }
