@@ -1,11 +1,14 @@
 """What is not exported, and paths at which something else is."""
 
+from pathlib import Path
+
 import pytest
 from sympy import Piecewise, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.errors import CapabilityError, InitialStateError, OptionError
+from dalembert.export.kinds import table_of_kinds
 from system.singular_scenes import bars
 
 SLEIGH = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
@@ -104,14 +107,9 @@ def test_functions_of_time_with_kinks_are_refused(tmp_path):
         da.compile_model(scene).export(tmp_path / "a")
 
 
-def test_controllers_are_refused(tmp_path):
-    scene, x, P, N = cart()
-    u = dynamicsymbols("u")
-    scene.add_inputs(u)
-    scene.add_loads((P, u * N.x))
-    scene.add_controllers(da.Controller("p", period=0.1, inputs={u: -x}))
-    with pytest.raises(CapabilityError, match=r"sampled controllers \(p\)"):
-        da.compile_model(scene).export(tmp_path / "a")
+def test_the_page_has_the_table_of_kinds():
+    page = Path(__file__).parents[2] / "docs" / "export.md"
+    assert table_of_kinds() in page.read_text()
 
 
 def test_inputs_that_move_bodies_are_refused(tmp_path):

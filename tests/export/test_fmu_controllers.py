@@ -10,6 +10,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from codegen.c_programs import built
 from dalembert.errors import CapabilityError
+from export.test_controllers import pulled
 from export.units import VERSIONS, Unit, unpacked
 
 x, u, w, e = dynamicsymbols("x u w e")
@@ -131,8 +132,14 @@ def test_sources_have_no_warnings(tmp_path, model, version):
 
 
 def test_what_is_not_carried(tmp_path, model):
-    with pytest.raises(CapabilityError, match=r'sampled controllers \(plan, pid\) are carried by kind="fmu" alone'):
-        model.export(tmp_path / "here", **GIVEN)
+    for kind in ("numba", "jax"):
+        with pytest.raises(CapabilityError, match=rf"kind='{kind}' does not carry sampled controllers \(plan, pid\)"):
+            model.export(tmp_path / "here.py", kind, **GIVEN)
+    with pytest.raises(CapabilityError, match=r"method='rk4' does not carry sampled controllers"):
+        model.export(tmp_path / "here", method="rk4", step=0.01, **GIVEN)
+    pushed, start, numbers, _ = pulled()
+    with pytest.raises(CapabilityError, match=r"contacts that change beside sampled controllers \(table, pull\)"):
+        pushed.export(tmp_path / "a.fmu", "fmu", initial=start, parameters=numbers)
 
     def law(t, q, qdot, states, parameters):
         return [0.0], [0.0]

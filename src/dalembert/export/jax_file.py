@@ -10,7 +10,7 @@ from typing import Any
 from ..codegen.c.descriptions import CSource
 from ..codegen.printers import JAX
 from ..codegen.rendering import render
-from ..errors import CapabilityError, OptionError
+from ..errors import OptionError
 from ..ir.kernel import Kernel, describe_counts
 from ..ir.program import coefficient_places
 from ..methods.fixed_steps import CORRECTIONS
@@ -23,6 +23,7 @@ from ..methods.step_constants import (
     SMALLEST_OF_TIME,
 )
 from ..options import MAX_STEPS
+from .kinds import LOCKS, refuse_feature
 from .python_files import descriptions, parameter_places, settings, start_numbers, statuses
 
 _TESTED = (
@@ -43,13 +44,14 @@ def jax_text(source: CSource) -> str:
     Raises
     ------
     CapabilityError
-        For tables, and angles that may lock.
+        For angles that may lock.
     OptionError
         For another method than "dop853".
     """
     if source.method != "dop853":
         raise OptionError(f'files for JAX take steps of "dop853", not of {source.method!r}: give method="dop853"')
-    _refuse(source)
+    if source.locking:
+        refuse_feature(LOCKS, "jax", [source.program.name])
     tableau = PAIRS["dop853"].tableau
     count = tableau.end + 1
     kernels = [_variables(name, kernel) for name, kernel in _kernels(source)]
@@ -81,18 +83,6 @@ def jax_text(source: CSource) -> str:
         render("jax/simulator.py.j2", runs),
     ]
     return "\n\n\n".join(part.strip() for part in parts) + "\n"
-
-
-def _refuse(source: CSource) -> None:
-    if any(line.op in ("piece", "entry") for kernel in source.program for line in kernel.body):
-        raise CapabilityError(
-            f'files for JAX do not carry tables, and {source.program.name!r} has some: take kind="numba" or "c"'
-        )
-    if source.locking:
-        raise CapabilityError(
-            f'angles of {source.program.name!r} may lock, which files for JAX do not look for: take kind="numba" or'
-            ' "c", or give the example (initial=, parameters=) if its motion is regular there'
-        )
 
 
 def _kernels(source: CSource) -> list[tuple[str, Kernel]]:

@@ -10,12 +10,10 @@ from ..errors import CapabilityError, list_names
 from ..ir.calls import function_of
 from ..ir.conditions import CONDITION_TIME
 from ..ir.kernel import calls_in
-from ..ir.ops import TABLE_OPERATIONS
 from ..ir.program import WIDTH, Program, coefficient_places
 from ..reduction.starting import Start
 from ..runs.prepare import dependent_at_start
 from ..scene.model import ControllerModel
-from ..transforms.nonsmooth import decisions
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
@@ -137,47 +135,6 @@ def refuse_inputs(model: CompiledModel, start: Start) -> None:
         raise CapabilityError(
             f"exports carry inputs that may jump, and not those that move bodies or constraints: {list_names(moving)}."
             " Write such a motion as an expression of time, with parameters"
-        )
-
-
-def refuse_contacts_of_files(model: CompiledModel) -> None:
-    """Reject models whose contacts change, which files of Python do not carry.
-
-    Raises
-    ------
-    CapabilityError
-        With the contacts, and the remedy.
-    """
-    if model.modes is not None:
-        raise CapabilityError(
-            f"{model.name!r} has contacts that change ({list_names(model.contacts)}), which files of Python do not"
-            ' carry: export one mode, model.mode(...).export(...), or take kind="c", "page" or "wheel"'
-        )
-
-
-def refuse_fixed_steps(model: CompiledModel) -> None:
-    """Reject models whose motion breaks at times that steps of a fixed size do not meet.
-
-    Raises
-    ------
-    CapabilityError
-        With what breaks it, and the remedy.
-    """
-    if model.modes is not None:
-        raise CapabilityError(
-            f"steps of a fixed size do not find the times at which contacts change ({list_names(model.contacts)}):"
-            ' export one mode, model.mode(...).export(...), or take method="auto", which chooses its steps'
-        )
-    program = model.stages.program
-    if any(line.op in TABLE_OPERATIONS for line in program.kernel("rhs").body):
-        raise CapabilityError(
-            f"{program.name!r} has tables, at whose knots steps must end, and steps of a fixed size do not: write the"
-            ' curves as expressions, or take method="auto", which chooses its steps'
-        )
-    if decisions(program) is not None:
-        raise CapabilityError(
-            f"rates of {program.name!r} jump with the state, as at sign, floor or a comparison, and steps of a fixed"
-            ' size do not end there: smooth the jumps, as by tanh, or take method="auto", which chooses its steps'
         )
 
 

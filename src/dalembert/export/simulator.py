@@ -21,7 +21,7 @@ from ..starts.initial_states import initial_state
 from ..starts.inputs import constants
 from ..starts.symbol_assumptions import ROUNDING
 from .event_runs import event_run
-from .refusals import refuse_fixed_steps, refuse_inputs, refuse_scene
+from .refusals import refuse_inputs, refuse_scene
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
@@ -75,8 +75,6 @@ def c_source(
     CapabilityError, InitialStateError, OptionError
         For what is not exported, and for initial values that are not enough.
     """
-    if step is not None:
-        refuse_fixed_steps(model)
     if model.modes is not None:
         from .contact_runs import contact_source
 

@@ -155,16 +155,19 @@ def _add_exchanged(found: UnitVariables, simulator: AnyUnit, states: Mapping[int
             found.add(f"der({name})", f"derivative of {name}", first + place, own=True, state=state, **calculated)
         )
     first += len(names)
-    locks = len(simulator.source.locking)
-    kinds = [("lock_{}", "determinant of angles, which lock where it vanishes", range(1, locks + 1))]
+    for place, (name, text) in enumerate(_indicators(simulator)):
+        found.indicators.append(found.add(name, text, first + place, own=True, **calculated))
+
+
+def _indicators(simulator: AnyUnit) -> list[tuple[str, str]]:
+    """Return names and texts of the event indicators."""
     if isinstance(simulator, ContactUnitSimulator):
         text = "guard of what contacts do, which change where it falls through zero"
-        kinds = [("guard_{}", text, range(1, simulator.n_guards + 1))]
-    else:
-        kinds.append(("event({})", "expression of the event, which occurs where it vanishes", simulator.source.watched))
-    named = [(form.format(name), text) for form, text, names in kinds for name in names]
-    for place, (name, text) in enumerate(named):
-        found.indicators.append(found.add(name, text, first + place, own=True, **calculated))
+        return [(f"guard_{number + 1}", text) for number in range(simulator.n_guards)]
+    text = "determinant of angles, which lock where it vanishes"
+    found = [(f"lock_{number + 1}", text) for number in range(len(simulator.source.locking))]
+    text = "expression of the event, which occurs where it vanishes"
+    return found + [(f"event({label})", text) for label in simulator.source.watched]
 
 
 def nominal_of(tolerances: tuple[float, float]) -> float:

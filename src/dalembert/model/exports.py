@@ -56,23 +56,19 @@ def _wheel(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
 
 def _numba(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
     from ..export.numba_file import numba_text
-    from ..export.refusals import refuse_contacts_of_files
     from ..export.simulator import c_source
 
-    refuse_contacts_of_files(model)
     return {"file": numba_text(c_source(model, **request))}
 
 
 def _jax(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
     from ..export.jax_file import jax_text
-    from ..export.refusals import refuse_contacts_of_files
     from ..export.simulator import c_source
 
-    refuse_contacts_of_files(model)
     return {"file": jax_text(c_source(model, **request))}
 
 
-KINDS: dict[str, Callable[[CompiledModel, Mapping[str, Any]], dict[str, Any]]] = {
+_WRITERS: dict[str, Callable[[CompiledModel, Mapping[str, Any]], dict[str, Any]]] = {
     "c": _c,
     "fmu": _fmu,
     "page": _page,
@@ -82,17 +78,11 @@ KINDS: dict[str, Callable[[CompiledModel, Mapping[str, Any]], dict[str, Any]]] =
 }
 """Kinds of exports: from a model and what was asked for to the contents of files by their names."""
 
-FIXED = "rk4"
-"""The method whose steps have a fixed size."""
-
 PRECISIONS = ("double", "single")
 """Precisions of the numbers of exported code, the one by default first."""
 
 INSTEAD = {("jax", "auto"): "dop853", ("jax", "taylor"): "dop853"}
 """Methods of kinds in place of those that "auto" finds."""
-
-EVENT_KINDS = ("c", "fmu", "page", "wheel")
-"""Kinds that carry events."""
 
 ENDINGS = {"fmu": ".fmu", "page": ".html", "numba": ".py", "jax": ".py"}
 """Kinds that are one file, and how its name ends; others are folders."""
@@ -169,8 +159,7 @@ def export(
         Initial values, parameters and inputs that have a slider on a page, and its ends. By default all have one, about
         the value that is given.
     events : sequence of Event, SymPy expression or str, or one of these
-        Events that occur in runs of the kinds "c", "page" and "wheel": as in `simulate`, they are counted, end runs,
-        and map the state.
+        Events that occur in runs: as in `simulate`, they are counted, end runs, and map the state.
 
     Returns
     -------
@@ -180,11 +169,9 @@ def export(
     Raises
     ------
     CapabilityError
-        For what exports do not carry, with the remedy: contacts with many modes, sampled controllers but in units,
-        functions of time with kinks, formulations other than "minimal", "projected" and "augmented"; in files of Python
-        contacts that change, and in those for JAX tables and angles that may lock; by steps of a fixed size contacts
-        that change, tables, and rates that jump with the state; events in "fmu" and files of Python, by steps of
-        a fixed size, and beside controllers.
+        For what a kind does not carry (`dalembert.export.kinds.CARRIED`: events, sampled controllers, contacts and
+        tables in some), with the kinds that do; and for what none does, with the remedy: contacts with many modes, laws
+        in Python, functions of time with kinks, formulations other than "minimal", "projected" and "augmented".
     OptionError
         For an unknown kind, and a path at which something else is.
     InitialStateError, UnknownNameError, ValueInputError
@@ -197,6 +184,7 @@ def export(
         model.export("pendulum", initial={theta: 1, theta.diff(): 0}, parameters={m: 1, l: 1, g: 9.81})
     """
     from ..export.folder import path_of, refuse_other_files, refuse_others, write_archive, write_file, write_folder
+    from ..export.kinds import FIXED, KINDS, refuse_kind
 
     asked: Any = kind
     if not isinstance(asked, str) or asked not in KINDS:
@@ -229,9 +217,9 @@ def export(
         raise OptionError("rtol and atol must not both be 0: set one of them above 0")
     if not isinstance(events, tuple) or events:
         events = event_list(events, self.layout.aliases)
-        _refuse_kind(kind, method, events)
         self = with_event_parameters(self, parameters or {}, events)
         events = moving_events(self.layout, events)
+    refuse_kind(self, kind, method, events)
     given = None if initial is None else dict(self.read_initial(initial))
     numbers = dict(given or {})
     if parameters is not None:
@@ -266,20 +254,10 @@ def export(
         raise OptionError(f"platforms are those of the kind 'fmu', not of {kind!r}: leave them out")
     elif fmi != FMI_VERSIONS[0]:
         raise OptionError(f"fmi is the version of the kind 'fmu', not of {kind!r}: leave it out")
-    files = KINDS[kind](self, request)
+    files = _WRITERS[kind](self, request)
     if "file" in files:
         return write_file(place, files["file"])
     return write_folder(place, files) if ending is None else write_archive(place, files)
-
-
-def _refuse_kind(kind: str, method: str, events: Sequence[Event]) -> None:
-    """Reject events of exports that do not carry them."""
-    if events and (kind not in EVENT_KINDS or method == FIXED):
-        asked = f"method={FIXED!r}" if method == FIXED else f"kind={kind!r}"
-        raise CapabilityError(
-            f"exports with {asked} do not carry events ({list_names(event.label for event in events)}): take one of the"
-            f" kinds {list_names(map(repr, EVENT_KINDS))} with another method than {FIXED!r}, or leave the events out"
-        )
 
 
 def _step(kind: str, method: str, tolerances: tuple[float, float], step: Any) -> float:
@@ -290,6 +268,8 @@ def _step(kind: str, method: str, tolerances: tuple[float, float], step: Any) ->
     OptionError
         For another kind or method, tolerances that nothing uses, and a size that is none.
     """
+    from ..export.kinds import FIXED
+
     if method != FIXED:
         raise OptionError(f"step is the size of steps of method={FIXED!r}, and not of {method!r}: leave it out")
     if kind != "c":

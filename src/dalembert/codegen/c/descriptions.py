@@ -259,6 +259,7 @@ def readme_variables(source: CSource, prefix: str) -> dict[str, Any]:
         "locks": bool(source.locking),
         "contacts": source.contacts is not None,
         "events": bool(source.watched),
+        "controllers": plain(", ".join(action.name for action in source.sampling.actions)) if source.sampling else "",
         "goes_on": source.goes_on,
         "step": step_of(source),
         "single": source.single,
