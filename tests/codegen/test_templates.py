@@ -115,24 +115,11 @@ def render_c():
         for method in ("taylor", "dop853"):
             given = {"z": 0.0, "z_dot": 1.0}, {"z": 0.0, "z_dot": 1.0, "m": 2.0}
             source = c_source(model, *given, method, (1e-8, 1e-10), (0.0, 1.0))
-            with mock.patch.object(shutil, "which", lambda name: None):
-                assert set(contact_simulator.c_files(source)) < {
-                    "cart.c",
-                    "cart.h",
-                    "main.c",
-                    "Makefile",
-                    "README.md",
-                    "",
-                }
-                for version in ("2.0", "3.0"):
-                    fmu_files(source, version=version)
+            assert {*contact_simulator.c_files(source)} == {"cart.c", "cart.h", "main.c", "Makefile", "README.md"}
+            render_units(source)
             if method == "taylor":
                 numba_text(source)
-            nothing = {"shared_library": lambda compiler, texts: b"", "c_compiler": lambda: ["cc"]}
-            with mock.patch.multiple(wheel, **nothing):
-                wheel.wheel_files(source)
-            with mock.patch.object(page, "web_assembly", lambda texts, **options: b""):
-                page.page_text(source, source, scene, None)
+            render_files(source, scene)
     sleigh = da.compile_model(da.scenes.chaplygin_sleigh(), outputs=["Y"])
     jax_text(c_source(sleigh, None, {}, "dop853", (1e-8, 1e-10), (0.0, 1.0)))
     for precision in ("double", "single"):
@@ -141,27 +128,64 @@ def render_c():
         source = c_source(in_angles(), None, {}, method, (1e-8, 1e-10), (0.0, 1.0), step)
         assert source.locking
         contact_simulator.c_files(source)
-    angle = da.Event(dynamicsymbols("a") - 1)
-    contact_simulator.c_files(c_source(in_angles(), None, {}, "taylor", (1e-8, 1e-10), (0.0, 1.0), events=(angle,)))
     render_contacts()
     render_controllers()
+    render_events()
 
 
-def render_controllers():
-    """Render units of a cart whose force a sampled law holds."""
+def held():
+    """Return a cart whose force a sampled law holds, and an event of it."""
     z, u, N, O = *dynamicsymbols("z u"), ReferenceFrame("N"), Point("O")
     scene = da.Scene("cart", frame=N, origin=O, coordinates=[z])
     scene.add_bodies(Particle("cart", O.locatenew("cart", z * N.x), symbols("m", positive=True)))
     scene.add_inputs(u)
     scene.add_loads((scene.bodies[0].masscenter, u * N.x))
     scene.add_controllers(da.Controller("spring", period=0.1, inputs={u: -z}))
-    numbers = {"z": 0.0, "z_dot": 1.0, "m": 2.0}
-    source = c_source(
-        da.compile_model(scene), {"z": 0.0, "z_dot": 1.0}, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0), continued=True
-    )
+    return da.compile_model(scene), da.Event(z - 1, apply={z.diff(): 0})
+
+
+def render_controllers():
+    """Render simulators and units with a sampled law, alone and beside an event."""
+    (model, event), numbers = held(), {"z": 0.0, "z_dot": 1.0, "m": 2.0}
+    for method, events in (("taylor", ()), ("dop853", ()), ("dop853", (event,))):
+        given = model, {"z": 0.0, "z_dot": 1.0}, numbers, method, (1e-8, 1e-10), (0.0, 1.0)
+        contact_simulator.c_files(c_source(*given, events=events))
+        render_units(c_source(*given, events=events, continued=True))
+
+
+def render_units(source):
+    """Render a unit in both versions, without its binary."""
     with mock.patch.object(shutil, "which", lambda name: None):
         for version in ("2.0", "3.0"):
             fmu_files(source, version=version)
+
+
+def render_events():
+    """Render simulators with events: beside angles that lock, inputs, contacts and controllers, in all kinds."""
+    angles, turned = in_angles(), da.Event(dynamicsymbols("a") - 1)
+    numbers = dict.fromkeys((*angles.layout.variables, *angles.layout.parameters), 1.0)
+    for continued in (False, True):
+        given = angles, None, numbers, "taylor", (1e-8, 1e-10), (0.0, 1.0)
+        source = c_source(*given, events=(turned,), continued=continued)
+        (render_units if continued else contact_simulator.c_files)(source)
+    scene, (x, u) = pushed(), dynamicsymbols("x u")
+    block = da.compile_model(scene)
+    numbers = {"x": 0.0, "x_dot": 1.0, "y": 0.0, "y_dot": 0.0, "m": 2.0, "mu": 0.1, "u": 1.0}
+    source = c_source(block, None, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0), events=(da.Event(x - 1),))
+    render_files(source, scene)
+    scene.add_controllers(da.Controller("spring", period=0.1, inputs={u: -x}))
+    law = da.compile_model(scene)
+    contact_simulator.c_files(c_source(law, None, {}, "dop853", (1e-8, 1e-10), (0.0, 1.0)))
+
+
+def render_files(source, scene):
+    """Render a simulator as a folder, a package and a page."""
+    contact_simulator.c_files(source)
+    nothing = {"shared_library": lambda compiler, texts: b"", "c_compiler": lambda: ["cc"]}
+    with mock.patch.multiple(wheel, **nothing):
+        wheel.wheel_files(source)
+    with mock.patch.object(page, "web_assembly", lambda texts, **options: b""):
+        page.page_text(source, source, scene, None)
 
 
 def in_angles():
@@ -183,12 +207,8 @@ def render_contacts():
         model = da.compile_model(scene, outputs=outputs)
         source = c_source(model, None, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0))
         contact_simulator.c_files(source)
-        unit = c_source(model, None, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0), continued=True)
-        with mock.patch.object(shutil, "which", lambda name: None):
-            for version in ("2.0", "3.0"):
-                fmu_files(unit, version=version)
-    with mock.patch.object(page, "web_assembly", lambda texts, **options: b""):
-        page.page_text(source, source, scene, None)
+        render_units(c_source(model, None, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0), continued=True))
+    render_files(source, scene)
 
 
 def pushed():

@@ -182,7 +182,8 @@ def _functions(simulator: AnyUnit, variables: UnitVariables, version: str) -> di
         "events": bool(source.watched),
         "updated": updated,
         "looked_at": bool(n_locks or simulator.corrected or updated or source.sampling is not None),
-        "ended": "UNIT_DISCARD" if version == "2.0" else "UNIT_OK",
+        "event_status": f"{simulator.prefix.upper()}_EVENT" if source.watched else "",
+        "ended": ("UNIT_DISCARD" if version == "2.0" else "UNIT_OK") if source.watched else "",
         "stops": source.contacts is not None and version != "2.0",
         "span": "" if source.contacts is None else double(abs(source.span[1] - source.span[0])),
         "inputs": len(layout.inputs),
@@ -203,7 +204,7 @@ def _interface(simulator: AnyUnit, functions: Mapping[str, Any], digit: str) -> 
     else:
         given = {
             name: functions[name]
-            for name in ("contacts", "controlled", "events", "exchanged", "n_indicators", "n_states", "prefix", "upper")
+            for name in ("contacts", "controlled", "event_status", "exchanged", "n_indicators", "n_states", "prefix")
         }
         has = {"exchanged": simulator.exchanged, "events": simulator.exchanged or functions["contacts"]}
         given["absent"] = absent_functions(_OTHER_TYPES["3.0"], **has)

@@ -210,7 +210,7 @@ class Simulator(TemplateVariables):
             "n_locks": n_locks,
             "begins": begins,
             "extend": extend,
-            "rounding": double(RESOLUTION),
+            "rounding": double(RESOLUTION) if self.actions else "",
         }
         return {
             "header": self._header_variables(members) | {"n_locks": n_locks},

@@ -128,9 +128,8 @@ class UnitSimulator(Simulator):
                 **self._along_variables(),
                 "first_rate": first,
                 "first_lock": first + n_states if known["n_locks"] else 0,
-                "n_events": n_events,
-                "first_event": self.first_event,
-                "first_indicator": first + n_states + known["n_locks"],
+                "counts": [[self.first_event, n_events]] if n_events else [],
+                "indicators": [first + n_states + known["n_locks"]] if n_events else [],
                 "exchanged": self.exchanged,
             },
         )
