@@ -59,7 +59,7 @@ def event_run(
     *,
     continued: bool = False,
 ) -> EventRun:
-    """Return the loop of a run with events by a method; `continued`: it goes on behind any end, and carries signs.
+    """Return the loop of a run with events by a method; `continued`: it continues behind any end, and carries signs.
 
     Raises
     ------
