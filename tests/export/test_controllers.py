@@ -73,6 +73,61 @@ def test_controllers_act_beside_events(tmp_path, method):
     assert_same_run(found, run, model, ["stop", "jump"], at_times)
 
 
+STEERED = """
+#include "steered.h"
+#include <stdio.h>
+int main(void)
+{
+    static const double values[] = {0.5, -1.0, 2.0}, ends[] = {0.5, 1.0, 2.0};
+    double state[STEERED_STATES];
+    const double initial[] = {0.0, 1.0, 0.0}, parameters[] = {0.1, 2.0, 1.0};
+    static steered_run run;
+    int32_t k, i, status = steered_start(&run, 0.0, ends[0], initial, parameters, 0.0, 0);
+    for (k = 0; k < 3; k++) {
+        steered_set_input(&run, steered_input_v, values[k], 0.0);
+        for (; status == STEERED_RUNNING; status = steered_step(&run)) {
+            steered_at(&run, steered_time(&run), state);
+        }
+        status = steered_at(&run, ends[k], state);
+        for (i = 0; i < STEERED_STATES; i++) {
+            printf("%a ", state[i]);
+        }
+        status = k < 2 ? steered_continue(&run, ends[k + 1]) : status;
+    }
+    return status;
+}
+"""
+"""A program that sets an input at instants of a law that reads it, and prints the states there."""
+
+
+@METHODS
+@pytest.mark.parametrize("watched", [False, True])
+def test_laws_read_inputs_that_are_set_where_a_run_starts_or_continues(tmp_path, method, watched):
+    compiler()
+    x, u, v = dynamicsymbols("x u v")
+    m, k, T = symbols("m k T")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("steered", frame=N, origin=O, coordinates=[x])
+    scene.add_bodies(Particle("cart", O.locatenew("P", x * N.x), m))
+    scene.add_inputs(u, v)
+    scene.add_loads((scene.bodies[0].masscenter, (u + v) * N.x))
+    scene.add_controllers(da.Controller("brake", period=T, inputs={u: v - x - k * x.diff()}))
+    model, start, numbers = da.compile_model(scene), {"u": 0, "x": 0, "x_dot": 1}, {"T": 0.1, "k": 2, "m": 1}
+    wall = da.Event(x - 0.3, direction=1, apply={x.diff(): -x.diff()}, name="wall")
+    given = {"method": method, "events": [wall] if watched else [], **TOLERANCES}
+    path = model.export(tmp_path / "export", initial=start, parameters=numbers, **given)
+    (path / "inputs.c").write_text(STEERED)
+    printed = output(built(path, ["inputs.c", "steered.c"], "-fsanitize=address,undefined")).split()
+    found = np.reshape([float.fromhex(number) for number in printed], (3, -1))
+    inputs = {"v": da.samples([0, 0.5, 1, 2], [0.5, -1, 2, 2], kind="hold")}
+    run = model.simulate((0, 2), start, numbers, inputs=inputs, **given)
+    assert found[0, model.layout.state.index("u")] != 0 and (not watched or len(run.events["wall"].t) > 1)
+    for value, name in zip(found[-1], model.layout.state, strict=True):
+        assert value == pytest.approx(run[name][-1], rel=1e-11)
+        if fuses() == target().fused and method == "taylor":
+            assert value == run[name][-1]
+
+
 def test_sanitizers_find_nothing(tmp_path):
     model, events = with_events()
     flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]

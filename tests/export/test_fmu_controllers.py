@@ -95,6 +95,19 @@ def test_laws_have_angles_with_all_turns(tmp_path):
         assert unit.get(name) == pytest.approx(run[name][-1], rel=1e-9)
 
 
+def test_laws_read_the_inputs_of_the_start(tmp_path):
+    v, N, O = dynamicsymbols("v"), ReferenceFrame("N"), Point("O")
+    scene = da.Scene("cart", frame=N, origin=O, coordinates=[x])
+    scene.add_bodies(Particle("cart", O.locatenew("cart", x * N.x), m))
+    scene.add_inputs(u, v)
+    scene.add_loads((scene.bodies[0].masscenter, u * N.x))
+    scene.add_controllers(da.Controller("law", period=0.1, inputs={u: v - x}))
+    given = {"initial": {"x": 0.5, "x_dot": 0}, "parameters": {"m": 1}, "inputs": {"v": 2}}
+    for events in ([], [x - 9]):
+        unit = Unit(*unpacked(da.compile_model(scene), tmp_path / f"{len(events)}.fmu", events=events, **given))
+        assert unit.begin(0.0) == 0 and unit.get("u") == 1.5
+
+
 @both_versions
 def test_an_importer_takes_it(tmp_path, model, version):
     """In both kinds: instants are time events of model exchange."""

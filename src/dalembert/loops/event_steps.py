@@ -46,6 +46,29 @@ class EventSteps(NamedTuple):
     instants: InstantTable
 
 
+@compiled_subset
+def _end(runner: SweepArguments) -> float:
+    """Return the end of a run, which may have taken no step."""
+    return runner.rows.times[0, 1] if runner.state.progress.paused == 0 else end_of_case(runner, 0)
+
+
+@compiled_subset
+def settle_run(steps: EventSteps) -> None:
+    """Let controllers act that are due at the present time, and have not acted."""
+    runner, rows, n, clock = steps.runner, steps.runner.rows, steps.runner.shape.n, steps.instants.clock
+    if clock.due == 0:
+        return
+    clock.due = 0
+    list_instants(steps.instants, runner.stops, _end(runner), False)
+    if runner.state.progress.paused != 0:
+        watch_constants(runner, pass_lane_stops(runner))
+        return
+    times, states, constants = flat(rows.times), flat(rows.states), flat(rows.constants)
+    take_stops(runner.stops, runner.kernels.prepare, times, states, 0, constants, n, True)
+    for m in range(n):
+        runner.state.states[m, 0] = rows.states[0, m]
+
+
 def event_step(loop: Callable[[SweepArguments], int]) -> Callable[[EventSteps], int]:
     """Return a function that takes a step by a loop over lanes, up to an event in it, and returns a status."""
 
@@ -57,6 +80,7 @@ def event_step(loop: Callable[[SweepArguments], int]) -> Callable[[EventSteps], 
             for e in range(runner.events.directions.size):
                 runner.workspace.ends[0, e] = math.nan
         if steps.instants.listed.size > 0:
+            settle_run(steps)
             list_instants(steps.instants, runner.stops, _end(runner), False)
         if loop(runner) == 0:  # it has ended without a further step
             place.time = runner.ends[0, 0]
@@ -71,23 +95,9 @@ def event_step(loop: Callable[[SweepArguments], int]) -> Callable[[EventSteps], 
 
 
 @compiled_subset
-def _end(runner: SweepArguments) -> float:
-    """Return the end of a run, which may have taken no step."""
-    return runner.rows.times[0, 1] if runner.state.progress.paused == 0 else end_of_case(runner, 0)
-
-
-@compiled_subset
 def begin_run_instants(steps: EventSteps, t0: float) -> bool:
-    """Let controllers act at the start of a run; return whether their periods make sense."""
-    runner, rows, n = steps.runner, steps.runner.rows, steps.runner.shape.n
-    sensible = begin_instants(steps.instants, row(rows.constants, 0), t0)
-    if sensible:
-        list_instants(steps.instants, runner.stops, rows.times[0, 1], False)
-        clock, states, constants = flat(rows.times), flat(rows.states), flat(rows.constants)
-        take_stops(runner.stops, runner.kernels.prepare, clock, states, 0, constants, n, True)
-        for m in range(n):
-            runner.state.states[m, 0] = rows.states[0, m]
-    return sensible
+    """Take the periods of controllers in a run that begins at a time; return whether they make sense."""
+    return begin_instants(steps.instants, row(steps.runner.rows.constants, 0), t0)
 
 
 take_step, take_implicit_step = event_step(EVENT_LOOP), event_step(IMPLICIT_LOOP)
@@ -109,6 +119,7 @@ def continue_run(steps: EventSteps, t1: float) -> None:
     There its end was looked at, and signs were taken. Those before count, unless an event has occurred.
     """
     runner, state, space = steps.runner, steps.runner.state, steps.runner.workspace
+    steps.instants.clock.due = 1
     if state.progress.paused == 0:  # it has taken no time
         runner.rows.times[0, 0], runner.rows.times[0, 1], runner.turn[0] = steps.place.time, t1, 0
         return

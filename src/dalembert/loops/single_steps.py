@@ -100,6 +100,8 @@ def taylor_step(arguments: TaylorSteps) -> int:
     """Take a step; return the status of the run."""
     run, place = arguments.run, arguments.place
     states, progress, n = run.states, run.progress, run.n
+    if arguments.instants.listed.size > 0:
+        taylor_settle(arguments)
     if run.limits.going:
         for m in range(n + 1):
             states[0, m] = states[progress.row, m]
@@ -171,12 +173,8 @@ def taylor_correct(arguments: TaylorSteps, t: float) -> int:
 
 @compiled_subset
 def taylor_instants(arguments: TaylorSteps, t0: float) -> bool:
-    """Let controllers act at the start of a run; return whether their periods make sense."""
-    sensible = begin_instants(arguments.instants, row(arguments.run.constants, 0), t0)
-    if sensible:
-        list_instants(arguments.instants, arguments.run.stops, arguments.run.limits.t1, False)
-        _act_in_taylor(arguments)
-    return sensible
+    """Take the periods of controllers in a run that begins at a time; return whether they make sense."""
+    return begin_instants(arguments.instants, row(arguments.run.constants, 0), t0)
 
 
 @compiled_subset
@@ -187,13 +185,20 @@ def taylor_act(arguments: TaylorSteps, t1: float) -> None:
 
 
 @compiled_subset
+def taylor_settle(arguments: TaylorSteps) -> None:
+    """Let controllers act that are due at the present time, and have not acted."""
+    run, clock = arguments.run, arguments.instants.clock
+    if clock.due != 0:
+        clock.due = 0
+        list_instants(arguments.instants, run.stops, run.limits.t1, False)
+        _act_in_taylor(arguments)
+        run.progress.end = end_of_steps(run.stops, 0, run.limits.t1, True)
+
+
+@compiled_subset
 def taylor_extend(arguments: TaylorSteps, t1: float) -> None:
     """Continue a run up to a time behind its end, where controllers may be due."""
-    stops, progress = arguments.run.stops, arguments.run.progress
-    list_instants(arguments.instants, stops, t1, False)
-    stops.inputs.ends[0, 0] = t1
-    _act_in_taylor(arguments)
-    progress.end = end_of_steps(stops, 0, t1, True)
+    arguments.run.stops.inputs.ends[0, 0], arguments.instants.clock.due = t1, 1
 
 
 @compiled_subset
@@ -274,28 +279,22 @@ def _act(settings: RunSettings, run: Run) -> bool:
 
 
 @compiled_subset
-def _begin_instants(settings: RunSettings, run: Run, instants: InstantTable, t0: float) -> bool:
-    """Let controllers act at the start of a run; return whether their periods make sense."""
-    sensible = begin_instants(instants, row(run.constants, 0), t0)
-    if sensible:
-        list_instants(instants, run.stops, run.progress.t1, False)
-        _act(settings, run)
-    return sensible
-
-
-@compiled_subset
-def _extend(settings: RunSettings, run: Run, instants: InstantTable, t1: float) -> bool:
-    """Continue a run up to a time behind its end; return whether controllers have acted there."""
-    list_instants(instants, run.stops, t1, False)
-    run.stops.inputs.ends[0, 0] = t1
-    acts = _act(settings, run)
-    run.progress.end = end_of_steps(run.stops, 0, t1, True)
-    return acts
+def _settle(settings: RunSettings, run: Run, instants: InstantTable) -> bool:
+    """Let controllers act that are due at the present time, and have not acted; return whether a run continues so."""
+    progress, acts = run.progress, False
+    if instants.clock.due != 0:
+        instants.clock.due = 0
+        list_instants(instants, run.stops, progress.t1, False)
+        acts = _act(settings, run)
+        progress.end = end_of_steps(run.stops, 0, progress.t1, True)
+    return acts and progress.evaluations > 0
 
 
 @compiled_subset
 def explicit_step(arguments: ExplicitSteps) -> int:
     """Take a step; return the status of the run."""
+    if arguments.instants.listed.size > 0:
+        explicit_settle(arguments)
     _begin_step(arguments.run.settings, arguments.run.run, arguments.place, arguments.instants)
     return EXPLICIT_LOOP(arguments.run)
 
@@ -324,6 +323,8 @@ def explicit_continue(arguments: ExplicitSteps) -> None:
 @compiled_subset
 def implicit_step(arguments: ImplicitSteps) -> int:
     """Take a step; return the status of the run."""
+    if arguments.instants.listed.size > 0:
+        implicit_settle(arguments)
     _begin_step(arguments.run.settings, arguments.run.run, arguments.place, arguments.instants)
     return IMPLICIT_LOOP(arguments.run)
 
@@ -351,8 +352,8 @@ def implicit_continue(arguments: ImplicitSteps) -> None:
 
 @compiled_subset
 def explicit_instants(arguments: ExplicitSteps, t0: float) -> bool:
-    """Let controllers act at the start of a run; return whether their periods make sense."""
-    return _begin_instants(arguments.run.settings, arguments.run.run, arguments.instants, t0)
+    """Take the periods of controllers in a run that begins at a time; return whether they make sense."""
+    return begin_instants(arguments.instants, row(arguments.run.run.constants, 0), t0)
 
 
 @compiled_subset
@@ -364,16 +365,22 @@ def explicit_act(arguments: ExplicitSteps, t1: float) -> None:
 
 
 @compiled_subset
-def explicit_extend(arguments: ExplicitSteps, t1: float) -> None:
-    """Continue a run up to a time behind its end, where controllers may be due."""
-    if _extend(arguments.run.settings, arguments.run.run, arguments.instants, t1):
+def explicit_settle(arguments: ExplicitSteps) -> None:
+    """Let controllers act that are due at the present time, and have not acted."""
+    if _settle(arguments.run.settings, arguments.run.run, arguments.instants):
         explicit_continue(arguments)
 
 
 @compiled_subset
+def explicit_extend(arguments: ExplicitSteps, t1: float) -> None:
+    """Continue a run up to a time behind its end, where controllers may be due."""
+    arguments.run.run.stops.inputs.ends[0, 0], arguments.instants.clock.due = t1, 1
+
+
+@compiled_subset
 def implicit_instants(arguments: ImplicitSteps, t0: float) -> bool:
-    """Let controllers act at the start of a run; return whether their periods make sense."""
-    return _begin_instants(arguments.run.settings, arguments.run.run, arguments.instants, t0)
+    """Take the periods of controllers in a run that begins at a time; return whether they make sense."""
+    return begin_instants(arguments.instants, row(arguments.run.run.constants, 0), t0)
 
 
 @compiled_subset
@@ -385,7 +392,13 @@ def implicit_act(arguments: ImplicitSteps, t1: float) -> None:
 
 
 @compiled_subset
+def implicit_settle(arguments: ImplicitSteps) -> None:
+    """Let controllers act that are due at the present time, and have not acted."""
+    if _settle(arguments.run.settings, arguments.run.run, arguments.instants):
+        implicit_continue(arguments)
+
+
+@compiled_subset
 def implicit_extend(arguments: ImplicitSteps, t1: float) -> None:
     """Continue a run up to a time behind its end, where controllers may be due."""
-    if _extend(arguments.run.settings, arguments.run.run, arguments.instants, t1):
-        implicit_continue(arguments)
+    arguments.run.run.stops.inputs.ends[0, 0], arguments.instants.clock.due = t1, 1

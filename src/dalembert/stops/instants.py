@@ -22,9 +22,13 @@ _LISTED = 2
 
 
 class InstantClock(Record):
-    """Time from which instants count."""
+    """Time from which instants count, and 1 where controllers may be ``due`` at the present time, and have not acted.
+
+    That is at the start and where a run continues behind its end: inputs may be set before they act.
+    """
 
     origin: float
+    due: int
 
 
 class InstantTable(NamedTuple):
@@ -69,7 +73,7 @@ def stops_at_instants(places: Sequence[Sequence[int]], codes: Sequence[OwnedAddr
 def begin_instants(instants: InstantTable, constants: int, t0: float) -> bool:
     """Compute periods and offsets from constants at an address; return whether they make sense."""
     count, schedule, sensible = instants.listed.size, instants.schedule, True
-    instants.clock.origin = t0
+    instants.clock.origin, instants.clock.due = t0, 1
     call_code(instants.times, 0, 0, constants, 0, row(schedule, 0))
     for k in range(count):
         period, offset = schedule[k, 0], schedule[count + k, 0]

@@ -17,6 +17,7 @@ from ...loops.event_steps import (
     correct_run,
     cut_run,
     sample_step,
+    settle_run,
     take_implicit_step,
     take_step,
     take_step_with_stops,
@@ -86,6 +87,7 @@ class EventSimulator(Simulator):
         go_on = [code.call(continue_run, [value, Value(NUMBER, ("t1",))])[0]] if self.source.goes_on else []
         renew = [code.call(cut_run, [value])[0]] if inputs else []
         begins = code.call(begin_run_instants, [value, Value(NUMBER, ("t0",))])[0] if controlled else ""
+        settle = code.call(settle_run, [value])[0] if controlled else ""
         further = self._further_calls(_Functions(), EventSteps, code)
         used = own.functions.used(code.text)
         self._finish(render("c/kernels.c.j2", {"kernels": self.kernels}) + used, code)
@@ -109,7 +111,7 @@ class EventSimulator(Simulator):
             "header": self._header_variables(members) | {"n_locks": n_locks},
             "functions": functions,
             "calls": further,
-            "steps": self._changing_steps(take, n_events=len(own.events), n_locks=n_locks),
+            "steps": self._changing_steps(take, settle, n_events=len(own.events), n_locks=n_locks),
             **self._state_variables(renew, copies),
             **self._further_variables(space.beginning_used(code.text, needed), f"{self.prefix}_step"),
         }

@@ -20,6 +20,7 @@ from ...loops.single_steps import (
     explicit_extend,
     explicit_instants,
     explicit_sample,
+    explicit_settle,
     explicit_step,
     implicit_act,
     implicit_continue,
@@ -27,12 +28,14 @@ from ...loops.single_steps import (
     implicit_extend,
     implicit_instants,
     implicit_sample,
+    implicit_settle,
     implicit_step,
     taylor_act,
     taylor_correct,
     taylor_extend,
     taylor_instants,
     taylor_sample,
+    taylor_settle,
     taylor_step,
 )
 from ...methods.pairs import PAIRS
@@ -70,8 +73,10 @@ class RunLoop:
     correct : function
         Projects a state onto the constraints, in a run that has taken no steps; returns a status.
     instants, act, extend : function
-        Begins with the instants of controllers at a time, and returns whether there are any; lets controllers act at
-        the end of a run up to a time; continues a run up to a time.
+        Takes the periods of controllers at a time, and returns whether they make sense; lets controllers act at the end
+        of a run up to a time; continues a run up to a time.
+    settle : function
+        Lets controllers act that are due at the start of a run, or where it continues.
     at : mapping of str to str
         Members, as C has them, of what a run sets and reads.
     after_step, continuing : tuple of (str, str)
@@ -90,6 +95,7 @@ class RunLoop:
     instants: Callable[..., Any]
     act: Callable[..., Any]
     extend: Callable[..., Any]
+    settle: Callable[..., Any]
     at: Mapping[str, str]
     after_step: tuple[tuple[str, str], ...]
     continuing: tuple[tuple[str, str], ...]
@@ -185,6 +191,7 @@ def taylor_loop_of(
         instants=taylor_instants,
         act=taylor_act,
         extend=taylor_extend,
+        settle=taylor_settle,
         at=at,
         after_step=(("run.limits.going", "true"),),
         continuing=(("run.progress.attempts", "0"),),
@@ -211,7 +218,7 @@ def explicit_loop_of(
         constant=frozenset(f"run.tableau.{name}" for name in ("nodes", "starts", "stages", "weights")),
         functions=(
             *(explicit_step, explicit_sample, explicit_continue, explicit_correct),
-            *(explicit_instants, explicit_act, explicit_extend),
+            *(explicit_instants, explicit_act, explicit_extend, explicit_settle),
         ),
         width=shape[1],
         has=has,
@@ -237,7 +244,7 @@ def implicit_loop_of(
         constant=frozenset(),
         functions=(
             *(implicit_step, implicit_sample, implicit_continue, implicit_correct),
-            *(implicit_instants, implicit_act, implicit_extend),
+            *(implicit_instants, implicit_act, implicit_extend, implicit_settle),
         ),
         width=n,
         has=has,
@@ -297,7 +304,7 @@ def _recorded_loop(
         "dense": "run.settings.dense",
         "evaluated": f"{progress}.evaluations",
     }
-    step, sample, renew, correct, instants, act, extend = functions
+    step, sample, renew, correct, instants, act, extend, settle = functions
     return RunLoop(
         arguments=arguments,
         given=frozenset(f"run.settings.{name}" for name in ("t0", "max_step", "max_steps", "dense")),
@@ -309,6 +316,7 @@ def _recorded_loop(
         instants=instants,
         act=act,
         extend=extend,
+        settle=settle,
         at=at,
         after_step=(),
         continuing=(

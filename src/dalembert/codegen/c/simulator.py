@@ -195,6 +195,7 @@ class Simulator(TemplateVariables):
         renew = [] if loop.renew is None or not self.layout.inputs else [code.entry(loop.renew, kind)]
         extend = [code.entry(loop.extend, kind, "t1")] if self.actions else []
         begins = code.entry(loop.instants, kind, "t0") if self.actions else ""
+        settle = code.entry(loop.settle, kind) if self.actions else ""
         printed = render("c/kernels.c.j2", {"kernels": self.kernels}) + "".join(self.order_loops)
         self._finish(printed, code)
         n_locks = len(source.locking)
@@ -210,7 +211,7 @@ class Simulator(TemplateVariables):
             "n_locks": n_locks,
             "begins": begins,
             "extend": extend,
-            "rounding": double(RESOLUTION) if self.actions else "",
+            "settle": [(settle, double(RESOLUTION))] if self.actions else [],
         }
         return {
             "header": self._header_variables(members) | {"n_locks": n_locks},

@@ -132,8 +132,10 @@ class TemplateVariables:
             "max_steps": MAX_STEPS,
         }
 
-    def _changing_steps(self, take_step: str, *, n_events: int, n_locks: int, phases: bool = False) -> dict[str, Any]:
-        """Return the variables of ``c/changing_steps.c.j2``."""
+    def _changing_steps(
+        self, take_step: str, settle: str = "", *, n_events: int, n_locks: int, phases: bool = False
+    ) -> dict[str, Any]:
+        """Return the variables of ``c/changing_steps.c.j2``; ``settle`` is a call where controllers act."""
         return {
             "prefix": self.prefix,
             "upper": self.prefix.upper(),
@@ -142,7 +144,7 @@ class TemplateVariables:
             "n_states": len(self.layout.state),
             "n_events": n_events,
             "n_locks": n_locks,
-            "controlled": self.source.sampling is not None and not phases,
+            "settle": settle,
             "phases": phases,
             "rounding": double(RESOLUTION),
         }
