@@ -7,7 +7,7 @@ the same states.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
@@ -15,19 +15,16 @@ from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK
 from ..steps.explicit_loop import LOOP as EXPLICIT_LOOP
 from ..steps.explicit_loop import ExplicitArguments
 from ..steps.implicit_loop import LOOP as IMPLICIT_LOOP
-from ..steps.implicit_loop import ImplicitArguments, begin_piece
+from ..steps.implicit_loop import ImplicitArguments
 from ..steps.packed_tableaus import ALLOWED, POINT
 from ..steps.projection import ROUNDING_OF_POLYNOMIALS, project_row
-from ..steps.recorded_runs import Run, RunCodes, RunSettings, evaluate, evaluate_polynomial
-from ..stops.instants import InstantTable, begin_instants, first_instant, instant_of, list_instants
-from ..stops.stops import end_of_steps, is_due, pass_stops
+from ..steps.recorded_runs import Run, RunCodes, RunSettings, evaluate_polynomial
+from ..stops.instants import InstantTable, list_instants
 from ..subset.arguments import IntVector, Record, Vector
-from ..subset.compiled_subset import compiled_subset, flat, row
-from .prepared_loop import RECORDED_LOOP, PreparedArguments, continue_in
+from ..subset.compiled_subset import compiled_subset
+from .prepared_loop import RECORDED_LOOP, PreparedArguments
+from .steps_at_instants import SPARE_ROW, STEP_ROW, explicit_settle, implicit_settle, taylor_settle
 from .taylor_runs import LARGEST_WINDING, TURN, turns_to_take, unwound
-
-_STEP_ROW, _SPARE_ROW = 1, 2
-"""Rows of the states of a run of Taylor steps: that of the step, and one for the state behind a stop or any other."""
 
 
 class StepPlace(Record):
@@ -84,18 +81,6 @@ class ImplicitSteps(NamedTuple):
 
 
 @compiled_subset
-def next_instant(steps: Any) -> float:
-    """Return the first instant of controllers that is not among the stops of a run of any kind of steps."""
-    return first_instant(steps.instants)
-
-
-@compiled_subset
-def instant_of_controller(steps: Any, number: int) -> float:
-    """Return the first instant of a controller that is not among the stops."""
-    return instant_of(steps.instants, number)
-
-
-@compiled_subset
 def taylor_step(arguments: TaylorSteps) -> int:
     """Take a step; return the status of the run."""
     run, place = arguments.run, arguments.place
@@ -132,7 +117,7 @@ def taylor_sample(arguments: TaylorSteps, t: float) -> int:
     for i in range(n):
         arguments.sampled[i] = states[progress.row, i]
     if t != end and progress.row != 0:
-        row, width = _STEP_ROW, (states.shape[1] - n - 2) // n
+        row, width = STEP_ROW, (states.shape[1] - n - 2) // n
         h, theta = states[row, n] * run.settings[0, 1], (t - begin) / (end - begin)
         for i in range(n):
             first, value, total, terms, power = n + 2 + i * width, 0.0, 0.0, 0.0, 1.0
@@ -157,7 +142,7 @@ def taylor_sample(arguments: TaylorSteps, t: float) -> int:
 @compiled_subset
 def taylor_correct(arguments: TaylorSteps, t: float) -> int:
     """Project a state, `sampled`, of a run that has taken no steps onto the constraints; return the status."""
-    run, sampled, place = arguments.run, arguments.sampled, _SPARE_ROW
+    run, sampled, place = arguments.run, arguments.sampled, SPARE_ROW
     states, status = run.states, RUNNING
     for m in range(run.n):
         states[place, m] = sampled[m]
@@ -169,52 +154,6 @@ def taylor_correct(arguments: TaylorSteps, t: float) -> int:
     for m in range(run.n):
         sampled[m] = states[place, m]
     return status
-
-
-@compiled_subset
-def taylor_instants(arguments: TaylorSteps, t0: float) -> bool:
-    """Take the periods of controllers in a run that begins at a time; return whether they make sense."""
-    return begin_instants(arguments.instants, row(arguments.run.constants, 0), t0)
-
-
-@compiled_subset
-def taylor_act(arguments: TaylorSteps, t1: float) -> None:
-    """Let controllers act that are due at the present time, which is the end of a run up to a time."""
-    list_instants(arguments.instants, arguments.run.stops, t1, True)
-    _act_in_taylor(arguments)
-
-
-@compiled_subset
-def taylor_settle(arguments: TaylorSteps) -> None:
-    """Let controllers act that are due at the present time, and have not acted."""
-    run, clock = arguments.run, arguments.instants.clock
-    if clock.due != 0:
-        clock.due = 0
-        list_instants(arguments.instants, run.stops, run.limits.t1, False)
-        _act_in_taylor(arguments)
-        run.progress.end = end_of_steps(run.stops, 0, run.limits.t1, True)
-
-
-@compiled_subset
-def taylor_extend(arguments: TaylorSteps, t1: float) -> None:
-    """Continue a run up to a time behind its end, where controllers may be due."""
-    arguments.run.stops.inputs.ends[0, 0], arguments.instants.clock.due = t1, 1
-
-
-@compiled_subset
-def _act_in_taylor(arguments: TaylorSteps) -> None:
-    run = arguments.run
-    states, progress, stops, n = run.states, run.progress, run.stops, run.n
-    if not is_due(stops, 0, progress.t, True):
-        return
-    if progress.row == _STEP_ROW:
-        continue_in(run, _STEP_ROW, _SPARE_ROW)
-    run.clock[0, 0], place = progress.t, progress.row * states.shape[1]
-    pass_stops(stops, run.kernels.prepare, run.clock, flat(states), place, run.constants, n, True)
-    if progress.row == _SPARE_ROW:
-        for m in range(n):
-            if states[_SPARE_ROW, m] != states[_STEP_ROW, m]:
-                run.low[m] = 0.0  # what rounding took from another value
 
 
 @compiled_subset
@@ -268,29 +207,6 @@ def _correct(codes: RunCodes, settings: RunSettings, run: Run, sampled: FloatArr
 
 
 @compiled_subset
-def _act(settings: RunSettings, run: Run) -> bool:
-    """Let controllers act that are due at the present time; return whether there are any."""
-    progress, forward = run.progress, True
-    if not is_due(run.stops, 0, progress.t, forward):
-        return False
-    run.clock[0, 0], place = progress.t, progress.row * run.work.shape[1]
-    pass_stops(run.stops, run.prepare, run.clock, flat(run.work), place, run.constants, settings.kept, forward)
-    return True
-
-
-@compiled_subset
-def _settle(settings: RunSettings, run: Run, instants: InstantTable) -> bool:
-    """Let controllers act that are due at the present time, and have not acted; return whether a run continues so."""
-    progress, acts = run.progress, False
-    if instants.clock.due != 0:
-        instants.clock.due = 0
-        list_instants(instants, run.stops, progress.t1, False)
-        acts = _act(settings, run)
-        progress.end = end_of_steps(run.stops, 0, progress.t1, True)
-    return acts and progress.evaluations > 0
-
-
-@compiled_subset
 def explicit_step(arguments: ExplicitSteps) -> int:
     """Take a step; return the status of the run."""
     if arguments.instants.listed.size > 0:
@@ -314,13 +230,6 @@ def explicit_correct(arguments: ExplicitSteps, t: float) -> int:
 
 
 @compiled_subset
-def explicit_continue(arguments: ExplicitSteps) -> None:
-    """Evaluate the slope at the present state, where constants have changed."""
-    codes, tableau, run = arguments.run.codes, arguments.run.tableau, arguments.run.run
-    evaluate(codes.rhs, run.progress.t, run, run.progress.row, tableau.first)
-
-
-@compiled_subset
 def implicit_step(arguments: ImplicitSteps) -> int:
     """Take a step; return the status of the run."""
     if arguments.instants.listed.size > 0:
@@ -341,64 +250,3 @@ def implicit_correct(arguments: ImplicitSteps, t: float) -> int:
     """Project a state, `sampled`, of a run that has taken no steps onto the constraints; return the status."""
     loop = arguments.run
     return _correct(loop.codes, loop.settings, loop.run, arguments.sampled, t)
-
-
-@compiled_subset
-def implicit_continue(arguments: ImplicitSteps) -> None:
-    """Forget what was known of the motion before, where constants have changed."""
-    loop, progress = arguments.run, arguments.run.run.progress
-    begin_piece(loop.codes, loop.settings, loop.workspace, loop.run, progress.size)
-
-
-@compiled_subset
-def explicit_instants(arguments: ExplicitSteps, t0: float) -> bool:
-    """Take the periods of controllers in a run that begins at a time; return whether they make sense."""
-    return begin_instants(arguments.instants, row(arguments.run.run.constants, 0), t0)
-
-
-@compiled_subset
-def explicit_act(arguments: ExplicitSteps, t1: float) -> None:
-    """Let controllers act that are due at the present time, which is the end of a run up to a time."""
-    list_instants(arguments.instants, arguments.run.run.stops, t1, True)
-    if _act(arguments.run.settings, arguments.run.run):
-        explicit_continue(arguments)
-
-
-@compiled_subset
-def explicit_settle(arguments: ExplicitSteps) -> None:
-    """Let controllers act that are due at the present time, and have not acted."""
-    if _settle(arguments.run.settings, arguments.run.run, arguments.instants):
-        explicit_continue(arguments)
-
-
-@compiled_subset
-def explicit_extend(arguments: ExplicitSteps, t1: float) -> None:
-    """Continue a run up to a time behind its end, where controllers may be due."""
-    arguments.run.run.stops.inputs.ends[0, 0], arguments.instants.clock.due = t1, 1
-
-
-@compiled_subset
-def implicit_instants(arguments: ImplicitSteps, t0: float) -> bool:
-    """Take the periods of controllers in a run that begins at a time; return whether they make sense."""
-    return begin_instants(arguments.instants, row(arguments.run.run.constants, 0), t0)
-
-
-@compiled_subset
-def implicit_act(arguments: ImplicitSteps, t1: float) -> None:
-    """Let controllers act that are due at the present time, which is the end of a run up to a time."""
-    list_instants(arguments.instants, arguments.run.run.stops, t1, True)
-    if _act(arguments.run.settings, arguments.run.run):
-        implicit_continue(arguments)
-
-
-@compiled_subset
-def implicit_settle(arguments: ImplicitSteps) -> None:
-    """Let controllers act that are due at the present time, and have not acted."""
-    if _settle(arguments.run.settings, arguments.run.run, arguments.instants):
-        implicit_continue(arguments)
-
-
-@compiled_subset
-def implicit_extend(arguments: ImplicitSteps, t1: float) -> None:
-    """Continue a run up to a time behind its end, where controllers may be due."""
-    arguments.run.run.stops.inputs.ends[0, 0], arguments.instants.clock.due = t1, 1

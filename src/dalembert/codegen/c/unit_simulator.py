@@ -8,7 +8,7 @@ from typing import Any
 
 from ...ir.kernel import Kernel
 from ...ir.program import coefficient_places
-from ...loops.single_steps import instant_of_controller, next_instant
+from ...loops.steps_at_instants import instant_of_controller, next_instant
 from ...methods.step_constants import SMALLEST_OF_TIME
 from ...transforms.nonsmooth import decisions
 from ...transforms.partials import tangent_kernel
