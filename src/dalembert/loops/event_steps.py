@@ -119,7 +119,8 @@ def continue_run(steps: EventSteps, t1: float) -> None:
     There its end was looked at, and signs were taken. Those before count, unless an event has occurred.
     """
     runner, state, space = steps.runner, steps.runner.state, steps.runner.workspace
-    steps.instants.clock.due = 1
+    if steps.instants.listed.size > 0:
+        steps.instants.clock.due = 1
     if state.progress.paused == 0:  # it has taken no time
         runner.rows.times[0, 0], runner.rows.times[0, 1], runner.turn[0] = steps.place.time, t1, 0
         return
