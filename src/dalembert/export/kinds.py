@@ -14,7 +14,7 @@ from ..transforms.nonsmooth import decisions
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
 
-KINDS = ("c", "fmu", "page", "wheel", "numba", "jax")
+_EVERY = ("c", "fmu", "page", "wheel", "numba", "jax")
 """Kinds of exports."""
 
 FIXED = "rk4"
@@ -32,7 +32,7 @@ CARRIED: dict[str, tuple[tuple[str, ...], str]] = {
     "contacts that change beside events": (_ALONE, _TOGETHER),
     "contacts that change beside sampled controllers": (_ALONE, _TOGETHER),
     "tables": ((*_COMPILED, "numba"), "write the curves as expressions"),
-    "rates that jump with the state": (KINDS, "smooth the jumps, as by tanh"),
+    "rates that jump with the state": (_EVERY, "smooth the jumps, as by tanh"),
     LOCKS: (
         (*_COMPILED, "numba", FIXED),
         "give the example (initial=, parameters=) if its motion is regular there",
@@ -101,7 +101,7 @@ def _features(model: CompiledModel, column: str, events: Sequence[Event]) -> Ite
 
 def table_of_kinds() -> str:
     """Return the table of what kinds carry, in Markdown, for `docs/export.md`."""
-    columns = ("c", FIXED, *KINDS[1:])
+    columns = ("c", FIXED, *_EVERY[1:])
     names = [f'`"{kind}"`' if kind != FIXED else f'`method="{FIXED}"`' for kind in columns]
     lines = [f"| | {' | '.join(names)} |", f"|---|{'---|' * len(columns)}"]
     for feature, (kinds, _) in CARRIED.items():

@@ -68,7 +68,7 @@ def _jax(model: CompiledModel, request: Mapping[str, Any]) -> dict[str, Any]:
     return {"file": jax_text(c_source(model, **request))}
 
 
-_WRITERS: dict[str, Callable[[CompiledModel, Mapping[str, Any]], dict[str, Any]]] = {
+KINDS: dict[str, Callable[[CompiledModel, Mapping[str, Any]], dict[str, Any]]] = {
     "c": _c,
     "fmu": _fmu,
     "page": _page,
@@ -184,7 +184,7 @@ def export(
         model.export("pendulum", initial={theta: 1, theta.diff(): 0}, parameters={m: 1, l: 1, g: 9.81})
     """
     from ..export.folder import path_of, refuse_other_files, refuse_others, write_archive, write_file, write_folder
-    from ..export.kinds import FIXED, KINDS, refuse_kind
+    from ..export.kinds import FIXED, refuse_kind
 
     asked: Any = kind
     if not isinstance(asked, str) or asked not in KINDS:
@@ -254,7 +254,7 @@ def export(
         raise OptionError(f"platforms are those of the kind 'fmu', not of {kind!r}: leave them out")
     elif fmi != FMI_VERSIONS[0]:
         raise OptionError(f"fmi is the version of the kind 'fmu', not of {kind!r}: leave it out")
-    files = _WRITERS[kind](self, request)
+    files = KINDS[kind](self, request)
     if "file" in files:
         return write_file(place, files["file"])
     return write_folder(place, files) if ending is None else write_archive(place, files)
