@@ -317,14 +317,9 @@ def test_inputs_are_set_at_the_ends_of_runs_and_between_steps(tmp_path, method, 
     assert {STATES[int(did)] for did in table[:, 3]} == {"stick", "slip"}
 
 
-def test_breaks_and_controllers_are_refused(tmp_path):
-    u, t = dynamicsymbols("u"), dynamicsymbols._t
-    scene, _ = block(force=Piecewise((1, t < 1), (0, True)))
+def test_breaks_are_refused(tmp_path):
+    scene, _ = block(force=Piecewise((1, dynamicsymbols._t < 1), (0, True)))
     with pytest.raises(CapabilityError, match="kinks or jumps"):
-        da.compile_model(scene).export(tmp_path / "here")
-    scene, x = block(push=u)
-    scene.add_controllers(da.Controller("hold", period=0.1, inputs={u: -x}))
-    with pytest.raises(CapabilityError, match=r"sampled controllers \(hold\)"):
         da.compile_model(scene).export(tmp_path / "here")
 
 
