@@ -1,4 +1,4 @@
-"""What each kind of export carries: one table, which errors and the documentation read."""
+"""The table of what each kind of export carries; errors and the documentation are made from it."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ from .row_steps import RowSteps
 from .workspace import ATTEMPTS, END, NOW, LaneState
 
 _NOTHING, _MOTION, _PIECE = 0, 1, 2
-"""What begins in a lane."""
+"""Kinds of beginnings in a lane: none, that of a motion, or that of a piece of one, behind a stop."""
 
 
 @compiled_subset

@@ -1,4 +1,4 @@
-"""What sampled controllers do in runs that are taken one step at a time, and where constants change between steps.
+"""Actions of sampled controllers in runs that are taken one step at a time, and changes of constants between steps.
 
 Of each kind of steps there are functions named `instants`, which begin with the periods of controllers; `settle`, which
 lets those act that are due at the start or where a run continues; `act`, at its end; `extend`, which continues it; and

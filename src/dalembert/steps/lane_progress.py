@@ -1,4 +1,4 @@
-"""What each case side by side has for itself in steps of the implicit method: numbers and flags, and its progress."""
+"""Rows of numbers and flags for cases side by side in steps of the implicit method, and the progress of each case."""
 
 from __future__ import annotations
 
