@@ -26,6 +26,10 @@ def fuses():
     return "fused" in subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout
 
 
+SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-O0")
+"""Options of programs that stop where they leave an array or do what C does not define: quick to compile."""
+
+
 def built(folder, sources, *options):
     """Compile sources in a folder without warnings; return the program."""
     program = folder / "program"

@@ -6,7 +6,7 @@ from sympy import Piecewise, cos, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
-from codegen.c_programs import built, compiler, fuses, output
+from codegen.c_programs import SANITIZED, built, compiler, fuses, output
 from dalembert.codegen.llvm.target import target
 from dalembert.contacts.contact_laws import STATES
 from dalembert.errors import CapabilityError
@@ -161,9 +161,8 @@ def test_starts_that_contacts_forbid_are_refused(tmp_path):
 
 def test_sanitizers_find_nothing(tmp_path):
     model, initial, parameters = ball()
-    checks = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-O0")
     try:
-        program, _ = exported(tmp_path, model, initial, parameters, 3, *checks)
+        program, _ = exported(tmp_path, model, initial, parameters, 3, *SANITIZED)
     except AssertionError as reason:
         if "libasan" in str(reason) or "libubsan" in str(reason):
             pytest.skip("the C compiler has no sanitizers")
@@ -300,7 +299,7 @@ def test_inputs_are_set_at_the_ends_of_runs_and_between_steps(tmp_path, method, 
     model, initial, numbers = da.compile_model(scene), {"x": 0, "x_dot": 0}, {"m": 1, "mu": 0.5}
     path = model.export(tmp_path / "export", initial=initial, method=method, **TOLERANCES)
     (path / "inputs.c").write_text(INPUTS.replace("BETWEEN", between))
-    lines = output(built(path, ["inputs.c", "block.c"], "-fsanitize=address,undefined")).splitlines()
+    lines = output(built(path, ["inputs.c", "block.c"], *SANITIZED)).splitlines()
     table = np.array([[float.fromhex(item) for item in line.split()] for line in lines])
     forces, slopes, begin, state = (
         [2.0, 5.0, 3.0, -4.5, 0.0, -9.0, 4.4],

@@ -8,7 +8,7 @@ from sympy import cos, sin, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from codegen.c_programs import built, compiler, fuses, output
+from codegen.c_programs import SANITIZED, built, compiler, fuses, output
 from dalembert.codegen.llvm.target import target
 from dalembert.methods.status import Status
 from export.pages import need_pages, run_of
@@ -117,7 +117,7 @@ def test_laws_read_inputs_that_are_set_where_a_run_starts_or_continues(tmp_path,
     given = {"method": method, "events": [wall] if watched else [], **TOLERANCES}
     path = model.export(tmp_path / "export", initial=start, parameters=numbers, **given)
     (path / "inputs.c").write_text(STEERED)
-    printed = output(built(path, ["inputs.c", "steered.c"], "-fsanitize=address,undefined")).split()
+    printed = output(built(path, ["inputs.c", "steered.c"], *SANITIZED)).split()
     found = np.reshape([float.fromhex(number) for number in printed], (3, -1))
     inputs = {"v": da.samples([0, 0.5, 1, 2], [0.5, -1, 2, 2], kind="hold")}
     run = model.simulate((0, 2), start, numbers, inputs=inputs, **given)
@@ -130,8 +130,7 @@ def test_laws_read_inputs_that_are_set_where_a_run_starts_or_continues(tmp_path,
 
 def test_sanitizers_find_nothing(tmp_path):
     model, events = with_events()
-    flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    assert run_alone(tmp_path, model, START, NUMBERS, 2.0, events, *flags)[2] == Status.SUCCESS
+    assert run_alone(tmp_path, model, START, NUMBERS, 2.0, events, *SANITIZED)[2] == Status.SUCCESS
 
 
 def test_a_period_that_is_none_is_refused_at_the_start(tmp_path):
@@ -179,7 +178,7 @@ def test_controllers_act_beside_contacts_that_change(tmp_path, method):
     model, start, numbers, _ = pulled()
     given = {"method": method, **TOLERANCES}
     path = model.export(tmp_path / "export", initial=start, parameters=numbers, t_span=(0, 5.5), **given)
-    names, *rows = output(built(path, ["main.c", "block.c"], "-fsanitize=address,undefined"), 5.5, 56).splitlines()
+    names, *rows = output(built(path, ["main.c", "block.c"], *SANITIZED), 5.5, 56).splitlines()
     found = dict(zip(names.split(","), np.array([row.split(",") for row in rows], float).T, strict=True))
     run = model.simulate((0, 5.5), start, numbers, t_eval=found["t"], **given)
     last = model.sweep((0, 5.5), start, numbers, threads=1, **given)

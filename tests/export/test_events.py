@@ -6,7 +6,7 @@ from sympy import cos, sin, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from codegen.c_programs import built, compiler, fuses, output
+from codegen.c_programs import SANITIZED, built, compiler, fuses, output
 from dalembert.codegen.llvm.target import target
 from dalembert.errors import CapabilityError, ExpressionError, UnknownNameError
 from dalembert.methods.status import Status
@@ -175,8 +175,7 @@ def test_events_without_end_end_a_run(tmp_path):
 
 def test_sanitizers_find_nothing(tmp_path):
     model, start, numbers, events = pendulum()
-    flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    assert run_alone(tmp_path, model, start, numbers, 4.0, events, *flags)[2] == Status.SUCCESS
+    assert run_alone(tmp_path, model, start, numbers, 4.0, events, *SANITIZED)[2] == Status.SUCCESS
 
 
 def test_a_page_has_events(tmp_path):
@@ -251,7 +250,7 @@ def events_beside_inputs(folder, method, between, events):
     path = model.export(folder / "export", initial=start, parameters=numbers, **given)
     text = INPUTS.replace("BETWEEN", between).replace("PUSHED_EVENTS", str(len(events)))
     (path / "inputs.c").write_text(text)
-    lines = output(built(path, ["inputs.c", "pushed.c"], "-fsanitize=address,undefined")).splitlines()
+    lines = output(built(path, ["inputs.c", "pushed.c"], *SANITIZED)).splitlines()
     found = np.array([[float.fromhex(item) for item in line.split()] for line in lines])
     times, forces = [0.0, *found[:, 0]], [1.0, -2.0, 3.0, 0.5, -4.0, 2.0, 2.0]
     inputs = {"u": da.samples(times, forces, kind="hold")}

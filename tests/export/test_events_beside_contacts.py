@@ -6,7 +6,7 @@ from sympy import Rational, symbols
 from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
-from codegen.c_programs import built, compiler, fuses, output
+from codegen.c_programs import SANITIZED, built, compiler, fuses, output
 from dalembert.codegen.llvm.target import target
 from dalembert.methods.status import Status
 from export.pages import need_pages, run_of
@@ -118,7 +118,7 @@ def test_inputs_are_set_beside_events_and_contacts(tmp_path, method):
         .replace("{0.9, 9.81, 1.0, 1.0}", "{1.0, 0.2}")
     )
     (path / "inputs.c").write_text(text.replace("state[1]);", "state[BLOCK_STATES / 2]);"))
-    lines = output(built(path, ["inputs.c", "block.c"], "-fsanitize=address,undefined")).splitlines()
+    lines = output(built(path, ["inputs.c", "block.c"], *SANITIZED)).splitlines()
     found = np.array([[float.fromhex(item) for item in line.split()] for line in lines])
     times, forces = [0.0, *found[:, 0]], [1.0, -2.0, 3.0, 0.5, -4.0, 2.0, 2.0]
     run = model.simulate((0, times[-1]), start, numbers, inputs={"u": da.samples(times, forces, kind="hold")}, **given)
@@ -130,8 +130,7 @@ def test_inputs_are_set_beside_events_and_contacts(tmp_path, method):
 
 def test_sanitizers_find_nothing(tmp_path):
     model, start, numbers, events = ball()
-    flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    assert run_alone(tmp_path, model, start, numbers, 2.0, events, *flags)[2] == Status.SUCCESS
+    assert run_alone(tmp_path, model, start, numbers, 2.0, events, *SANITIZED)[2] == Status.SUCCESS
 
 
 def test_a_page_has_events_beside_contacts(tmp_path):

@@ -9,7 +9,7 @@ from sympy import cos, sign, sin, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from codegen.c_programs import WARNINGS, built, compiler, output
+from codegen.c_programs import SANITIZED, WARNINGS, built, compiler, output
 from dalembert.codegen.c.fixed_simulator import operation_rows
 from dalembert.errors import CapabilityError, OptionError
 from dalembert.ir.interpret import interpret
@@ -128,12 +128,11 @@ def test_compilers_warn_of_nothing(tmp_path, name, command):
 
 
 def test_sanitizers_find_nothing(tmp_path):
-    checks = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
     try:
         for name, precision in (("sleigh", "double"), (HARD[0], "double"), (HARD[0], "single")):
             folder = tmp_path / f"{name} {precision}"
             folder.mkdir()
-            assert len(states(folder, name, 0.01, 300, *checks, precision=precision)) == 301
+            assert len(states(folder, name, 0.01, 300, *SANITIZED, precision=precision)) == 301
     except AssertionError as reason:
         if "libasan" in str(reason) or "libubsan" in str(reason):
             pytest.skip("the C compiler has no sanitizers")
