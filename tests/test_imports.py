@@ -11,7 +11,7 @@ import pytest
 import dalembert
 
 PACKAGE = Path(dalembert.__file__).parent
-BASIC = {"arrays", "errors", "naming", "once", "options", "progress", "threads", "values", "version"}
+BASIC = {"arrays", "errors", "frozen", "naming", "once", "options", "progress", "threads", "values", "version"}
 ORDER = [
     "ir",
     "methods",

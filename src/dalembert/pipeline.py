@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar, final
+
+from dalembert.frozen import frozen
 
 from .codegen import backend_named
 from .codegen.base import RenderedModule
@@ -42,7 +43,7 @@ T = TypeVar("T")
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Derivation:
     """A scene and its equations of motion, in all modes of its contacts.
 
@@ -57,7 +58,7 @@ class Derivation:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Stages:
     """Every object that the pipeline passed from stage to stage, the seconds of each stage, and the options.
 
@@ -85,7 +86,7 @@ class Stages:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Compiled:
     """A scene in one mode of its contacts: its stages, the loaded engine, and methods by name with descriptions."""
 
@@ -95,7 +96,7 @@ class Compiled:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class SeveralModes:
     """A scene whose contacts have several modes, each of which is compiled on first use.
 

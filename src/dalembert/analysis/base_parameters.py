@@ -8,12 +8,13 @@ and the others are their combinations (M. Gautier, Journal of Robotic Systems 8 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import ValueInputError, list_names, nesting_named
@@ -24,7 +25,7 @@ _DIGITS = 1e-9
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class BaseParameters:
     """The combinations of parameters that a regressor determines: W @ pi = W[..., columns] @ (matrix @ pi).
 

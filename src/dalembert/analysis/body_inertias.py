@@ -10,11 +10,12 @@ for all values of the ten entries of U (C. Rucker, P. M. Wensing, IEEE Robotics 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 from scipy.optimize import least_squares
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import UnknownNameError, ValueInputError, list_names, nesting_named
@@ -31,7 +32,7 @@ _UPPER = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2), (0, 3), (1, 3), (2, 3)
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class BodyInertia:
     """Mass, mass centre and inertia of a body from ten parameters.
 
@@ -114,7 +115,7 @@ def _ten_of(pseudo: FloatArray) -> FloatArray:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class _Parts:
     """The meaning of the unknowns: ten parameters of bodies with factors L (4, 4), and other positive parameters.
 

@@ -7,10 +7,11 @@ J. Swevers, C. Ganseman, D. B. Tukel, J. De Schutter, H. Van Brussel, IEEE Trans
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import CapabilityError, OptionError, nesting_named
@@ -28,7 +29,7 @@ _AT_ONCE = 20
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class FourierMotion:
     """Coordinates as Fourier series of time.
 

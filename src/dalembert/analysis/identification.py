@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import UnknownNameError, ValueInputError, list_names, nesting_named, unknown_name
@@ -16,7 +17,7 @@ from .regressor import LOADS
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Identification:
     """Base parameters from measurements.
 
@@ -43,7 +44,7 @@ class Identification:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Record:
     """A weighted record: W pi = measured in rows that have noise of size one.
 

@@ -9,10 +9,11 @@ M, so that coordinates of different units count alike.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import CapabilityError, ValueInputError, list_names
@@ -40,7 +41,7 @@ DEPENDENT = 1e-10
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class InverseKernel:
     """The terms of inverse dynamics as one kernel of (t, (q, q_dot, first-order states, q_ddot), c).
 
@@ -105,7 +106,7 @@ class InverseKernel:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Terms:
     """M q_ddot, given forces, B, J and the bias of J q_ddot at one state; of friction sizes, slips and columns."""
 

@@ -7,10 +7,11 @@ the formulation; or in the state of the formulation itself, where its own speeds
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..ir.program import Program
@@ -18,7 +19,7 @@ from ..runs.partials import Partials
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Derivatives:
     """Values (k,) with their derivatives by a state (k, n) and by the parameters (k, n_p)."""
 
@@ -41,7 +42,7 @@ class Derivatives:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class LinearPoint:
     """A program at time t, state y (n_y,) and constants c (n_c,).
 
@@ -69,7 +70,7 @@ class LinearPoint:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class LinearEquations:
     """A state x with names, its rates, its constraints, and outputs.
 

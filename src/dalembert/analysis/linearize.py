@@ -9,10 +9,11 @@ H = -(g_x stacked on P)^-1 g_u while z is held: B = P (f_u + f_x H). Outputs h h
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import InitialStateError, OptionError, list_names, unknown_name
@@ -116,7 +117,7 @@ def _equations(point: LinearPoint, chosen: Sequence[str] | None) -> LinearEquati
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class IndependentStates:
     """Independent components z of a state x with constraints g(x, u) = 0.
 
@@ -210,7 +211,7 @@ def _by_input(layout: Layout, by_p: FloatArray) -> InputDerivatives:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class _Scales:
     """Derivatives of constraints by a state, both as shares of their sizes, so that they have no unit.
 

@@ -10,12 +10,13 @@ reduces the residuals (J. J. More, Lecture Notes in Mathematics 630, 1978).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 
@@ -39,7 +40,7 @@ Equations = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Root:
     """The result of Newton's iteration.
 
@@ -67,7 +68,7 @@ class Root:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Units:
     """Sizes by which unknowns and equations are measured.
 
@@ -94,7 +95,7 @@ class Units:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class _Point:
     """Unknowns with residuals, derivatives, and both without units."""
 

@@ -10,10 +10,12 @@ formulations, the right-hand side itself is differentiated forward.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..ir.graph import Graph
@@ -46,7 +48,7 @@ class RateJacobians(NamedTuple):
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class JacobianKernel:
     """A kernel of (t, y, parameters) whose outputs are the entries that do not vanish everywhere.
 

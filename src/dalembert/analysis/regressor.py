@@ -7,10 +7,12 @@ equations of inverse dynamics: onto what constraints leave free, and onto the in
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import CapabilityError, ValueInputError, list_names
@@ -46,7 +48,7 @@ LOADS = "loads"
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class RegressorKernel:
     """Columns of generalised forces as one kernel of the same arguments as that of inverse dynamics.
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..ir.program import Program
@@ -24,7 +25,7 @@ _ROUNDED, _UNIT = 6, 4e-16
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class SteadyConditions:
     """Constraints hold, and chosen coordinates, rates and first-order states do not change in time.
 

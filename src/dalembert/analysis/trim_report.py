@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import OptionError, ValueInputError, list_names
@@ -34,7 +35,7 @@ def given_places(layout: Layout) -> dict[str, int]:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class TrimChoice:
     """Names of the free values, of those that follow from the constraints, and whether `steady` was left out."""
 
@@ -44,7 +45,7 @@ class TrimChoice:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class TrimReport:
     """Report of the iteration: message, and values by name."""
 

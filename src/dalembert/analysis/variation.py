@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..codegen import backend_named
@@ -162,7 +164,7 @@ def _message(t: float, wrt: tuple[str, ...], why: str) -> str:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Variation:
     """Equations and names of a run with derivatives.
 

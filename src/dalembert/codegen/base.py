@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar, final
+
+from dalembert.frozen import frozen
 
 from ..errors import FormulationError, list_names
 from ..ir.calls import function_of
@@ -17,7 +18,7 @@ from .engine import Engine
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class RenderedModule:
     """The text of a generated module.
 

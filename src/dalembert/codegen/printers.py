@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.calls import CALLS
 from ..ir.kernel import Assignment, Kernel, Load, Operand
@@ -24,7 +26,7 @@ _UNGUARDED = (
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Printer:
     """Prints the lines of a kernel.
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, final
 import numpy as np
 from numpy.typing import NDArray
 
+from dalembert.frozen import frozen
+
 from ..arrays import FloatArray
 from ..ir.kernel import Kernel
 from ..ir.program import Layout
@@ -102,7 +104,7 @@ class CaseRun:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class LoopCall:
     """A call of a loop over lanes.
 
@@ -184,7 +186,7 @@ class HostRunner(Protocol):
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class HostedRuns:
     """The host's runs behind a traced function, with names, events and rejections.
 

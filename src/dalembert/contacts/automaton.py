@@ -8,9 +8,10 @@ among all modes, which takes the one that contradicts no law of contact.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from keyword import iskeyword
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..errors import ConstraintError
 from ..ir.kernel import Kernel
@@ -62,7 +63,7 @@ def require_normals_along_gaps(equations: EquationsOfMotion) -> None:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Transition:
     """Consequence of a guard of a contact that falls through zero.
 
@@ -125,7 +126,7 @@ BITS: Mapping[tuple[str, int], int] = {
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class HybridAutomaton:
     """A scene with contacts.
 

@@ -9,9 +9,10 @@ lawful shares as long as no sum of k + 1 laws with weights >= 0, in which the sh
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..errors import ConstraintError
 from ..ir.graph import Graph
@@ -32,7 +33,7 @@ _MOST_SUMS = 128
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class SharedLaw:
     """A value that must not be negative, and its slopes along the undetermined directions (k,)."""
 

@@ -8,8 +8,10 @@ Friction is -kappa N. Without it the normal reactions would be N_0, each unit of
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..errors import RELEASE, ConstraintError, list_names
 from ..ir.node import Node
@@ -30,7 +32,7 @@ from ..transforms.linear import (
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class SlidingContact:
     """A contact that slides; `factors` gives kappa, one a direction, from what N would be without friction."""
 
@@ -39,7 +41,7 @@ class SlidingContact:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class SlidingFriction:
     """The forcing with friction (n_q,), kappa of each contact, and det(I - B)."""
 

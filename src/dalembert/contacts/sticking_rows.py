@@ -11,9 +11,11 @@ along the line, F_b = a F_a. Where a wall would have to pull for that, it opens,
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..errors import ConstraintError, list_names
 from ..ir.graph import Graph
@@ -24,7 +26,7 @@ from ..transforms.linear import dependence
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class SlipLine:
     """A contact, the number of the slip velocity that decides the other one, and what that one is of it."""
 

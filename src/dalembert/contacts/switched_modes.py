@@ -19,8 +19,10 @@ friction force of another (`dalembert.contacts.coupled_slips`).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.conditions import CONDITION_TIME
 from ..ir.node import Node
@@ -97,7 +99,7 @@ def switched_guards(contacts: Sequence[ContactRow], mode: Mode, sharing: Mapping
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Row:
     """A row of a gap, slip velocity or length of a quaternion, its switch, and the number of the reaction along it.
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import OptionError, nesting_named
@@ -35,7 +37,7 @@ def suspected(ends: FloatArray, happened: FloatArray) -> None:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Event:
     """Something that happens where an expression changes its sign.
 
@@ -136,7 +138,7 @@ def event_list(events: Any, aliases: Mapping[str, str]) -> tuple[Event, ...]:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class EventCode:
     """Events and reductions as kernels.
 

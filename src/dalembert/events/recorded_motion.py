@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..lanes.step_records import END_AT, ENDED_AT, FIRST_AT, START_AT
@@ -23,7 +24,7 @@ Settle = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Occurrence:
     """One event: its number, time, states (n_y,) before and after, and the sign that its expression changed to."""
 

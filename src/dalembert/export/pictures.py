@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
+
+from dalembert.frozen import frozen
 
 from ..errors import OptionError
 from ..ir.kernel import Kernel
@@ -23,7 +24,7 @@ _COLORS = {f"tab:{name}": color for name, color in zip(_NAMED, BODY_COLORS, stri
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Picture:
     """A kernel with all numbers of a picture, arguments (t, q, c), and what they are, for JSON."""
 

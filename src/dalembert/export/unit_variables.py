@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from html import escape
 from typing import Any, final
+
+from dalembert.frozen import frozen
 
 from ..codegen.c.contact_unit import ContactUnitSimulator
 from ..codegen.c.unit_simulator import UnitSimulator
@@ -15,7 +16,7 @@ AnyUnit = UnitSimulator | ContactUnitSimulator
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class UnitVariable:
     """A variable of the description of a unit, in its terms.
 

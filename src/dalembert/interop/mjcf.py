@@ -6,11 +6,13 @@ no part for is named in one error, or left out where the user asks for it by `sk
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..errors import OptionError, list_names
 from ..values import listed
@@ -64,7 +66,7 @@ def scene_from_mjcf(path: str | PathLike[str], *, skip: Any, **options: Any) -> 
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class _Around:
     """Where an element stands: its link, the place of its axes there, and the default class."""
 

@@ -7,13 +7,14 @@ those of bodies at the places that they have in the posture of the file, those o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
 import numpy as np
 import sympy as sp
 from sympy.physics.mechanics import ReferenceFrame
 from sympy.physics.vector import dynamicsymbols
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import SceneError, list_names, unknown_name
@@ -35,7 +36,7 @@ _EQUALITIES = ("connect", "weld", "joint")
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Actuator:
     """An actuator of a joint: its force is gear (gain ctrl + bias (1, gear q, gear q_dot))."""
 
@@ -47,7 +48,7 @@ class Actuator:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Together:
     """Two places that are together: of links, with the frames aligned where it is a weld.
 
@@ -61,7 +62,7 @@ class Together:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Coupled:
     """A joint whose value is a polynomial of that of another, both from their values in the file."""
 
@@ -72,7 +73,7 @@ class Coupled:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Actions:
     """Actuators and equalities of a file."""
 

@@ -7,12 +7,13 @@ The first three agree for convex surfaces. Vertices have single precision there,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import OptionError
@@ -30,7 +31,7 @@ LAWS = ("legacy", "exact", "convex", "shell")
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class MeshAsset:
     """A mesh of a file: its element, where its file is, and what takes its vertices to the axes of a geom.
 

@@ -6,8 +6,10 @@ What an attribute changes is read, does not change motions, or is a fault: nothi
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import final
+
+from dalembert.frozen import frozen
 
 from .mjcf_values import ORIENTATIONS, Angles
 from .robot_description import Inertia
@@ -80,7 +82,7 @@ def check_attributes(file: FileReader, element: Element) -> None:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Settings:
     """Settings of a file.
 

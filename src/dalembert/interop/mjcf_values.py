@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from math import pi
 from typing import TYPE_CHECKING, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from .robot_description import Inertia, Placement, clean_rotation
@@ -91,7 +92,7 @@ class Defaults:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Angles:
     """Convention of angles in a file: degrees or not, and axes of Euler angles; capital letters are fixed axes."""
 

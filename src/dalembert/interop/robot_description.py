@@ -7,10 +7,12 @@ rotation by rounding alone is that number, so that the equations do not carry it
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 
@@ -28,7 +30,7 @@ _INDEFINITE = 1e-6
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Placement:
     """A place of axes: their rotation (3, 3), to components on the carrier, and their origin (3,) there."""
 
@@ -76,7 +78,7 @@ def to_axis(axis: FloatArray) -> FloatArray:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Inertia:
     """Mass [kg], mass centre (3,) [m] and inertia (3, 3) about it [kg m^2], with components on some axes."""
 
@@ -124,7 +126,7 @@ class Inertia:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Mimic:
     """The value of a joint as multiplier times that of another plus offset."""
 
@@ -134,7 +136,7 @@ class Mimic:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class JointItem:
     """A joint as a file has it.
 
@@ -184,7 +186,7 @@ class JointItem:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Description:
     """A robot as a tree: links with their inertias, and joints that lead from the root to every other link.
 
@@ -223,7 +225,7 @@ class Description:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Merged:
     """A robot without fixed joints.
 

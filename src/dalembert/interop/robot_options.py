@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..errors import OptionError
 from ..values import flag
@@ -19,7 +20,7 @@ LOADS = "damping", "friction"
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class RobotOptions:
     """Options of `Scene.from_urdf` and `Scene.from_mjcf`.
 

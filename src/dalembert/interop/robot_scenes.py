@@ -7,7 +7,6 @@ frame that carries it, so that no product of rotations is ever formed. Fixed joi
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
@@ -15,6 +14,8 @@ import numpy as np
 import sympy as sp
 from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import Dyadic, Vector
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import FileWarning, SceneError, unknown_name, warn_caller
@@ -77,7 +78,7 @@ def scene_of(
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class LinkPlace:
     """A link that carries others: a frame that moves with it, its origin, and the rotation from its axes to the frame.
 
@@ -90,7 +91,7 @@ class LinkPlace:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Drive:
     """The free direction of a joint with one coordinate: its unit vector, and where forces on both sides act."""
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..scene import shape_meshes
@@ -25,7 +26,7 @@ _WHITE = 0.75
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Visual:
     """A shape of a link.
 

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
 from sympy.physics.mechanics import KanesMethod, LagrangesMethod, Particle, Point, ReferenceFrame, RigidBody, System
 from sympy.physics.vector import Vector, dynamicsymbols
+
+from dalembert.frozen import frozen
 
 from ..errors import SceneError, list_names
 from ..scene.actuators import actuator_loads
@@ -31,7 +32,7 @@ SOURCES = (System, KanesMethod, LagrangesMethod)
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Contents:
     """Contents of a system of SymPy."""
 

@@ -10,10 +10,11 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..errors import ExpressionError
 
@@ -28,7 +29,7 @@ _BITS = 48
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class CalledFunction:
     """A function of scalars, compiled.
 

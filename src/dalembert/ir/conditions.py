@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from .kernel import Kernel
 from .notation import Reader
@@ -36,7 +37,7 @@ def weighted_select(condition: float, a: float, b: float) -> float:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Conditions:
     """The conditions of a program.
 

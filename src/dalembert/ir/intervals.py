@@ -7,10 +7,11 @@ All operations of the graph are supported. Values that do not depend on time are
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from .bounds import Bounds, arc_slope, cosine, even, hull, one_plus, plus, reciprocal, root, sine, square, times, wider
@@ -20,7 +21,7 @@ from .tables import array_piece, numbers_of
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Interval:
     """Bounds (k,) of a value and of its rate over k intervals of time."""
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import Any, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..naming import rate_name
@@ -80,7 +82,7 @@ DIRECTION = "direction of time"
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class KnotSides:
     """Kernels of states on knots of tables and on switches (`reduction.knot_starts`).
 
@@ -97,7 +99,7 @@ class KnotSides:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Layout:
     """Names of the entries of the arrays of a program.
 
@@ -186,7 +188,7 @@ class Layout:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Program:
     """The kernels of one scene in one formulation, and the layout of their arrays.
 

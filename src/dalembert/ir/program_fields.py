@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from copy import copy
-from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..errors import list_names
 from .notation import Reader, literal_text, word
@@ -19,7 +20,7 @@ _WIDTH, _INDENT = 100, 16
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Field:
     """Printer of a value, as items, and its reader; one left out of a text is `default`, if that is not None."""
 

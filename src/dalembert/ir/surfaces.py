@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from .tables import PieceNumbers, Table, array_piece, digest, numbers_of
 
@@ -23,7 +24,7 @@ _POWERS = 4
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Surface(PieceNumbers):
     """A piecewise polynomial of two values.
 

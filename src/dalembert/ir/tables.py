@@ -11,12 +11,13 @@ import hashlib
 import math
 from abc import ABC, abstractmethod
 from bisect import bisect_right
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 ORIGIN, LOWER, UPPER = 0, 1, 2
 """Rows of a table: what powers are taken of x less, and the ends of the pieces."""
@@ -51,7 +52,7 @@ class PieceNumbers(ABC):
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Table(PieceNumbers):
     """A piecewise polynomial of one value x.
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..errors import OptionError
 from ..once import once
@@ -195,7 +196,7 @@ def _pushed_too(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class FeedbackKernels:
     """The inputs of a run that are functions, put among the constants that kernels take.
 

@@ -15,7 +15,7 @@ import ctypes
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -24,6 +24,8 @@ import jax.numpy as jnp
 from jax.experimental.custom_partitioning import custom_partitioning
 from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as _PartitionSpec
+
+from dalembert.frozen import frozen
 
 from ..codegen.cache import digest_of
 from ..codegen.llvm.foreign_batch import Interface
@@ -72,7 +74,7 @@ def foreign_interface() -> Interface | None:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class ForeignRuns:
     """Runs of a program by a method, as calls of machine code.
 
@@ -122,7 +124,7 @@ class ForeignRuns:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Shape:
     """Number of cases, rows of a record that each has, and numbers in a row."""
 
@@ -132,7 +134,7 @@ class _Shape:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Runs:
     """Cases as a function of rows of times, states, constants and limits to last states, numbers and records."""
 

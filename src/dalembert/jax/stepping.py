@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, final
 
 import jax.numpy as jnp
 from jax import lax
+
+from dalembert.frozen import frozen
 
 from ..codegen.printers import JAX
 from ..errors import OptionError, unknown_name
@@ -37,7 +38,7 @@ STEP_METHODS: Mapping[str, FixedTableau] = {
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Stepper:
     """Steps of a program by one method: `rates` and `projections` work on rows, `place` is that of conditions on time.
 

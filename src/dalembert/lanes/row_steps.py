@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..methods.step_constants import SMALLEST_SCALE
@@ -35,7 +36,7 @@ class RowSteps(NamedTuple):
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class ImplicitSteps:
     """Steps of the implicit method of a program, of states of `n` components.
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Protocol, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
@@ -67,7 +69,7 @@ class TaylorLoop(Protocol):
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class StepCode:
     """Compiled code: the recorded loop of `dalembert.loops.prepared_loop`, and addresses of what it calls.
 
@@ -358,7 +360,7 @@ def _parted(
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class _Series:
     """Coefficients of the polynomials of steps, computed on demand from the outputs of the steps."""
 

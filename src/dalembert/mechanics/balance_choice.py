@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import ConstraintError, list_names
@@ -21,7 +22,7 @@ _SMALL = 1e-8
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Balance:
     """One equation: the power on a movement vanishes, or that of a coordinate (its number).
 
@@ -34,7 +35,7 @@ class Balance:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Released:
     """Balances on a graph of their own, and a text on what was moved for them.
 
@@ -48,7 +49,7 @@ class Released:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Offer:
     """A movement, or the number of a coordinate, with its powers on the unknowns at each sample.
 

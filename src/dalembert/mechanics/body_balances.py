@@ -8,8 +8,10 @@ direction or about a point. Accelerations are with second rates of the coordinat
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.graph import Graph
 from ..ir.node import Node
@@ -24,7 +26,7 @@ from .virtual_power import inertia_screw
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Movement:
     """A virtual velocity of a group of bodies: along a direction or, with a point, about it.
 

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import random
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..ir.graph import Graph
@@ -30,7 +31,7 @@ _SMALL = 1e-8
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class BodySample:
     """A state, with the wrenches of inertia less loads, of unknowns, and the twists of coordinates.
 

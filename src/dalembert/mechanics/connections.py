@@ -9,12 +9,13 @@ it for every value of those. All is decided by numbers at random states that sat
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from typing import final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from .body_balances import BodyBalances
@@ -37,7 +38,7 @@ def pair_of(a: int | None, b: int | None) -> Pair:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Declared:
     """A joint between two bodies: number of its action, its point, and the numbers of its unknowns."""
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import field, fields, is_dataclass, replace
 from functools import cached_property
 from typing import Any, final
+
+from dalembert.frozen import frozen
 
 from ..errors import list_names
 from ..ir.conditions import CONDITION_TIME
@@ -19,7 +21,7 @@ from .inertia_tree import InertiaTree
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class ConstraintRow:
     """One constraint: jacobian . q_dot + drift = 0, and q_ddot form jacobian . q_ddot = bias.
 
@@ -51,7 +53,7 @@ class ConstraintRow:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class ContactRow:
     """Friction, a constraint that opens, or both.
 
@@ -104,7 +106,7 @@ class ContactRow:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Guard:
     """An output whose fall through zero ends a mode.
 
@@ -130,7 +132,7 @@ class Guard:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class VelocityChoice:
     """Quasi-velocities that may replace the rates of a group: speeds = rows . rates.
 
@@ -143,7 +145,7 @@ class VelocityChoice:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class VelocityGroup:
     """Coordinates that together move a point or turn a frame, with the quasi-velocities the scene's frames offer.
 
@@ -164,7 +166,7 @@ class VelocityGroup:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class LoadEnergy:
     """The potential energy of given loads, and the loads that it leaves out.
 
@@ -205,7 +207,7 @@ class LoadEnergy:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class EquationsOfMotion:
     """M(q, t) q_ddot = forcing(t, q, q_dot) + reactions . X + J^T lam, with constraints that vanish.
 

@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
+from dalembert.frozen import frozen
+
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..scene.model import Components
@@ -65,7 +67,7 @@ class TreeStep:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class InertiaTree:
     """The bodies of a scene as steps, parents before children.
 

@@ -18,6 +18,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
+from dalembert.frozen import frozen
+
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..scene.model import Components
@@ -154,7 +156,7 @@ class _Variation:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class InverseDynamicsGradients:
     """Inertia terms of the equations of speeds at given rates of the speeds.
 

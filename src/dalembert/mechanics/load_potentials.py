@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import chain
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.calls import CALLS
 from ..ir.conditions import CONDITION_TIME
@@ -38,7 +39,7 @@ _SIZE = 40_000
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class LoadPart:
     """Loads that belong together, with their power coefficients and what is known of their potential energy.
 

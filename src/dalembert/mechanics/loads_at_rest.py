@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.graph import Graph
 from ..ir.node import Node
@@ -14,7 +15,7 @@ from .kinematics import Kinematics, Pose
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class LoadAtRest:
     """A load at zero rates.
 

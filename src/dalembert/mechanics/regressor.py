@@ -12,8 +12,9 @@ C. H. An, J. M. Hollerbach, International Journal of Robotics Research 5 (1986) 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.node import Node
 from ..ir.program import hidden_parameters
@@ -29,7 +30,7 @@ _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class BodyColumns:
     """The columns of one body.
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import OptionError, list_names
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Skeleton:
     """Points and frames of a scene, as a kernel.
 

@@ -13,7 +13,8 @@ both gathered towards the origin once (recursive Newton-Euler).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+
+from dalembert.frozen import frozen
 
 from ..ir.graph import Graph
 from ..ir.node import Node
@@ -30,7 +31,7 @@ _LEAST = 14
 """Coordinates below which no scene has so many operations that the elimination along the tree is tried."""
 
 
-@dataclass(frozen=True)
+@frozen
 class Powers:
     """Equations M q_ddot = forcing from virtual power, with reactions as inputs in the forcing.
 

@@ -6,8 +6,9 @@ A new one takes a file with its tableau, and a line in `PAIRS`: every backend wi
 from __future__ import annotations
 
 import pkgutil
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
+
+from dalembert.frozen import frozen
 
 from ..once import once_property
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class ExplicitPair:
     """An explicit pair.
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, final
+
+from dalembert.frozen import frozen
 
 from ..errors import OptionError, unknown_name
 
@@ -16,7 +17,7 @@ IMPACTS = ("newton", "poisson", "sequence")
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class CompileOptions:
     """Options of a compilation; the arguments of `dalembert.compile_model`.
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any, final
+
+from dalembert.frozen import frozen
 
 from ..errors import OptionError
 from ..values import option, times_of, whole
@@ -12,7 +13,7 @@ from .runs import RunOptions, set_checked
 
 
 @final
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class SensitivityOptions(RunOptions):
     """Options of a run with derivatives; the keyword arguments of `CompiledModel.sensitivity`.
 
@@ -42,7 +43,7 @@ class SensitivityOptions(RunOptions):
 
 
 @final
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class TrimOptions:
     """Options of equilibria and steady motions; the keyword arguments of `CompiledModel.trim`.
 

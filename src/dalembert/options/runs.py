@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar, TypeVar, final
+
+from dalembert.frozen import frozen
 
 from ..errors import OptionError
 from ..values import flag, option, times_of, whole
@@ -24,7 +26,7 @@ TRACED_MAX_STEPS = 4096
 """The same for traced runs of JAX, whose derivatives need memory for so many steps, whatever the run takes."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class RunOptions:
     """Options of every kind of run.
 
@@ -70,7 +72,7 @@ class RunOptions:
         return isinstance(given, str) and given == "auto"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class StepOptions(RunOptions):
     """Options of runs whose steps may be limited.
 
@@ -93,7 +95,7 @@ class StepOptions(RunOptions):
 
 
 @final
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class SimulateOptions(StepOptions):
     """Options of one trajectory; the keyword arguments of `CompiledModel.simulate`.
 
@@ -142,7 +144,7 @@ class SimulateOptions(StepOptions):
 
 
 @final
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class SweepOptions(StepOptions):
     """Options of many cases; the keyword arguments of `CompiledModel.sweep`.
 
@@ -214,7 +216,7 @@ class SweepOptions(StepOptions):
 
 
 @final
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class PrepareOptions(StepOptions):
     """Options of prepared runs; the keyword arguments of `CompiledModel.prepare`.
 
@@ -236,7 +238,7 @@ class PrepareOptions(StepOptions):
 
 
 @final
-@dataclass(frozen=True, kw_only=True)
+@frozen(kw_only=True)
 class SolveOptions:
     """Options of traced functions; the keyword arguments of `CompiledModel.solve_fn`, all hashable.
 

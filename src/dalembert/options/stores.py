@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, final
+
+from dalembert.frozen import frozen
 
 from ..errors import OptionError
 from ..values import flag, whole
@@ -12,7 +13,7 @@ from .runs import set_checked
 
 
 @final
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class StoreOptions:
     """Options of stored sweeps; further keyword arguments of `CompiledModel.sweep`.
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..contacts.contact_data import NUMBERS
@@ -42,7 +44,7 @@ def why_separate(equations: EquationsOfMotion, formulation: str) -> str:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class CommonProgram:
     """The program of all modes, and the modes that it serves.
 

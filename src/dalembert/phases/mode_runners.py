@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..codegen.runs import LoopCall
@@ -34,7 +35,7 @@ FEWEST_ROWS, _MOST_ROWS, _ROOM = 16, 256, 2048
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class GatheredRows:
     """In which row of ``ThreadWorkspace.gathered`` each value of a case is; the last has the direction of time.
 
@@ -65,7 +66,7 @@ class GatheredRows:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class ModeRunner:
     """A mode, what is watched in it, and a method: the loop over lanes, compiled.
 

@@ -12,6 +12,8 @@ from typing import Generic, TypeVar, final
 import numpy as np
 from numpy.typing import NDArray
 
+from dalembert.frozen import frozen
+
 from ..arrays import FloatArray
 from ..contacts.contact_laws import Mode
 from ..contacts.phase_tables import NO_RUNNER
@@ -34,7 +36,7 @@ OptionsT = TypeVar("OptionsT", SimulateOptions, SweepOptions)
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class MotionRequest(Generic[OptionsT]):
     """Request of one motion, or of the cases of a sweep.
 

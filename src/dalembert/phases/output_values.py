@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..contacts.contact_laws import SLIP, Mode
@@ -37,7 +38,7 @@ JAMMED = 0.05
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class OutputValues:
     """Values by name at states of cases.
 
@@ -118,7 +119,7 @@ class OutputValues:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class PhaseReductions:
     """Requested reductions, and the events and expressions that every phase needs for them.
 

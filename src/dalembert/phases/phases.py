@@ -6,11 +6,12 @@ import ctypes
 import itertools
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..codegen.host_code import raise_failure
 from ..codegen.llvm.loops import Loop, loop_named
@@ -105,7 +106,7 @@ _PATIENCE = 4096
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class _Threads:
     """The loop, runners as it sees them, the memory of threads, the calls of the first, and what must stay alive."""
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..codegen.host_code import columns_at, host_code
@@ -24,7 +25,7 @@ from .mode_models import ModeModels
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Stops:
     """Stops of some cases, as the loop over phases has them.
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..contacts.contact_laws import OPEN, STICK, Mode
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class CaseGroup:
     """Cases that begin a part of a phase: numbers, spans, parameters and variables by name, and signs of events."""
 
@@ -41,7 +43,7 @@ class CaseGroup:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class VelocityJumps:
     """Jumps of the rates of cases whose parameters have changed since their last run in a mode.
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..errors import SingularMassMatrixError
 from ..ir.conditions import CONDITION_TIME, Conditions
@@ -22,7 +24,7 @@ from .dependent_rows import Redundancy
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class ReductionSettings:
     """Options of a formulation.
 
@@ -39,7 +41,7 @@ class ReductionSettings:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Projection:
     """Newton corrections onto the constraints: add them to the state. One node a component of the state."""
 
@@ -53,7 +55,7 @@ class Projection:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class StageSystem:
     """Index-2 system E Y' = rhs(t, Y) of the same motion, for implicit methods.
 
@@ -73,7 +75,7 @@ class StageSystem:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class ReducedSystem:
     """A system of ordinary differential equations, y' = rhs(t, y), and the maps from y to the quantities of the scene.
 
@@ -175,7 +177,7 @@ class Formulation(ABC):
         self,
         equations: EquationsOfMotion,
         requested: Sequence[str],
-        settings: ReductionSettings = ReductionSettings(),
+        settings: ReductionSettings = ReductionSettings(),  # noqa: B008 - frozen
     ) -> ReducedSystem:
         """Return the reduced system with the `requested` outputs.
 

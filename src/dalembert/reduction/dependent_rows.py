@@ -11,10 +11,12 @@ larger rank, they vary as slowly as A does, no pivot is chosen, and series stay 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..ir.graph import Graph
@@ -33,7 +35,7 @@ _TINY = 1e-300
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Redundancy:
     """Constraints that are enforced together, though some follow from others wherever all hold.
 
@@ -82,7 +84,7 @@ def _times(row: ConstraintRow, factor: float) -> ConstraintRow:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class RankSolver:
     """Solutions x of A x = b for a positive semidefinite A of known rank, and b in its range.
 

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, final
+
+from dalembert.frozen import frozen
 
 from ..errors import EnergyWarning, ExpressionError, UnknownNameError, list_names, unknown_name
 from ..ir.graph import Graph
@@ -38,7 +40,7 @@ _ARGUMENTS = ("t", "y", "c")
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class EventFunctions:
     """Kernels of (t, y, c), c beginning with the parameters.
 
@@ -74,7 +76,7 @@ class EventFunctions:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class DirectionalSlopes:
     """Derivatives of k expressions along a direction, evaluated once for each component of the state.
 

@@ -10,8 +10,9 @@ T. Markham, SIAM Journal on Applied Mathematics 26 (1974) 254-259). No pivot is 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.graph import Graph
 from ..ir.node import Node
@@ -24,7 +25,7 @@ _IMPROVEMENTS = 1
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Group:
     """Rows of a group, the solver of what the groups before leave of them, and X_g S_gj by the rows j that come later.
 
@@ -37,7 +38,7 @@ class _Group:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class GroupSolver:
     """Solutions x of A x = b for a positive semidefinite A whose rows have known ranks by groups, and b in its range.
 

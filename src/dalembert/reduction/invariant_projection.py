@@ -15,8 +15,10 @@ vanishes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..errors import FormulationError
 from ..ir.graph import Graph
@@ -94,7 +96,7 @@ def project_invariants(system: ReducedSystem, names: Sequence[str]) -> ReducedSy
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Space:
     """Coordinates and speeds of a state, and the displacements and changes that the constraints leave free.
 

@@ -12,10 +12,12 @@ other conditions than those of the loads, as that of max(0, min(x, 1)) has.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import list_names
@@ -41,7 +43,7 @@ _OF_ARGUMENTS = frozenset({"floor", "table", "surface", "exp", "sinh", "cosh", "
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class FreeArgument:
     """Distribution of a free value, around `centre` and within `width` for the most part."""
 
@@ -84,7 +86,7 @@ def _branches(node: Node, variables: int) -> bool:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Rebuilding:
     """Inputs that replace decisions and arguments, by the number of the node that each stands for."""
 
@@ -133,7 +135,7 @@ def _ranges(node: Node) -> list[FreeArgument]:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class InvariantCandidates:
     """Functions that may be first integrals.
 
@@ -201,7 +203,7 @@ def candidates(equations: EquationsOfMotion) -> InvariantCandidates:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Candidate:
     """A function, and its rate without reactions; None where reactions may contribute to it.
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import chain
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.graph import Graph
 from ..ir.node import Node
@@ -30,7 +31,7 @@ _LARGEST = 1000
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Jump:
     """A function of the state at whose places rates may jump.
 

@@ -14,8 +14,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.graph import Graph
 from ..ir.kernel import Kernel
@@ -146,7 +147,7 @@ def _turn_margin(system: ReducedSystem, rows: Sequence[Sequence[Node]], gram: Ma
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Gimbals:
     """The angles of a system that may lock.
 

@@ -6,8 +6,9 @@ Systems without degrees of freedom are those without speeds: q_dot is a function
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..errors import FormulationError, SingularMassMatrixError
 from ..ir.graph import Graph
@@ -52,7 +53,7 @@ def drop_independent(graph: Graph, nodes: Sequence[Node], inputs: Sequence[Node]
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _SpeedEquations:
     """Rates of the state: of the kept coordinates, of the speeds, q_ddot, and the factors of the inertia."""
 

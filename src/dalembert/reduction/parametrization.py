@@ -10,8 +10,9 @@ operations per evaluation wins.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..errors import ConstraintError
 from ..ir.graph import Graph
@@ -30,7 +31,7 @@ class NoRegularBasis(Exception):
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Parametrization:
     """q and q_dot in terms of the coordinates kept and independent speeds u.
 
@@ -103,7 +104,7 @@ def parametrizations(equations: EquationsOfMotion, cost: Callable[[Parametrizati
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Holonomic:
     """Coordinates solved for: number -> expression in the others, and the values of q and q_dot that follow.
 

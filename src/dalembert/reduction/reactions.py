@@ -9,8 +9,9 @@ random positions that satisfy the constraints, where a pin that closes a loop ca
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..errors import ConstraintError, UnknownNameError, list_names, unknown_name
 from ..ir.graph import Graph
@@ -37,7 +38,7 @@ from .unit_sphere import unit_values
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Requested:
     """Outputs by name, in terms of t and the state; reactions that no equation determines; what was released.
 

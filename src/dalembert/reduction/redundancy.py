@@ -8,8 +8,10 @@ a constraint may not follow everywhere, and rows that are kept may vanish: runs 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..errors import ConstraintError
 from ..ir.graph import Graph
@@ -21,7 +23,7 @@ from ..transforms.linear import SingularMatrix, factorize, guarded_pivot, matmul
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Independent:
     """Equations with independent constraints only, and the redundant constraints.
 
@@ -45,7 +47,7 @@ class Independent:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Reduced:
     """A row of the constraint Jacobian less multiples of others, so that it is zero at their pivots.
 

@@ -10,10 +10,11 @@ one whose own row vanishes (`_sizes_at_any_angle`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..errors import ConstraintError
 from ..ir.graph import Graph
@@ -109,7 +110,7 @@ def _sizes_at_any_angle(graph: Graph, nodes: Sequence[Node], *, turned: bool) ->
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class SaddlePoint:
     """The factors of the saddle-point system of a scene.
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, final
+
+from dalembert.frozen import frozen
 
 from ..ir.graph import Graph
 from ..ir.kernel import Kernel
@@ -19,7 +20,7 @@ _ARGUMENTS = ("t", "y", "c")
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class SamplingAction:
     """Actions of one controller at an instant.
 
@@ -45,7 +46,7 @@ class SamplingAction:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class SamplingKernels:
     """The controllers of a system, with kernels of (t, y, c), c beginning with the parameters.
 
@@ -65,7 +66,7 @@ class SamplingKernels:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class SampledVariables:
     """Coordinates, rates and first-order states of a scene, in place of the state of a formulation."""
 

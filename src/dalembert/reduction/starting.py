@@ -11,8 +11,9 @@ The limits are those of `start_limits`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..errors import InitialStateError, list_names
 from ..ir.graph import Graph
@@ -36,7 +37,7 @@ from .variational import seeds_of, with_weights
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Start:
     """A kernel from given values to a state.
 

@@ -7,8 +7,10 @@ arithmetic is then off by the rounding of the others.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.graph import Graph
 from ..ir.node import Node
@@ -48,7 +50,7 @@ def terms(system: ReducedSystem, graph: Graph, y: Sequence[Node], time: Node, no
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Slopes:
     """Derivatives of values along one direction, from which the sizes of `terms` follow by evaluation alone.
 

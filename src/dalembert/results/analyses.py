@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Any, final
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import UnknownNameError, nesting_named, unknown_name
@@ -13,7 +15,7 @@ from ..options import atol_text
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class OperatingPoint:
     """An equilibrium or a steady motion, with the arguments of a run or a linearisation there.
 
@@ -83,7 +85,7 @@ class OperatingPoint:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Sensitivity:
     """Values and their derivatives with respect to parameters and initial values.
 
@@ -150,7 +152,7 @@ class Sensitivity:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class ComparisonRow:
     """One formulation's run.
 
@@ -202,7 +204,7 @@ _HEADS = {
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Comparison:
     """The rows of a comparison; prints as a table, indexed by the formulation's name."""
 

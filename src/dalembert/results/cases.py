@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from threading import Lock
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import ValueInputError, nesting_named
@@ -19,7 +21,7 @@ from ..values import array_of, option, whole
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Grid:
     """Every combination of some named values; the last axis varies fastest.
 
@@ -93,7 +95,7 @@ _BLOCK = 1024
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Distribution:
     """A distribution, made by `uniform` or `normal`."""
 
@@ -136,7 +138,7 @@ def normal(mean: float, deviation: float) -> Distribution:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class CaseSampler:
     """Random cases, made by `random_cases` or `sobol_cases`.
 

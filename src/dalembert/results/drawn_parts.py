@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..scene.shapes import Path, Rod, Spring
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Line:
     """A line, or points, over time.
 
@@ -49,7 +50,7 @@ class Line:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Surface:
     """A surface of triangles over time: vertices (n_t, k, 3), or (1, k, 3) where it is at rest, and faces (m, 3)."""
 
@@ -66,7 +67,7 @@ class Surface:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Drawing:
     """A picture over time.
 
@@ -94,7 +95,7 @@ class Drawing:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Frames:
     """Times of pictures: the motion there, and along paths at further times, of which `reached` are past at each."""
 
@@ -104,7 +105,7 @@ class Frames:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Undrawn:
     """Parts of a skeleton that no shape of the scene draws in another way.
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import MissingExtraError, OptionError, list_names
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class InputDerivatives:
     """Derivatives of rates or outputs by inputs, and by the first and second rates of inputs.
 
@@ -33,7 +34,7 @@ class InputDerivatives:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Linearization:
     """The motion about a state, to first order, in independent coordinates and speeds.
 
@@ -191,7 +192,7 @@ class Linearization:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class DiscreteLinearization:
     """The motion of a scene with sampled controllers over one period of theirs, to first order.
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import EnergyWarning, OptionError, warn_caller
@@ -36,7 +37,7 @@ def warn_of_energy(program: Program, name: str) -> None:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Phase:
     """A phase of a motion from `t0` to `t1` [s]; `modes` has the state of each contact: slip, stick, closed or open."""
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING, Any, Protocol, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import OptionError, nesting_named
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class RunStatistics:
     """Cost of a run: accepted and rejected steps, evaluations of the right-hand side, seconds.
 
@@ -42,7 +44,7 @@ class RunStatistics:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class SweepStatistics:
     """Cost of a sweep, and its tolerances, NaN where they are not known.
 
@@ -63,7 +65,7 @@ class SweepStatistics:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class CaseFailure:
     """A case that did not reach its end: its number, why, and the time it reached."""
 
@@ -74,7 +76,7 @@ class CaseFailure:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class EventCounts:
     """Number of times an event occurred in each case (n_case,), and first and last time [s], NaN where it did not."""
 
@@ -164,7 +166,7 @@ class Estimated(ABC):
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class SamePhases:
     """The values of a twin by name at the times of a run, NaN where it is not in the same phase."""
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self, cast, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import Column, FloatArray, arrays_of
 from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
@@ -344,7 +346,7 @@ class Sweep(Estimated):
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class _InSamePhases:
     """The values of a twin by name, NaN where it is not in the same phase as the run."""
 

@@ -10,6 +10,8 @@ from typing import Any, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
+from dalembert.frozen import frozen
+
 from ..arrays import FloatArray
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
@@ -24,7 +26,7 @@ _BLOCK = 8192
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class SweepStates:
     """States of cases: times (k,), variables (k, 2 n_q + n_z), the numbers of their cases and modes (-1: none).
 
@@ -56,7 +58,7 @@ class SweepStates:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class ContactStates:
     """States of cases whose contacts change: the last ones and the samples, case by case, if there are any.
 

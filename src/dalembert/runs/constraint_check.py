@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import list_names
@@ -168,7 +170,7 @@ def ended_where_rank_grows(
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class ConstraintCheck(RunCheck):
     """The constraints that a model enforces and that may lose rank, and those left out that need not follow from them.
 

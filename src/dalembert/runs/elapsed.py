@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..scene.elapsed import Offset, time_symbol, timed
@@ -61,7 +63,7 @@ def elapsed_times(t0: float, t1: float, t_eval: FloatArray | None) -> FloatArray
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class ElapsedRequest:
     """Events and reductions of a model that runs in the time since a start.
 

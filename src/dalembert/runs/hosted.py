@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..codegen.runs import HostedRuns, HostRun
@@ -64,7 +65,7 @@ METHODS: Mapping[str, str] = {"auto": "auto", **{name: method.compiled for name,
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class HostRuns:
     """Sweeps of a model of the compiled backend, as a function of arrays.
 

@@ -9,10 +9,11 @@ dT/dqdot after - dT/dqdot before = J^T (impulses).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import ConstraintError
@@ -28,7 +29,7 @@ _JUMP = 1e-10
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Impulses:
     """The jumps of rates of one program.
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
+
+from dalembert.frozen import frozen
 
 from ..errors import OptionError
 from ..events.event_code import Event
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Reduction:
     """A number computed from a motion: ``kind`` is "final", "minimum", "maximum", "mean" or "first crossing".
 

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..codegen.engine import Engine
@@ -52,7 +54,7 @@ _NOTHING, _DEPENDENT = 1e-12, 1e-9
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class GimbalCheck(RunCheck):
     """The angles of a program that may lock."""
 
@@ -232,7 +234,7 @@ _NEAR_KNOT = 1e-6
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class TableCheck(RunCheck):
     """The tables in the rates that have values within their knots only, and the kernel of their arguments."""
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import OptionError, ValueInputError, list_names
@@ -37,7 +39,7 @@ class NoInstants(ValueInputError):
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Sampling:
     """The controllers of one program, or of a scene with contacts.
 
@@ -220,7 +222,7 @@ def growth_note(names: Sequence[str], t: float, start: FloatArray, end: FloatArr
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class DivergenceCheck(RunCheck):
     """The components of the state of a scene with sampled controllers, without the inputs that are held: (i, name)."""
 

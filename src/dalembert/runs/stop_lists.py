@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..ir.conditions import NO_CONDITIONS
@@ -24,7 +26,7 @@ IntArray = NDArray[np.int64]
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Stopping:
     """Where the cases of a program stop.
 

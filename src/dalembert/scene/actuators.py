@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, final
 
@@ -12,6 +11,8 @@ from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Point
 from sympy.physics.mechanics.actuator import ActuatorBase, DuffingSpring, ForceActuator, LinearSpring
 from sympy.physics.mechanics.pathway import LinearPathway, ObstacleSetPathway
+
+from dalembert.frozen import frozen
 
 from ..errors import SceneError
 from .expressions import short
@@ -24,7 +25,7 @@ _KINDS = "LinearSpring, DuffingSpring, LinearDamper, ForceActuator and TorqueAct
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class ActuatorLoads:
     """An actuator as loads.
 

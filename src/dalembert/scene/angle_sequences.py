@@ -11,12 +11,13 @@ is that of the three axes. Three different axes are led back to this by a turn o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import permutations, product
 from typing import Any, final
 
 import numpy as np
 import sympy as sp
+
+from dalembert.frozen import frozen
 
 from .identity import vanishes
 
@@ -24,7 +25,7 @@ _TRIALS = ((0.37, 0.81, -0.59), (1.93, -0.45, 0.71))
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class AngleSequence:
     """Rotations by three angles about axes 0, 1 or 2 of the frame that each before has made.
 

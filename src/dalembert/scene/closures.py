@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
 from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame
 from sympy.physics.vector import Vector
+
+from dalembert.frozen import frozen
 
 from ..errors import list_names
 from .frames import Tree
@@ -33,7 +35,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Closure:
     """A joint that closes a loop between two bodies of a scene, by holonomic constraints.
 
@@ -187,7 +189,7 @@ _Part = Callable[[str, _Ends], Triple]
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Kind:
     """A kind of closure: its constraints, its force and torque, and the arguments that it needs."""
 

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import product
 from typing import Any, final
 
 import sympy as sp
 from sympy.physics.mechanics import Point, ReferenceFrame
 from sympy.physics.vector import Vector, dot
+
+from dalembert.frozen import frozen
 
 from .contact_places import (
     GeometryFault,
@@ -29,7 +31,7 @@ from .contact_places import (
 )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class GeometricContact(ABC):
     """The common part of contacts by geometry.
 
@@ -71,7 +73,7 @@ class GeometricContact(ABC):
         """Return the points of contact, in the coordinates of a scene."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class _OnPlane(GeometricContact):
     body: Any
     plane: tuple[Point, Vector]
@@ -106,7 +108,7 @@ class _OnPlane(GeometricContact):
 
 
 @final
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class PointPlane(_OnPlane):
     """A point of a body on a plane; see `GeometricContact` for name, restitution, friction and tangents.
 
@@ -138,7 +140,7 @@ class PointPlane(_OnPlane):
 
 
 @final
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class SpherePlane(_OnPlane):
     """A sphere of a body, or a circle in a planar scene, on a plane; see `PointPlane`.
 
@@ -170,7 +172,7 @@ class SpherePlane(_OnPlane):
 
 
 @final
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class DiscPlane(_OnPlane):
     """A thin disc of a body on a plane, which its lowest point touches; see `PointPlane`.
 
@@ -211,7 +213,7 @@ class DiscPlane(_OnPlane):
 
 
 @final
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class BoxPlane(_OnPlane):
     """A box of a body on a plane: contacts of its corners, ``"name.corner_1"`` and so on; see `PointPlane`.
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame
 from sympy.physics.vector import Vector, cross, dot, dynamicsymbols
+
+from dalembert.frozen import frozen
 
 from ..errors import list_names
 from .frames import Tree
@@ -27,7 +28,7 @@ class GeometryFault(Exception):
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Touch:
     """One point of contact.
 

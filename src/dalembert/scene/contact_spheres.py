@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, final
 
 import sympy as sp
 from sympy.physics.mechanics import Point
 from sympy.physics.vector import Vector, dot
+
+from dalembert.frozen import frozen
 
 from .contact_geometry import GeometricContact
 from .contact_places import (
@@ -26,7 +27,7 @@ from .contact_places import (
 
 
 @final
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class SphereSphere(GeometricContact):
     """Two spheres, or circles in a planar scene; see `GeometricContact` for name, restitution, friction and tangents.
 
@@ -77,7 +78,7 @@ class SphereSphere(GeometricContact):
         ]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class _InHollow(GeometricContact):
     body: Any
     centre: Point
@@ -115,7 +116,7 @@ class _InHollow(GeometricContact):
 
 
 @final
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class SphereInBowl(_InHollow):
     """A sphere of a body inside a hollow sphere; see `GeometricContact` and, for `other`, `PointPlane`.
 
@@ -143,7 +144,7 @@ class SphereInBowl(_InHollow):
 
 
 @final
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class SphereInCylinder(_InHollow):
     """A sphere of a body inside a hollow cylinder without ends; see `GeometricContact` and `PointPlane`.
 

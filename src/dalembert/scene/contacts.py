@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
+
+from dalembert.frozen import frozen
 
 from ..errors import list_names
 from ..ir.node import Node, deps_of
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class CoulombFriction:
     r"""Coulomb's law of dry friction between two reaction components of a joint, as a set-valued law.
 
@@ -86,7 +87,7 @@ class CoulombFriction:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class UnilateralContact:
     """A unilateral constraint: gap >= 0, normal reaction >= 0, and one of them is zero.
 

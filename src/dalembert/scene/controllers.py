@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any, final
 
 from sympy.core.function import AppliedUndef
 from sympy.physics.vector import dynamicsymbols
+
+from dalembert.frozen import frozen
 
 from ..errors import list_names
 from .model import ControllerModel
@@ -22,7 +24,7 @@ _MOST = 60
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Controller:
     """A controller that acts at sampling instants and holds its inputs in between.
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
 from sympy.physics.mechanics import Point
 from sympy.physics.vector import Vector, dynamicsymbols
+
+from dalembert.frozen import frozen
 
 from .closures import (
     Closure,
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Rope:
     """A massless rope between two bodies: slack, or taut at its length; it pulls and does not push.
 
@@ -66,7 +68,7 @@ class Rope:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Gear:
     """A gear box between two bodies that turn about axes: the child turns `ratio` times as fast as the parent.
 

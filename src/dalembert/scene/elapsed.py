@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import Any, final
 
@@ -18,6 +18,8 @@ import sympy as sp
 from sympy.core.function import AppliedUndef
 from sympy.functions.elementary.piecewise import ExprCondPair
 from sympy.physics.vector import dynamicsymbols
+
+from dalembert.frozen import frozen
 
 from ..once import derived_property, deriving
 
@@ -48,7 +50,7 @@ def timed(e: Any) -> bool:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Offset:
     """A parameter with the value of an expression of time and parameters at the start of a run.
 

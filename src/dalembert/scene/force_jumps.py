@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 import sympy as sp
 from sympy.core.relational import Relational
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from .expressions import short
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class ForceJump:
     """An expression that jumps, as text, its argument, and the values (k,) of the argument at which it jumps."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, final
 
 from sympy import Basic, Derivative, Symbol, symbols
@@ -11,13 +10,15 @@ from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Point
 from sympy.physics.vector import ReferenceFrame, Vector, dynamicsymbols
 
+from dalembert.frozen import frozen
+
 from ..errors import OptionError, list_names, nesting_named
 from ..naming import acceleration_name, unwritable
 from ..values import listed as members
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Joint:
     """A contact of a body with the fixed frame, or with another body: an action screw with unknown components.
 
@@ -55,7 +56,7 @@ class Joint:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Place:
     """A component of the position of a point from the origin of a scene, on its frame: an output."""
 
@@ -116,7 +117,7 @@ _ALLOWED = "names, expressions of the scene's symbols, Vectors or Points"
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Component:
     """A component of a vector on the frame of a scene."""
 
@@ -125,7 +126,7 @@ class Component:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class NamedOutput:
     """An output with a name: of the user's choice, or made from that of a coordinate or the text of a vector.
 

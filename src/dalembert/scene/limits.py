@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
 from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import CylindricalJoint, PinJoint, PlanarJoint, Point, PrismaticJoint
 from sympy.physics.vector import Vector
+
+from dalembert.frozen import frozen
 
 from ..errors import list_names
 from .contacts import UnilateralContact
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Stop:
     """Stops that keep a coordinate of a joint, or an expression of coordinates, between limits.
 
@@ -74,7 +75,7 @@ class Stop:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Guided:
     """The limited quantity of a stop: an expression, and the unit force or torque that has the power of its rate."""
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
 from sympy.physics.vector import Vector, dot
+
+from dalembert.frozen import frozen
 
 from ..errors import SceneError
 from .contact_geometry import GeometricContact
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class MadeContact:
     """A contact that was made by geometry: its gap [m] as a result, and its description."""
 

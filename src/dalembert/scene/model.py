@@ -10,6 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, final
 
+from dalembert.frozen import frozen
+
 from ..ir.graph import Graph
 from ..ir.node import Node, deps_of
 from ..transforms.conditions import Condition
@@ -135,7 +137,7 @@ class GivenLoad:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class GivenMotion:
     """Velocities that a scene prescribes in place of positions."""
 
@@ -216,7 +218,7 @@ class ContactModel:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class ControllerModel:
     """A sampled controller.
 
@@ -243,7 +245,7 @@ class ControllerModel:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class SceneModel:
     """Everything of a scene that the derivation needs, as graph nodes.
 

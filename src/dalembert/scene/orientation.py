@@ -8,12 +8,13 @@ speeds and brings e back to length one after every step.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import Dyadic, Vector, dynamicsymbols
+
+from dalembert.frozen import frozen
 
 from ..errors import InitialStateError, OptionError, SceneError, list_names, nesting_named
 from ..ir.graph import Graph
@@ -83,7 +84,7 @@ def _written_on(items: Iterable[Any], points: Tree) -> Iterator[ReferenceFrame]:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class FreeOrientation:
     """A frame that a unit quaternion orients in another.
 

@@ -8,12 +8,14 @@ a law of friction contains one of them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame
 from sympy.physics.vector import Vector
+
+from dalembert.frozen import frozen
 
 from ..errors import ConstraintError, OptionError, SceneError, UnknownNameError, list_names, unknown_name
 from .joints import Component, Joint, NamedOutput, Unknown
@@ -26,7 +28,7 @@ Triple = tuple[Any, Any, Any]
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class ActionPair:
     """An action on a body at a point, whose opposite acts on another body at the same point.
 
@@ -41,7 +43,7 @@ class ActionPair:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Connection:
     """A joint that constrains, as its scene knows it.
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, final
 
 import sympy as sp
+
+from dalembert.frozen import frozen
 
 from ..errors import TOO_DEEP, LoadWarning, SceneError, UnknownNameError, unknown_name, warn_caller
 from ..ir.node import Node
@@ -28,7 +29,7 @@ from .velocity_checks import located, read_given, velocity_faults
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class OutputNodes:
     """Outputs that were read, by name: expressions, points and vectors with the number of an axis.
 

@@ -7,13 +7,14 @@ and the readers of the scene apply it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
 from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Point, ReferenceFrame
 from sympy.physics.vector import Vector, dynamicsymbols
+
+from dalembert.frozen import frozen
 
 from ..errors import SceneError, list_names
 from .frames import Tree
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Release:
     """A released coordinate: the component of `target` along `direction` is `coordinate` in place of `value`."""
 

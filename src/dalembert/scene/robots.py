@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 from sympy import Expr
 from sympy.physics.mechanics import Point, ReferenceFrame
+
+from dalembert.frozen import frozen
 
 from ..errors import nesting_named
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class RobotLink:
     """A link of a robot by its name, also one that is fixed to another.
 
@@ -37,7 +38,7 @@ class RobotLink:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class RobotJoint:
     """A joint of a robot that moves, by its name.
 
@@ -73,7 +74,7 @@ class RobotJoint:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class RobotParts:
     """Links, joints and parameters of the file of a robot, by their names there.
 

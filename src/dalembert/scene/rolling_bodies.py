@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, final
 
@@ -10,6 +9,8 @@ import sympy as sp
 from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Particle, Point
 from sympy.physics.vector import Vector
+
+from dalembert.frozen import frozen
 
 from .frames import Tree
 from .identity import equal, vanishes
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class RollingDisc:
     """A thin disc, or a wheel, that rolls on a plane without slip.
 
@@ -113,7 +114,7 @@ class RollingDisc:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class RollingSphere:
     """A sphere that rolls on a plane without slip; it may spin about the normal.
 

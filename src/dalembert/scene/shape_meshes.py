@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dalembert.frozen import frozen
+
 from ..arrays import FloatArray
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Triangles:
     """A surface.
 

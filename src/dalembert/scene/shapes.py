@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from os import PathLike
 from typing import Any, final
 
@@ -14,12 +14,14 @@ from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Point, dynamicsymbols
 from sympy.physics.vector import Vector
 
+from dalembert.frozen import frozen
+
 from ..arrays import FloatArray
 from ..errors import OptionError, list_names
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Sphere:
     """A sphere of a body.
 
@@ -38,7 +40,7 @@ class Sphere:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Disk:
     """A thin disk of a body, with spokes that show how it turns.
 
@@ -60,7 +62,7 @@ class Disk:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Box:
     """A box of a body.
 
@@ -82,7 +84,7 @@ class Box:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Cylinder:
     """A cylinder of a body.
 
@@ -105,7 +107,7 @@ class Cylinder:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Mesh:
     """A surface of triangles of a body.
 
@@ -145,7 +147,7 @@ class Mesh:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Rod:
     """A straight line between two points, of one body or of several; with a length, a massless rod that holds them.
 
@@ -183,7 +185,7 @@ class Rod:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Spring:
     """A coil spring between two points.
 
@@ -205,7 +207,7 @@ class Spring:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Ground:
     """A square of a plane that is fixed in the frame of the scene.
 
@@ -228,7 +230,7 @@ class Ground:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Path:
     """The path of a point.
 

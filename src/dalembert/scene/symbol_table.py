@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import final
 
+from dalembert.frozen import frozen
+
 from ..errors import OptionError
 from ..ir.node import Node
 from ..naming import acceleration_name
@@ -58,7 +60,7 @@ class InputSymbol:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class SymbolTable:
     """The names of a scene, in the order of every array.
 

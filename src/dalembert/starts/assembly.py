@@ -10,10 +10,11 @@ and with constraints as shares of theirs, so that no result depends on units.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import InitialStateError, list_names
@@ -35,7 +36,7 @@ _CLOSED, _LEAST = 1e-10, 1e-4
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Constraints:
     """The constraints of a program at given constants and time, in shares of sizes.
 

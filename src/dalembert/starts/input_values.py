@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, ValueInputError, list_names
@@ -23,7 +25,7 @@ from ..values import array_of
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class GivenInputs:
     """Values of all inputs of a scene.
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
@@ -53,7 +54,7 @@ _STOPPED = RUNNING - 1
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class StiffnessStop:
     """Point at which a run was stopped because it seems stiff: time, size of the last step, state (n_y,)."""
 

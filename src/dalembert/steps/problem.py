@@ -7,6 +7,8 @@ from typing import TypeAlias, final
 
 import numpy as np
 
+from dalembert.frozen import frozen
+
 from ..arrays import FloatArray
 from ..errors import OptionError
 from ..methods.status import Status
@@ -20,7 +22,7 @@ Kernel: TypeAlias = Callable[[float, FloatArray, FloatArray, FloatArray], None]
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Kernels:
     """The generated functions an integrator calls, all with the signature ``(t, y, constants, out)``.
 
@@ -67,7 +69,7 @@ class SamplingClock:
 
 
 @final
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class IntegrationProblem:
     """An initial value problem with its tolerances and what is to be recorded.
 
@@ -157,7 +159,7 @@ class IntegrationProblem:
 
 
 @final
-@dataclass(frozen=True, eq=False, kw_only=True)
+@frozen(eq=False, kw_only=True)
 class Solution:
     """Result of an integration.
 

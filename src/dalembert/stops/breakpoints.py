@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import BreakTimesError
@@ -125,7 +126,7 @@ def _narrow(
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class CaseBreaks:
     """The breaks of many runs: between t0 and t1 (k,), where those of each begin (k + 1,), and the times (n,)."""
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, final
+
+from dalembert.frozen import frozen
 
 from ..errors import OptionError
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Feedback:
     """An input as a function of time and state, made by `feedback`.
 

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NoReturn, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import OptionError, PrecisionWarning, ValueInputError, warn_caller
@@ -58,7 +60,7 @@ _REMEDY = (
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class SampledSpan:
     """The times for which functions are sampled, and how well.
 

@@ -7,11 +7,13 @@ Values are read in place.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..ir.kernel import Kernel
@@ -214,7 +216,7 @@ IntArray = NDArray[np.intp]
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class InputRecords:
     """The inputs of a program that have knots.
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import OptionError, ValueInputError, unknown_name
@@ -30,7 +31,7 @@ _WIDEST, _STEEPEST = 1e100, 1e300
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Samples:
     """A record of an input, made by `samples`.
 

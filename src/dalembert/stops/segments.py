@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from .input_records import InputRecords
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Segments:
     """The segments of one run.
 

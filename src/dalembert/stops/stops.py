@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..ir.kernel import Kernel
@@ -218,7 +220,7 @@ Landing = Callable[[float, FloatArray, FloatArray, FloatArray], FloatArray]
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class StopAction:
     """An action at stops: a kernel of (t, y, c), or a Python function, that sets the components `places` of a state."""
 
@@ -228,7 +230,7 @@ class StopAction:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class StopLists:
     """Lists of stops; see `StopTable` for the arrays."""
 
@@ -240,7 +242,7 @@ class StopLists:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class CaseStops:
     """The stops of many cases.
 

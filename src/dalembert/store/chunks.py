@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ..methods.status import Status
 from ..options import SweepOptions
@@ -34,7 +36,7 @@ _SCANNED = 4096
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class SweptModel:
     """A model in a stored sweep, with the decisions that a sweep makes once for all its cases.
 
@@ -125,7 +127,7 @@ class SweptModel:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class ChunkJob:
     """The common part of all chunks of a sweep: model, options, cases, leading cases, store."""
 

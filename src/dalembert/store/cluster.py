@@ -13,11 +13,12 @@ import pickle
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, final
 from uuid import uuid4
+
+from dalembert.frozen import frozen
 
 from ..codegen import backend_named
 from ..codegen.base import RenderedModule
@@ -89,7 +90,7 @@ _MODELS: BoundedTable[str, SweptModel] = BoundedTable(_MOST)
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class _SentJob:
     """A `ChunkJob` on its way to a worker.
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from hashlib import blake2b
 from typing import Any, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ..errors import ValueInputError
 from ..ir.program import Layout
@@ -23,7 +25,7 @@ _HASHED = 1 << 20
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class CasePart:
     """Arguments of `CompiledModel.sweep` for some cases, before them `leaders`, which decide for all.
 
@@ -40,7 +42,7 @@ class CasePart:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Request:
     """The cases of a stored sweep.
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from .description import PROGRESS, begin, checksum, described_group, digest_of, packages
 from .request import Request
@@ -23,7 +24,7 @@ Columns = Mapping[str, NDArray[Any]]
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class StoreLayout:
     """Names, kinds and coordinates of the arrays of a store.
 

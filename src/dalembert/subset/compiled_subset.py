@@ -12,7 +12,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from operator import index
 from threading import Lock, local
@@ -20,6 +20,8 @@ from typing import Any, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -238,7 +240,7 @@ class Kind(ABC):
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Scalar(Kind):
     """A number; ``stored`` is its LLVM type in arrays, ``owned`` says that it is an address with its owner."""
 
@@ -253,7 +255,7 @@ class Scalar(Kind):
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Array(Kind):
     """A C-contiguous array: the address, and the length along each dimension."""
 
@@ -267,7 +269,7 @@ class Array(Kind):
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Fields(Kind):
     """A record: the address of numbers of 8 bytes each, which have names and can be changed."""
 
@@ -281,7 +283,7 @@ class Fields(Kind):
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Group(Kind):
     """A tuple, with names where it is a NamedTuple."""
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, final
 
 import sympy as sp
 from sympy.physics.mechanics import Particle, Point
 from sympy.physics.vector import Vector
+
+from dalembert.frozen import frozen
 
 from ..errors import SceneError
 from ..scene import Joint
@@ -19,7 +21,7 @@ from .geometry import Geometry
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Screw:
     """A screw, given by its resultant and its moment at one point.
 

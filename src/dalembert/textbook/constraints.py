@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, final
 
 import sympy as sp
+
+from dalembert.frozen import frozen
 
 from ..scene.identity import vanishes
 from .energy import readable
@@ -15,7 +16,7 @@ from .linear import null_space
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Constraint:
     """One constraint of a scene.
 

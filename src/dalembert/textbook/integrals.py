@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 import sympy as sp
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..scene.compiled_functions import CompiledCall
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class FirstIntegral:
     """An expression that is constant along every motion.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, final
 
@@ -11,6 +10,8 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 from sympy.core.function import AppliedUndef
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..scene.identity import leaves_of
@@ -24,7 +25,7 @@ _INPUT_RATES = 4
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class State:
     """Time, coordinates, rates and parameters, with the accelerations that the equations give there."""
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
+
+from dalembert.frozen import frozen
 
 from ..errors import ConstraintError, list_names
 from .printing import latex, text
@@ -22,7 +23,7 @@ LONG = 600
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Section:
     """A heading, and lines of which each is a name with an expression, or a sentence."""
 

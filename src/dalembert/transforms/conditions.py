@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.conditions import NARROW, WHOLE, ZERO
 from ..ir.graph import Graph
@@ -19,7 +20,7 @@ from .derivatives import tangents
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Condition:
     """A condition that makes breaks where `function`, of time and parameters, is zero or whole.
 

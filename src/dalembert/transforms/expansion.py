@@ -12,9 +12,10 @@ therefore multiplied too.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.kernel import Assignment, Lines, Operand
 from .recurrences import Integrated, Recurrences
@@ -40,7 +41,7 @@ def over(lines: Lines, value: Operand, k: int, faithful: bool) -> Operand:
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class Sum:
     """The sum of a_i b_(m-i) for i = 0 .. m, written order by order; if `half`, that for i < m - i of one series.
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.kernel import Assignment, Kernel, Load, Operand
 
@@ -13,7 +14,7 @@ _PIECE = 1000
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Piece:
     """A part of a long kernel.
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.graph import Graph
 from ..ir.node import Node
@@ -108,7 +109,7 @@ class Factors(ABC):
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Factorization(Factors):
     """Factors whose L is stored without its zeros.
 

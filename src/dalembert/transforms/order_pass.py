@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.kernel import Assignment, Operand
 from .expansion import Expansion, Extension, Series, Sum
@@ -18,7 +19,7 @@ LEAST_ORDER = FIRST_ORDER + 1
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Carried:
     """A value carried from one pass to the next: `known` at first, then the present `series[place]`."""
 
@@ -109,7 +110,7 @@ class Ahead(Extension):
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Row:
     """The factors of a pack, order by order: `series` in its slots. A row of slopes is complete one order later."""
 
@@ -119,7 +120,7 @@ class Row:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Pack:
     """Sums that are taken together, of orders that lie `offset` behind the present one."""
 

@@ -7,8 +7,9 @@ from is gone. A kernel is straight-line code, so its graph can be rebuilt; finge
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.graph import Graph
 from ..ir.kernel import Kernel, Operand
@@ -79,7 +80,7 @@ def cotangent_kernel(kernel: Kernel, size: int, constants: int) -> Kernel:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Parsed:
     """The graph of a kernel; an input is named by its array and its place there."""
 

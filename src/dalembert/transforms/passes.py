@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar, final
+
+from dalembert.frozen import frozen
 
 from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..ir.program import Program, hidden_parameters
@@ -33,7 +35,7 @@ def values_of(kernel: Kernel, array: str, without: frozenset[int] = frozenset())
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class EliminateDeadCode:
     """Remove assignments and loads that no output depends on."""
 
@@ -52,7 +54,7 @@ class EliminateDeadCode:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class GroupProducts:
     """Gather the factors made of parameters in each product, so that they can be hoisted as one.
 
@@ -144,7 +146,7 @@ class _Grouping:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class ShareReciprocals:
     """Divide once by each divisor that many quotients share, and multiply by the reciprocal.
 
@@ -179,7 +181,7 @@ class ShareReciprocals:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class ShareEqual:
     """Compute equal operations once, which other passes may have written twice.
 
@@ -212,7 +214,7 @@ class ShareEqual:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class FuseProducts:
     """Fuse products that only one sum or difference uses with it, as ``fma``."""
 
@@ -245,7 +247,7 @@ class FuseProducts:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class HoistParameters:
     """Replace values that depend on parameters p alone by constants c, which a kernel ``prepare`` computes from p.
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar, final
+
+from dalembert.frozen import frozen
 
 from ..ir.kernel import Kernel, verify
 from ..ir.program import Program
@@ -28,7 +29,7 @@ class Pass(Protocol[Code]):
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class PassRecord:
     """Effect of a pass.
 
@@ -49,7 +50,7 @@ class PassRecord:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Pipeline(Generic[Code]):
     """Passes that run one after another.
 

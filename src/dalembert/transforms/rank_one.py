@@ -7,9 +7,10 @@ Mathematical Statistics 21, 1950): 3 n products and one quotient of varying valu
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import islice
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.graph import Graph
 from ..ir.node import Node
@@ -20,7 +21,7 @@ _NODES = 400
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class DiagonalLessDyad:
     """diag(diagonal) - scale vector vector^T, vector = weights * values, with fixed diagonal and weights."""
 

@@ -12,6 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
+from dalembert.frozen import frozen
+
 from ..ir.kernel import Assignment, Kernel, Operand
 from .nonsmooth import (
     INVERSE,
@@ -39,7 +41,7 @@ class Integrated:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Recurrences:
     """The values of a kernel in the order in which each of their coefficients is computed.
 

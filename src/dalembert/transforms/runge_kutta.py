@@ -6,8 +6,10 @@ An attempt evaluates the stages of a method between its parts of `dalembert.tran
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.kernel import Kernel, Load
 from ..methods.tableau import Tableau
@@ -59,7 +61,7 @@ def _straight(name: str, rhs: Kernel, parts: Parts, knots: Kernel | None = None)
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class AttemptPieces:
     """An attempt or a start in pieces, for a right-hand side too large to be inlined in every stage.
 

@@ -7,8 +7,9 @@ straight-line code. Most steps pass these cheap tests; the others are examined o
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..ir.kernel import Kernel, Lines, Load, Operand
@@ -31,7 +32,7 @@ _ARGUMENTS = ("t", "y", "c", "s")
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class StepShape:
     """Places of the size and the polynomials among the outputs of a step; the state at its end comes first.
 

@@ -11,8 +11,9 @@ times the spacing of times: so steps make progress, and the argument is past the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ..ir.kernel import Lines, Operand
 from ..ir.tables import LOWER, UPPER, table_of
@@ -112,7 +113,7 @@ def value_and_slope(lines: Lines, terms: Series, share: Operand) -> tuple[Operan
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Side:
     """Bounds over the whole step of the motion towards one end of a piece.
 

@@ -6,10 +6,11 @@ They are those of this process, with arguments that were made for one case; `Con
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ...contacts.contact_decisions import DecisionArguments
 from ...contacts.contact_steps import (
@@ -46,7 +47,7 @@ CHECK = "inputs_fit"
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class ContactMode:
     """A mode as an export runs it.
 
@@ -76,7 +77,7 @@ class ContactMode:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class ContactLoop:
     """Parts of a run with contacts.
 

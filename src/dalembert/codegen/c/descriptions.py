@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, final
+
+from dalembert.frozen import frozen
 
 from ...ir.kernel import Kernel
 from ...ir.program import Program, hidden_parameters
@@ -20,7 +21,7 @@ from .printing import double, identifiers
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class EventRun:
     """The loop of a run with events.
 
@@ -52,7 +53,7 @@ class EventRun:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class CSource:
     """Parts of a simulator in C.
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, ClassVar, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ...loops.event_steps import (
     EventPlace,
@@ -47,7 +48,7 @@ _ROWS = ("times", "states", "constants")
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Functions:
     """Functions of the loop; see `dalembert.codegen.c.run_loops.RunLoop`."""
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ...loops.prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
 from ...loops.single_steps import (
@@ -56,7 +57,7 @@ from ...transforms.taylor import scale_floor
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class RunLoop:
     """A loop that takes the steps of a run one by one.
 

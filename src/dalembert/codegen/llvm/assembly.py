@@ -11,11 +11,12 @@ from __future__ import annotations
 import hashlib
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, final
 
 import llvmlite.binding as llvm
+
+from dalembert.frozen import frozen
 
 from ...ir.kernel import Kernel
 from ...once import computed_once, once
@@ -48,7 +49,7 @@ def assembly(kernels: Sequence[tuple[str, Kernel]], lanes: int, *, exact: bool =
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class KernelFunctions:
     """A kernel as functions: itself or, of a long one, its pieces in `straight` and, in `calls`, what calls them.
 

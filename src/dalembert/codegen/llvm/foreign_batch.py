@@ -8,11 +8,12 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ...lanes.row_steps import no_row_steps
 from ...lanes.sweep_arguments import (
@@ -40,7 +41,7 @@ _SLOTS = 64
 
 
 @final
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False)
 class ForeignCode:
     """A handler of XLA's interface for foreign functions.
 
@@ -60,7 +61,7 @@ class ForeignCode:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Interface:
     """XLA's interface for foreign functions.
 
@@ -84,7 +85,7 @@ class Interface:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class BatchSizes:
     """Lanes, and numbers of components of the state, of constants, of what a step remembers, and of limits."""
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dalembert.frozen import frozen
 
 from ...lanes.cases import BlockResult, CaseColumns
 from ...lanes.row_steps import RowSteps, no_row_steps
@@ -50,7 +51,7 @@ the next may take longer."""
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class SweepShape:
     """Sizes of a step in lanes.
 

@@ -6,10 +6,11 @@ import os
 import platform
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, final
 
 import llvmlite.binding as llvm
+
+from dalembert.frozen import frozen
 
 from ...errors import OptionError, list_names, unknown_name
 from ...once import once
@@ -29,7 +30,7 @@ _TUNING = {"x86-64-v4": "-prefer-256-bit"}
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Target:
     """Processor that code is compiled for.
 

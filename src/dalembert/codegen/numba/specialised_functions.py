@@ -9,10 +9,11 @@ import math
 import operator
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ...stops.stops import pass_stops, take_stops
 from ...subset import compiled_subset as language
@@ -47,7 +48,7 @@ _AT_STOPS: dict[Callable[..., Any], float | None] = {pass_stops: 0.0, take_stops
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Known:
     """A value that is the same in all runs."""
 
@@ -55,7 +56,7 @@ class Known:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Part:
     """A part of the arguments of the loop: its dotted name, and an example of it."""
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import final
+
+from dalembert.frozen import frozen
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class SciPyMethod:
     """One of SciPy's solvers.
 

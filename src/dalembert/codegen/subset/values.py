@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import final
+
+from dalembert.frozen import frozen
 
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Group, Kind, Scalar
 
@@ -11,7 +12,7 @@ _ORDER = (FLAG, INTEGER, NUMBER)
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Value:
     """A value: its kind, and the operands that hold its words.
 

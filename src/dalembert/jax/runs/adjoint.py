@@ -7,12 +7,13 @@ of a microsecond a stage, where starting every operation of many stages taken to
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Protocol, final
 
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+
+from dalembert.frozen import frozen
 
 from ...methods.tableau import Tableau
 from .derivatives import Over, StepsRecord
@@ -37,7 +38,7 @@ class Pull(Protocol):
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Rows:
     """Steps to go back over: the attempts of a run, and behind them those to requested times, where there are any."""
 
@@ -100,7 +101,7 @@ class _Rows:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class InTurn:
     """The stages of the steps of a pair, one after the other.
 

@@ -7,12 +7,14 @@ the constants, too: such changes of second order are changes along the same run 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
+
+from dalembert.frozen import frozen
 
 from .derivatives import CHUNK, Over, Stepping, Steps, StepsRecord, alone_or_many, pulled, pushed
 from .linear_maps import Back, Given, LinearMap, Moved, RowFunction, apply, changed
@@ -45,7 +47,7 @@ class Course(NamedTuple):
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Step:
     """Ends of steps (k, n_y) from states (k, n_y), as a function of rows; where nothing moves, states as they are.
 
@@ -78,7 +80,7 @@ def _times(course: Course) -> Any:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Along(LinearMap):
     """Changes along a run: from `Course` and (change of the first state, of the constants) to changes at the ends.
 

@@ -7,13 +7,14 @@ at which the rates are the same on both sides, is no harm.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
 from jax import lax
+
+from dalembert.frozen import frozen
 
 from .derivatives import CHUNK, StepsRecord
 from .linear_maps import LinearMap
@@ -42,7 +43,7 @@ def _changed(rates: Rates, at: At, dy: Any, dc: Any) -> Any:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Timed(LinearMap):
     """Changes of states (n_t, n_y) as they are, given with those of the constants (n_c,).
 

@@ -16,7 +16,6 @@ differentiated, `shared` what all rows have in common.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, Protocol, final
 
@@ -24,6 +23,8 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.custom_derivatives import SymbolicZero
+
+from dalembert.frozen import frozen
 
 from .derivatives import instantiate
 from .mesh_axes import laid_on_mesh, mesh_of, varying_alike, varying_like, vectorised
@@ -57,7 +58,7 @@ class LinearMap(Protocol):
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class _Transposed(LinearMap):
     """The transpose of a map."""
 
@@ -160,7 +161,7 @@ class Given(NamedTuple):
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Moved:
     """The change of a function of rows, as a function of rows."""
 
@@ -173,7 +174,7 @@ class Moved:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Back:
     """The cotangents of a function of rows, as a function of rows; those of what is shared are sums."""
 
@@ -211,7 +212,7 @@ def _in_chunks(function: RowFunction, size: int, given: Given, moving: Any) -> A
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class PushedRows(LinearMap):
     """The change of a function of rows with `moving` = (rows, shared), in chunks of `size` rows; `held` is `Given`."""
 

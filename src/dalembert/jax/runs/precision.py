@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any, final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+
+from dalembert.frozen import frozen
 
 from ...arrays import FloatArray
 from ...methods import step_constants
@@ -23,7 +24,7 @@ CONFIG: Any = jax.config
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Precision:
     """Constants of steps and projections in one floating point type.
 

@@ -7,12 +7,13 @@ kernels depend on time or steps end at breaks; then records of inputs; then weig
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, final
 
 import jax
 import jax.numpy as jnp
 from jax import lax
+
+from dalembert.frozen import frozen
 
 from ...ir.program import Program
 from ...methods.fixed_steps import CORRECTIONS
@@ -23,7 +24,7 @@ Reading = Callable[[Rows, Any, Any], Rows]
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class TracedInputs:
     """The record of an input among the constants of a run: knots (n,), then polynomials (n + 1, width).
 
@@ -65,7 +66,7 @@ class TracedInputs:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class RunConstants:
     """The layout of the constants of a run.
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from dalembert.frozen import frozen
 
 from ...arrays import FloatArray
 from ...ir.program import Program
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class RunPieces:
     """A method, in the forms that a traced run needs.
 
@@ -57,7 +58,7 @@ class RunPieces:
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Limits:
     """Tolerances, the least scale of Taylor steps, the largest step, and how many steps may be attempted.
 

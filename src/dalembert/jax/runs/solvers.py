@@ -8,7 +8,6 @@ compiled anew for a longer span, other tolerances or other times to evaluate.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
@@ -17,6 +16,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix
+
+from dalembert.frozen import frozen
 
 from ...arrays import FloatArray
 from ...ir.interpret import interpret_rows
@@ -40,7 +41,7 @@ _FIRST = 3
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Method:
     """A Runge-Kutta solver of diffrax whose last stage is the first of the next step.
 

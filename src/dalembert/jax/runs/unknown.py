@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple, final
 
 import jax
 import jax.numpy as jnp
+
+from dalembert.frozen import frozen
 
 from .linear_maps import LinearMap, apply
 
@@ -31,7 +32,7 @@ class Known(NamedTuple):
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class OrNan(LinearMap):
     """Changes of states (n_t, n_y) as they are, or NaN; they come with those of what they follow from.
 
@@ -80,7 +81,7 @@ class OrNan(LinearMap):
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class Sloped(LinearMap):
     """Changes of numbers: those of others times slopes, which are NaN where they are not known.
 
