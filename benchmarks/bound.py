@@ -32,8 +32,8 @@ from dalembert.lanes.workspace import aligned
 from dalembert.starts.inputs import constants
 from dalembert.subset.arguments import Address, Matrix, address_of, pack
 from dalembert.subset.compiled_subset import call_code, compiled_subset, row
-from dalembert.transforms.recurrences import recurrences
-from dalembert.transforms.taylor import order_at, step_kernel
+from dalembert.transforms.taylor.recurrences import recurrences
+from dalembert.transforms.taylor.step import order_at, step_kernel
 
 TOLERANCES, ROUNDS = (1e-6, 1e-9, 1e-12), 40
 

@@ -11,8 +11,8 @@ from typing import Any
 
 from dalembert.codegen.llvm.assembly import LoadedCode, compile_object, load_object
 from dalembert.codegen.llvm.target import fma_name, native_lanes
-from dalembert.transforms.recurrences import recurrences
-from dalembert.transforms.taylor import order_at, step_kernel
+from dalembert.transforms.taylor.recurrences import recurrences
+from dalembert.transforms.taylor.step import order_at, step_kernel
 
 __all__ = ["flops_of_step", "multiply_adds", "peak_flops"]
 

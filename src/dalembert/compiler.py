@@ -13,10 +13,10 @@ from .options import CompileOptions
 from .pipeline import compile_scene, output_names
 from .progress import compilation_meter
 from .scene import Scene
-from .scene.joints import requested
-from .scene.made_contacts import with_made_contacts
+from .scene.contacts.made import with_made_contacts
+from .scene.joints.joints import requested
+from .scene.joints.reactions import with_reactions
 from .scene.orientation import with_quaternions
-from .scene.reactions import with_reactions
 from .values import flag
 
 if TYPE_CHECKING:

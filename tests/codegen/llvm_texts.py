@@ -13,8 +13,8 @@ from dalembert.codegen.llvm.order_loops import order_loop_assembly
 from dalembert.codegen.llvm.series_loops import series_loop_assembly
 from dalembert.methods.tableaus import TABLEAUS
 from dalembert.transforms.kernel_pieces import pieces_of
-from dalembert.transforms.order_pass import LEAST_ORDER
-from dalembert.transforms.recurrences import recurrences
+from dalembert.transforms.taylor.order_pass import LEAST_ORDER
+from dalembert.transforms.taylor.recurrences import recurrences
 
 
 def _kernels(program, lanes, *, exact=False):

@@ -11,8 +11,8 @@ from dalembert.codegen.llvm.definitions import with_definitions
 from dalembert.codegen.llvm.order_loops import order_loop_assembly
 from dalembert.codegen.llvm.series_loops import series_loop_assembly
 from dalembert.ir.interpret import interpret
-from dalembert.transforms.recurrences import recurrences
-from dalembert.transforms.taylor import step_kernel
+from dalembert.transforms.taylor.recurrences import recurrences
+from dalembert.transforms.taylor.step import step_kernel
 from table_cases import KINDS, oscillator
 
 ORDER = 8

@@ -40,7 +40,7 @@ from dalembert.lanes.sweep_arguments import SweepKernels
 from dalembert.loops.foreign_batch_loop import BatchCode
 from dalembert.methods.tableaus import TABLEAUS
 from dalembert.subset.addresses import OwnedAddress
-from dalembert.transforms.recurrences import recurrences
+from dalembert.transforms.taylor.recurrences import recurrences
 from table_cases import spring
 
 FOLDER = template_directory()

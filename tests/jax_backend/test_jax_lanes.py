@@ -9,8 +9,8 @@ import dalembert as da
 from dalembert.methods.status import Status
 from dalembert.starts.inputs import constants
 from dalembert.steps.problem import IntegrationProblem
-from dalembert.transforms.recurrences import recurrences
-from dalembert.transforms.taylor import step_kernel
+from dalembert.transforms.taylor.recurrences import recurrences
+from dalembert.transforms.taylor.step import step_kernel
 from hard_cases.particles import double_pendulum_cartesian
 
 jnp = pytest.importorskip("jax").numpy

@@ -23,7 +23,7 @@ from dalembert.ir.graph import Graph
 from dalembert.ir.random_points import match
 from dalembert.mechanics import derive as deriving
 from dalembert.mechanics.equations import LoadEnergy
-from dalembert.scene.expressions import ExpressionReader
+from dalembert.scene.expressions.reader import ExpressionReader
 from dalembert.transforms.antiderivatives import Antiderivatives
 
 t = dynamicsymbols._t

@@ -10,7 +10,7 @@ from sympy.physics.mechanics import ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.reduction.saddle import SaddlePoint
-from dalembert.scene.vector_products import VectorProduct, multiplied_out, product_of
+from dalembert.scene.expressions.vector_products import VectorProduct, multiplied_out, product_of
 from mechanics.bodies import GRAVITY, Link, torques
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))

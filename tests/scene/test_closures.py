@@ -18,7 +18,7 @@ from sympy.physics.mechanics import (
 
 import dalembert as da
 from dalembert.errors import SceneError
-from dalembert.scene.expressions import short
+from dalembert.scene.expressions.reader import short
 from scene.sympy_trees import T, newton_euler, values_at
 
 m, g, l = sp.symbols("m g l", positive=True)

@@ -13,7 +13,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from dalembert.errors import CapabilityError, ExpressionError, OptionError
 from dalembert.ir.calls import function_of
-from dalembert.scene.compiled_functions import CompiledCall
+from dalembert.scene.expressions.compiled_functions import CompiledCall
 
 X, K = dynamicsymbols("x"), sp.symbols("k")
 START, P, T = {"x": 1.0, "x_dot": 0.5}, {"k": 2.0}, 5.0

@@ -7,8 +7,8 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, 
 
 import dalembert as da
 from dalembert.errors import InitialStateError, SceneError
-from dalembert.scene.contacts import UnilateralContact
-from dalembert.scene.made_contacts import with_made_contacts
+from dalembert.scene.contacts.laws import UnilateralContact
+from dalembert.scene.contacts.made import with_made_contacts
 
 N, O = ReferenceFrame("N"), Point("O")
 x, y, z, theta, X = dynamicsymbols("x y z theta X")

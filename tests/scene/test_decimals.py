@@ -22,7 +22,7 @@ import dalembert as da
 from dalembert.errors import ConstraintError, SceneError
 from dalembert.ir.graph import Graph
 from dalembert.ir.zero_tests import agree
-from dalembert.scene.identity import equal, vanishes
+from dalembert.scene.expressions.identity import equal, vanishes
 from dalembert.scene.reading import read
 
 t = dynamicsymbols._t

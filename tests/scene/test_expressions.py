@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dalembert.ir.graph import Graph
-from dalembert.scene.expressions import ExpressionReader
+from dalembert.scene.expressions.reader import ExpressionReader
 from ir.trees import evaluate
 
 a, b = sp.symbols("a b", real=True)

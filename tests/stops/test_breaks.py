@@ -8,7 +8,7 @@ from sympy.physics.mechanics import dynamicsymbols
 from dalembert.errors import BreakTimesError
 from dalembert.ir.conditions import CONDITION_TIME, Conditions
 from dalembert.ir.graph import Graph
-from dalembert.scene.expressions import ExpressionReader
+from dalembert.scene.expressions.reader import ExpressionReader
 from dalembert.stops.breakpoints import break_times, break_times_of_cases
 from dalembert.transforms.lower_kernels import lower_kernel
 

@@ -11,8 +11,8 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from dalembert.methods.status import Status
 from dalembert.reduction.variational import variational
-from dalembert.transforms.nonsmooth import decisions
-from dalembert.transforms.recurrences import recurrences
+from dalembert.transforms.taylor.nonsmooth import decisions
+from dalembert.transforms.taylor.recurrences import recurrences
 from scene.scaled import Units
 from system.singular_scenes import bars, carried, folding_crank, parallelogram, platform, windows
 

@@ -15,9 +15,9 @@ from dalembert.codegen.llvm.backend import LLVMLibrary
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
 from dalembert.transforms.lower_kernels import lower_kernel
-from dalembert.transforms.nonsmooth import LEAST_INVERSE, LEAST_POWER, nonanalytic_operations
-from dalembert.transforms.recurrences import recurrences
-from dalembert.transforms.taylor import order_for, step_kernel
+from dalembert.transforms.taylor.nonsmooth import LEAST_INVERSE, LEAST_POWER, nonanalytic_operations
+from dalembert.transforms.taylor.recurrences import recurrences
+from dalembert.transforms.taylor.step import order_for, step_kernel
 from hard_cases.contacts import table_oscillator
 
 pytestmark = pytest.mark.usefixtures("quick_xla")

@@ -12,10 +12,10 @@ from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
 from dalembert.lanes.workspace import event_workspace, no_events
 from dalembert.transforms.lower_kernels import lower_kernel
-from dalembert.transforms.nonsmooth import nonanalytic_operations
-from dalembert.transforms.recurrences import recurrences
 from dalembert.transforms.step_bounds import series_signs_kernel
-from dalembert.transforms.taylor import step_kernel
+from dalembert.transforms.taylor.nonsmooth import nonanalytic_operations
+from dalembert.transforms.taylor.recurrences import recurrences
+from dalembert.transforms.taylor.step import step_kernel
 
 ORDER = 14
 STATE, LARGEST = [0.7, 0.4], 5.0

@@ -16,11 +16,11 @@ from dalembert.codegen.llvm.target import native_lanes
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
 from dalembert.ir.ops import OPERATIONS
-from dalembert.transforms.expansion import FAITHFUL_ORDER
 from dalembert.transforms.lower_kernels import lower_kernel
-from dalembert.transforms.order_pass import LEAST_ORDER
-from dalembert.transforms.recurrences import recurrences
-from dalembert.transforms.taylor import order_for, series_kernel, step_kernel
+from dalembert.transforms.taylor.expansion import FAITHFUL_ORDER
+from dalembert.transforms.taylor.order_pass import LEAST_ORDER
+from dalembert.transforms.taylor.recurrences import recurrences
+from dalembert.transforms.taylor.step import order_for, series_kernel, step_kernel
 from ir.trees import EXTENDED
 
 ORDER = 9

@@ -15,7 +15,7 @@ from ..reduction.variational import input_of, weight_of
 from ..results.analyses import Sensitivity
 from ..runs.elapsed import begins_elsewhere, elapsed_times, in_elapsed_time, noted_from, with_offsets
 from ..runs.simulate import ended_early
-from ..scene.elapsed import Offset
+from ..scene.expressions.elapsed import Offset
 from ..scene.symbol_table import SymbolTable
 from ..starts import inputs
 from ..starts.constraint_choice import divisible_model, independent_model

@@ -26,7 +26,7 @@ from ..results.analyses import Sensitivity
 from ..results.labels import request_hint
 from ..runs.engines import segmented
 from ..runs.sampling import Sampling
-from ..scene.elapsed import Offset
+from ..scene.expressions.elapsed import Offset
 from ..scene.symbol_table import SymbolTable
 from ..starts import inputs
 from ..starts.input_values import GivenInputs
@@ -35,7 +35,7 @@ from ..steps.dense_output import DenseOutput
 from ..steps.problem import IntegrationProblem, Solution, prescribed
 from ..stops.breakpoints import break_times
 from ..stops.segments import Constants, constants_at
-from ..transforms.nonsmooth import decisions
+from ..transforms.taylor.nonsmooth import decisions
 from ..values import listed
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from ..steps.method_choice import runge_kutta_pays
 from ..steps.problem import IntegrationProblem, Solution
 from ..stops.segments import constants_at
 from ..subset.addresses import NO_CODE, OwnedAddress
-from ..transforms.taylor import clipped_tolerance, order_at, order_for
+from ..transforms.taylor.step import clipped_tolerance, order_at, order_for
 from .engine import Engine
 from .host_code import raise_failure
 from .kernel_code import KernelCode

@@ -16,11 +16,11 @@ from ..once import BoundedTable, computed_once, once_property
 from ..reduction.starting import Start
 from ..subset.addresses import NO_CODE, OwnedAddress
 from ..transforms.partials import jacobian_kernel, tangent_kernel
-from ..transforms.periodic import angles_of
-from ..transforms.recurrences import Recurrences, recurrences
-from ..transforms.residual_control import cost
-from ..transforms.roots_at_rest import roots_vanish_at_rest
-from ..transforms.taylor import STEP_ARGUMENTS
+from ..transforms.taylor.periodic import angles_of
+from ..transforms.taylor.recurrences import Recurrences, recurrences
+from ..transforms.taylor.residual_control import cost
+from ..transforms.taylor.roots_at_rest import roots_vanish_at_rest
+from ..transforms.taylor.step import STEP_ARGUMENTS
 
 _LARGEST_JACOBIAN = 6000
 """Lines of a right-hand side times columns up to which its Jacobian is one kernel: half a second of compilation there,
@@ -203,7 +203,7 @@ class KernelLibrary(ABC):
         return self._program.kernel("knots") if "knots" in self._program else None
 
     def control(self, order: int) -> tuple[int, int]:
-        """Return the cost of the control of a Taylor step (`dalembert.transforms.residual_control.cost`)."""
+        """Return the cost of the control of a Taylor step (`dalembert.transforms.taylor.residual_control.cost`)."""
         return cost(self._recurrences, order)
 
     @property

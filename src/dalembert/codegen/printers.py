@@ -16,7 +16,7 @@ from dalembert.frozen import frozen
 from ..ir.calls import CALLS
 from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..ir.ops import TABLE_OPERATIONS
-from ..transforms.nonsmooth import only_in_branches
+from ..transforms.taylor.nonsmooth import only_in_branches
 
 _UNGUARDED = (
     *("add", "sub", "neg", "select", "min", "max", "less", "less_equal", "sign", "floor"),

@@ -20,7 +20,7 @@ from ..options import component_tolerances
 from ..steps.recorded_runs import RunCodes
 from ..subset.addresses import NO_CODE, AddressTable, OwnedAddress
 from ..transforms.runge_kutta_parts import CONTROLS, memory_size
-from ..transforms.taylor import order_at, scale_floor
+from ..transforms.taylor.step import order_at, scale_floor
 from .host_code import interpreted_code
 from .library import KernelLibrary
 

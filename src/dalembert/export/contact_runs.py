@@ -42,7 +42,7 @@ from ..stops.input_records import no_inputs
 from ..stops.instants import InstantTable, no_instants
 from ..subset.addresses import NO_CODE
 from ..transforms.passes import EliminateDeadCode
-from ..transforms.periodic import angles_of
+from ..transforms.taylor.periodic import angles_of
 from .event_runs import exported_workspace, stops_of_controllers
 from .refusals import refuse_contact_scene, refuse_inputs, refuse_program
 

@@ -9,7 +9,7 @@ from ..errors import CapabilityError, list_names
 from ..events.event_code import Event
 from ..ir.ops import TABLE_OPERATIONS
 from ..runs.capabilities import WITHOUT
-from ..transforms.nonsmooth import decisions
+from ..transforms.taylor.nonsmooth import decisions
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel

@@ -19,9 +19,9 @@ from ..ir.program import coefficient_places
 from ..methods.status import RUNNING, Status
 from ..options import MAX_STEPS
 from ..transforms.passes import EliminateDeadCode
-from ..transforms.periodic import angles_of
-from ..transforms.recurrences import recurrences
-from ..transforms.taylor import STEP_ARGUMENTS
+from ..transforms.taylor.periodic import angles_of
+from ..transforms.taylor.recurrences import recurrences
+from ..transforms.taylor.step import STEP_ARGUMENTS
 from .python_files import descriptions, parameter_places, settings, start_numbers, statuses
 
 _PUBLIC = frozenset(

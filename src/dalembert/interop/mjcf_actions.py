@@ -18,8 +18,8 @@ from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
 from ..errors import SceneError, list_names, unknown_name
-from ..scene.closures import Closure
-from ..scene.joint_parts import add_constraints
+from ..scene.joints.closures import Closure
+from ..scene.joints.parts import add_constraints
 from .mjcf_settings import unread
 from .mjcf_values import from_quaternion
 from .robot_description import Placement

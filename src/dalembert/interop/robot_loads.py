@@ -11,9 +11,9 @@ from sympy.physics.vector import Dyadic, Vector, dynamicsymbols
 
 from ..arrays import FloatArray
 from ..errors import SceneError, list_names
-from ..scene.contacts import CoulombFriction
-from ..scene.joints import Joint, Unknown
-from ..scene.limits import Stop
+from ..scene.contacts.laws import CoulombFriction
+from ..scene.joints.joints import Joint, Unknown
+from ..scene.joints.limits import Stop
 from .robot_description import JointItem
 from .robot_values import number, vector
 

@@ -21,7 +21,7 @@ from dalembert.frozen import frozen
 from ..errors import SceneError, list_names
 from ..scene.actuators import actuator_loads
 from ..scene.frames import Tree
-from ..scene.sympy_joints import REACTIONS, reaction_of
+from ..scene.joints.sympy_joints import REACTIONS, reaction_of
 from ..scene.velocity_checks import located
 
 if TYPE_CHECKING:

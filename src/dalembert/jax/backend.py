@@ -22,9 +22,9 @@ from ..methods.traced import TRACED
 from ..once import computed_once, once_property
 from ..options import NamedTolerances, SolveOptions
 from ..steps.problem import IntegrationProblem, Solution
-from ..transforms.recurrences import Recurrences, recurrences
-from ..transforms.roots_at_rest import roots_vanish_at_rest
-from ..transforms.taylor import clipped_tolerance, order_at, order_for, step_kernel
+from ..transforms.taylor.recurrences import Recurrences, recurrences
+from ..transforms.taylor.roots_at_rest import roots_vanish_at_rest
+from ..transforms.taylor.step import clipped_tolerance, order_at, order_for, step_kernel
 
 if TYPE_CHECKING:
     from ..codegen.llvm.prepared import Admission

@@ -20,8 +20,8 @@ from jax import lax
 
 from ..codegen.printers import JAX, JAX_STEPS, Printer
 from ..ir.kernel import Assignment, Kernel, Load
-from ..transforms.nonsmooth import only_in_branches
 from ..transforms.partials import cotangent_kernel
+from ..transforms.taylor.nonsmooth import only_in_branches
 from .modules import compile_kernel
 from .runs.adjoint import Pull
 from .runs.mesh_axes import varying_like

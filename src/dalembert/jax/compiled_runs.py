@@ -19,8 +19,8 @@ from ..methods.step_constants import SMALLEST_SCALE
 from ..once import computed_once
 from ..options import component_tolerances
 from ..steps.problem import IntegrationProblem
-from ..transforms.recurrences import Recurrences
-from ..transforms.taylor import order_at, scale_floor, step_kernel
+from ..transforms.taylor.recurrences import Recurrences
+from ..transforms.taylor.step import order_at, scale_floor, step_kernel
 from .pieces import constants_of_segments, pieces_of
 from .runs.precision import LARGEST_FUSED, compiled, double_precision
 from .runs.run_constants import ArrayKernels

@@ -15,7 +15,7 @@ from ..ir.program import Program
 from ..options import SolveOptions, at_least
 from ..stops.samples import Samples
 from ..transforms.pipelines import STEP_PASSES
-from ..transforms.recurrences import recurrences
+from ..transforms.taylor.recurrences import recurrences
 from .runs.precision import SINGLE, Precision, is_traced
 
 _TIMED = ("rhs", "knots", "near_knots", "knot_sides", "project_position", "project_velocity")

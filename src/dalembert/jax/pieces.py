@@ -19,9 +19,9 @@ from ..methods.tableau import Tableau
 from ..methods.tableaus import KVAERNO5
 from ..methods.traced import TRACED
 from ..once import once
-from ..transforms.nonsmooth import decisions, only_in_branches
-from ..transforms.recurrences import recurrences
-from ..transforms.taylor import series_kernel, step_kernel
+from ..transforms.taylor.nonsmooth import decisions, only_in_branches
+from ..transforms.taylor.recurrences import recurrences
+from ..transforms.taylor.step import series_kernel, step_kernel
 from .blocks import Conditional, blocked, cotangents_of, looped
 from .feedback import FeedbackKernels
 from .foreign import ForeignRuns

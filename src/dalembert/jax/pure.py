@@ -16,7 +16,7 @@ from ..ir.program import DIRECTION, Program, decay_rate_among, directed_rates, r
 from ..methods.status import Status
 from ..once import once
 from ..options import NamedTolerances, SolveOptions, at_least, component_tolerances
-from ..transforms.taylor import order_at, scale_floor
+from ..transforms.taylor.step import order_at, scale_floor
 from .arguments import parameters_of, register_samples, times, vector
 from .courses import Course, Courses
 from .elapsed import in_elapsed_time, require_single, warn_below_single, warn_of_rounded_knots, with_tolerances

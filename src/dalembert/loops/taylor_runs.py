@@ -23,14 +23,14 @@ from ..subset.addresses import NO_CODE, OwnedAddress
 from ..subset.arguments import address_of, pack, place_of, replace_array
 from ..subset.compiled_subset import compiled_subset
 from ..threads import check
-from ..transforms.taylor import scale_floor
+from ..transforms.taylor.step import scale_floor
 from .prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
 
 LARGEST_WINDING = 256
 """Steps after which angles lose the turns that they have made: a large angle has fewer digits to turn by."""
 
 _FEWEST_TURNS, _MOST_TURNS = 2.0, 4.0
-"""Turns that large angles keep: the size from which the step no longer minds them (`dalembert.transforms.taylor`)."""
+"""Turns that large angles keep: from that size, the step (`dalembert.transforms.taylor.step`) does not mind them."""
 
 _LARGEST_ANGLE = 1e15
 """Angle that is left alone: it has no digits to turn by."""

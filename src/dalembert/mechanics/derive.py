@@ -13,7 +13,7 @@ from ..scene.model import ConstraintModel, ContactModel, SceneModel
 from ..scene.symbols import RESERVED_OUTPUTS
 from ..transforms.derivatives import cotangents, jacobian, tangents
 from ..transforms.linear import Matrix
-from ..transforms.nonsmooth import nonanalytic
+from ..transforms.taylor.nonsmooth import nonanalytic
 from .equations import ConstraintRow, ContactRow, EquationsOfMotion, VelocityChoice, VelocityGroup
 from .kane import kane_powers, load_powers
 from .kinematics import Kinematics

@@ -11,7 +11,7 @@ from ..arrays import FloatArray
 from ..errors import OptionError, list_names
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
-from ..scene.joints import NamedOutput, placed
+from ..scene.joints.joints import NamedOutput, placed
 from ..scene.model import Pieces, SceneModel
 from ..scene.reading import read
 from ..transforms.lower_kernels import lower_kernel

@@ -18,9 +18,9 @@ from ..mechanics.equations import copied
 from ..methods.fixed_steps import CORRECTIONS
 from ..once import deriving
 from ..reduction import FORMULATIONS, reduce
-from ..transforms.nonsmooth import nonanalytic_operations
-from ..transforms.recurrences import recurrences
-from ..transforms.roots_at_rest import roots_vanish_at_rest
+from ..transforms.taylor.nonsmooth import nonanalytic_operations
+from ..transforms.taylor.recurrences import recurrences
+from ..transforms.taylor.roots_at_rest import roots_vanish_at_rest
 
 if TYPE_CHECKING:
     from ..pipeline import Stages

@@ -14,8 +14,8 @@ from ..ir.tables import LOWER, Table
 from ..ir.zero_tests import terms_of
 from ..methods.step_constants import EPSILON
 from ..transforms.linear import SET_ASIDE
-from ..transforms.nonsmooth import JUMPING
 from ..transforms.step_limits import table_nodes
+from ..transforms.taylor.nonsmooth import JUMPING
 from .base import ReducedSystem
 
 _MARGIN = 8.0 * EPSILON

@@ -21,7 +21,7 @@ from typing import final
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..mechanics.equations import EquationsOfMotion
-from ..scene.elapsed import START
+from ..scene.expressions.elapsed import START
 from ..scene.symbol_table import SymbolTable
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix

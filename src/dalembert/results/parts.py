@@ -19,7 +19,7 @@ from ..ir.program import Program
 from ..steps.dense_output import DenseOutput
 from ..steps.projection import projected
 from ..stops.segments import Constants, Segments, constants_at
-from ..transforms.periodic import angles_in
+from ..transforms.taylor.periodic import angles_in
 from .shared_loads import output_rows
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 Steps and states of such a run would be rounded as its times are. So it begins at zero, and its results are counted from
 the start afterwards. Where time itself occurs in the scene, or in what is watched, and times are far from zero, the run
-is that of another model of the scene, in which time is the elapsed one (`dalembert.scene.elapsed`).
+is that of another model of the scene, in which time is the elapsed one (`dalembert.scene.expressions.elapsed`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
-from ..scene.elapsed import Offset, time_symbol, timed
+from ..scene.expressions.elapsed import Offset, time_symbol, timed
 from ..scene.symbol_table import SymbolTable
 from ..starts.inputs import named_parameters
 from ..steps.problem import times_wanted

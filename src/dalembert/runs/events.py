@@ -11,8 +11,8 @@ from ..ir.program import DIRECTION
 from ..once import deriving
 from ..reduction.event_functions import event_functions, jump_kernel
 from ..reduction.starting import Start
-from ..scene.expressions import symbols_called
-from ..transforms.nonsmooth import nonanalytic_operations
+from ..scene.expressions.reader import symbols_called
+from ..transforms.taylor.nonsmooth import nonanalytic_operations
 
 if TYPE_CHECKING:
     from ..ir.kernel import Kernel

@@ -13,7 +13,7 @@ from ..ir.interpret import interpret_rows
 from ..methods.status import Status
 from ..reduction.event_functions import event_functions
 from ..scene.actuators import straight_parts
-from ..scene.force_jumps import force_jumps
+from ..scene.expressions.force_jumps import force_jumps
 from ..steps.problem import Solution
 from ..stops.segments import Constants, constants_at
 

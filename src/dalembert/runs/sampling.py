@@ -20,7 +20,7 @@ from ..lanes.cases import BlockResult, CaseBlock
 from ..methods.status import Status
 from ..methods.step_constants import SMALLEST_OF_TIME
 from ..reduction.sampling_kernels import SamplingAction, SamplingKernels
-from ..scene.elapsed import START
+from ..scene.expressions.elapsed import START
 from ..steps.problem import SamplingClock, Solution
 from ..stops.stops import StopAction
 from ..values import array_of, number

@@ -1,18 +1,18 @@
 """Scenes as users write them, and their reading onto the expression graph."""
 
-from .closures import Closure
-from .compiled_functions import compiled
-from .contact_geometry import BoxPlane, DiscPlane, PointPlane, SpherePlane
-from .contact_spheres import SphereInBowl, SphereInCylinder, SphereSphere
-from .contacts import CoulombFriction, UnilateralContact
+from .contacts.geometry import BoxPlane, DiscPlane, PointPlane, SpherePlane
+from .contacts.laws import CoulombFriction, UnilateralContact
+from .contacts.spheres import SphereInBowl, SphereInCylinder, SphereSphere
 from .controllers import Controller
-from .couplings import Gear, Rope
-from .joints import Joint, Unknown, unknowns
-from .limits import Stop
+from .expressions.compiled_functions import compiled
+from .expressions.tables import table
+from .joints.closures import Closure
+from .joints.couplings import Gear, Rope
+from .joints.joints import Joint, Unknown, unknowns
+from .joints.limits import Stop
+from .joints.rolling_bodies import RollingDisc, RollingSphere
 from .orientation import free_orientation
-from .rolling_bodies import RollingDisc, RollingSphere
 from .scene import Scene
-from .tables import table
 
 __all__ = [
     "BoxPlane",

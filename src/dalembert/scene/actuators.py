@@ -15,8 +15,8 @@ from sympy.physics.mechanics.pathway import LinearPathway, ObstacleSetPathway
 from dalembert.frozen import frozen
 
 from ..errors import SceneError
-from .expressions import short
-from .identity import vanishes
+from .expressions.identity import vanishes
+from .expressions.reader import short
 
 if TYPE_CHECKING:
     from .scene import Scene

@@ -19,7 +19,7 @@ import sympy as sp
 
 from dalembert.frozen import frozen
 
-from .identity import vanishes
+from .expressions.identity import vanishes
 
 _TRIALS = ((0.37, 0.81, -0.59), (1.93, -0.45, 0.71))
 

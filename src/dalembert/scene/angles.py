@@ -21,7 +21,7 @@ from ..ir.node import Node
 from ..naming import rate_name
 from ..transforms.derivatives import tangents
 from ..transforms.linear import rotation_entries, spin_matrix
-from .expressions import ExpressionReader
+from .expressions.reader import ExpressionReader
 from .orientation import FreeOrientation
 
 _QUARTERS = tuple((Fraction(a), Fraction(b)) for a, b in ((1, 0), (0, 1), (-1, 0), (0, -1)))

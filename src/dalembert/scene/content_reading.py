@@ -17,13 +17,13 @@ from ..ir.zero_tests import agree
 from ..naming import rate_name
 from ..transforms.derivatives import tangents
 from .actuators import read_actuators
-from .contacts import read_contacts
+from .contacts.laws import read_contacts
 from .controllers import controller_symbols, read_controllers
-from .expressions import short
+from .expressions.reader import short
 from .frames import matrix_of
 from .geometry import GeometryReader
-from .joint_checks import torques_on_particles
-from .joints import Joint
+from .joints.checks import torques_on_particles
+from .joints.joints import Joint
 from .model import Action, BodyModel, Components, ConstraintModel, ContactModel, ControllerModel
 
 _IMPLIED = (

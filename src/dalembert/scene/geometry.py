@@ -13,14 +13,14 @@ from ..ir.node import Node
 from ..transforms.linear import rotation_entries
 from . import release_impose
 from .angles import Angles
-from .expressions import short
+from .expressions.reader import short
+from .expressions.vector_products import multiplied_out
 from .frames import Tree, rotation_fault
-from .joints import Unknown
+from .joints.joints import Unknown
 from .model import Components, FrameModel, Piece, Pieces, PointModel
 from .scene import Scene
 from .speeds import read_rates, refuse_states
 from .symbols import SymbolReader
-from .vector_products import multiplied_out
 
 
 class GeometryReader(SymbolReader):

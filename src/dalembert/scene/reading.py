@@ -12,17 +12,17 @@ from dalembert.frozen import frozen
 from ..errors import TOO_DEEP, LoadWarning, SceneError, UnknownNameError, unknown_name, warn_caller
 from ..ir.node import Node
 from ..naming import acceleration_input, acceleration_name, rate_name, unwritable
-from .compliances import read_compliances
 from .content_reading import ContentReader
+from .expressions.kink_checks import kinked_constraints, rough_tables
 from .geometry import GeometryReader
-from .joint_checks import foreign_points, points_off_particles, travelling_points
-from .joints import Component, NamedOutput, Place
-from .kink_checks import kinked_constraints, rough_tables
+from .joints.checks import foreign_points, points_off_particles, travelling_points
+from .joints.compliances import read_compliances
+from .joints.joints import Component, NamedOutput, Place
+from .joints.sympy_joints import tree_faults
 from .model import Action, BodyModel, ConstraintModel, ContactModel, GivenMotion, Piece, Pieces, SceneModel
 from .scene import Scene
 from .symbol_table import SymbolTable
 from .symbols import RESERVED_OUTPUTS, Requirement
-from .sympy_joints import tree_faults
 from .velocity_checks import located, read_given, velocity_faults
 
 # Reader of requested outputs onto the graph of a scene.

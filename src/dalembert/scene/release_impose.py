@@ -17,10 +17,10 @@ from sympy.physics.vector import Vector, dynamicsymbols
 from dalembert.frozen import frozen
 
 from ..errors import SceneError, list_names
+from .expressions.identity import equal, vanishes
+from .expressions.vector_products import VectorProduct
 from .frames import Tree
-from .identity import equal, vanishes
 from .speeds import without_speeds
-from .vector_products import VectorProduct
 
 if TYPE_CHECKING:
     from .scene import Scene

@@ -15,13 +15,13 @@ from sympy.physics.vector import Vector
 
 from ..errors import SceneError, nesting_named
 from . import release_impose
-from .connections import add_connection
-from .contact_geometry import GeometricContact
-from .contacts import CoulombFriction, UnilateralContact
+from .contacts.geometry import GeometricContact
+from .contacts.laws import CoulombFriction, UnilateralContact
 from .controllers import Controller
-from .joints import Joint
+from .joints.connections import add_connection
+from .joints.joints import Joint
+from .joints.reactions import Connection, reaction, require_new_name
 from .orientation import FreeOrientation
-from .reactions import Connection, reaction, require_new_name
 from .robots import RobotParts, from_mjcf, from_urdf
 from .shapes import Shape, checked_shapes
 

@@ -16,7 +16,7 @@ from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from .actuators import loads_of
 from .controllers import controller_symbols
-from .expressions import ExpressionReader
+from .expressions.reader import ExpressionReader
 from .model import SpeedGroup
 from .symbol_table import Entry
 

@@ -11,7 +11,7 @@ from dalembert.frozen import frozen
 from ..errors import OptionError
 from ..ir.node import Node
 from ..naming import acceleration_name
-from .elapsed import Offset
+from .expressions.elapsed import Offset
 
 
 @final

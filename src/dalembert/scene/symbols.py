@@ -18,8 +18,8 @@ from ..transforms.conditions import decide
 from ..transforms.derivatives import tangents
 from ..transforms.linear import matvec, spin_matrix, transpose
 from .controllers import controlled_inputs
-from .elapsed import ElapsedTime
-from .expressions import ExpressionReader
+from .expressions.elapsed import ElapsedTime
+from .expressions.reader import ExpressionReader
 from .orientation import angular_velocity, entries_of
 from .scene import Scene
 from .speeds import read_speeds, state_symbols

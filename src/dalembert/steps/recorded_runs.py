@@ -40,7 +40,7 @@ class RunSettings(NamedTuple):
 
 
 class RunCodes(NamedTuple):
-    """Kernels of one case with the arguments of a step (`dalembert.transforms.taylor.STEP_ARGUMENTS`); 0 for none.
+    """Kernels of one case with the arguments of a step (`dalembert.transforms.taylor.step.STEP_ARGUMENTS`); 0 for none.
 
     ``knots`` limits steps at knots of tables. The implicit loop needs ``jacobian``, which writes the derivatives of
     ``rhs`` row by row, or ``tangent``, which writes its derivative along the second half of a state of twice the

@@ -10,7 +10,7 @@ import sympy as sp
 
 from dalembert.frozen import frozen
 
-from ..scene.identity import vanishes
+from ..scene.expressions.identity import vanishes
 from .energy import readable
 from .linear import null_space
 

@@ -10,8 +10,8 @@ from sympy.physics.mechanics import Particle
 from sympy.physics.vector import dynamicsymbols
 
 from ..errors import SceneError
+from ..scene.expressions.identity import vanishes
 from ..scene.frames import matrix_of
-from ..scene.identity import vanishes
 from .geometry import Geometry, squares
 from .printing import text
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ..scene.compiled_functions import CompiledCall
-from ..scene.table_functions import TABLE_CALLS, TableFunction
+from ..scene.expressions.compiled_functions import CompiledCall
+from ..scene.expressions.table_functions import TABLE_CALLS, TableFunction
 
 _CALLS = {
     sp.sin: "sin",

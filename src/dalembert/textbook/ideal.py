@@ -10,8 +10,8 @@ import sympy as sp
 
 from ..errors import ConstraintError, SceneError
 from ..scene import CoulombFriction, Joint
-from ..scene.contacts import coulomb_law
-from ..scene.identity import vanishes
+from ..scene.contacts.laws import coulomb_law
+from ..scene.expressions.identity import vanishes
 from .actions import Actions
 from .energy import readable
 from .numeric import States

@@ -11,7 +11,7 @@ import sympy as sp
 from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
-from ..scene.compiled_functions import CompiledCall
+from ..scene.expressions.compiled_functions import CompiledCall
 from .energy import readable
 from .numeric import TOLERANCE, null_basis, rank
 

@@ -14,9 +14,9 @@ from typing import Any, final
 import sympy as sp
 from sympy.polys.fields import sfield
 
-from ..scene.compiled_functions import CompiledCall
-from ..scene.identity import vanishes
-from ..scene.table_functions import TableFunction
+from ..scene.expressions.compiled_functions import CompiledCall
+from ..scene.expressions.identity import vanishes
+from ..scene.expressions.table_functions import TableFunction
 
 SMALL = 2500
 """Operations of a system up to which it is treated in the field of rational functions."""

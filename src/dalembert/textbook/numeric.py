@@ -14,7 +14,7 @@ from sympy.core.function import AppliedUndef
 from dalembert.frozen import frozen
 
 from ..arrays import FloatArray
-from ..scene.identity import leaves_of
+from ..scene.expressions.identity import leaves_of
 from .functions import function_of
 
 TOLERANCE = 1e-9

@@ -13,11 +13,11 @@ from ..errors import RELEASE, ConstraintError, SceneError, list_names, nesting_n
 from ..naming import rate_name
 from ..once import deriving
 from ..scene import Scene, Unknown
-from ..scene.made_contacts import with_made_contacts
-from ..scene.reactions import with_closures
+from ..scene.contacts.made import with_made_contacts
+from ..scene.expressions.vector_products import multiplied_out
+from ..scene.joints.reactions import with_closures
 from ..scene.reading import read
 from ..scene.speeds import without_speeds
-from ..scene.vector_products import multiplied_out
 from .actions import Actions, Screw
 from .constraints import Constraint, classify, pfaffian
 from .energy import check_kinetic_energy, kinetic_energy, lagrange_operator, readable

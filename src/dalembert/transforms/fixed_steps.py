@@ -15,7 +15,7 @@ from ..methods.step_constants import LINEAR_CHANGE, SMALL_COMPONENT
 from .pipelines import STEP_PASSES
 from .runge_kutta import AttemptPieces, pieces_of
 from .runge_kutta_parts import Parts, Vector, loads_of, names_of
-from .taylor import STEP_ARGUMENTS
+from .taylor.step import STEP_ARGUMENTS
 
 
 @final

@@ -176,7 +176,7 @@ Guard = Callable[[Node, Node, int], Node]
 
 SET_ASIDE = 1e300
 """Pivot in place of one that counts as zero. The comparison that selects it is a guard, not a switch of the motion: no
-step ends at its zeros (`dalembert.transforms.nonsmooth`)."""
+step ends at its zeros (`dalembert.transforms.taylor.nonsmooth`)."""
 
 
 DEPENDENT = 1e-13

@@ -140,7 +140,7 @@ class _Course:
 # Two things set no limit. Where the value falls as an exponential function does, or more slowly, it is about to stay
 # away from zero; a limit would be one of stiff decay. And where it is about to pass zero with hardly any curvature, no
 # turning point is near: what sticks at a jump would make shorter and shorter steps there. Taylor steps have bounds
-# (`dalembert.transforms.switch_steps`).
+# (`dalembert.transforms.taylor.switch_steps`).
 
 _BEYOND = 1.1
 """Share of the time left to a zero that a step may take; more than 1, so that steps pass it."""

@@ -10,7 +10,7 @@ from ...contacts.contact_laws import STATES
 from ...contacts.phase_tables import NOT_STARTED
 from ...ir.program import coefficient_places
 from ...methods.status import Status
-from ...transforms.taylor import STEP_ARGUMENTS
+from ...transforms.taylor.step import STEP_ARGUMENTS
 from ..rendering import render
 from .contact_loops import ContactSource
 from .descriptions import CSource, plain

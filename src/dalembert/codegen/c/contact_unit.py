@@ -8,9 +8,9 @@ from typing import Any
 
 from ...contacts.contact_steps import CHANGES
 from ...methods.step_constants import RESOLUTION
-from ...transforms.nonsmooth import decisions
 from ...transforms.partials import tangent_kernel
-from ...transforms.taylor import STEP_ARGUMENTS
+from ...transforms.taylor.nonsmooth import decisions
+from ...transforms.taylor.step import STEP_ARGUMENTS
 from ..rendering import render
 from .contact_loops import ContactLoop
 from .contact_simulator import ContactSimulator

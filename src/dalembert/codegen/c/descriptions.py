@@ -13,8 +13,8 @@ from ...lanes.sweep_arguments import SweepArguments
 from ...reduction.sampling_kernels import SamplingKernels
 from ...reduction.starting import Start
 from ...stops.instants import InstantTable
-from ...transforms.periodic import angles_of
-from ...transforms.taylor import order_at
+from ...transforms.taylor.periodic import angles_of
+from ...transforms.taylor.step import order_at
 from .contact_loops import ContactLoop
 from .library import CFunctions
 from .printing import double, identifiers

@@ -11,8 +11,8 @@ from ...ir.kernel import Kernel
 from ...methods.fixed_steps import CLASSICAL, CORRECTIONS
 from ...methods.status import Status
 from ...transforms.fixed_steps import corrected_kernel, excess_kernel, finite_kernel, fixed_step_pieces
-from ...transforms.nonsmooth import nonanalytic_operations, nonsmooth_values
-from ...transforms.taylor import STEP_ARGUMENTS
+from ...transforms.taylor.nonsmooth import nonanalytic_operations, nonsmooth_values
+from ...transforms.taylor.step import STEP_ARGUMENTS
 from ..rendering import render
 from .descriptions import CSource
 from .printing import SINGLE

@@ -14,9 +14,9 @@ from ...ir.kernel import Kernel
 from ...ir.program import Program
 from ...methods.tableau import Tableau
 from ...subset.addresses import OwnedAddress
-from ...transforms.recurrences import Recurrences
 from ...transforms.runge_kutta import attempt_kernel, start_kernel
-from ...transforms.taylor import step_kernel
+from ...transforms.taylor.recurrences import Recurrences
+from ...transforms.taylor.step import step_kernel
 from ..library import Code, KernelLibrary
 from ..rendering import render
 from .kernels import kernel_variables

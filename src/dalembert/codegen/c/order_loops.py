@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any, final
 
 from ...ir.kernel import Assignment, Operand
-from ...transforms.order_pass import FIRST_ORDER, Ahead, OrderPlan, Pack, shares
-from ...transforms.recurrences import Recurrences
-from ...transforms.taylor import closing_loads
+from ...transforms.taylor.order_pass import FIRST_ORDER, Ahead, OrderPlan, Pack, shares
+from ...transforms.taylor.recurrences import Recurrences
+from ...transforms.taylor.step import closing_loads
 from .kernels import Names, body_lines
 from .printing import double, rows_of
 
@@ -19,7 +19,7 @@ _WIDTH, _TOGETHER = 4, 8
 def order_loop_variables(name: str, recurrences: Recurrences, order: int) -> dict[str, Any]:
     """Return the variables of ``c/order_loop.c.j2``: a step that also writes its series.
 
-    It is called like `dalembert.transforms.taylor.step_kernel`.
+    It is called like `dalembert.transforms.taylor.step.step_kernel`.
     """
     return _Step(recurrences, order).variables(name)
 

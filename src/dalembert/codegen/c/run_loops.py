@@ -53,7 +53,7 @@ from ...stops.input_records import no_inputs
 from ...stops.instants import InstantTable, instants_of, no_instants, stops_at_instants
 from ...stops.stops import StopTable, no_stops
 from ...subset.addresses import NO_CODE, OwnedAddress
-from ...transforms.taylor import scale_floor
+from ...transforms.taylor.step import scale_floor
 
 
 @final

@@ -10,9 +10,9 @@ from ...ir.kernel import Kernel
 from ...methods.step_constants import RESOLUTION
 from ...reduction.sampling_kernels import SamplingAction
 from ...transforms.passes import EliminateDeadCode
-from ...transforms.periodic import angles_of
-from ...transforms.recurrences import recurrences
-from ...transforms.taylor import STEP_ARGUMENTS, step_kernel
+from ...transforms.taylor.periodic import angles_of
+from ...transforms.taylor.recurrences import recurrences
+from ...transforms.taylor.step import STEP_ARGUMENTS, step_kernel
 from ..library import derivative_of
 from ..rendering import banner_lines, render
 from .descriptions import CSource, plain

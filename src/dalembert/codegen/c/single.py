@@ -9,7 +9,7 @@ from ...errors import CapabilityError
 from ...ir.kernel import Assignment, Kernel
 from ...reduction.starting import Start
 from ...transforms.linear import SET_ASIDE
-from ...transforms.nonsmooth import pivot_comparisons
+from ...transforms.taylor.nonsmooth import pivot_comparisons
 from .printing import SINGLE
 
 _WORDS = {"double": "float", "DBL_MAX": "FLT_MAX", "FP_FAST_FMA": "FP_FAST_FMAF", **SINGLE}

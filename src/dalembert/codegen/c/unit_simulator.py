@@ -10,9 +10,9 @@ from ...ir.kernel import Kernel
 from ...ir.program import coefficient_places
 from ...loops.steps_at_instants import instant_of_controller, next_instant
 from ...methods.step_constants import SMALLEST_OF_TIME
-from ...transforms.nonsmooth import decisions
 from ...transforms.partials import tangent_kernel
-from ...transforms.taylor import STEP_ARGUMENTS
+from ...transforms.taylor.nonsmooth import decisions
+from ...transforms.taylor.step import STEP_ARGUMENTS
 from ..rendering import render
 from .descriptions import CSource, plain
 from .printing import double

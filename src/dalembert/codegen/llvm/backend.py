@@ -14,10 +14,10 @@ from ...ir.kernel import Kernel
 from ...ir.program import Program
 from ...methods.tableau import Tableau
 from ...subset.addresses import OwnedAddress
-from ...transforms.order_pass import LEAST_ORDER
-from ...transforms.recurrences import Recurrences
 from ...transforms.runge_kutta import AttemptPieces, attempt_kernel, attempt_pieces, start_kernel, start_pieces
-from ...transforms.taylor import step_kernel
+from ...transforms.taylor.order_pass import LEAST_ORDER
+from ...transforms.taylor.recurrences import Recurrences
+from ...transforms.taylor.step import step_kernel
 from ..compiled_backend import CompiledBackend
 from ..library import Code, KernelLibrary
 from ..rendering import banner_lines, render

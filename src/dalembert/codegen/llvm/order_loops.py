@@ -1,9 +1,9 @@
 """Taylor step as a loop over the orders, shorter than unrolled code.
 
 The first orders are written out. From then on, one pass of a loop computes a coefficient of every value
-(`dalembert.transforms.order_pass.Ahead`). The products of coefficients that were known before the pass are summed
-first, many sums at a time. Their factors lie in memory in rows, one an order; on one lane, a row holds the factors
-of as many sums as a vector register has room for, and those are summed together.
+(`dalembert.transforms.taylor.order_pass.Ahead`). The products of coefficients that were known before the pass are
+summed first, many sums at a time. Their factors lie in memory in rows, one an order; on one lane, a row holds the
+factors of as many sums as a vector register has room for, and those are summed together.
 
 Every sum is taken in the same order as in unrolled code, and gives the same bits.
 """
@@ -14,9 +14,9 @@ from collections.abc import Callable, Sequence
 from typing import Any, final
 
 from ...ir.kernel import Operand
-from ...transforms.order_pass import FIRST_ORDER, OrderPlan, Pack, Row, shares
-from ...transforms.recurrences import Recurrences
-from ...transforms.taylor import closing_loads
+from ...transforms.taylor.order_pass import FIRST_ORDER, OrderPlan, Pack, Row, shares
+from ...transforms.taylor.recurrences import Recurrences
+from ...transforms.taylor.step import closing_loads
 from ..rendering import render
 from .lane_printer import LanePrinter
 from .target import constant, fma_name, memory_of_call, vector
@@ -27,7 +27,7 @@ _TOGETHER = 8
 
 
 def order_loop_assembly(name: str, recurrences: Recurrences, order: int, lanes: int, width: int, *, dense: bool) -> str:
-    """Return a module with one Taylor step, called like `dalembert.transforms.taylor.step_kernel`.
+    """Return a module with one Taylor step, called like `dalembert.transforms.taylor.step.step_kernel`.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ from ...stops.stops import no_stops
 from ...subset.addresses import OwnedAddress
 from ...subset.arguments import address_of, pack, place_of
 from ...threads import check
-from ...transforms.taylor import STEP_ARGUMENTS
+from ...transforms.taylor.step import STEP_ARGUMENTS
 from ..host_code import raise_failure
 from ..runs import Final, Prepared, StartCode
 from .assembly import LoadedCode, assembly, load_object, object_code

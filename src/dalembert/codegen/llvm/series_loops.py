@@ -1,8 +1,8 @@
 """A Taylor step with its recurrences as loops, for kernels too large to unroll.
 
 The series of every value lies in memory, and one loop over the order runs the recurrences of
-`dalembert.transforms.recurrences` once each; convolutions are calls of one small function. The code grows with the
-number of operations alone, not with the order.
+`dalembert.transforms.taylor.recurrences` once each; convolutions are calls of one small function. The code grows with
+the number of operations alone, not with the order.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from functools import partial
 from typing import Any, final
 
 from ...ir.kernel import Assignment, Operand
-from ...transforms.recurrences import Integrated, Recurrences
-from ...transforms.taylor import closing_loads, ending
+from ...transforms.taylor.recurrences import Integrated, Recurrences
+from ...transforms.taylor.step import closing_loads, ending
 from ..rendering import render
 from .lane_printer import LanePrinter
 from .target import constant, fma_name, memory_of_call, vector
@@ -23,7 +23,7 @@ _PIECE = 100
 
 
 def series_loop_assembly(name: str, recurrences: Recurrences, order: int, lanes: int, *, dense: bool) -> str:
-    """Return a module with one Taylor step, called like `dalembert.transforms.taylor.step_kernel`."""
+    """Return a module with one Taylor step, called like `dalembert.transforms.taylor.step.step_kernel`."""
     step = _Step(recurrences, order, lanes, dense)
     return render("llvm/series_loop.ll.j2", {"name": name, **step.variables()})
 

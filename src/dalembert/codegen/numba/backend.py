@@ -11,7 +11,7 @@ from ...ir.kernel import Kernel
 from ...ir.program import Program
 from ...methods.tableau import Tableau
 from ...once import once_property
-from ...transforms.recurrences import Recurrences
+from ...transforms.taylor.recurrences import Recurrences
 from ..base import Capability
 from ..cache import digest_of, load_in_memory
 from ..compiled_backend import CompiledBackend

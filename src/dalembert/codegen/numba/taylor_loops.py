@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from typing import Any, final
 
 from ...ir.kernel import Assignment, Operand
-from ...transforms.recurrences import Integrated, Recurrences
-from ...transforms.taylor import closing_loads, ending
+from ...transforms.taylor.recurrences import Integrated, Recurrences
+from ...transforms.taylor.step import closing_loads, ending
 from ..printers import NUMBA
 
 _PIECE = 100
@@ -19,7 +19,7 @@ _PIECE = 100
 
 
 def taylor_loop(name: str, recurrences: Recurrences, order: int, *, dense: bool) -> dict[str, Any]:
-    """Return the variables of the template of a step, called like `dalembert.transforms.taylor.step_kernel`."""
+    """Return the variables of the template of a step, called like `dalembert.transforms.taylor.step.step_kernel`."""
     return _Step(recurrences, order).variables(name, dense)
 
 

@@ -12,9 +12,9 @@ from ...ir.kernel import Kernel, describe_counts
 from ...ir.program import Program
 from ...ir.tables import numbers_of, table_of
 from ...methods.tableau import Tableau
-from ...transforms.recurrences import Recurrences
 from ...transforms.runge_kutta import AttemptPieces, attempt_kernel, attempt_pieces, start_kernel, start_pieces
-from ...transforms.taylor import step_kernel
+from ...transforms.taylor.recurrences import Recurrences
+from ...transforms.taylor.step import step_kernel
 from ..llvm.target import target
 from ..printers import NUMBA
 from ..rendering import banner_lines, program_variables, render

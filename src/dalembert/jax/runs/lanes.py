@@ -88,7 +88,7 @@ class Attempts(Protocol):
 
 @final
 class TaylorAttempts(Attempts):
-    """Steps (t, y, c, s) -> (new state, size, check), as `dalembert.transforms.taylor.step_kernel` gives them.
+    """Steps (t, y, c, s) -> (new state, size, check), as `dalembert.transforms.taylor.step.step_kernel` gives them.
 
     Those that do not grow at once, `step_growth_limited`, receive the size of the step before, as a last row of y.
     What is remembered is the largest size after a projection that failed, that size, and what else a step gives: as its

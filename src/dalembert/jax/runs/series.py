@@ -13,7 +13,7 @@ from jax import lax
 from ...methods.status import RUNNING, Status
 from ...options import component_tolerances
 from ...steps.problem import IntegrationProblem, Solution
-from ...transforms.taylor import scale_floor
+from ...transforms.taylor.step import scale_floor
 from .lanes import Batch, State, TaylorAttempts, advanced, begun
 from .precision import compiled, double_precision
 from .run_data import BlockRecord
@@ -59,7 +59,7 @@ class TaylorIntegrator:
     Parameters
     ----------
     attempts : TaylorAttempts
-        Steps of one row that also give their series (`dalembert.transforms.taylor.step_kernel`).
+        Steps of one row that also give their series (`dalembert.transforms.taylor.step.step_kernel`).
     kernels : Kernels
         The kernels of the program.
     order : int

@@ -87,7 +87,7 @@ def of_rows(atol: Any, y: Rows) -> Rows:
 
 
 def weights_of(atol: Any) -> Rows:
-    """Return what Taylor steps read of absolute tolerances besides the smallest (`transforms.taylor.SETTINGS`)."""
+    """Return what Taylor steps read of absolute tolerances besides the smallest (`transforms.taylor.step.SETTINGS`)."""
     if jnp.ndim(atol) == 0:
         return ()
     smallest = smallest_of(atol)

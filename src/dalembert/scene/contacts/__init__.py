@@ -1,0 +1,1 @@
+"""Contacts of a scene: their laws, and contacts by geometry, which become joints and laws."""

@@ -1,0 +1,1 @@
+"""Joints of a scene: unknown reactions, and what holds bodies together, drives them or limits them."""
