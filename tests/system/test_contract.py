@@ -1,6 +1,7 @@
 """What docs promise of the public interface, sentence by sentence, as far as no other test shows it."""
 
 import ast
+import dataclasses
 import functools
 import inspect
 from pathlib import Path
@@ -56,10 +57,12 @@ def test_stages_are_frozen_types_of_their_names():
         "rendered": "RenderedModule",
     }
     for attribute, name in names.items():
-        stage = type(getattr(stages, attribute))
-        assert stage.__name__ == name
-        assert stage.__dataclass_params__.frozen
-    assert type(stages).__dataclass_params__.frozen
+        stage = getattr(stages, attribute)
+        assert type(stage).__name__ == name
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            stage.anything = None
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        stages.scene = None
     assert isinstance(stages.scene, da.Scene)
 
 
