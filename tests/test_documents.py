@@ -116,9 +116,8 @@ def _sources():
 def _exists(name, sources):
     """Return whether a dotted name is a module, or something that a module or a class of the package has."""
     first, *rest = name.removeprefix("dalembert.").split(".")
-    if any(
-        re.search(rf"^class {first}\b", text, re.M) and re.search(rf"\b{rest[0]}\b", text) for text in sources.values()
-    ):
+    having = [text for text in sources.values() if f"\nclass {first}" in text]
+    if any(re.search(rf"^class {first}\b", text, re.M) and re.search(rf"\b{rest[0]}\b", text) for text in having):
         return True
     for end in range(len(rest) + 1, 0, -1):
         head, below = ".".join([first, *rest][:end]), [first, *rest][end:]

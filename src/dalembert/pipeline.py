@@ -14,12 +14,11 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar, final
 
-from dalembert.frozen import frozen
-
 from .codegen import backend_named
 from .codegen.base import RenderedModule
 from .codegen.engine import Engine
 from .errors import CompileTimeWarning, EnergyWarning, OptionError, SceneError, list_names, warn_caller
+from .frozen import frozen
 from .ir.program import Program
 from .lowering.programs import lower
 from .mechanics.derive import derive

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import ValueInputError, list_names, nesting_named
+from ..frozen import frozen
 from ..values import array_of
 
 _DIGITS = 1e-9

@@ -15,10 +15,9 @@ from typing import Any, final
 import numpy as np
 from scipy.optimize import least_squares
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import UnknownNameError, ValueInputError, list_names, nesting_named
+from ..frozen import frozen
 from ..mechanics.regressor import TEN
 from ..values import option
 from .base_parameters import base_parameters, triangle_of

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import CapabilityError, OptionError, nesting_named
+from ..frozen import frozen
 from ..values import option, whole
 from .base_parameters import base_parameters
 

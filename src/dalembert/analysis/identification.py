@@ -7,10 +7,9 @@ from typing import Any, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import UnknownNameError, ValueInputError, list_names, nesting_named, unknown_name
+from ..frozen import frozen
 from ..values import array_of
 from .base_parameters import BaseParameters, base_parameters, stacked, triangle_of
 from .regressor import LOADS

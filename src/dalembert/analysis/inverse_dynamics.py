@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import CapabilityError, ValueInputError, list_names
+from ..frozen import frozen
 from ..ir.conditions import CONDITION_TIME
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel

@@ -11,9 +11,8 @@ from typing import final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..ir.program import Program
 from ..runs.partials import Partials
 

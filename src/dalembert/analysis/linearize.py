@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import InitialStateError, OptionError, list_names, unknown_name
+from ..frozen import frozen
 from ..ir.program import Layout
 from ..results.linearization import InputDerivatives, Linearization
 from ..starts import inputs as run_input

@@ -16,9 +16,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 
 _RANK = 1e-12
 """Share of the largest singular value below which another counts as zero."""

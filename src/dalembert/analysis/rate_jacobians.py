@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.kernel import Kernel
 from ..ir.node import Node

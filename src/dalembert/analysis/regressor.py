@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import CapabilityError, ValueInputError, list_names
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel

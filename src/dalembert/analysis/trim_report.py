@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import OptionError, ValueInputError, list_names
+from ..frozen import frozen
 from ..ir.program import Layout
 from ..results.analyses import OperatingPoint
 from ..starts.input_values import input_places

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..codegen import backend_named
 from ..codegen.engine import Engine
 from ..errors import OptionError, UnknownNameError, list_names, unknown_name
+from ..frozen import frozen
 from ..ir.conditions import NARROW, Conditions
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel

@@ -7,9 +7,8 @@ from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import ClassVar, final
 
-from dalembert.frozen import frozen
-
 from ..errors import FormulationError, list_names
+from ..frozen import frozen
 from ..ir.calls import function_of
 from ..ir.kernel import calls_in
 from ..ir.program import Program

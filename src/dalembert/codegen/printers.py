@@ -11,8 +11,7 @@ from collections.abc import Mapping
 from dataclasses import field
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..ir.calls import CALLS
 from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..ir.ops import TABLE_OPERATIONS

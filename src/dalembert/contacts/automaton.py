@@ -11,9 +11,8 @@ from collections.abc import Collection, Mapping
 from keyword import iskeyword
 from typing import final
 
-from dalembert.frozen import frozen
-
 from ..errors import ConstraintError
+from ..frozen import frozen
 from ..ir.kernel import Kernel
 from ..mechanics.equations import ContactRow, EquationsOfMotion
 from ..mechanics.manifold import outside_span_on_manifold

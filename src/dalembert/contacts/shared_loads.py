@@ -12,9 +12,8 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import final
 
-from dalembert.frozen import frozen
-
 from ..errors import ConstraintError
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node, sharing
 from ..mechanics.equations import EquationsOfMotion

@@ -11,9 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import final
 
-from dalembert.frozen import frozen
-
 from ..errors import RELEASE, ConstraintError, list_names
+from ..frozen import frozen
 from ..ir.node import Node
 from ..ir.zero_tests import vanishes
 from ..mechanics.equations import ContactRow, EquationsOfMotion

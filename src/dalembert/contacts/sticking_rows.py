@@ -15,9 +15,8 @@ from dataclasses import replace
 from functools import cached_property
 from typing import final
 
-from dalembert.frozen import frozen
-
 from ..errors import ConstraintError, list_names
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion

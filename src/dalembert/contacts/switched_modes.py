@@ -22,8 +22,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..ir.conditions import CONDITION_TIME
 from ..ir.node import Node
 from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Guard

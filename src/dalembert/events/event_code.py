@@ -10,10 +10,9 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import OptionError, nesting_named
+from ..frozen import frozen
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.ops import OSCILLATING_OPERATIONS

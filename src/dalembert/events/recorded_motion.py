@@ -9,9 +9,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..lanes.step_records import END_AT, ENDED_AT, FIRST_AT, START_AT
 from ..methods.status import Status
 from ..steps.dense_output import DenseOutput, PiecewisePolynomial

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, final
 
-from dalembert.frozen import frozen
-
 from ..errors import OptionError
+from ..frozen import frozen
 from ..ir.kernel import Kernel
 from ..ir.program import Layout
 from ..mechanics.skeleton import Skeleton, skeleton

@@ -6,11 +6,10 @@ from collections.abc import Iterable, Mapping
 from html import escape
 from typing import Any, final
 
-from dalembert.frozen import frozen
-
 from ..codegen.c.contact_unit import ContactUnitSimulator
 from ..codegen.c.unit_simulator import UnitSimulator
 from ..contacts.contact_laws import STATES
+from ..frozen import frozen
 
 AnyUnit = UnitSimulator | ContactUnitSimulator
 

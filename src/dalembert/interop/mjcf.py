@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..errors import OptionError, list_names
+from ..frozen import frozen
 from ..values import listed
 from .mjcf_actions import add_actions, read_actions
 from .mjcf_meshes import Meshes

@@ -14,10 +14,9 @@ import sympy as sp
 from sympy.physics.mechanics import ReferenceFrame
 from sympy.physics.vector import dynamicsymbols
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import SceneError, list_names, unknown_name
+from ..frozen import frozen
 from ..scene.joints.closures import Closure
 from ..scene.joints.parts import add_constraints
 from .mjcf_settings import unread

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import OptionError
+from ..frozen import frozen
 from ..scene.shape_meshes import Triangles
 from .mesh_files import read_mesh
 from .mjcf_settings import check_attributes

@@ -9,8 +9,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from .mjcf_values import ORIENTATIONS, Angles
 from .robot_description import Inertia
 from .robot_files import Element, FileReader

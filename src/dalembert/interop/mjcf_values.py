@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from .robot_description import Inertia, Placement, clean_rotation
 from .robot_files import Element, FileReader
 from .robot_visuals import Visual, color_of

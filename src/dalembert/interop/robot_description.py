@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 
 if TYPE_CHECKING:
     from .robot_visuals import Visual

@@ -7,9 +7,8 @@ from typing import Any, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..errors import OptionError
+from ..frozen import frozen
 from ..values import flag
 
 PARAMETERS = "numbers", "symbols"

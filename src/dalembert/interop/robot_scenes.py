@@ -15,10 +15,9 @@ import sympy as sp
 from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import Dyadic, Vector
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import FileWarning, SceneError, unknown_name, warn_caller
+from ..frozen import frozen
 from ..scene.orientation import free_orientation
 from ..scene.robots import RobotJoint, RobotLink, RobotParts
 from ..scene.scene import Scene

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..scene import shape_meshes
 from ..scene.shape_meshes import Triangles
 from ..scene.shapes import Mesh

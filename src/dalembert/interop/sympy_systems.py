@@ -16,9 +16,8 @@ import sympy as sp
 from sympy.physics.mechanics import KanesMethod, LagrangesMethod, Particle, Point, ReferenceFrame, RigidBody, System
 from sympy.physics.vector import Vector, dynamicsymbols
 
-from dalembert.frozen import frozen
-
 from ..errors import SceneError, list_names
+from ..frozen import frozen
 from ..scene.actuators import actuator_loads
 from ..scene.frames import Tree
 from ..scene.joints.sympy_joints import REACTIONS, reaction_of

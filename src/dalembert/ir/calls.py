@@ -14,9 +14,8 @@ from typing import Any, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..errors import ExpressionError
+from ..frozen import frozen
 
 CALLS: dict[str, int] = {f"call{count}": count for count in range(1, 7)}
 """Operations, with the number of arguments of the functions that they call; behind these stands the key."""

@@ -7,8 +7,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from .kernel import Kernel
 from .notation import Reader
 

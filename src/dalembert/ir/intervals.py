@@ -11,9 +11,8 @@ from typing import Any, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from .bounds import Bounds, arc_slope, cosine, even, hull, one_plus, plus, reciprocal, root, sine, square, times, wider
 from .calls import CALLS
 from .interpret import ARRAY_OPERATIONS

@@ -9,9 +9,8 @@ from typing import Any, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..naming import rate_name
 from ..once import once
 from .conditions import CONDITION_TIME, Conditions

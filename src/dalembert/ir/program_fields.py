@@ -8,9 +8,8 @@ from typing import Any, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..errors import list_names
+from ..frozen import frozen
 from .notation import Reader, literal_text, word
 from .surfaces import Surface
 from .tables import PieceNumbers, Table, registered, table_of

@@ -15,8 +15,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from .tables import PieceNumbers, Table, array_piece, digest, numbers_of
 
 _POWERS = 4

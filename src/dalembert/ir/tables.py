@@ -17,7 +17,7 @@ from typing import Any, TypeVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
+from ..frozen import frozen
 
 ORIGIN, LOWER, UPPER = 0, 1, 2
 """Rows of a table: what powers are taken of x less, and the ends of the pieces."""

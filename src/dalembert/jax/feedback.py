@@ -11,9 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..errors import OptionError
+from ..frozen import frozen
 from ..once import once
 from ..scene.symbol_table import InputSymbol
 from ..stops.feedback import Feedback

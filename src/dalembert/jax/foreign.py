@@ -25,11 +25,10 @@ from jax.experimental.custom_partitioning import custom_partitioning
 from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as _PartitionSpec
 
-from dalembert.frozen import frozen
-
 from ..codegen.cache import digest_of
 from ..codegen.llvm.foreign_batch import Interface
 from ..codegen.llvm.loops import debugging
+from ..frozen import frozen
 from ..ir.program import Program
 from ..methods.step_constants import ANY_START
 from ..methods.traced import TRACED

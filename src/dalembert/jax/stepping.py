@@ -8,10 +8,9 @@ from typing import Any, final
 import jax.numpy as jnp
 from jax import lax
 
-from dalembert.frozen import frozen
-
 from ..codegen.printers import JAX
 from ..errors import OptionError, unknown_name
+from ..frozen import frozen
 from ..ir.program import Program
 from ..methods.fixed_steps import CLASSICAL, EULER, FixedTableau
 from .modules import compile_kernel

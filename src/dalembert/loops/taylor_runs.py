@@ -10,9 +10,8 @@ from typing import Protocol, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..methods.status import RUNNING, Status
 from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK
 from ..steps.dense_output import PiecewisePolynomial

@@ -7,10 +7,9 @@ from typing import final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import ConstraintError, list_names
+from ..frozen import frozen
 from ..ir.node import Node
 from ..scene.model import Piece, Pieces
 from .body_balances import BodyBalances, Movement

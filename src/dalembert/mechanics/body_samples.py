@@ -13,9 +13,8 @@ from typing import final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.interpret import ARRAY_OPERATIONS
 from ..ir.node import Node

@@ -15,9 +15,8 @@ from typing import final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from .body_balances import BodyBalances
 from .body_samples import BodySample, values_at
 

@@ -7,9 +7,8 @@ from dataclasses import field, fields, is_dataclass, replace
 from functools import cached_property
 from typing import Any, final
 
-from dalembert.frozen import frozen
-
 from ..errors import list_names
+from ..frozen import frozen
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph
 from ..ir.node import Node

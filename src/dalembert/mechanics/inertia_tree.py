@@ -8,11 +8,10 @@ its own body and moves the point that the next one hangs from.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..scene.model import Components
@@ -43,7 +42,7 @@ _ENTRY = 8
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class TreeStep:
     """A step of the tree.
 

@@ -15,11 +15,9 @@ and Automation Letters 7 (2022). B vanishes on translations, with which forces d
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..scene.model import Components
@@ -46,7 +44,7 @@ from .screws import (
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class _Composite:
     """All bodies beyond a step: inertia, force, momentum, and the map from angular velocities to moments in B."""
 
@@ -135,7 +133,7 @@ def _difference(a: Twist, b: Twist) -> Twist:
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class _Variation:
     """A column of a matrix of gradients: that of a coordinate or of a speed, which enters at a step.
 

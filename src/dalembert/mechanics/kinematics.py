@@ -13,9 +13,9 @@ principle of virtual power.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import final
 
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..scene.model import BodyModel, Components, Pieces, SceneModel
@@ -23,7 +23,7 @@ from ..transforms.derivatives import tangents
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class Motion:
     """The part of a partial kinematic screw that one coordinate has at one step: angular or linear."""
 

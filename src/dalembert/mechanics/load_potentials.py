@@ -14,8 +14,7 @@ from collections.abc import Iterator, Sequence
 from itertools import chain
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..ir.calls import CALLS
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph

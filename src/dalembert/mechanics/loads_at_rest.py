@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..scene.model import Action, Components, Pieces

@@ -14,8 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..ir.node import Node
 from ..ir.program import hidden_parameters
 from ..scene.model import BodyModel, Components

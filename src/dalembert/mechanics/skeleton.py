@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, final
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import OptionError, list_names
+from ..frozen import frozen
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..scene.joints.joints import NamedOutput, placed

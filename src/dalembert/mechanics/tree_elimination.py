@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import final
 
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..ir.zero_tests import vanishes
@@ -44,7 +45,7 @@ from .screws import (
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class _Articulated:
     """Inertia of bodies that move against each other: resultant = A v + B omega, moment = B^T v + J omega."""
 
@@ -175,7 +176,7 @@ class _Form:
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class _Elimination:
     """A rate x_k = half / pivot - weights . V - sum of ratios x_j, where half is the rest of the demand."""
 

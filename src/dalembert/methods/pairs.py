@@ -8,8 +8,7 @@ from __future__ import annotations
 import pkgutil
 from typing import TYPE_CHECKING, final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..once import once_property
 
 if TYPE_CHECKING:

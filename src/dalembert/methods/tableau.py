@@ -9,9 +9,8 @@ from typing import TypeAlias, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 
 # Rooted trees and the Runge-Kutta order conditions they stand for.
 #

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any, final
 
-from dalembert.frozen import frozen
-
 from ..errors import OptionError, unknown_name
+from ..frozen import frozen
 
 ORIENTATIONS = ("scene", "quaternion")
 """Coordinates that orient bodies: those of the scene, or unit quaternions in place of three angles."""

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, final
 
-from dalembert.frozen import frozen
-
 from ..errors import OptionError
+from ..frozen import frozen
 from ..values import option, times_of, whole
 from .runs import RunOptions, set_checked
 

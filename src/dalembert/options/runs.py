@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar, TypeVar, final
 
-from dalembert.frozen import frozen
-
 from ..errors import OptionError
+from ..frozen import frozen
 from ..values import flag, option, times_of, whole
 from .tolerances import DEFAULT_TOLERANCES, scaled, tolerances
 

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..contacts.contact_data import NUMBERS
 from ..contacts.contact_laws import OPEN, STICK, Mode
 from ..contacts.coupled_slips import DEPENDENT, coupled_slips, dependences, jacobians, slip_rows
 from ..contacts.mode_candidates import FEW_CONTACTS
 from ..contacts.switched_modes import unit_lengths, why_unswitched
+from ..frozen import frozen
 from ..once import derived_property
 
 if TYPE_CHECKING:

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..codegen.runs import LoopCall
 from ..contacts.contact_laws import Mode, mode_parameters
 from ..contacts.phase_tables import CaseTable, ThreadWorkspace
 from ..events.event_code import Event
+from ..frozen import frozen
 from ..ir.program import DIRECTION, Layout
 from ..lanes.cases import BlockResult, CaseColumns
 from ..lanes.sweep_arguments import KeptStarts, PartSamples

@@ -12,11 +12,10 @@ from typing import Generic, TypeVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..contacts.contact_laws import Mode
 from ..contacts.phase_tables import NO_RUNNER
+from ..frozen import frozen
 from ..lanes.step_records import ENDED_AT, START_AT
 from ..lanes.workspace import OCCURRENCE
 from ..methods.status import Status

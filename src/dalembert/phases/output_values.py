@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..contacts.contact_laws import SLIP, Mode
 from ..errors import list_names
 from ..events.event_code import Event
+from ..frozen import frozen
 from ..ir.conditions import CONDITION_TIME
 from ..ir.interpret import interpret_rows
 from ..lanes.cases import BlockResult

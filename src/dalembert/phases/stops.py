@@ -7,11 +7,10 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..codegen.host_code import columns_at, host_code
 from ..contacts.phase_stops import BEFORE_START, PhaseStops
+from ..frozen import frozen
 from ..ir.conditions import NO_CONDITIONS
 from ..reduction.sampling_kernels import SamplingAction
 from ..runs.sampling import Sampling

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..contacts.contact_laws import OPEN, STICK, Mode
 from ..contacts.phase_maps import AT_TIME, DEFAULT, EventMaps
 from ..errors import CapabilityError, list_names
 from ..events.event_code import Event
+from ..frozen import frozen
 from ..ir.conditions import CONDITION_TIME
 from ..ir.interpret import interpret_rows
 from ..lanes.workspace import aligned

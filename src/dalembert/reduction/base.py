@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import field
 from typing import final
 
-from dalembert.frozen import frozen
-
 from ..errors import SingularMassMatrixError
+from ..frozen import frozen
 from ..ir.conditions import CONDITION_TIME, Conditions
 from ..ir.graph import Graph
 from ..ir.kernel import Kernel

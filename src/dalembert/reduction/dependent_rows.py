@@ -16,9 +16,8 @@ from typing import final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..mechanics.equations import ConstraintRow

@@ -11,9 +11,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, final
 
-from dalembert.frozen import frozen
-
 from ..errors import EnergyWarning, ExpressionError, UnknownNameError, list_names, unknown_name
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.kernel import Kernel
 from ..ir.node import Node

@@ -12,8 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..mechanics.equations import ConstraintRow

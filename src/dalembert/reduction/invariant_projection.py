@@ -18,9 +18,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import final
 
-from dalembert.frozen import frozen
-
 from ..errors import FormulationError
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..mechanics.equations import EquationsOfMotion

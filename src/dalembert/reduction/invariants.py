@@ -17,10 +17,9 @@ from typing import final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import list_names
+from ..frozen import frozen
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph
 from ..ir.kernel import Kernel

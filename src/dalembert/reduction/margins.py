@@ -16,8 +16,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.kernel import Kernel
 from ..ir.node import Node

@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import final
 
-from dalembert.frozen import frozen
-
 from ..errors import FormulationError, SingularMassMatrixError
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node, UnitName
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion

@@ -12,9 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import final
 
-from dalembert.frozen import frozen
-
 from ..errors import ConstraintError
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..ir.zero_tests import magnitude, vanishes

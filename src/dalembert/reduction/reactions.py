@@ -11,9 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import final
 
-from dalembert.frozen import frozen
-
 from ..errors import ConstraintError, UnknownNameError, list_names, unknown_name
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..ir.zero_tests import vanishes

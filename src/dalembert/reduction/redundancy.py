@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import final
 
-from dalembert.frozen import frozen
-
 from ..errors import ConstraintError
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..ir.zero_tests import magnitude, vanishes

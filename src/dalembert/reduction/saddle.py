@@ -14,9 +14,8 @@ from functools import cached_property
 from itertools import combinations
 from typing import final
 
-from dalembert.frozen import frozen
-
 from ..errors import ConstraintError
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..mechanics.equations import ConstraintRow, EquationsOfMotion

@@ -13,9 +13,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import final
 
-from dalembert.frozen import frozen
-
 from ..errors import InitialStateError, list_names
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.interning import TOLERANCE as ROUNDING
 from ..ir.kernel import Kernel

@@ -6,10 +6,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from typing import Any, final
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import UnknownNameError, nesting_named, unknown_name
+from ..frozen import frozen
 from ..methods.status import Status
 from ..options import atol_text
 

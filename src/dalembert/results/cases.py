@@ -11,10 +11,9 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import ValueInputError, nesting_named
+from ..frozen import frozen
 from ..values import array_of, option, whole
 
 # Product grids of values, for sweeps.

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..scene.shapes import Path, Rod, Spring
 
 if TYPE_CHECKING:

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import MissingExtraError, OptionError, list_names
+from ..frozen import frozen
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

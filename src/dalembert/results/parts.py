@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import EnergyWarning, OptionError, warn_caller
+from ..frozen import frozen
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Program

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import OptionError, nesting_named
+from ..frozen import frozen
 from ..methods.status import Status
 from ..methods.step_constants import EPSILON
 

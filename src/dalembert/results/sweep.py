@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any, Self, cast, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import Column, FloatArray, arrays_of
 from ..errors import OptionError, UnknownNameError, nesting_named, unknown_name
+from ..frozen import frozen
 from ..ir.program import Layout
 from ..methods.status import Status
 from .labels import (

@@ -10,9 +10,8 @@ from typing import Any, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from .parts import ENERGIES, warn_of_energy

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, ValueInputError, unknown_name
 from ..events.event_code import EventCode
+from ..frozen import frozen
 from ..ir.program import Layout
 from ..lanes.cases import BlockResult, CaseBlock
 from ..options import SweepOptions

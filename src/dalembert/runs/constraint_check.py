@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import list_names
+from ..frozen import frozen
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseBlock

@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..scene.expressions.elapsed import Offset, time_symbol, timed
 from ..scene.symbol_table import SymbolTable
 from ..starts.inputs import named_parameters

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..codegen.runs import HostedRuns, HostRun
 from ..errors import InitialStateError, OptionError, list_names, unknown_name
 from ..events.event_code import Event, event_list
+from ..frozen import frozen
 from ..ir.program import coefficient_places
 from ..methods.status import Status
 from ..methods.step_constants import SMALLEST_OF_TIME

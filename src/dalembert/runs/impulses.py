@@ -13,10 +13,9 @@ from typing import final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import ConstraintError
+from ..frozen import frozen
 from ..ir.conditions import CONDITION_TIME
 from ..ir.interpret import interpret_rows, mass_matrices
 from ..ir.program import Program

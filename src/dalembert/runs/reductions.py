@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, final
 
-from dalembert.frozen import frozen
-
 from ..errors import OptionError
 from ..events.event_code import Event
+from ..frozen import frozen
 
 if TYPE_CHECKING:
     pass

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..codegen.engine import Engine
 from ..errors import OptionError, list_names
+from ..frozen import frozen
 from ..ir.interpret import interpret_rows, mass_matrices
 from ..ir.kernel import Kernel
 from ..ir.program import Program

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import OptionError, ValueInputError, list_names
+from ..frozen import frozen
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import Layout, Program

@@ -8,9 +8,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..ir.conditions import NO_CONDITIONS
 from ..ir.program import Program
 from ..lanes.cases import CaseColumns

@@ -12,9 +12,8 @@ from sympy.physics.mechanics import Point
 from sympy.physics.mechanics.actuator import ActuatorBase, DuffingSpring, ForceActuator, LinearSpring
 from sympy.physics.mechanics.pathway import LinearPathway, ObstacleSetPathway
 
-from dalembert.frozen import frozen
-
 from ..errors import SceneError
+from ..frozen import frozen
 from .expressions.identity import vanishes
 from .expressions.reader import short
 

@@ -17,8 +17,7 @@ from typing import Any, final
 import numpy as np
 import sympy as sp
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from .expressions.identity import vanishes
 
 _TRIALS = ((0.37, 0.81, -0.59), (1.93, -0.45, 0.71))

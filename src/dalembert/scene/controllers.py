@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any, final
 from sympy.core.function import AppliedUndef
 from sympy.physics.vector import dynamicsymbols
 
-from dalembert.frozen import frozen
-
 from ..errors import list_names
+from ..frozen import frozen
 from .model import ControllerModel
 
 if TYPE_CHECKING:

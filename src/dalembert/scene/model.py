@@ -7,11 +7,10 @@ pieces, each resolved on one frame, exactly as the user wrote it; nothing is mul
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node, deps_of
 from ..transforms.conditions import Condition
@@ -21,7 +20,7 @@ Components = tuple[Node, Node, Node]
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class Piece:
     """Components of a vector on the frame with number `frame`."""
 
@@ -38,7 +37,7 @@ Pieces = tuple[Piece, ...]
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class FrameModel:
     """A frame and its rotation from its parent: components here = `rotation` times components there."""
 
@@ -48,7 +47,7 @@ class FrameModel:
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class PointModel:
     """A point and its position from its parent."""
 
@@ -58,7 +57,7 @@ class PointModel:
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class BodyModel:
     """A body: frame, mass centre, mass and central inertia (None for a particle) in its own frame."""
 
@@ -70,7 +69,7 @@ class BodyModel:
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class Action:
     """An action on the scene.
 
@@ -111,7 +110,7 @@ class Action:
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class GivenBody:
     """A body of which velocities are given: mass, velocity of the mass centre, angular velocity, and central inertia.
 
@@ -127,7 +126,7 @@ class GivenBody:
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class GivenLoad:
     """A force with the velocity of its point, or a torque with the angular velocity of its frame."""
 
@@ -146,7 +145,7 @@ class GivenMotion:
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class SpeedGroup:
     """Speeds that kinematic equations tie to the rates of as many coordinates.
 
@@ -165,7 +164,7 @@ class SpeedGroup:
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class ConstraintModel:
     """A constraint expression = 0, with a label for messages."""
 
@@ -174,7 +173,7 @@ class ConstraintModel:
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class ContactModel:
     """Friction, a constraint that opens, or both, at one normal reaction.
 

@@ -14,9 +14,8 @@ from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import Dyadic, Vector, dynamicsymbols
 
-from dalembert.frozen import frozen
-
 from ..errors import InitialStateError, OptionError, SceneError, list_names, nesting_named
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..naming import rate_name

@@ -7,9 +7,8 @@ from typing import Any, final
 
 import sympy as sp
 
-from dalembert.frozen import frozen
-
 from ..errors import TOO_DEEP, LoadWarning, SceneError, UnknownNameError, unknown_name, warn_caller
+from ..frozen import frozen
 from ..ir.node import Node
 from ..naming import acceleration_input, acceleration_name, rate_name, unwritable
 from .content_reading import ContentReader

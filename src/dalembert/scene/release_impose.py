@@ -14,9 +14,8 @@ from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Point, ReferenceFrame
 from sympy.physics.vector import Vector, dynamicsymbols
 
-from dalembert.frozen import frozen
-
 from ..errors import SceneError, list_names
+from ..frozen import frozen
 from .expressions.identity import equal, vanishes
 from .expressions.vector_products import VectorProduct
 from .frames import Tree

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, final
 from sympy import Expr
 from sympy.physics.mechanics import Point, ReferenceFrame
 
-from dalembert.frozen import frozen
-
 from ..errors import nesting_named
+from ..frozen import frozen
 
 if TYPE_CHECKING:
     from .scene import Scene

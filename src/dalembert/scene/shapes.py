@@ -14,10 +14,9 @@ from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Point, dynamicsymbols
 from sympy.physics.vector import Vector
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import OptionError, list_names
+from ..frozen import frozen
 
 
 @final

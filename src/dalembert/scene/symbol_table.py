@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import final
 
-from dalembert.frozen import frozen
-
 from ..errors import OptionError
+from ..frozen import frozen
 from ..ir.node import Node
 from ..naming import acceleration_name
 from .expressions.elapsed import Offset
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class Entry:
     """Other values that a start may be given in, such as angles in place of a quaternion.
 
@@ -38,7 +37,7 @@ class Entry:
 
 
 @final
-@dataclass(frozen=True, slots=True)
+@frozen
 class InputSymbol:
     """An input: a given function of time.
 

@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import InitialStateError, list_names
+from ..frozen import frozen
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from .constraint_rows import row_lengths

@@ -10,10 +10,9 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import OptionError, UnknownNameError, ValueInputError, list_names
+from ..frozen import frozen
 from ..ir.program import DEGREE, WIDTH, KnotSides, Layout, coefficient_places, hidden_parameters
 from ..options import RunOptions, SimulateOptions, StepOptions, SweepOptions, tighter
 from ..scene.symbol_table import InputSymbol

@@ -7,9 +7,8 @@ from typing import NamedTuple, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..methods.status import RUNNING, Status
 from ..methods.step_constants import SMALLEST_PREVIOUS
 from ..methods.tableau import Tableau

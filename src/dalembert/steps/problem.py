@@ -7,10 +7,9 @@ from typing import TypeAlias, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import OptionError
+from ..frozen import frozen
 from ..methods.status import Status
 from ..methods.step_constants import SMALLEST_SCALE
 from ..options import DEFAULT_TOLERANCES, MAX_STEPS, component_tolerances

@@ -7,10 +7,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import BreakTimesError
+from ..frozen import frozen
 from ..ir.conditions import ZERO, Conditions
 from ..ir.interpret import ARRAY_OPERATIONS, interpret
 from ..ir.kernel import Kernel

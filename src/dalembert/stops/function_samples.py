@@ -15,10 +15,9 @@ from typing import Any, NoReturn, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import OptionError, PrecisionWarning, ValueInputError, warn_caller
+from ..frozen import frozen
 from ..scene.symbol_table import InputSymbol
 from ..values import number
 from .samples import Samples, samples

@@ -13,9 +13,8 @@ from typing import NamedTuple, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..ir.kernel import Kernel
 from ..ir.program import WIDTH, KnotSides
 from ..methods.step_constants import SMALLEST_OF_TIME

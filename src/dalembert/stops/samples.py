@@ -8,10 +8,9 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
 from ..errors import OptionError, ValueInputError, unknown_name
+from ..frozen import frozen
 from ..ir.program import WIDTH, Layout
 from ..methods.step_constants import SMALLEST_OF_TIME
 from ..scene.symbol_table import InputSymbol

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..ir.kernel import Kernel
 from ..methods.step_constants import SMALLEST_OF_TIME
 from ..subset.addresses import NO_CODE, AddressTable, OwnedAddress

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..methods.status import Status
 from ..options import SweepOptions
 from ..results.labels import distinct, value_name

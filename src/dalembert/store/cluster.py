@@ -18,11 +18,10 @@ from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, final
 from uuid import uuid4
 
-from dalembert.frozen import frozen
-
 from ..codegen import backend_named
 from ..codegen.base import RenderedModule
 from ..errors import StoredSweepError, StoredSweepWarning
+from ..frozen import frozen
 from ..ir.program import Program
 from ..once import DERIVING, BoundedTable, derived_once
 from ..options import SweepOptions

@@ -9,9 +9,8 @@ from typing import Any, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ..errors import ValueInputError
+from ..frozen import frozen
 from ..ir.program import Layout
 from ..results.cases import CaseSampler, CaseSet, Grid, case_set
 from ..results.labels import given_name

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from .description import PROGRESS, begin, checksum, described_group, digest_of, packages
 from .request import Request
 

@@ -21,7 +21,7 @@ from typing import Any, TypeVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
+from ..frozen import frozen
 
 F = TypeVar("F", bound=Callable[..., object])
 

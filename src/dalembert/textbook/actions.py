@@ -10,9 +10,8 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point
 from sympy.physics.vector import Vector
 
-from dalembert.frozen import frozen
-
 from ..errors import SceneError
+from ..frozen import frozen
 from ..scene import Joint
 from ..scene.actuators import loads_of
 from .geometry import Geometry

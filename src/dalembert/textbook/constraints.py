@@ -8,8 +8,7 @@ from typing import Any, final
 
 import sympy as sp
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..scene.expressions.identity import vanishes
 from .energy import readable
 from .linear import null_space

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 import sympy as sp
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..scene.expressions.compiled_functions import CompiledCall
 from .energy import readable
 from .numeric import TOLERANCE, null_basis, rank

@@ -11,9 +11,8 @@ import sympy as sp
 from numpy.typing import NDArray
 from sympy.core.function import AppliedUndef
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..scene.expressions.identity import leaves_of
 from .functions import function_of
 

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
 
-from dalembert.frozen import frozen
-
 from ..errors import ConstraintError, list_names
+from ..frozen import frozen
 from .printing import latex, text
 
 if TYPE_CHECKING:

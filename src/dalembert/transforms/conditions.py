@@ -11,8 +11,7 @@ import math
 from collections.abc import Iterable
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..ir.conditions import NARROW, WHOLE, ZERO
 from ..ir.graph import Graph
 from ..ir.node import Node

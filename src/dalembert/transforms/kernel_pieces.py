@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..ir.kernel import Assignment, Kernel, Load, Operand
 
 LONGEST = 6000

@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar, final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..ir.program import Program, hidden_parameters
 from ..naming import Namer

@@ -6,8 +6,7 @@ import time
 from collections.abc import Mapping
 from typing import Generic, Protocol, TypeVar, final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..ir.kernel import Kernel, verify
 from ..ir.program import Program
 from .passes import EliminateDeadCode, FuseProducts, GroupProducts, HoistParameters, ShareEqual, ShareReciprocals

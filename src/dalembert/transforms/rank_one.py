@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from itertools import islice
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..ir.zero_tests import vanishes

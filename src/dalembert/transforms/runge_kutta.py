@@ -9,8 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ..frozen import frozen
 from ..ir.kernel import Kernel, Load
 from ..methods.tableau import Tableau
 from .pipelines import PRODUCT_FUSION, STEP_PASSES

@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import final
 
-from dalembert.frozen import frozen
-
 from ..arrays import FloatArray
+from ..frozen import frozen
 from ..ir.kernel import Kernel, Lines, Load, Operand
 from ..methods.chebyshev import (
     COEFFICIENTS,

@@ -10,8 +10,6 @@ from typing import Any, NamedTuple, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ...contacts.contact_decisions import DecisionArguments
 from ...contacts.contact_steps import (
     ContactPlace,
@@ -29,6 +27,7 @@ from ...contacts.contact_steps import (
 )
 from ...contacts.phase_loop import PhaseArguments
 from ...contacts.phase_maps import EventMaps
+from ...frozen import frozen
 from ...ir.kernel import Kernel
 from ...ir.program import Program
 from ...lanes.sweep_arguments import SweepArguments

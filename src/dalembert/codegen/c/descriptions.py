@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, final
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from ...ir.kernel import Kernel
 from ...ir.program import Program, hidden_parameters
 from ...lanes.sweep_arguments import SweepArguments

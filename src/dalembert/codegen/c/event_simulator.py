@@ -7,8 +7,7 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from ...loops.event_steps import (
     EventPlace,
     EventSteps,

@@ -7,8 +7,7 @@ from typing import Any, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from ...loops.prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
 from ...loops.single_steps import (
     ExplicitSteps,

@@ -16,8 +16,7 @@ from typing import Any, Literal, final
 
 import llvmlite.binding as llvm
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from ...ir.kernel import Kernel
 from ...once import computed_once, once
 from ...subset.addresses import OwnedAddress

@@ -13,8 +13,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from ...lanes.row_steps import no_row_steps
 from ...lanes.sweep_arguments import (
     CaseRows,

@@ -10,8 +10,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from ...lanes.cases import BlockResult, CaseColumns
 from ...lanes.row_steps import RowSteps, no_row_steps
 from ...lanes.step_records import FIRST_AT

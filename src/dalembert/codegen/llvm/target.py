@@ -10,9 +10,8 @@ from typing import Any, final
 
 import llvmlite.binding as llvm
 
-from dalembert.frozen import frozen
-
 from ...errors import OptionError, list_names, unknown_name
+from ...frozen import frozen
 from ...once import once
 
 ENVIRONMENT_VARIABLE = "DALEMBERT_TARGET"

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from ...stops.stops import pass_stops, take_stops
 from ...subset import compiled_subset as language
 from ...subset.arguments import Record

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import final
 
-from dalembert.frozen import frozen
+from ...frozen import frozen
 
 
 @final

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Group, Kind, Scalar
 
 _ORDER = (FLAG, INTEGER, NUMBER)

@@ -13,8 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from ...methods.tableau import Tableau
 from .derivatives import Over, StepsRecord
 from .mesh_axes import varying_like

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 import jax
 import jax.numpy as jnp
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from .derivatives import CHUNK, Over, Stepping, Steps, StepsRecord, alone_or_many, pulled, pushed
 from .linear_maps import Back, Given, LinearMap, Moved, RowFunction, apply, changed
 from .mesh_axes import stack

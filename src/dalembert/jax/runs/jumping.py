@@ -14,8 +14,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from .derivatives import CHUNK, StepsRecord
 from .linear_maps import LinearMap
 from .mesh_axes import varying_like

@@ -24,8 +24,7 @@ import jax.numpy as jnp
 from jax import lax
 from jax.custom_derivatives import SymbolicZero
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from .derivatives import instantiate
 from .mesh_axes import laid_on_mesh, mesh_of, varying_alike, varying_like, vectorised
 

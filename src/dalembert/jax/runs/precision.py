@@ -14,9 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from dalembert.frozen import frozen
-
 from ...arrays import FloatArray
+from ...frozen import frozen
 from ...methods import step_constants
 
 CONFIG: Any = jax.config

@@ -13,8 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from ...ir.program import Program
 from ...methods.fixed_steps import CORRECTIONS
 from .mesh_axes import stack

@@ -9,9 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dalembert.frozen import frozen
-
 from ...arrays import FloatArray
+from ...frozen import frozen
 from ...ir.program import Program
 from ...methods.status import Status
 from ...steps.dense_output import PiecewisePolynomial

@@ -17,9 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix
 
-from dalembert.frozen import frozen
-
 from ...arrays import FloatArray
+from ...frozen import frozen
 from ...ir.interpret import interpret_rows
 from ...methods.status import Status
 from ...methods.step_constants import ANY_START

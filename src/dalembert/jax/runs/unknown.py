@@ -7,8 +7,7 @@ from typing import Any, NamedTuple, final
 import jax
 import jax.numpy as jnp
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from .linear_maps import LinearMap, apply
 
 

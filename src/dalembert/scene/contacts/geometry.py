@@ -16,8 +16,7 @@ import sympy as sp
 from sympy.physics.mechanics import Point, ReferenceFrame
 from sympy.physics.vector import Vector, dot
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from .places import (
     GeometryFault,
     Places,

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
 
-from dalembert.frozen import frozen
-
 from ...errors import list_names
+from ...frozen import frozen
 from ...ir.node import Node, deps_of
 from ..expressions.identity import equal
 from ..expressions.reader import short

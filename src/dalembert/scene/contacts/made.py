@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, final
 import sympy as sp
 from sympy.physics.vector import Vector, dot
 
-from dalembert.frozen import frozen
-
 from ...errors import SceneError
+from ...frozen import frozen
 from ..joints.joints import Joint, Unknown
 from .geometry import GeometricContact
 from .laws import FRICTION_LAWS, CoulombFriction, UnilateralContact

@@ -9,9 +9,8 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame
 from sympy.physics.vector import Vector, cross, dot, dynamicsymbols
 
-from dalembert.frozen import frozen
-
 from ...errors import list_names
+from ...frozen import frozen
 from ..expressions.identity import equal, vanishes
 from ..frames import Tree
 from ..release_impose import released_position, with_imposed

@@ -9,8 +9,7 @@ import sympy as sp
 from sympy.physics.mechanics import Point
 from sympy.physics.vector import Vector, dot
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from .geometry import GeometricContact
 from .places import (
     GeometryFault,

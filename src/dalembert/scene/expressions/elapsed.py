@@ -19,8 +19,7 @@ from sympy.core.function import AppliedUndef
 from sympy.functions.elementary.piecewise import ExprCondPair
 from sympy.physics.vector import dynamicsymbols
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from ...once import derived_property, deriving
 
 _HIGHEST = 6

@@ -9,9 +9,8 @@ import numpy as np
 import sympy as sp
 from sympy.core.relational import Relational
 
-from dalembert.frozen import frozen
-
 from ...arrays import FloatArray
+from ...frozen import frozen
 from ..joints.joints import Unknown
 from .reader import short
 from .table_functions import TableFunction

@@ -11,9 +11,8 @@ from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame
 from sympy.physics.vector import Vector
 
-from dalembert.frozen import frozen
-
 from ...errors import list_names
+from ...frozen import frozen
 from ..expressions.identity import vanishes
 from ..expressions.vector_products import components_on, product_of
 from ..frames import Tree

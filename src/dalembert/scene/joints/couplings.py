@@ -9,8 +9,7 @@ import sympy as sp
 from sympy.physics.mechanics import Point
 from sympy.physics.vector import Vector, dynamicsymbols
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from ..contacts.laws import UnilateralContact
 from ..expressions.identity import vanishes
 from ..shapes import Rod

@@ -10,9 +10,8 @@ from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Point
 from sympy.physics.vector import ReferenceFrame, Vector, dynamicsymbols
 
-from dalembert.frozen import frozen
-
 from ...errors import OptionError, list_names, nesting_named
+from ...frozen import frozen
 from ...naming import acceleration_name, unwritable
 from ...values import listed as members
 

@@ -10,9 +10,8 @@ from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import CylindricalJoint, PinJoint, PlanarJoint, Point, PrismaticJoint
 from sympy.physics.vector import Vector
 
-from dalembert.frozen import frozen
-
 from ...errors import list_names
+from ...frozen import frozen
 from ..contacts.laws import UnilateralContact
 from .parts import body_of, require
 from .reactions import ActionPair, Connection, require_new_name, unknown

@@ -15,9 +15,8 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame
 from sympy.physics.vector import Vector
 
-from dalembert.frozen import frozen
-
 from ...errors import ConstraintError, OptionError, SceneError, UnknownNameError, list_names, unknown_name
+from ...frozen import frozen
 from .joints import Component, Joint, NamedOutput, Unknown
 
 if TYPE_CHECKING:

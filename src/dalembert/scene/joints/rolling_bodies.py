@@ -10,8 +10,7 @@ from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Particle, Point
 from sympy.physics.vector import Vector
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from ..expressions.identity import equal, vanishes
 from ..frames import Tree
 from .parts import add_constraints, add_velocity_constraints, body_of, constant_in, counted, fixed_on, frame_of, require

@@ -15,8 +15,7 @@ from abc import ABC, abstractmethod
 from fractions import Fraction
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from ...ir.kernel import Assignment, Lines, Operand
 from .recurrences import Integrated, Recurrences
 

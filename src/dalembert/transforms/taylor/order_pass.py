@@ -5,8 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from ...ir.kernel import Assignment, Operand
 from .expansion import Expansion, Extension, Series, Sum
 from .recurrences import Integrated, Recurrences

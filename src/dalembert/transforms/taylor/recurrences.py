@@ -12,8 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from ...ir.kernel import Assignment, Kernel, Operand
 from .nonsmooth import (
     INVERSE,

@@ -13,8 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import final
 
-from dalembert.frozen import frozen
-
+from ...frozen import frozen
 from ...ir.kernel import Lines, Operand
 from ...ir.tables import LOWER, UPPER, table_of
 from ...methods.step_constants import EPSILON, SMALLEST_OF_TIME
