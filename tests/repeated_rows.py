@@ -45,6 +45,7 @@ WHOLE = ("hard_cases/test_motions.py",)
 REPEATED = (
     # pages, in C and in a browser: test_pages, and contacts in C beside it
     ("export/test_contact_simulators.py", "test_a_page_moves_as_in_simulate_and_shows_what_contacts_do"),
+    ("export/test_contact_simulators.py", "test_two_rough_contacts_that_open_fit_in_a_page"),
     ("export/test_fmu_contacts.py", "test_an_importer_may_find_events_late"),
     # taylor beside contacts alone, and beside contacts and events, and each method beside events, stay
     ("export/test_controllers.py", "test_controllers_act_beside_contacts_that_change[[]dop853*"),
