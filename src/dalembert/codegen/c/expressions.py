@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
-from ..subset.translation import UNKNOWN, Translation
+from ..subset.translation import UNKNOWN, Translation, called_in
 from ..subset.values import Value, unified
 from .built_in import BUILT_IN, PURE
 from .printing import Code, Constant, Fixed, Kernel, Pointer, bare, double, element_of
@@ -129,7 +129,7 @@ class Expressions(Translation):
 
     def calls(self, node: ast.AST) -> bool:
         """Return whether code calls functions that may change memory."""
-        return any(isinstance(n, ast.Call) and self.known(n.func) not in PURE for n in ast.walk(node))
+        return any(self.known(function) not in PURE for function in called_in(node))
 
     def truth(self, node: ast.expr) -> Value:
         """Return the flag of a test."""

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import ast
 import re
-from typing import Any, final
+from collections.abc import Mapping
+from collections.abc import Set as AbstractSet
+from functools import cache
+from typing import Any, NamedTuple, final
 
 from ...subset.compiled_subset import INTEGER, NUMBER, Array, Fields, Group, Kind, Scalar
 from ..subset.translation import UNKNOWN, definition_of, result_of
@@ -61,6 +64,36 @@ def is_static(word: str) -> bool:
     return isinstance(word, Known) or literal_of(word) is not UNKNOWN
 
 
+class _Names(NamedTuple):
+    """How often names of a function are assigned; targets of loops over tuples; names that only count rounds."""
+
+    stored: Mapping[str, int]
+    targets: AbstractSet[str]
+    counters: AbstractSet[str]
+
+
+@cache
+def _names_of(tree: ast.FunctionDef) -> _Names:
+    stored: dict[str, int] = {}
+    loads: dict[str, int] = {}
+    inside: dict[str, int] = {}
+    loops: dict[str, int] = {}
+    targets: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name):
+            counts = stored if isinstance(node.ctx, ast.Store) else loads
+            counts[node.id] = counts.get(node.id, 0) + 1
+        elif isinstance(node, ast.For) and isinstance(node.iter, ast.Tuple):
+            targets |= {n.id for n in ast.walk(node.target) if isinstance(n, ast.Name)}
+        elif isinstance(node, ast.For) and isinstance(node.target, ast.Name):
+            name = node.target.id
+            read = [n for part in node.body for n in ast.walk(part) if isinstance(n, ast.Name) and n.id == name]
+            loops[name] = loops.get(name, 0) + 1
+            inside[name] = inside.get(name, 0) + sum(isinstance(n.ctx, ast.Load) for n in read)
+    counters = {name for name, count in loops.items() if count == stored[name] and inside[name] == loads.get(name, 0)}
+    return _Names(stored, targets, counters)
+
+
 @final
 class _Statements(Expressions):
     """Translates the statements of one function."""
@@ -69,9 +102,7 @@ class _Statements(Expressions):
         super().__init__(module, function)
         self._result: Kind = Group(())
         self._name = ""
-        self._stored: dict[str, int] = {}
-        self._targets: set[str] = set()
-        self._counters: set[str] = set()
+        self._names = _Names({}, set(), set())
         self._open = True
         self._loops: list[tuple[str, str]] = []
 
@@ -83,7 +114,7 @@ class _Statements(Expressions):
     def function(self, tree: ast.FunctionDef, name: str, given: list[Value]) -> Function:
         """See `translated`."""
         self._result, self._name = result_of(tree.returns), name
-        self._read_names(tree)
+        self._names = _names_of(tree)
         arguments: list[str] = []
         for argument, value in zip(tree.args.args, given, strict=True):
             if by_reference(value.kind):
@@ -99,30 +130,10 @@ class _Statements(Expressions):
                 words.append(type(word)(own) if isinstance(word, Pointer) else own)
                 arguments.append(f"{self._type(value.kind, number, word)} {own}".replace("* ", "*"))
             self.fixed[argument.arg] = Value(value.kind, tuple(words))
-            if argument.arg in self._stored:
+            if argument.arg in self._names.stored:
                 self._change_argument(argument.arg)
         self.body(tree.body)
         return self._finished(name, arguments)
-
-    def _read_names(self, tree: ast.FunctionDef) -> None:
-        """Find how often names are assigned, and which of them only count rounds of loops."""
-        loads: dict[str, int] = {}
-        inside: dict[str, int] = {}
-        loops: dict[str, int] = {}
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Name):
-                counts = self._stored if isinstance(node.ctx, ast.Store) else loads
-                counts[node.id] = counts.get(node.id, 0) + 1
-            elif isinstance(node, ast.For) and isinstance(node.iter, ast.Tuple):
-                self._targets |= {n.id for n in ast.walk(node.target) if isinstance(n, ast.Name)}
-            elif isinstance(node, ast.For) and isinstance(node.target, ast.Name):
-                name = node.target.id
-                read = [n for part in node.body for n in ast.walk(part) if isinstance(n, ast.Name) and n.id == name]
-                loops[name] = loops.get(name, 0) + 1
-                inside[name] = inside.get(name, 0) + sum(isinstance(n.ctx, ast.Load) for n in read)
-        self._counters = {
-            name for name, count in loops.items() if count == self._stored[name] and inside[name] == loads.get(name, 0)
-        }
 
     def _change_argument(self, name: str) -> None:
         """Make a variable of an argument that is changed."""
@@ -204,10 +215,10 @@ class _Statements(Expressions):
         """See `Translation.assign_name`. What is known, and where arrays are, is put in where the name is read."""
         if name == "_":
             return
-        once = self._stored.get(name, 0) == 1 and name not in self.variables
+        once = self._names.stored.get(name, 0) == 1 and name not in self.variables
         static = all(is_static(word) for word in value.words)
-        if value.base or (once and (static or name in self._targets)) or isinstance(value.kind, Fields):
-            if name in self.variables or (self.fixed.get(name, value) != value and name not in self._targets):
+        if value.base or (once and (static or name in self._names.targets)) or isinstance(value.kind, Fields):
+            if name in self.variables or (self.fixed.get(name, value) != value and name not in self._names.targets):
                 raise TypeError(f"{name} has another meaning already")
             self.fixed[name] = self._stable(name, value)
             return
@@ -302,7 +313,7 @@ class _Statements(Expressions):
         if name not in self.variables and name not in self.fixed and name != "_":
             self.types[c_name(name)] = TYPES[INTEGER]
             self.variables[name] = Value(INTEGER, (c_name(name),))
-        count = c_name(name) if name in self._counters and name != "_" else self.fresh(TYPES[INTEGER])
+        count = c_name(name) if name in self._names.counters and name != "_" else self.fresh(TYPES[INTEGER])
         change = {"1": f"{count}++", "-1": f"{count}--"}.get(step, f"{count} += {step}")
         test = f"{count} {'>' if step.startswith('-') else '<'} {last}"
         self.lines.append(f"for ({count} = {bare(first)}; {test}; {change}) {{")

@@ -12,6 +12,8 @@ import inspect
 import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
+from types import CodeType
 from typing import Any, ClassVar, Protocol, final
 
 import numpy as np
@@ -33,10 +35,22 @@ class Untranslatable(TypeError):
 
 
 def definition_of(function: Any) -> ast.FunctionDef:
-    """Return the parsed definition of a function."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+    """Return the parsed definition of a function, which nobody changes."""
+    return _parsed(inspect.unwrap(function).__code__)
+
+
+@cache
+def _parsed(code: CodeType) -> ast.FunctionDef:
+    """Return a parsed definition; a function is translated many times, for arguments of many kinds."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(code))).body[0]
     assert isinstance(tree, ast.FunctionDef)
     return tree
+
+
+@cache
+def called_in(node: ast.AST) -> tuple[ast.expr, ...]:
+    """Return what a piece of a parsed definition calls."""
+    return tuple(part.func for part in ast.walk(node) if isinstance(part, ast.Call))
 
 
 def result_of(annotation: ast.expr | None) -> Kind:
