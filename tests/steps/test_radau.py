@@ -42,6 +42,19 @@ def prothero_robinson(t, y, c, out):
     out[0] = -c[0] * (y[0] - math.sin(t)) + math.cos(t)
 
 
+def belt(t, y, c, out):
+    """A block on a belt, by a friction of tanh."""
+    out[0] = y[1]
+    out[1] = c[0] * math.tanh((0.5 - y[1]) / 1e-3) - 10.0 * y[0]
+
+
+def gliding_belt(t, y, c, out):
+    """A block on a belt, by a friction that bends less sharply."""
+    slip = y[1] - 0.2
+    out[0] = y[1]
+    out[1] = -c[0] * slip / math.sqrt(slip * slip + 1e-6) - 4.0 * y[0]
+
+
 def decay(t, y, c, out):
     for i in range(len(y)):
         out[i] = -c[i] * y[i]
@@ -61,6 +74,11 @@ def test_quadrature_is_exact_up_to_degree_four_and_the_estimate_up_to_three():
     assert abs(weights @ radau.NODES**5 - 1 / 6) > 1e-4
     estimate = [radau.ERROR_WEIGHTS @ radau.NODES**degree for degree in (1, 2, 3)]
     np.testing.assert_allclose(estimate, [-1, 0, 0], atol=1e-13)
+
+
+def test_slope_at_the_end_is_exact_up_to_degree_three():
+    for degree in range(1, 4):
+        assert radau.END_SLOPES @ radau.NODES**degree == pytest.approx(degree, abs=1e-13)
 
 
 def test_order():
@@ -95,6 +113,19 @@ def test_van_der_pol(tolerance):
     if tolerance == 1e-6:
         peer = solve("scipy-radau", van_der_pol, VAN_DER_POL_START, **options)
         assert run.steps <= 1.2 * peer.steps
+
+
+@pytest.mark.parametrize(
+    ("rhs", "frictions", "rtol"),
+    [(belt, (1.96, 5.89), 1e-3), (belt, (1.96, 5.89), 1e-4), (gliding_belt, (1.0, 5.0), 1e-3)],
+)
+def test_blocks_that_leave_a_belt(rhs, frictions, rtol):
+    """Sticking is stiff and slipping is not: steps that pass from one to the other must not end before Newton does."""
+    for friction in np.linspace(*frictions, 32):
+        options = {"t0": 0.0, "t1": 10.0, "constants": np.array([friction])}
+        run, exact = (solve("llvm-radau", rhs, np.zeros(2), **options, rtol=r, atol=r / 100) for r in (rtol, 1e-9))
+        assert run.success and exact.success
+        np.testing.assert_allclose(run.y[-1], exact.y[-1], atol=10 * rtol)
 
 
 @pytest.mark.parametrize("stiffness", [1e2, 1e5, 1e8])

@@ -33,6 +33,10 @@ ERROR_WEIGHTS: FloatArray = np.linalg.solve(_POWERS.T, [-1.0, 0.0, 0.0]).astype(
 """h f(y_0) plus these times the increments vanishes for polynomials up to degree 3: the estimate of order 3."""
 
 
+END_SLOPES: FloatArray = np.linalg.inv(METHOD)[2]
+"""From increments at the nodes to h times the slope of the collocation polynomial at the end."""
+
+
 def _mode(eigenvalue: complex) -> list[complex]:
     """Return the eigenvector of A^-1, one at the last node: what is normal to two rows of A^-1 - eigenvalue."""
     a, b = (np.linalg.inv(METHOD) - eigenvalue * np.eye(3))[:2].tolist()

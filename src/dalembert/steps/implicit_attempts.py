@@ -12,7 +12,7 @@ from ..arrays import FloatArray
 from ..methods.status import Status
 from ..methods.step_constants import LARGEST_GROWTH, LARGEST_REDUCTION, SAFETY
 from ..subset.compiled_subset import call_code, compiled_subset, exp, flat, lane_count, lanes, log, row, sqrt
-from .implicit_stages import between, estimate, keep_polynomials, scale_of
+from .implicit_stages import between, end_corrections, estimate, keep_polynomials, scale_of
 from .lane_progress import (
     AGAIN,
     ENDED,
@@ -23,6 +23,7 @@ from .lane_progress import (
     JUDGED,
     KNOWN_RATE,
     NORM,
+    OF_STATE,
     QUOTIENT,
     RATE,
     REGULAR,
@@ -39,7 +40,9 @@ from .lane_progress import (
 from .newton import (
     BROKEN,
     CONVERGED,
+    DIVERGED,
     MAX_ITERATIONS,
+    NEGLIGIBLE,
     SLOPE,
     NewtonWorkspace,
     Z,
@@ -157,7 +160,6 @@ def _diverged(settings: RunSettings, run: Run, h: float, outcome: int) -> int:
     if run.progress.fresh == 0:
         run.progress.rejected += 1
         return status_of(settings, run.progress)
-    progress.ratio = 0.0
     return retry(settings, run, 0.5 * abs(h), Status.NON_FINITE if outcome == BROKEN else Status.STEP_TOO_SMALL)
 
 
@@ -186,12 +188,15 @@ def _test_steps(codes: RunCodes, settings: RunSettings, space: NewtonWorkspace, 
     call_code(codes.rhs, row(run.clock, 0), row(work, y_new), row(run.constants, 0), 0, row(work, DELTA))
     run.progress.evaluations += some
     check_finite(work, space, y_new, DELTA)
+    end_corrections(work, run.progress.row, y_new, settings.kept, space)
     for lane in range(count):
         if flags[RESULT, lane] == ACCEPTED and flags[RUNS, lane] != 0 and flags[ENDED, lane] == CONVERGED:
             if mark[lane] != PENDING:
                 flags[RESULT, lane] = Status.PROJECTION_FAILED
             elif numbers[FINITE, lane] != 0.0:
                 flags[RESULT, lane] = Status.NON_FINITE
+            elif numbers[OF_STATE, lane] > NEGLIGIBLE:
+                flags[RESULT, lane], flags[ENDED, lane] = Status.STEP_TOO_SMALL, DIVERGED
     for m in range(n):
         for lane in lanes():
             at = m * count + lane
@@ -254,7 +259,6 @@ def _end_attempt(settings: RunSettings, space: NewtonWorkspace, run: Run, lane: 
         if flags[RESULT, lane] != ACCEPTED:
             if error <= 1.0:
                 quotient = 1.0 / LARGEST_REDUCTION
-            progress.ratio = 0.0
             flags[RESULT, lane] = retry(settings, run, abs(h) / max(quotient, 1.0 / SAFETY), flags[RESULT, lane])
         numbers[QUOTIENT, lane] = quotient
     leave_lane(space.numbers, run, lane)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import FloatArray
-from ..methods.collocation import BETWEEN, ERROR_WEIGHTS, INVERSE_POWERS, NODES
+from ..methods.collocation import BETWEEN, END_SLOPES, ERROR_WEIGHTS, INVERSE_POWERS, NODES, REAL
 from ..subset.compiled_subset import call_code, compiled_subset, fma, lane_count, lanes, row, sqrt, square
 from .lane_progress import (
     AGAIN,
@@ -113,6 +113,36 @@ def between(work: FloatArray, y: int, y_new: int, differential: int, space: Newt
     for lane in lanes():
         norm, error = numbers[NORM, lane], BETWEEN * sqrt(numbers[TOTAL, lane] / differential)
         numbers[NORM, lane] = max(norm, error) if numbers[LAST_SIZE, lane] != 0.0 else norm
+
+
+@compiled_subset
+def end_corrections(work: FloatArray, y: int, y_new: int, differential: int, space: NewtonWorkspace) -> None:
+    """Write to `OF_STATE` the RMS norm of what Newton's iteration would still correct at the ends of steps.
+
+    ``work[DELTA]`` has the slopes there. A projection that has moved the ends is no error of the iteration: its moves
+    count as corrections that are made.
+    """
+    numbers, vector, count = space.numbers, space.first, lane_count()
+    for m in range(work.shape[1] // count):
+        for lane in lanes():
+            vector[m * count + lane] = work[DELTA, m * count + lane]
+        if m >= differential:
+            continue
+        for lane in lanes():
+            at, inverse = m * count + lane, 1.0 / numbers[STEP, lane]
+            moved = work[y_new, at] - (work[y, at] + work[Z + 2, at])
+            slope = END_SLOPES[0] * work[Z, at] + END_SLOPES[1] * work[Z + 1, at] + END_SLOPES[2] * work[Z + 2, at]
+            vector[at] -= (slope + REAL * moved) * inverse
+    solve(space.real, space.real_pivots, vector)
+    for lane in lanes():
+        numbers[OF_STATE, lane] = 0.0
+    for m in range(differential):
+        for lane in lanes():
+            at = m * count + lane
+            moved = work[y_new, at] - (work[y, at] + work[Z + 2, at])
+            numbers[OF_STATE, lane] += square((vector[at] + moved) / work[SCALE, at])
+    for lane in lanes():
+        numbers[OF_STATE, lane] = sqrt(numbers[OF_STATE, lane] / differential)
 
 
 @compiled_subset

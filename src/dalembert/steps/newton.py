@@ -52,7 +52,7 @@ SLOPE, ERROR, SCALE, Z, F, W, P = 5, 6, 7, 8, 11, 14, 17
 ROWS = 20
 
 MAX_ITERATIONS = 7
-_NEGLIGIBLE = 0.1
+NEGLIGIBLE = 0.1
 """Corrections of the state, in tolerances, that need not become smaller."""
 CONVERGED, DIVERGED, BROKEN = 0, 1, 2
 
@@ -323,4 +323,4 @@ def _undecided(size_of_state: float) -> int:
     Beside a jump, stages go from side to side. Where constraints are nearly dependent, rounding moves multipliers far
     along a direction that hardly moves the state.
     """
-    return CONVERGED if size_of_state <= _NEGLIGIBLE else DIVERGED
+    return CONVERGED if size_of_state <= NEGLIGIBLE else DIVERGED
