@@ -4,6 +4,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+import sympy as sp
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.methods.status import Status
@@ -36,6 +38,24 @@ def test_what_sticks_may_have_begun_to_slip_anywhere(method):
     np.testing.assert_allclose([again["x"][-1], again["x_dot"][-1]], [0.1, -0.3], atol=1e-6)
     sweep = belt().sweep((8.0, [6.5, 7.5]), start, BELT, method=method)
     assert list(sweep.status) == [Status.CONTACT_AMBIGUOUS, Status.SUCCESS]
+
+
+@pytest.mark.parametrize("push, modes", [(3.0, "slip"), (-3.0, "slip"), (1.0, "stick")])
+def test_a_block_that_friction_cannot_hold_has_come_to_rest_against_its_load(push, modes):
+    """It has been slowed by the load and friction (2 N)."""
+    x, P = dynamicsymbols("x"), sp.Symbol("P")
+    N, O = ReferenceFrame("N"), Point("O")
+    B = O.locatenew("B", x * N.x)
+    scene = da.Scene("block", frame=N, origin=O, coordinates=[x])
+    scene.add_bodies(Particle("block", B, 1))
+    F = da.unknowns("F")
+    scene.add_loads((B, P * N.x))
+    scene.add_joints(da.Joint("floor", body="block", at=B, force=F * N.x))
+    scene.add_friction(da.CoulombFriction(sp.Float(2), F, mu=1, name="floor"))
+    run = da.compile_model(scene).simulate((1, 0), {"x": 0.0, "x_dot": 0.0}, {"P": push})
+    assert run.status is Status.SUCCESS and [phase.modes["floor"] for phase in run.phases] == [modes]
+    past = (push + np.sign(push) * 2) / 2 if modes == "slip" else 0.0
+    assert run["x"][-1] == pytest.approx(past, abs=1e-12)
 
 
 def test_an_impact_is_not_undone():

@@ -99,3 +99,11 @@ def test_constraints_of_time_or_rates_have_no_branches_named(more):
     )
     run = crossing(scene)
     assert run.status is Status.SINGULAR_CONFIGURATION and "branches meet" not in run.message
+
+
+def test_events_of_a_run_that_cannot_start_are_listed():
+    model = da.compile_model(bead(node(sp.Rational(7, 10)), z), formulation="augmented")
+    start = {"x": 0, "y": 0, "z": 0, "x_dot": 0, "y_dot": 0, "z_dot": 0}
+    run = model.simulate((0, 1), start, {}, events=[da.Event(x - 1, name="far")])
+    assert run.status is Status.SINGULAR_CONFIGURATION
+    assert len(run.events["far"]) == 0

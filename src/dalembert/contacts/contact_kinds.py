@@ -253,17 +253,17 @@ def began_to_slip(system: ContactSystem, cases: ContactCases, case: int, i: int)
 
 @compiled_subset
 def way_of_slip(system: ContactSystem, cases: ContactCases, case: int, i: int) -> int:
-    """Return the guard of a contact that began to slip at this instant, by which it slips on.
+    """Return the guards of a contact that began to slip at this instant, by which it slips on.
 
     At a dead centre it may turn back. Where it misses that by rounding, its slip ends where it begins, again and again:
-    then it goes the other way.
+    then it goes the other way, whatever the slip acceleration is there.
     """
     up = cases.added[case, ADDED * i] > 0.0
-    if not motionless(system, system.constraints + system.first[i]):
-        return BREAK_UP if up else BREAK_DOWN
-    if cases.fired[case, i] != STOP or cases.soon[case] < _ENOUGH_STOPS:
+    if cases.fired[case, i] == STOP and cases.soon[case] >= _ENOUGH_STOPS:
+        return STOP + (BREAK_DOWN if up else BREAK_UP)
+    if motionless(system, system.constraints + system.first[i]):
         return cases.fired[case, i]
-    return BREAK_DOWN if up else BREAK_UP
+    return BREAK_UP if up else BREAK_DOWN
 
 
 @compiled_subset

@@ -107,7 +107,7 @@ class ContactSystem(NamedTuple):
     slides_by : (n_slips, n_q)
         1 where a slip velocity depends on a rate, at one position at least.
     loose : (n_slips,)
-        1 where a slip velocity is independent of the constraints, but at dead centres; 0 where a contact may open.
+        1 where a slip velocity is independent of the constraints that never open, but at dead centres.
     row_owner, owner : (n_rows,), (n_reactions,)
         Contact of each row, and the one that leads at each normal reaction; -1 for others, -2 for friction forces.
     angle : (n_q,)
@@ -318,10 +318,10 @@ def _angles(equations: EquationsOfMotion) -> list[int]:
 def _loose(equations: EquationsOfMotion) -> IntVector:
     """Return `ContactSystem.loose`, of scenes without quaternions."""
     own, slips = Graph(), [row for contact in equations.contacts for row in contact.slips]
-    if any(contact.opens for contact in equations.contacts) or any(group.norm for group in equations.groups):
+    if any(group.norm for group in equations.groups):
         return np.zeros(len(slips), np.int64)
-    held = list[list[Node]]()
-    for row in equations.constraints:
+    held, opening = list[list[Node]](), {contact.constraint for contact in equations.contacts}
+    for row in (row for i, row in enumerate(equations.constraints) if i not in opening):
         slopes = own.adopt(row.jacobian)
         if dependence(own, held, slopes) is None:
             held.append(slopes)

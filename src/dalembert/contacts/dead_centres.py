@@ -30,10 +30,12 @@ def _clear(system: ContactSystem, place: int, count: int) -> float:
 
 @compiled_subset
 def _follows(system: ContactSystem, row: int) -> bool:
-    """Return whether a slip velocity follows from the constraints here, which are written to ``saddle``."""
+    """Return whether a slip velocity follows from the constraints that never open, written to ``saddle``."""
     n, count = system.coordinates, 0
     for h in range(system.constraints + 1):
         each = h if h < system.constraints else row
+        if each != row and system.row_owner[each] >= 0:
+            continue
         size = inertial_size(system, system.jacobian[each])
         for j in range(n):
             inertia = inertia_of(system, j)
@@ -53,7 +55,7 @@ def _follows(system: ContactSystem, row: int) -> bool:
 def motionless(system: ContactSystem, row: int) -> bool:
     """Return whether a slip velocity does not depend on the rates here, compared with how the gap does.
 
-    Where no contact opens, it does not depend on the rates that the constraints allow.
+    Where the contact never opens, it does not depend on the rates that constraints allow which never open.
     """
     constraint = system.constraint[system.row_owner[row]]
     if constraint < 0:

@@ -45,6 +45,8 @@ class Found(Record):
         Number of combinations up to which all are tried; where there are more, a search goes from one to the next.
     guided : int
         1 where the given directions of contacts at rest are guesses of those in which they begin to slip.
+    backwards : int
+        1 in a motion backwards in time: slip that begins there has come to rest, against its acceleration.
     """
 
     best: int
@@ -53,6 +55,7 @@ class Found(Record):
     ambiguous: int
     most: int
     guided: int
+    backwards: int
 
 
 class Candidates(NamedTuple):
@@ -163,11 +166,11 @@ def turned(pick: Candidates, i: int) -> bool:
 
 @compiled_subset
 def broken(pick: Candidates, i: int) -> int:
-    """Return where friction, and nothing else, has just failed to hold a contact.
+    """Return where friction, and nothing else but slip the other way, has just failed to hold a contact.
 
     1 or -1 for slip forwards or backwards along a line, 2 in a plane; 0 where it has not.
     """
-    fired = pick.fired[i]
+    fired = pick.fired[i] - (pick.fired[i] & STOP)
     return 2 if fired == BREAK_PLANE else 1 if fired == BREAK_UP else -1 if fired == BREAK_DOWN else 0
 
 

@@ -15,6 +15,7 @@ from .mode_candidates import (
     FREE,
     LIFTING,
     SHARE,
+    STOP,
     Candidates,
     broken,
     rests,
@@ -99,6 +100,8 @@ def _forward(system: ContactSystem, pick: Candidates, i: int) -> float:
     for a in range(system.width[i]):
         most = max(most, _speed(system, system.row[i] + a))
         forward += system.slip[first + a] * pick.now.along[i, a]
+    if pick.found.backwards != 0 and system.width[i] == 1:
+        forward = -forward
     return _share(forward, most + abs(compliance(system, first, first)) * _friction(system, i), 0.0)
 
 
@@ -216,7 +219,7 @@ def contact_margin(system: ContactSystem, pick: Candidates, i: int, force: float
         least = min(least, _share(limit - used, force, max(weight * pick.least[i], _TIED * (abs(limit) + used))))
     if state == SLIP and rests(system, pick, i):
         share = _forward(system, pick, i)
-        turns = motionless(system, system.constraints + system.first[i])
+        turns = pick.fired[i] & STOP != 0 or motionless(system, system.constraints + system.first[i])
         if broken(pick, i) != 0 and (share >= -_GRAZING or turns):
             share = max(share, 0.0)
         if pick.begins[i] != 0 and uneven(system, pick, i):

@@ -91,7 +91,7 @@ def _model_and_problem(
         if found is able:
             return able, method, problem, watch
         if isinstance(found, Trajectory):
-            return found
+            return found if watch is None else found.with_events(event_records(watch.labels, [], found))
         model = found
 
 
