@@ -8,6 +8,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from dalembert.errors import ConstraintError
 from dalembert.methods.status import Status
+from fuzz.contacts.scenes import compiled
 
 TIME = dynamicsymbols._t
 MU, G = sp.Rational(3, 10), 10
@@ -231,3 +232,15 @@ def test_friction_in_a_plane_that_shares_its_load_with_that_along_a_line_is_name
     start = {name: 0.0 for v in "xyzw" for name in (v, f"{v}_dot")}
     with pytest.raises(ConstraintError, match="hold each other while they stick"):
         model.simulate((0, 9), start, {})
+
+
+@pytest.mark.parametrize("rtol", [3e-7, 1e-6])
+def test_a_puck_that_hops_at_a_wall_comes_to_rest_there(rtol):
+    """It slides along another wall; the last hops are smaller than what rounding makes of a longer way."""
+    p = {"m": 2.498, "g_x": 3.603, "g_y": 2.624, "g_z": 9.81, "mu": 0.331, "e": 0.15, "a": 0.0, "b": 0.0}
+    p |= {"A": 0.0, "omega": 1.53, "B": 0.0, "nu": 1.527}
+    start = START | {"y": -0.25, "x_dot": -1.872}
+    run = compiled("puck").simulate((0, 1.2), start, p, rtol=rtol, atol=1e-2 * rtol)
+    assert run.status == Status.SUCCESS
+    assert run.phases[-1].modes == {"table": "stick", "right": "closed", "left": "closed"}
+    np.testing.assert_allclose(run.q[-1], 0, rtol=0, atol=1e-15)

@@ -276,10 +276,12 @@ def _enter(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
         if row < 0:
             added[case, ADDED * i + SIDE] = best.sides[i] if system.leader[i] == i else pick.least[i]
         else:
-            opens = best.mode[i] == OPEN
-            least = gap_allowance(system, cases, case, i, rtol, atol) if opens else pick.least[i]
+            slopes, bias, least = system.jacobian[row], system.bias[row], pick.least[i]
+            size = terms(slopes, best.motion, abs(bias))
+            if best.mode[i] == OPEN:
+                falls = float(system.sense[i]) * dot(slopes, best.motion, -bias) < -_LOADS * size
+                least = gap_allowance(system, cases, case, i, falls, rtol, atol)
             added[case, ADDED * i + SIDE] = least
-            size = terms(system.jacobian[row], best.motion, abs(system.bias[row]))
             if size < _ENORMOUS:
                 cases.loads[case, i] = max(cases.loads[case, i], size)
         cases.fired[case, i], cases.after[case, i] = 0, UNDECIDED
