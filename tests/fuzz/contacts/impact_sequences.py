@@ -18,10 +18,10 @@ __all__ = ["impacts_in_turn"]
 
 TOUCHING = 1e-13
 """Gap, over the size of the motion, from which on contacts do not touch."""
-STILL, EQUAL = 1e-9, 2e-5
-"""Of velocities, over their sizes: those that do not approach, and those that are equal."""
-MOST = 4000
-"""Impacts that are tried."""
+STILL, EQUAL, SAME = 1e-9, 2e-5, 1e-7
+"""Of velocities, over their sizes: those that do not approach, those that are equal, and those tried once."""
+MOST = 10_000
+"""Impacts that are tried: a dozen of them may bring three masses to rest at a wall."""
 
 
 def impacts_in_turn(rows: Rows, before: Array, after: Array) -> bool:
@@ -41,12 +41,16 @@ def impacts_in_turn(rows: Rows, before: Array, after: Array) -> bool:
 def _lead_to(rows: Rows, touching: list[int], before: Array, after: Array, size: float) -> bool:
     """Return whether impacts of some contacts that touch lead from velocities to others."""
     waiting, seen = deque([before]), 0  # short sequences first: every impact leaves a smaller one to be tried
+    known = set[tuple[float, ...]]()
     while waiting and seen < MOST:
         v, seen = waiting.popleft(), seen + 1
         for reached in _struck(rows, touching, v, STILL * size):
             if np.max(np.abs(reached - after)) <= EQUAL * size:
                 return True
-            waiting.append(reached)
+            key = tuple(np.round(reached / (SAME * size)).tolist())
+            if key not in known:
+                known.add(key)
+                waiting.append(reached)
     return False
 
 
