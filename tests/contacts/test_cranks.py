@@ -16,6 +16,25 @@ PI = np.pi
 
 
 @cache
+def lying(opens):
+    """Return the crank with friction in a plane, though it slips along a line; the load presses it if it ``opens``."""
+    a, h = dynamicsymbols("a h")
+    T, turn = sp.symbols("T turn")
+    N, O = ReferenceFrame("N"), Point("O")
+    S = N.orientnew("S", "Axis", (a, N.z))
+    P = O.locatenew("P", sp.cos(a) * (3 * N.x + 4 * N.y) / 5 + (h * N.z if opens else 0 * N.z))
+    scene = da.Scene("lying", frame=N, origin=O, coordinates=[a, h] if opens else [a])
+    scene.add_bodies(RigidBody("disc", O, S, 1, (inertia(S, 0, 0, 1), O)), Particle("slider", P, 1))
+    scene.add_loads((S, turn * N.z), (P, -T * N.z))
+    A, B, R = da.unknowns("A B R")
+    scene.add_joints(da.Joint("guide", body="slider", at=P, force=A * N.x + B * N.y + (R * N.z if opens else 0 * N.z)))
+    if opens:
+        scene.add_contacts(da.UnilateralContact(R, gap=h, name="guide", restitution=0))
+    scene.add_friction(da.CoulombFriction(R if opens else T, (A, B), mu=1, name="guide"))
+    return da.compile_model(scene, outputs=["A", "B"])
+
+
+@cache
 def crank(beside=False, backend="llvm"):
     """Return a crank of unit inertia and radius with a slider of mass 1, and possibly a ball that falls beside it."""
     a, h = dynamicsymbols("a h")
@@ -88,3 +107,14 @@ def test_a_crank_that_turns_has_come_through_its_dead_centres(backend):
 def test_a_crank_that_friction_holds_has_rested():
     run = crank().simulate((1, 0), _start(1.0), {"T": LOAD, "turn": 1.0})
     assert run.status is Status.SUCCESS and [phase.modes for phase in run.phases] == [{"guide": "stick"}]
+
+
+@pytest.mark.parametrize(("opens", "a"), [(False, 0.0), (False, PI), (True, 0.0), (True, PI)])
+def test_friction_in_a_plane_does_not_hold_a_crank_at_a_dead_centre_either(opens, a):
+    """Where the slip velocities in both directions vanish; friction is never more than the load."""
+    start = _start(a) | ({"h": 0.0, "h_dot": 0.0} if opens else {})
+    run = lying(opens).simulate((0, 0.3), start, {"T": LOAD, "turn": TURN}, rtol=1e-9)
+    assert run.status is Status.SUCCESS and run.phases[-1].modes == {"guide": "slip"}
+    turned = _exact(round(a / PI) * PI + 1e-12, 0.0, (0, 0.3), TURN)[0]
+    np.testing.assert_allclose(run["a"][-1], turned, rtol=0, atol=2e-8)
+    assert np.max(np.hypot(run["A"], run["B"])) < LOAD * (1 + 1e-9)

@@ -55,9 +55,10 @@ LOAD = 2 * TIME, 3 * TIME * sp.cos(TIME)
         (lambda x, y: 3 * x + 4 * y, {}),
         (lambda x, y: y, {}),
         (lambda x, y: x**2 + (y - 1) ** 2 - 1, {}),
+        (lambda x, y: x**2 + (y - 1) ** 2 - 1, {"x": 1.0, "y": 1.0}),
         (lambda x, y: y - sp.sin(2 * x), {"x": 0.3, "y": np.sin(0.6)}),
     ],
-    ids=["diagonal", "decline", "axis", "circle", "wave"],
+    ids=["diagonal", "decline", "axis", "circle", "side of a circle", "wave"],
 )
 def test_friction_in_the_plane_is_that_along_the_guide(guide, start):
     """Stick, slip, rest: the motion, and when it sticks, are those of a law with one direction."""
@@ -86,6 +87,16 @@ def test_friction_is_along_the_guide_while_the_block_sticks():
     np.testing.assert_allclose(run["A"], -run.t / 2, rtol=0, atol=1e-12)
     np.testing.assert_allclose(run["B"], run["A"], rtol=0, atol=1e-12)
     np.testing.assert_allclose(np.abs(run["H"]), run.t / np.sqrt(2), rtol=0, atol=1e-12)
+
+
+def test_friction_at_the_side_of_a_circle_is_along_its_tangent():
+    """There the slip velocity vanishes along x, of which that along y is a share without bound."""
+    x, y, _ = dynamicsymbols("x y z")
+    scene, _ = block((2 * TIME, -TIME), guide=x**2 + (y - 1) ** 2 - 1)
+    run = da.compile_model(scene, outputs=["A", "B"]).simulate((0, 2), START | {"x": -1.0, "y": 1.0}, {})
+    assert run.status == Status.SUCCESS and [phase.modes["floor"] for phase in run.phases] == ["stick"]
+    np.testing.assert_allclose(run["A"], 0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(run["B"], run.t, rtol=0, atol=1e-12)
 
 
 def test_the_block_breaks_away_where_the_load_along_the_guide_overcomes_friction():

@@ -187,12 +187,17 @@ def gap_noise(system: ContactSystem, x: FloatArray, i: int) -> float:
 
 @compiled_subset
 def slow_terms(system: ContactSystem, x: FloatArray, row: int) -> float:
-    """Return the least size of the terms of the rate of a constraint, or of a slip velocity; x as before."""
+    """Return the least size of the terms of the rate of a constraint, or of a slip velocity; x as before.
+
+    Where a slip velocity depends on no rate, it is that of a point that moves as fast as coordinates do.
+    """
     total, speed, length = 0.0, 0.0, _length_size(system, x)
     for j in range(system.coordinates):
         size = 1.0 if system.angle[j] != 0 else length
         total += abs(system.jacobian[row, j]) * size
         speed += abs(system.rates[j]) / size
+    if total == 0.0:
+        total = length
     return _SLOW_SHARE * (speed if speed > _AT_REST else 1.0) * total
 
 

@@ -208,9 +208,11 @@ def contact_margin(system: ContactSystem, pick: Candidates, i: int, force: float
         used = 0.0
         for r in range(system.first[i], system.first[i] + system.width[i]):
             size = _speed(system, system.constraints + r) + force * _pushed(system, i)
-            if abs(system.slip[r]) > _POWERLESS * size or (system.width[i] == 1 and turns_back(system, pick.now, r)):
+            if abs(system.slip[r]) > _POWERLESS * size:
                 return -1.0
             used += system.forces[r, 0] * system.forces[r, 0]
+        if turns_back(system, pick.now, i):
+            return -1.0
         press = pick.now.sides[i] * system.press[i]
         if turned(pick, i):
             press = max(press, 0.0)  # it is zero, and its sign is rounding

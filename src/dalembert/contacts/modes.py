@@ -61,7 +61,9 @@ class _ModeEquations:
         self.whole = along_lines(self.whole, self.lines.values())
         gone = {i for c, state in self.contacts if state == OPEN for i in (c.normal, *c.tangential)}
         gone |= {i for c in (*(c for c, _ in sliding), *self.idle) for i in c.tangential}
-        gone |= {pair.second.tangential[1] for pair in self.pairs} | {line.other for line in self.lines.values()}
+        gone |= {pair.second.tangential[1] for pair in self.pairs} | {
+            line.contact.tangential[1] for line in self.lines.values()
+        }
         gone |= {c.normal for c, _ in self.contacts if c.normal_load is not None}
         self.kept = [i for i in range(len(equations.symbols.unknowns)) if i not in gone]
 
@@ -101,9 +103,10 @@ class _ModeEquations:
         names = whole.symbols.unknowns
         frictionless = self._without_friction(self.rows, self.kept)
         idle = {contact.name: contact.tangential for contact in self.idle}
-        idle |= {name: (line.other,) for name, line in self.lines.items()}
+        idle |= {name: line.contact.tangential[1:] for name, line in self.lines.items()}
         friction = sliding_friction(frictionless, whole, self.kept, self.sliding, idle)
         known: dict[Node, Node] = {}
+        kept_names = list(names)
         for item, kappa in zip(self.sliding, friction.factors, strict=True):
             pressing = self.laws.normal(item.contact)
             for i, k in zip(item.contact.tangential, kappa, strict=True):
@@ -115,7 +118,8 @@ class _ModeEquations:
         for pair in self.pairs:
             known |= pair.forces()
         for line in self.lines.values():
-            known |= line.force(graph, names)
+            known |= line.forces(graph, names)
+            kept_names = line.named(kept_names)
         for contact in self.idle:
             known |= {graph.input(names[i]): graph.zero for i in contact.tangential}
         for contact, state in self.contacts:
@@ -133,7 +137,7 @@ class _ModeEquations:
             added |= {name: value for name, value in zip(parameters, values, strict=True) if name}
         symbols = replace(
             whole.symbols,
-            unknowns=tuple(names[i] for i in self.kept),
+            unknowns=tuple(kept_names[i] for i in self.kept),
             parameters=(*whole.symbols.parameters, *added),
         )
         return replace(
@@ -168,7 +172,7 @@ class _ModeEquations:
                 add((-1, zero), (-1, zero), (-1, zero), (contact.normal, fixed))
             if sticks and contact.mu_static is not None:
                 line, (first, second) = self.lines.get(contact.name), (*contact.tangential, -1)[:2]
-                forces = ((first, one), (second, one)) if line is None else line.entries(one)
+                forces = ((first, one), (second, one)) if line is None else line.entries()
                 add((contact.normal, contact.mu_static * press), *forces, (-1, zero))
         return tuple(rows)
 

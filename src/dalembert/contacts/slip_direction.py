@@ -308,17 +308,20 @@ def held_by_others(system: ContactSystem, chosen: Combination, r: int) -> bool:
 
 
 @compiled_subset
-def turns_back(system: ContactSystem, chosen: Combination, r: int) -> bool:
-    """Return whether a slip velocity does not depend on the rates here, but will where the mode that is solved moves.
+def turns_back(system: ContactSystem, chosen: Combination, i: int) -> bool:
+    """Return whether slip of a contact does not depend on the rates here, but will where the mode that is solved moves.
 
     So does that of a point at the dead centre of its path. Friction has no power on any motion there: it cannot hold
     the point, and the equations of the mode in which it sticks are singular. Where the mode holds all coordinates on
     which the slip depends, there is nothing to hold, and the point may stick.
     """
-    if compliance(system, r, r) != 0.0 or not motionless(system, system.constraints + r):
-        return False
+    first, after = system.first[i], system.first[i] + system.width[i]
+    for r in range(first, after):
+        if compliance(system, r, r) != 0.0 or not motionless(system, system.constraints + r):
+            return False
     for a in range(_left_free(system, chosen)):
         for j in range(system.coordinates):
-            if system.slides_by[r, j] != 0 and abs(system.dense.free[a, j]) > _MOVES:
-                return True
+            for r in range(first, after):
+                if system.slides_by[r, j] != 0 and abs(system.dense.free[a, j]) > _MOVES:
+                    return True
     return False

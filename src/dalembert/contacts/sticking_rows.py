@@ -27,42 +27,42 @@ from ..transforms.linear import dependence
 @final
 @frozen
 class SlipLine:
-    """A contact, the number of the slip velocity that decides the other one, and what that one is of it."""
+    """A contact in a plane, and the factors of its two friction forces: they are these times the force along the line.
+
+    That is an unknown in place of the first friction force.
+    """
 
     contact: ContactRow
-    own: int
-    share: Node
-
-    @property
-    def force_of_own(self) -> int:
-        """Number of the friction force along the slip that decides."""
-        return self.contact.tangential[self.own]
-
-    @property
-    def other(self) -> int:
-        """Number of the friction force that is no unknown any more."""
-        return self.contact.tangential[1 - self.own]
+    factors: tuple[Node, Node]
 
     def parts(self, graph: Graph, names: Sequence[str]) -> tuple[Node, Node]:
-        """Return both friction forces in terms of the one that decides."""
-        force = graph.input(names[self.force_of_own])
-        return force, self.share * force
+        """Return both friction forces in terms of the one along the line."""
+        force = graph.input(self.named(names)[self.contact.tangential[0]])
+        return self.factors[0] * force, self.factors[1] * force
 
-    def force(self, graph: Graph, names: Sequence[str]) -> dict[Node, Node]:
-        """Return the other friction force by its input."""
-        return {graph.input(names[self.other]): self.parts(graph, names)[1]}
+    def forces(self, graph: Graph, names: Sequence[str]) -> dict[Node, Node]:
+        """Return both friction forces by their inputs."""
+        inputs = (graph.input(names[i]) for i in self.contact.tangential)
+        return dict(zip(inputs, self.parts(graph, names), strict=True))
 
-    def entries(self, one: Node) -> tuple[tuple[int, Node], tuple[int, Node]]:
+    def entries(self) -> tuple[tuple[int, Node], tuple[int, Node]]:
         """Return both friction forces as numbers of unknowns and factors."""
-        return (self.force_of_own, one), (self.force_of_own, self.share)
+        own = self.contact.tangential[0]
+        return (own, self.factors[0]), (own, self.factors[1])
+
+    def named(self, names: Sequence[str]) -> list[str]:
+        """Return the names of unknowns with that of the force along the line."""
+        own = self.contact.tangential[0]
+        return [f"friction of {self.contact.name} along its line" if i == own else name for i, name in enumerate(names)]
 
 
 def along_lines(equations: EquationsOfMotion, lines: Iterable[SlipLine]) -> EquationsOfMotion:
-    """Return equations in which the friction forces that decide have the power of both."""
+    """Return equations in which forces along lines have the power of both friction forces."""
     reactions = [list(row) for row in equations.reactions]
     for line in lines:
+        (first, second), (a, b) = line.contact.tangential, line.factors
         for row in reactions:
-            row[line.force_of_own] = row[line.force_of_own] + line.share * row[line.other]
+            row[first] = a * row[first] + b * row[second]
     return replace(equations, reactions=reactions)
 
 
@@ -164,5 +164,31 @@ class StickingRows:
         (k, share), *more = tied
         if more:
             self.idle.append(contact)
-        else:
-            self.lines[contact.name] = SlipLine(contact, 1 - k, self._graph.adopt([share])[0])
+            return
+        own, other = self._along_line(contact, k, share)
+        a, b = factors = (own, other) if k == 1 else (other, own)
+        self.lines[contact.name] = SlipLine(contact, factors)
+        first, second = contact.slips
+        self.rows[-1] = replace(
+            self.rows[-1],
+            jacobian=tuple(a * x + b * y for x, y in zip(first.jacobian, second.jacobian, strict=True)),
+            drift=a * first.drift + b * second.drift,
+            bias=a * first.bias + b * second.bias,
+        )
+
+    def _along_line(self, contact: ContactRow, k: int, share: Node) -> tuple[Node, Node]:
+        """Return the factors of the slip velocity that decides and of slip velocity k, which is a share of it.
+
+        Where the share varies, they have length one: the slip velocity that decides may vanish on the way.
+        """
+        graph = self._graph
+        if not share.deps:
+            return graph.one, graph.adopt([share])[0]
+        others = [*self._independent[:-1], self._slopes(contact.slips[k])]
+        inverse = dependence(self._own, others, self._independent[-1])
+        assert inverse is not None
+        share, inverse_share = graph.adopt([share, inverse[-1]])
+        small = graph.call("less", graph.call("abs", share), graph.one)
+        sizes = [graph.call("sqrt", graph.one + each * each) for each in (share, inverse_share)]
+        own = graph.call("select", small, graph.one / sizes[0], inverse_share / sizes[1])
+        return own, graph.call("select", small, share / sizes[0], graph.one / sizes[1])
