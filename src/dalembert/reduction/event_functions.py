@@ -171,11 +171,20 @@ def event_functions(
     )
 
 
-def jump_kernel(scene: Scene, system: ReducedSystem, changes: Mapping[Any, Any], what: str) -> Kernel:
+_ON_ZERO = 1024 * EPSILON
+"""Share of the terms of an expression, and of its change since the start, within which its zero is located."""
+
+
+def jump_kernel(scene: Scene, system: ReducedSystem, event: Any, changes: Mapping[Any, Any], what: str) -> Kernel:
     """Return the kernel from (t, y, c) to coordinates, rates and states (2 n_q + n_z,) after a jump.
+
+    A coordinate that alone decides about the event, and does not jump, is where the event's expression vanishes: a body
+    that stops there is not left beside it by the rounding of times, from where it would cross again.
 
     Parameters
     ----------
+    event : str or SymPy expression
+        The expression that has vanished.
     changes : mapping of symbols or names to expressions
         Coordinates, rates and states that jump, with their values after the jump in terms of the state before; others
         are unchanged. Angles of a quaternion, their rates and angular velocities may jump in place of the former.
@@ -198,11 +207,29 @@ def jump_kernel(scene: Scene, system: ReducedSystem, changes: Mapping[Any, Any],
             raise UnknownNameError(f"{what} applies to {str(key)!r}, which does not jump: {why}")
         after[name] = reader.read(expression, f"{what}, {name} after it")
         changed.add(name)
+    after |= _on_zero(reader, system, reader.read(event, f"{what} {event}"), {*symbols.coordinates} - changed)
     for entry in _entries(symbols.entries, changed, what):
         values = dict(zip(map(reader.graph.input, after), after.values(), strict=True))
         found = reader.graph.substitute(reader.graph.adopt(entry.values), values)
         after |= dict(zip(entry.targets, found, strict=True))
     return reader.kernel("jump", [after[name] for name in symbols.variables])
+
+
+def _on_zero(reader: _Reader, system: ReducedSystem, value: Node, names: set[str]) -> dict[str, Node]:
+    """Return the coordinate where a value vanishes that it alone of the state decides about, linearly; else nothing."""
+    graph = reader.graph
+    used = [place for place in reader.inputs if place.deps & value.deps]
+    found = [name for name in sorted(names) if used == [reader.table[name]]]
+    if not found:
+        return {}
+    (place,) = used
+    (slope,) = tangents(graph, [value], {place: graph.one})
+    if slope.is_zero or slope.deps & (place.deps | reader.time.deps):
+        return {}
+    rate = dict(zip(reader.inputs, graph.adopt(system.rhs), strict=True))[place]
+    change, beside = value / slope, graph.call("abs", rate * reader.time) + graph.call("abs", place)
+    small = graph.call("less", graph.call("abs", change), graph.node(_ON_ZERO) * beside)
+    return {found[0]: graph.call("select", small, place - change, place)}
 
 
 def _entries(entries: Sequence[Entry], changed: set[str], what: str) -> Iterator[Entry]:

@@ -106,7 +106,9 @@ def compiled_events(
     rank = len(watched) if margins else -1
     watched += [Event(name, direction=-1) for name in margins or {}]
     jumps = [
-        None if event.apply is None else jump_kernel(scene, reduced, event.apply, f"event {event.label!r}")
+        None
+        if event.apply is None
+        else jump_kernel(scene, reduced, event.expression, event.apply, f"event {event.label!r}")
         for event in watched
     ]
     moving = stages.mode is None  # what one mode keeps constant, as the reaction of an open contact, another moves
