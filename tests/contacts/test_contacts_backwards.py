@@ -9,6 +9,8 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.methods.status import Status
+from fuzz.contacts.families import drawn
+from fuzz.contacts.scenes import compiled
 
 G = 9.81
 BALL = {"m": 1.0, "e": 0.7, "g": G}
@@ -56,6 +58,20 @@ def test_a_block_that_friction_cannot_hold_has_come_to_rest_against_its_load(pus
     assert run.status is Status.SUCCESS and [phase.modes["floor"] for phase in run.phases] == [modes]
     past = (push + np.sign(push) * 2) / 2 if modes == "slip" else 0.0
     assert run["x"][-1] == pytest.approx(past, abs=1e-12)
+
+
+@pytest.mark.parametrize("rtol", [1e-8, 1e-10])
+def test_a_block_that_has_broken_away_may_have_stuck(rtol):
+    """Friction that is overcome by next to nothing has held it before: it has not come from the other side."""
+    case = drawn("slot", 14)
+    model, span = compiled(case.scene), (0.881688, 0.0)
+    p = {name: case.parameters[name] for name in model.layout.parameters}
+    forth = model.simulate((0.0, span[0]), case.initial, p, rtol=rtol, atol=rtol)
+    assert [[*phase.modes.values()] for phase in forth.phases] == [["slip"], ["stick"], ["slip"]]
+    start = {name: forth[name][-1] for name in case.initial}
+    back = model.simulate(span, start, p, rtol=rtol, atol=rtol)
+    assert back.status is Status.CONTACT_AMBIGUOUS
+    assert back.t_end == pytest.approx(forth.phases[-1].t0, abs=1e-3)
 
 
 def test_an_impact_is_not_undone():

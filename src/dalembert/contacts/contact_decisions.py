@@ -30,8 +30,8 @@ from .contact_kinds import (
     way_of_slip,
 )
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, dot, inertial_terms, opening_power, terms
-from .mode_candidates import FREE, GRIPPED, HOVERING, STOP, TOUCHING, TURN, Candidates
-from .mode_selection import select_mode
+from .mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, Candidates
+from .past_modes import select_at
 from .points_of_one_link import point_across
 from .slow_slip import REST_SHARE, begins_anew, jam, rest_share, take_as_rest
 
@@ -44,7 +44,7 @@ _LOADS = 1024.0 * EPSILON
 """Share of the terms of a gap's acceleration that rounding of positions and forces leaves of one that is zero."""
 
 _SUCCESS, _INITIAL_STATE = int(Status.SUCCESS), int(Status.INITIAL_STATE)
-_IMPOSSIBLE, _AMBIGUOUS = int(Status.CONTACT_IMPOSSIBLE), int(Status.CONTACT_AMBIGUOUS)
+_IMPOSSIBLE = int(Status.CONTACT_IMPOSSIBLE)
 _NON_FINITE = int(Status.NON_FINITE)
 
 
@@ -199,49 +199,6 @@ def _what_is_known(pick: Candidates, cases: ContactCases, case: int, begins: boo
 
 
 @compiled_subset
-def _begins_to_slip(system: ContactSystem, pick: Candidates) -> bool:
-    """Return whether a contact along a line begins to slip in the selected mode."""
-    begins = False
-    for i in range(system.contacts):
-        begins = begins or (pick.kind[i] == GRIPPED and pick.best.mode[i] == SLIP and system.width[i] == 1)
-    return begins
-
-
-@compiled_subset
-def _past_unknown(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> bool:
-    """Return whether a contact of a case that goes backwards in time has changed: different pasts lead there.
-
-    Where only a normal reaction turns, the contact slips on. Where slip along a line ends and friction could not have
-    held it, it slipped the other way.
-    """
-    unknown = False
-    for i in range(system.contacts):
-        fired, former = cases.fired[case, i], cases.modes[case, i]
-        slips = pick.best.along[i, 0] * cases.added[case, ADDED * i] < 0.0 or cases.passed[case] == 0.0
-        passes = fired == STOP and system.width[i] == 1 and slips
-        unknown = unknown or (fired != 0 and fired != TURN and not passes)
-        unknown = unknown or (former != UNDECIDED and former != pick.best.mode[i])
-    return unknown
-
-
-@compiled_subset
-def _select(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int, known: bool, meets: bool) -> int:
-    """Select the next mode, or backwards in time the last one; return a status.
-
-    What rests has rested before, too, if friction holds it. Else it has come to rest just now, against its slip.
-    """
-    past, again = cases.span[case] < 0.0, cases.passed[case] == 0.0 and cases.number[case] != UNDECIDED
-    pick.found.backwards = 1 if past and again else 0
-    status = select_mode(system, pick, known, meets)
-    if past and not again and status == _SUCCESS and _begins_to_slip(system, pick):
-        pick.found.backwards = 1
-        status = select_mode(system, pick, known, meets)
-    if past and status == _SUCCESS and _past_unknown(system, pick, cases, case):
-        return _AMBIGUOUS
-    return status
-
-
-@compiled_subset
 def _overflows(pick: Candidates) -> bool:
     """Return whether accelerations are so large that steps with them overflow."""
     largest = 0.0
@@ -339,10 +296,10 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
     load_accelerations(system)
     _weigh(system, pick, cases, case)
     if cases.status[case] != _IMPOSSIBLE:  # else the last mode has lost its reactions
-        cases.status[case] = _select(system, pick, cases, case, known, meets)
+        cases.status[case] = select_at(system, pick, cases, case, known, meets, arguments.rtol)
     slow = cases.status[case] == _IMPOSSIBLE and take_as_rest(system, pick, cases, case, arguments.rtol)
     if slow:
-        cases.status[case] = _select(system, pick, cases, case, known, meets)
+        cases.status[case] = select_at(system, pick, cases, case, known, meets, arguments.rtol)
     if cases.status[case] == _IMPOSSIBLE:
         cases.status[case] = jam(system, pick, cases, case)
         return cases.status[case] == _SUCCESS

@@ -57,12 +57,12 @@ class SlipLine:
 
 
 def along_lines(equations: EquationsOfMotion, lines: Iterable[SlipLine]) -> EquationsOfMotion:
-    """Return equations in which forces along lines have the power of both friction forces."""
+    """Return equations in which forces along lines, and across them, have the power of both friction forces."""
     reactions = [list(row) for row in equations.reactions]
     for line in lines:
         (first, second), (a, b) = line.contact.tangential, line.factors
         for row in reactions:
-            row[first] = a * row[first] + b * row[second]
+            row[first], row[second] = a * row[first] + b * row[second], a * row[second] - b * row[first]
     return replace(equations, reactions=reactions)
 
 
