@@ -45,6 +45,7 @@ def test_controllers_act_where_steps_end(tmp_path, method):
     given = {"method": method, **TOLERANCES}
     path = model.export(tmp_path / "export", initial=START, parameters=NUMBERS, t_span=(0, 4.2), **given)
     names, *rows = output(built(path, ["main.c", "held.c"]), 4.2, 61).splitlines()
+    assert len(set(names.split(","))) == len(names.split(","))
     found = dict(zip(names.split(","), np.array([row.split(",") for row in rows], float).T, strict=True))
     run = model.simulate((0, 4.2), START, NUMBERS, t_eval=found["t"], **given)
     last = model.simulate((0, 4.2), START, NUMBERS, **given)

@@ -51,6 +51,13 @@ def exact(name, time, width=WIDTH):
         return np.trapezoid(force(times) * np.sin(END - times), times)
 
 
+@pytest.mark.parametrize("share", [0.5, 0.125, 0.8125])
+def test_where_the_search_cuts_the_run(share):
+    """There its place is found twice, from both sides."""
+    run = model("Gaussian").simulate((0.0, END), REST, {tp: share * END, w: WIDTH})
+    assert run["x"][-1] == pytest.approx(exact("Gaussian", share * END), abs=1e-7)
+
+
 @pytest.mark.parametrize("name", PULSES)
 def test_every_method_finds_it(name):
     for method in ("auto", "taylor", "dop853", "tsit5", "radau") if name == "Gaussian" else ("taylor", "dop853"):

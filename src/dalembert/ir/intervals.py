@@ -30,10 +30,11 @@ class Interval:
     rate_high: FloatArray
 
 
-def _of(value: Any) -> Interval:
+def interval_of(value: Any) -> Interval:
+    """Return the bounds of a value that may be one that does not depend on time."""
     if isinstance(value, Interval):
         return value
-    number = np.asarray(value, dtype=float)
+    number = value if hasattr(value, "__array_function__") else np.asarray(value, dtype=float)
     zero = np.zeros_like(number)
     return Interval(number, number, zero, zero)
 
@@ -101,7 +102,7 @@ def _tan(a: Interval) -> Interval:
 
 def _acos(a: Interval) -> Interval:
     half = np.full_like(a.low, 0.5 * np.pi)
-    return _add(_of(half), _neg(_asin(a)))
+    return _add(interval_of(half), _neg(_asin(a)))
 
 
 def _abs(a: Interval) -> Interval:
@@ -146,7 +147,7 @@ def _atan2(y: Interval, x: Interval) -> Interval:
     above, below = y.low > 0.0, y.high < 0.0
     flat = _atan(_div(x, y))
     half = np.where(above, 0.5 * np.pi, -0.5 * np.pi)
-    turned = _add(_of(half), _neg(flat))
+    turned = _add(interval_of(half), _neg(flat))
     known, side = right | above | below, above | below
     low = np.where(side, turned.low, np.where(right, ratio.low, -np.pi))
     high = np.where(side, turned.high, np.where(right, ratio.high, np.pi))
@@ -207,7 +208,7 @@ _atan = _monotone(np.arctan, lambda a: reciprocal(one_plus(square(a))))
 
 def _unknown(*args: Interval) -> Interval:
     """Return what is known of the value of a call: nothing."""
-    far = np.full(np.broadcast_shapes(*(np.shape(_of(arg).low) for arg in args)), np.inf)
+    far = np.full(np.broadcast_shapes(*(np.shape(interval_of(arg).low) for arg in args)), np.inf)
     return Interval(-far, far, -far, far)
 
 
@@ -250,7 +251,7 @@ def _either(op: str) -> Callable[..., Any]:
 
     def call(*args: Any) -> Any:
         if any(isinstance(arg, Interval) for arg in args):
-            return rule(*(args if args[0] is args[-1] else map(_of, args)))
+            return rule(*(args if args[0] is args[-1] else map(interval_of, args)))
         return plain(*args)
 
     return call

@@ -106,7 +106,7 @@ def _narrow(
     except BreakTimesError:  # too many for any to be narrow
         return np.zeros(0, np.intp), np.zeros(0)
     order = np.lexsort((times, row))
-    row, times = row[order], times[order]
+    row, times = _apart(row[order], times[order])  # a root where an interval was cut is that of both parts
     with np.errstate(all="ignore"):
         (sharp,) = interpret(sharpness, {"t": times, "p": ParameterRows(p.T, row)}, ARRAY_OPERATIONS)
         size = 1.0 / np.sqrt(np.broadcast_to(np.asarray(sharp, dtype=float), times.shape))
@@ -173,7 +173,11 @@ def _merged(run: IntArray, times: FloatArray, low: FloatArray, high: FloatArray)
     run, times = run[order], times[order]
     close = SMALLEST_OF_TIME * np.abs(times)
     inside = (times - low[run] > close) & (high[run] - times > close)
-    run, times, close = run[inside], times[inside], close[inside]
+    return _apart(run[inside], times[inside])
+
+
+def _apart(run: IntArray, times: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return times in order without those that follow another of the same run within rounding."""
     apart = np.ones(len(times), bool)
-    apart[1:] = (run[1:] != run[:-1]) | (np.diff(times) > close[1:])
+    apart[1:] = (run[1:] != run[:-1]) | (np.diff(times) > SMALLEST_OF_TIME * np.abs(times[1:]))
     return run[apart], times[apart]

@@ -6,7 +6,7 @@ Intervals are cut in two until the function is monotone in them, or cannot be to
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from ..arrays import FloatArray
 from ..errors import BreakTimesError
 from ..ir.conditions import WHOLE
 from ..ir.interpret import ARRAY_OPERATIONS, interpret
-from ..ir.intervals import INTERVAL_OPERATIONS, Interval
+from ..ir.intervals import INTERVAL_OPERATIONS, Interval, interval_of
 from ..ir.kernel import Kernel
 from ..methods.step_constants import EPSILON, ROOT_PRECISION, ROOT_TRIES, SMALLEST_NORMAL, SMALLEST_OF_TIME
 
@@ -23,6 +23,8 @@ IntArray = NDArray[np.intp]
 
 FIRST_PARTS = 8
 """Parts that an interval is cut in at first."""
+MOST_CUTS = 128
+"""How often a part is cut in two; what is left is as short as rounding, but for times about zero."""
 _MOST_ROOTS = 1_000_000
 """Largest number of roots of one function."""
 _MOST_EACH = 2_000
@@ -57,11 +59,12 @@ class RootSearch:
         rows: list[IntArray] = []
         found: list[FloatArray] = []
         stuck: list[tuple[IntArray, FloatArray, FloatArray]] = []
-        parts, total = FIRST_PARTS, 0
+        parts, total, cuts = FIRST_PARTS, 0, 0
         while len(row):
             row, low, high = _cut(row, low, high, parts)
-            parts = 2
             straight, rest, done = self._kinds(row, low, high)
+            done |= rest & (cuts == MOST_CUTS)
+            parts, cuts = 2, cuts + 1
             some = self._on_monotone(row[straight], low[straight], high[straight])
             rows.append(some[0])
             found.append(some[1])
@@ -86,52 +89,32 @@ class RootSearch:
         self, row: IntArray, low: FloatArray, high: FloatArray
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
         """Return which intervals may hold roots: with a monotone function, with another, and those not to be cut."""
-        bounds, noise = self._bounds(row, low, high)
-        constant = np.maximum(np.abs(bounds.rate_low), np.abs(bounds.rate_high)) <= _NOTHING
-        held = self._may_cross(bounds.low - noise, bounds.high + noise) & ~constant
-        turns = (bounds.rate_low <= 0.0) & (bounds.rate_high >= 0.0)
-        small = high - low <= 4.0 * EPSILON * np.maximum(np.abs(low), np.abs(high)) + SMALLEST_NORMAL
-        flat = bounds.high - bounds.low <= 4.0 * noise
-        return held & ~turns, held & turns, held & turns & (small | flat)
+        return kinds_of(self.kind, low, high, *self._intervals(row, low, high))
 
     def _value(self, row: IntArray, t: FloatArray) -> FloatArray:
         with np.errstate(all="ignore"):
             (value,) = interpret(self.kernel, {"t": t, "p": ParameterRows(self.p, row)}, ARRAY_OPERATIONS)
         return np.broadcast_to(value, t.shape)
 
-    def _bounds(self, row: IntArray, low: FloatArray, high: FloatArray) -> tuple[Interval, FloatArray]:
-        """Return bounds over intervals, and bounds of the rounding error of a value in them."""
-        middle = low + 0.5 * (high - low)
+    def _intervals(self, row: IntArray, low: FloatArray, high: FloatArray) -> tuple[Interval, Interval]:
+        """Return bounds over intervals, and bounds of a value in the middle of each."""
+        middle, one, zero = low + 0.5 * (high - low), np.ones_like(low), np.zeros_like(low)
+        ranges = Interval(low, high, one, one), Interval(middle, middle, zero, zero)
+        arguments, found = {"p": ParameterRows(self.p, row)}, []
         with np.errstate(all="ignore"):
-            arguments = {"p": ParameterRows(self.p, row)}
-            one, zero = np.ones_like(low), np.zeros_like(low)
-            (whole,) = interpret(self.kernel, arguments | {"t": Interval(low, high, one, one)}, INTERVAL_OPERATIONS)
-            if not isinstance(whole, Interval):  # time cancels, as in t/2 < t - t/2 + a
-                return Interval(*(np.broadcast_to(v, low.shape) for v in (whole, whole, zero, zero))), zero
-            point = Interval(middle, middle, zero, zero)
-            (centre,) = interpret(self.kernel, arguments | {"t": point}, INTERVAL_OPERATIONS)
-            half = 0.5 * (high - low)
-            spread = half * np.maximum(np.abs(whole.rate_low), np.abs(whole.rate_high))
-            spread = np.where(np.isnan(spread), np.inf, spread)
-            lower, upper = np.fmax(whole.low, centre.low - spread), np.fmin(whole.high, centre.high + spread)
-        noise = np.nan_to_num(centre.high - centre.low, nan=0.0, posinf=0.0)
-        shape = low.shape
-        bounds = (np.broadcast_to(v, shape) for v in (lower, upper, whole.rate_low, whole.rate_high))
-        return Interval(*bounds), np.broadcast_to(noise, shape)
+            for t in ranges:
+                (value,) = interpret(self.kernel, arguments | {"t": t}, INTERVAL_OPERATIONS)
+                found.append(spread_over(low, interval_of(value)))
+        return found[0], found[1]
 
     def _vanishes(self, row: IntArray, low: FloatArray, high: FloatArray) -> NDArray[np.bool_]:
         """Return in which intervals the function is zero up to rounding."""
         parts = [low + share * (high - low) for share in (0.0, 0.31, 0.77, 1.0)]
         found = np.ones(len(row), bool)
         for t in parts:
-            bounds, noise = self._bounds(row, t, t)
-            found &= self._may_cross(bounds.low - noise, bounds.high + noise)
+            bounds, noise = _bounds(t, t, *self._intervals(row, t, t))
+            found &= _may_cross(self.kind, bounds.low - noise, bounds.high + noise)
         return found
-
-    def _may_cross(self, low: FloatArray, high: FloatArray) -> NDArray[np.bool_]:
-        if self.kind == WHOLE:
-            return np.asarray(np.floor(high) >= np.ceil(low))
-        return np.asarray((low <= 0.0) & (high >= 0.0))
 
     def _on_monotone(self, row: IntArray, low: FloatArray, high: FloatArray) -> tuple[IntArray, FloatArray]:
         """Return the roots in intervals in which the function rises or falls."""
@@ -190,6 +173,49 @@ class RootSearch:
         )
 
 
+def spread_over(places: FloatArray, x: Interval) -> Interval:
+    """Return an interval with a number at each place, where it has one for all."""
+    return Interval(*(np.broadcast_to(v, places.shape) for v in (x.low, x.high, x.rate_low, x.rate_high)))
+
+
+def kinds_of(kind: str, low: Any, high: Any, whole: Interval, centre: Interval) -> tuple[Any, Any, Any]:
+    """Return which intervals may hold roots: with a monotone function, with another, and those not to be cut.
+
+    Parameters
+    ----------
+    kind : str
+        See `RootSearch`.
+    low, high : ndarray (k,)
+        The intervals.
+    whole, centre : Interval
+        Bounds of the function over them, and in the middle of each.
+    """
+    with np.errstate(all="ignore"):
+        bounds, noise = _bounds(low, high, whole, centre)
+        constant = np.maximum(np.abs(bounds.rate_low), np.abs(bounds.rate_high)) <= _NOTHING
+        held = _may_cross(kind, bounds.low - noise, bounds.high + noise) & ~constant
+        turns = (bounds.rate_low <= 0.0) & (bounds.rate_high >= 0.0)
+        small = high - low <= 4.0 * EPSILON * np.maximum(np.abs(low), np.abs(high)) + SMALLEST_NORMAL
+        flat = bounds.high - bounds.low <= 4.0 * noise
+        return held & ~turns, held & turns, held & turns & (small | flat)
+
+
+def _bounds(low: Any, high: Any, whole: Interval, centre: Interval) -> tuple[Interval, Any]:
+    """Return bounds over intervals, and bounds of the rounding error of a value in them."""
+    with np.errstate(all="ignore"):
+        spread = 0.5 * (high - low) * np.maximum(np.abs(whole.rate_low), np.abs(whole.rate_high))
+        spread = np.where(np.isnan(spread), np.inf, spread)
+        lower, upper = np.fmax(whole.low, centre.low - spread), np.fmin(whole.high, centre.high + spread)
+        noise = centre.high - centre.low
+        return Interval(lower, upper, whole.rate_low, whole.rate_high), np.where(np.isfinite(noise), noise, 0.0)
+
+
+def _may_cross(kind: str, low: Any, high: Any) -> Any:
+    if kind == WHOLE:
+        return np.floor(high) >= np.ceil(low)
+    return (low <= 0.0) & (high >= 0.0)
+
+
 @final
 class ParameterRows:
     """Parameters as a kernel loads them, for rows that use them in turn."""
@@ -223,7 +249,7 @@ def _zeros(
     """
     x1, f1, x2, f2, x3, f3 = b, fb, a, fa, a, fa
     t = np.full_like(a, 0.5)
-    best, f_best = x1, f1
+    best, f_best, done = x1, f1, np.zeros(len(a), bool)
     for _ in range(ROOT_TRIES):
         x = x1 + t * (x2 - x1)
         f = value(x)
@@ -232,16 +258,16 @@ def _zeros(
         x2, f2 = np.where(same, x2, x1), np.where(same, f2, f1)
         x1, f1 = x, f
         second = np.abs(f2) < np.abs(f1)
-        best, f_best = np.where(second, x2, x1), np.where(second, f2, f1)
+        best = np.where(done, best, np.where(second, x2, x1))  # what is found stays, whatever others need
+        f_best = np.where(done, f_best, np.where(second, f2, f1))
         with np.errstate(all="ignore"):
             room = (ROOT_PRECISION * np.abs(best) + least) / np.abs(x2 - x1)
-            done = (room > 0.5) | (f_best == 0.0) | ~np.isfinite(room)
+            done |= (room > 0.5) | (f_best == 0.0) | ~np.isfinite(room)
             if np.all(done):
                 break
             xi, phi = (x1 - x2) / (x3 - x2), (f1 - f2) / (f3 - f2)
             inner = f1 / (f2 - f1) * f3 / (f2 - f3)
             outer = (x3 - x1) / (x2 - x1) * f1 / (f3 - f1) * f2 / (f3 - f2)
             bend = (phi * phi < xi) & ((1.0 - phi) ** 2 < 1.0 - xi) & np.isfinite(inner + outer)
-            t = np.where(bend, np.clip(inner + outer, room, 1.0 - room), 0.5)
-            t = np.where(done, np.where(second, 1.0, 0.0), t)  # what is found is only evaluated again
+            t = np.where(bend & ~done, np.clip(inner + outer, room, 1.0 - room), 0.5)
     return best, f_best

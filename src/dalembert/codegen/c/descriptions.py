@@ -202,7 +202,9 @@ def main_variables(source: CSource, prefix: str) -> dict[str, Any]:
     wanted = [*source.start.given, *source.parameters, *layout.inputs]
     first = len(source.start.given) + len(source.parameters)
     real = "float" if source.single else "double"
-    columns = ["t", *layout.coordinates, *layout.rates, *layout.states, *layout.outputs]
+    columns = ["t", *layout.coordinates, *layout.rates, *layout.states]
+    printed = [(place, name) for place, name in enumerate(layout.outputs) if name not in columns]  # a law's are states
+    columns += [name for _, name in printed]
     return {
         "prefix": prefix,
         "upper": prefix.upper(),
@@ -217,6 +219,7 @@ def main_variables(source: CSource, prefix: str) -> dict[str, Any]:
         "n_variables": len(source.program.kernel("expand").outputs),
         "n_states": len(layout.state),
         "n_outputs": len(layout.outputs),
+        "printed_outputs": [place for place, _ in printed],
         "step": step_of(source),
         "begin": double(source.span[0]),
         "end": double(source.span[1]),
