@@ -12,6 +12,7 @@ from ..ir.conditions import CONDITION_TIME
 from ..ir.kernel import calls_in
 from ..ir.program import WIDTH, Program, coefficient_places
 from ..reduction.starting import Start
+from ..runs.impulses import impulses_of
 from ..runs.prepare import dependent_at_start
 from ..scene.model import ControllerModel
 
@@ -79,10 +80,10 @@ def refuse_scene(model: CompiledModel) -> None:
     program, reduced = model.stages.program, model.stages.reduced
     _refuse_controllers(model)
     refuse_program(program)
-    if program.conditions is not None:
+    if impulses_of(model.stages.equations, program) is not None:
         raise CapabilityError(
-            f"{program.name!r} has functions of time with kinks or jumps, at which runs are cut; exports do not carry"
-            " them yet: make them inputs (add_inputs), which are set during a run"
+            f"{program.name!r} has prescribed velocities that jump, with impulses of its constraints, which exports do"
+            " not carry: smooth them, as by tanh"
         )
     if reduced.unproven or reduced.redundancy is not None:
         raise CapabilityError(

@@ -11,6 +11,7 @@ from ..codegen.c.descriptions import CSource
 from ..codegen.c.single import start_in_single
 from ..errors import OptionError, unknown_name
 from ..events.event_code import Event
+from ..ir.conditions import CONDITION_TIME
 from ..methods.pairs import PAIRS
 from ..reduction.admission import admission_of_state
 from ..reduction.jumps import has_jumps
@@ -19,6 +20,7 @@ from ..reduction.starting import Start, starting
 from ..runs.run_checks import GimbalCheck
 from ..starts.initial_states import initial_state
 from ..starts.inputs import constants
+from ..starts.segment_constants import starting_constants
 from ..starts.symbol_assumptions import ROUNDING
 from .event_runs import event_run
 from .refusals import refuse_inputs, refuse_scene
@@ -114,9 +116,10 @@ def locking_groups(
     Where the example says how the scene moves, those are left out at which its motions are regular.
     """
     program, layout = model.stages.program, model.layout
-    wanted = (*start.given, *layout.parameters)
+    wanted = (*start.given, *(name for name in layout.parameters if name != CONDITION_TIME))
     if not all(name in numbers for name in wanted):
         return tuple(range(len(check.found.kernel.outputs)))
-    c = constants(program, np.array([numbers[name] for name in layout.parameters]))
+    p = np.array([numbers.get(name, 0.0) for name in layout.parameters])
+    c = starting_constants(program, constants(program, p), *span)
     y = initial_state(start, span[0], numbers, c, program)
     return tuple(check.locking(span[0], y, c))

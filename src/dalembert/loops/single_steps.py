@@ -19,7 +19,8 @@ from ..steps.implicit_loop import ImplicitArguments
 from ..steps.packed_tableaus import ALLOWED, POINT
 from ..steps.projection import ROUNDING_OF_POLYNOMIALS, project_row
 from ..steps.recorded_runs import Run, RunCodes, RunSettings, evaluate_polynomial
-from ..stops.instants import InstantTable, list_instants
+from ..stops.break_search import BreakTable
+from ..stops.instants import InstantTable, has_stops, keep_constants, list_instants
 from ..subset.arguments import IntVector, Record, Vector
 from ..subset.compiled_subset import compiled_subset
 from .prepared_loop import RECORDED_LOOP, PreparedArguments
@@ -85,7 +86,7 @@ def taylor_step(arguments: TaylorSteps) -> int:
     """Take a step; return the status of the run."""
     run, place = arguments.run, arguments.place
     states, progress, n = run.states, run.progress, run.n
-    if arguments.instants.listed.size > 0:
+    if has_stops(arguments.instants):
         taylor_settle(arguments)
     if run.limits.going:
         for m in range(n + 1):
@@ -104,8 +105,9 @@ def taylor_step(arguments: TaylorSteps) -> int:
                 arguments.turns[i] += turns
         place.left -= 1
     place.begin = progress.t
-    if arguments.instants.listed.size > 0:
+    if has_stops(arguments.instants):
         list_instants(arguments.instants, run.stops, run.limits.t1, False)
+        keep_constants(arguments.instants.breaks, run.constants)
     return RECORDED_LOOP(run)
 
 
@@ -166,12 +168,21 @@ def _begin_step(settings: RunSettings, run: Run, place: StepPlace, instants: Ins
     progress.begun, progress.limit = progress.steps, progress.steps + 1
     progress.recorded, run.t_eval[0] = 0, place.wanted
     place.begin = progress.t
-    if instants.listed.size > 0:
+    if has_stops(instants):
         list_instants(instants, run.stops, progress.t1, False)
+        keep_constants(instants.breaks, run.constants)
 
 
 @compiled_subset
-def _sample(codes: RunCodes, settings: RunSettings, run: Run, place: StepPlace, sampled: FloatArray, t: float) -> int:
+def _sample(
+    codes: RunCodes,
+    settings: RunSettings,
+    run: Run,
+    place: StepPlace,
+    breaks: BreakTable,
+    sampled: FloatArray,
+    t: float,
+) -> int:
     """Compute the state at a time within the last step, one that was wanted or lies behind it; return the status."""
     progress, work, begin, source = run.progress, run.work, place.begin, run.progress.row
     status = RUNNING
@@ -179,28 +190,34 @@ def _sample(codes: RunCodes, settings: RunSettings, run: Run, place: StepPlace, 
         if run.pieces[0, 0] != progress.t:
             return Status.TIMES_IN_NO_ORDER  # the step has no polynomial: nobody wanted one
         evaluate_polynomial(run, 0, settings.degree, (t - begin) / (progress.t - begin), settings.kept)
-        source, before = POINT, 1 - progress.row
-        if not project_row(
-            codes.position, codes.velocity, t, run.clock, work, POINT, work, before, run.constants, run.delta,
-            run.mark, settings.rtol, settings.atol,
-        ):  # fmt: skip
-            status = Status.PROJECTION_FAILED
+        source = POINT
+        if breaks.before.shape[0] > 0:
+            status = _project(codes, settings, run, 1 - progress.row, breaks.before, t)
+        else:
+            status = _project(codes, settings, run, 1 - progress.row, run.constants, t)
     for m in range(settings.kept):
         sampled[m] = work[source, m]
     return status
 
 
 @compiled_subset
+def _project(codes: RunCodes, settings: RunSettings, run: Run, before: int, constants: FloatArray, t: float) -> int:
+    """Project a state within a step, or one that no step has reached, onto the constraints; return the status."""
+    if project_row(
+        codes.position, codes.velocity, t, run.clock, run.work, POINT, run.work, before, constants, run.delta,
+        run.mark, settings.rtol, settings.atol,
+    ):  # fmt: skip
+        return RUNNING
+    return Status.PROJECTION_FAILED
+
+
+@compiled_subset
 def _correct(codes: RunCodes, settings: RunSettings, run: Run, sampled: FloatArray, t: float) -> int:
     """Project a state onto the constraints; return the status."""
-    work, status = run.work, RUNNING
+    work = run.work
     for m in range(settings.kept):
         work[POINT, m] = sampled[m]
-    if not project_row(
-        codes.position, codes.velocity, t, run.clock, work, POINT, work, POINT, run.constants, run.delta, run.mark,
-        settings.rtol, settings.atol,
-    ):  # fmt: skip
-        status = Status.PROJECTION_FAILED
+    status = _project(codes, settings, run, POINT, run.constants, t)
     for m in range(settings.kept):
         sampled[m] = work[POINT, m]
     return status
@@ -209,7 +226,7 @@ def _correct(codes: RunCodes, settings: RunSettings, run: Run, sampled: FloatArr
 @compiled_subset
 def explicit_step(arguments: ExplicitSteps) -> int:
     """Take a step; return the status of the run."""
-    if arguments.instants.listed.size > 0:
+    if has_stops(arguments.instants):
         explicit_settle(arguments)
     _begin_step(arguments.run.settings, arguments.run.run, arguments.place, arguments.instants)
     return EXPLICIT_LOOP(arguments.run)
@@ -219,7 +236,8 @@ def explicit_step(arguments: ExplicitSteps) -> int:
 def explicit_sample(arguments: ExplicitSteps, t: float) -> int:
     """Compute the state at a time within the last step, one that was wanted or lies behind it; return the status."""
     loop = arguments.run
-    return _sample(loop.codes, loop.settings, loop.run, arguments.place, arguments.sampled, t)
+    breaks = arguments.instants.breaks
+    return _sample(loop.codes, loop.settings, loop.run, arguments.place, breaks, arguments.sampled, t)
 
 
 @compiled_subset
@@ -232,7 +250,7 @@ def explicit_correct(arguments: ExplicitSteps, t: float) -> int:
 @compiled_subset
 def implicit_step(arguments: ImplicitSteps) -> int:
     """Take a step; return the status of the run."""
-    if arguments.instants.listed.size > 0:
+    if has_stops(arguments.instants):
         implicit_settle(arguments)
     _begin_step(arguments.run.settings, arguments.run.run, arguments.place, arguments.instants)
     return IMPLICIT_LOOP(arguments.run)
@@ -242,7 +260,8 @@ def implicit_step(arguments: ImplicitSteps) -> int:
 def implicit_sample(arguments: ImplicitSteps, t: float) -> int:
     """Compute the state at a time within the last step, one that was wanted or lies behind it; return the status."""
     loop = arguments.run
-    return _sample(loop.codes, loop.settings, loop.run, arguments.place, arguments.sampled, t)
+    breaks = arguments.instants.breaks
+    return _sample(loop.codes, loop.settings, loop.run, arguments.place, breaks, arguments.sampled, t)
 
 
 @compiled_subset

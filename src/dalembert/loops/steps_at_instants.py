@@ -1,8 +1,9 @@
-"""Actions of sampled controllers in runs that are taken one step at a time, and changes of constants between steps.
+"""Stops of runs that are taken one step at a time: controllers, conditions on time, and changes of constants.
 
 Of each kind of steps there are functions named `instants`, which begin with the periods of controllers; `settle`, which
-lets those act that are due at the start or where a run continues; `act`, at its end; `extend`, which continues it; and
-`continue`, which evaluates anew what depends on constants.
+lets those act that are due at the start or where a run continues; `act`, at its end; `extend`, which continues it;
+`resume`, which before that finds the breaks of what follows; and `continue`, which evaluates anew what depends on
+constants. `find` and `decided` are for starts: they find the breaks, and return when conditions are decided first.
 """
 
 from __future__ import annotations
@@ -11,7 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 from ..steps.implicit_loop import begin_piece
 from ..steps.recorded_runs import Run, RunSettings, evaluate
-from ..stops.instants import InstantTable, begin_instants, first_instant, instant_of, list_instants
+from ..stops.break_search import middle_of
+from ..stops.instants import (
+    InstantTable,
+    begin_breaks,
+    begin_instants,
+    continue_breaks,
+    first_instant,
+    instant_of,
+    list_instants,
+)
 from ..stops.stops import end_of_steps, is_due, pass_stops
 from ..subset.compiled_subset import compiled_subset, flat, row
 from .prepared_loop import continue_in
@@ -36,6 +46,18 @@ def instant_of_controller(steps: Any, number: int) -> float:
 
 
 @compiled_subset
+def find(steps: Any, t0: float, t1: float) -> bool:
+    """Find the breaks of a run of any kind of steps; return whether there is room for them."""
+    return begin_breaks(steps.instants, t0, t1)
+
+
+@compiled_subset
+def decided(steps: Any) -> float:
+    """Return when conditions are decided from the start on."""
+    return middle_of(steps.instants.breaks, 0)
+
+
+@compiled_subset
 def taylor_instants(arguments: TaylorSteps, t0: float) -> bool:
     """Take the periods of controllers in a run that begins at a time; return whether they make sense."""
     return begin_instants(arguments.instants, row(arguments.run.constants, 0), t0)
@@ -56,7 +78,7 @@ def taylor_settle(arguments: TaylorSteps) -> None:
         clock.due = 0
         list_instants(arguments.instants, run.stops, run.limits.t1, False)
         _act_in_taylor(arguments)
-        run.progress.end = end_of_steps(run.stops, 0, run.limits.t1, True)
+        run.progress.end = end_of_steps(run.stops, 0, run.limits.t1, run.limits.t1 >= run.limits.t0)
 
 
 @compiled_subset
@@ -66,15 +88,23 @@ def taylor_extend(arguments: TaylorSteps, t1: float) -> None:
 
 
 @compiled_subset
+def taylor_resume(arguments: TaylorSteps, t1: float) -> bool:
+    """Find the breaks of a run that continues, and decide conditions; return whether there is room for them."""
+    run = arguments.run
+    return continue_breaks(arguments.instants, run.stops, run.kernels.prepare, run.constants, run.progress.t, t1)
+
+
+@compiled_subset
 def _act_in_taylor(arguments: TaylorSteps) -> None:
     run = arguments.run
     states, progress, stops, n = run.states, run.progress, run.stops, run.n
-    if not is_due(stops, 0, progress.t, True):
+    forward = run.limits.t1 >= run.limits.t0
+    if not is_due(stops, 0, progress.t, forward):
         return
     if progress.row == STEP_ROW:
         continue_in(run, STEP_ROW, SPARE_ROW)
     run.clock[0, 0], place = progress.t, progress.row * states.shape[1]
-    pass_stops(stops, run.kernels.prepare, run.clock, flat(states), place, run.constants, n, True)
+    pass_stops(stops, run.kernels.prepare, run.clock, flat(states), place, run.constants, n, forward)
     if progress.row == SPARE_ROW:
         for m in range(n):
             if states[SPARE_ROW, m] != states[STEP_ROW, m]:
@@ -84,7 +114,7 @@ def _act_in_taylor(arguments: TaylorSteps) -> None:
 @compiled_subset
 def _act(settings: RunSettings, run: Run) -> bool:
     """Let controllers act that are due at the present time; return whether there are any."""
-    progress, forward = run.progress, True
+    progress, forward = run.progress, run.progress.direction > 0.0
     if not is_due(run.stops, 0, progress.t, forward):
         return False
     run.clock[0, 0], place = progress.t, progress.row * run.work.shape[1]
@@ -100,7 +130,7 @@ def _settle(settings: RunSettings, run: Run, instants: InstantTable) -> bool:
         instants.clock.due = 0
         list_instants(instants, run.stops, progress.t1, False)
         acts = _act(settings, run)
-        progress.end = end_of_steps(run.stops, 0, progress.t1, True)
+        progress.end = end_of_steps(run.stops, 0, progress.t1, progress.direction > 0.0)
     return acts and progress.evaluations > 0
 
 
@@ -130,6 +160,17 @@ def explicit_settle(arguments: ExplicitSteps) -> None:
     """Let controllers act that are due at the present time, and have not acted."""
     if _settle(arguments.run.settings, arguments.run.run, arguments.instants):
         explicit_continue(arguments)
+
+
+@compiled_subset
+def explicit_resume(arguments: ExplicitSteps, t1: float) -> bool:
+    """Find the breaks of a run that continues, and decide conditions; return whether there is room for them."""
+    run = arguments.run.run
+    if not continue_breaks(arguments.instants, run.stops, run.prepare, run.constants, run.progress.t, t1):
+        return False
+    if run.progress.evaluations > 0:
+        explicit_continue(arguments)
+    return True
 
 
 @compiled_subset
@@ -164,6 +205,17 @@ def implicit_settle(arguments: ImplicitSteps) -> None:
     """Let controllers act that are due at the present time, and have not acted."""
     if _settle(arguments.run.settings, arguments.run.run, arguments.instants):
         implicit_continue(arguments)
+
+
+@compiled_subset
+def implicit_resume(arguments: ImplicitSteps, t1: float) -> bool:
+    """Find the breaks of a run that continues, and decide conditions; return whether there is room for them."""
+    run = arguments.run.run
+    if not continue_breaks(arguments.instants, run.stops, run.prepare, run.constants, run.progress.t, t1):
+        return False
+    if run.progress.evaluations > 0:
+        implicit_continue(arguments)
+    return True
 
 
 @compiled_subset

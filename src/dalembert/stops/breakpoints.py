@@ -16,11 +16,11 @@ from ..ir.kernel import Kernel
 from ..methods.step_constants import SMALLEST_OF_TIME
 from .interval_roots import FIRST_PARTS, IntArray, ParameterRows, RootSearch
 
-_SHORT = 20.0
+SHORT = 20.0
 """Smallest distance of a narrow pulse from its neighbours and the length of the run, in widths of the pulse."""
-_AROUND = np.array([-3.0, -1.0, 0.0, 1.0, 3.0])
+AROUND = np.array([-3.0, -1.0, 0.0, 1.0, 3.0])
 """Ends of steps about a narrow pulse, in its width (the standard deviation of a Gaussian)."""
-_FEW_PIECES = 512
+FEW_PIECES = 512
 """Pieces a run that the search for what is narrow may need: it is given up where there are more."""
 
 
@@ -100,7 +100,7 @@ def _narrow(
 
     Short is what takes a small share of the time to the next of its kind, or of the run: a step may miss no other.
     """
-    search = RootSearch(kernel, ZERO, p, _FEW_PIECES * (len(a) + FIRST_PARTS))
+    search = RootSearch(kernel, ZERO, p, FEW_PIECES * (len(a) + FIRST_PARTS))
     try:
         row, times = search.roots(a, b)
     except BreakTimesError:  # too many for any to be narrow
@@ -116,10 +116,10 @@ def _narrow(
     same = row[1:] == row[:-1]
     apart = np.where(same, np.diff(times), np.inf)
     gap = np.minimum(gap, np.minimum(np.append(apart, np.inf), np.append(np.inf, apart)))
-    short = _SHORT * size < gap
+    short = SHORT * size < gap
     row, times, size = row[short], times[short], size[short]
-    around = times[:, np.newaxis] + size[:, np.newaxis] * _AROUND
-    rows = np.repeat(row, len(_AROUND))
+    around = times[:, np.newaxis] + size[:, np.newaxis] * AROUND
+    rows = np.repeat(row, len(AROUND))
     inside = (around.ravel() > a[rows]) & (around.ravel() < b[rows])
     return rows[inside], around.ravel()[inside]
 

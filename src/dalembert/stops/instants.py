@@ -1,7 +1,7 @@
-"""Instants of sampled controllers that a run meets one by one, for exports, whose runs have no lists of all stops.
+"""Stops that a run meets one by one, for exports, whose runs have no lists of all: instants of controllers, and breaks.
 
-They are those of `dalembert.runs.sampling.Sampling.instants`. The table of stops has room for two: the one that a run
-reaches next, and the one to which its steps go behind it.
+They are those of `dalembert.runs.sampling.Sampling.instants` and `dalembert.runs.stop_lists.stop_lists`. The table of
+stops has room for the ones that a run reaches next, and the one to which its steps go behind them.
 """
 
 from __future__ import annotations
@@ -12,13 +12,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ..methods.step_constants import SMALLEST_OF_TIME
+from ..arrays import FloatArray
 from ..subset.addresses import NO_CODE, OwnedAddress
 from ..subset.arguments import Address, IntVector, Matrix, Record
 from ..subset.compiled_subset import call_code, compiled_subset, row
+from .break_search import BreakTable, find_breaks, middle_of, no_breaks
 from .input_records import InputTable
-from .stops import CaseStops, StopAction, StopLists, StopTable
+from .stops import CaseStops, StopAction, StopLists, StopTable, prepare_lanes
 
-_LISTED = 2
+_LISTED, _LISTED_WITH_BREAKS = 2, 8
+"""Stops that are listed; where conditions change about an instant, up to four follow each other within rounding."""
 
 
 class InstantClock(Record):
@@ -43,30 +46,75 @@ class InstantTable(NamedTuple):
         Gets these.
     listed : (n,)
         How many instants of each are among the stops, or have passed.
+    breaks : BreakTable
+        Changes of conditions on time.
     """
 
     clock: InstantClock
     times: Address
     schedule: Matrix
     listed: IntVector
+    breaks: BreakTable
 
 
-def no_instants() -> InstantTable:
+def no_instants(breaks: BreakTable | None = None) -> InstantTable:
     """Return a table without controllers."""
-    return InstantTable(InstantClock(), NO_CODE, np.zeros((0, 1)), np.zeros(0, np.int64))
+    none = np.zeros(0, np.int64)
+    return InstantTable(InstantClock(), NO_CODE, np.zeros((0, 1)), none, breaks or no_breaks())
 
 
-def instants_of(times: OwnedAddress, count: int) -> InstantTable:
+def instants_of(times: OwnedAddress, count: int, breaks: BreakTable | None = None) -> InstantTable:
     """Return the table of so many controllers, for the code of their periods and offsets."""
-    return InstantTable(InstantClock(), times, np.zeros((2 * count, 1)), np.zeros(count, np.int64))
+    listed = np.zeros(count, np.int64)
+    return InstantTable(InstantClock(), times, np.zeros((2 * count, 1)), listed, breaks or no_breaks())
 
 
-def stops_at_instants(places: Sequence[Sequence[int]], codes: Sequence[OwnedAddress], inputs: InputTable) -> StopTable:
-    """Return the stops of one case: those of controllers that set components of the state at places, by code."""
-    nothing = np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(_LISTED), np.zeros(_LISTED, np.int64)
-    lists = StopLists(*nothing, np.full(_LISTED, np.nan))
+def stops_at_instants(
+    places: Sequence[Sequence[int]], codes: Sequence[OwnedAddress], inputs: InputTable, breaks: BreakTable | None = None
+) -> StopTable:
+    """Return the stops of one case: of controllers that set components of the state at places, by code, and breaks."""
+    listed, constants = (_LISTED, 0) if breaks is None else (_LISTED_WITH_BREAKS, len(breaks.before))
+    nothing = np.zeros(1, np.int64), np.zeros(1, np.int64), np.zeros(listed), np.zeros(listed, np.int64)
+    lists = StopLists(*nothing, np.full(listed, np.nan))
     actions = tuple(StopAction(tuple(own)) for own in places)
-    return CaseStops(lists, None, actions, tuple(codes)).table(inputs, 1, 0)
+    place = None if breaks is None or breaks.place < 0 else breaks.place
+    return CaseStops(lists, place, actions, tuple(codes)).table(inputs, 1, constants)
+
+
+@compiled_subset
+def has_stops(instants: InstantTable) -> bool:
+    """Return whether there are controllers or conditions."""
+    return instants.listed.size > 0 or instants.breaks.kinds.size > 0
+
+
+@compiled_subset
+def begin_breaks(instants: InstantTable, t0: float, t1: float) -> bool:
+    """Find the breaks of a run, whose parameters their table has; return whether there is room for them."""
+    instants.clock.origin, instants.clock.due = t0, 1
+    return find_breaks(instants.breaks, t0, t1)
+
+
+@compiled_subset
+def continue_breaks(
+    instants: InstantTable, stops: StopTable, prepare: int, constants: FloatArray, t: float, t1: float
+) -> bool:
+    """Find the breaks of a run that continues, and decide conditions; return whether there is room for them."""
+    breaks = instants.breaks
+    for m in range(breaks.parameters.shape[1]):
+        breaks.parameters[0, m] = constants[m, 0]
+    if not find_breaks(breaks, t, t1):
+        return False
+    if breaks.place >= 0:
+        constants[breaks.place, 0] = middle_of(breaks, 0)
+        prepare_lanes(stops, prepare, constants, 1)
+    return True
+
+
+@compiled_subset
+def keep_constants(breaks: BreakTable, constants: FloatArray) -> None:
+    """Keep the constants of the step that follows."""
+    for m in range(breaks.before.shape[0]):
+        breaks.before[m, 0] = constants[m, 0]
 
 
 @compiled_subset
@@ -99,17 +147,26 @@ def first_instant(instants: InstantTable) -> float:
 
 @compiled_subset
 def list_instants(instants: InstantTable, stops: StopTable, t1: float, closed: bool) -> None:
-    """List the instants that come next before the end of a run, where ``closed`` at it too, without those passed.
+    """List the stops that come next before the end of a run, where ``closed`` also instants at it, without those passed.
 
-    What differs from the start, the end or another instant by rounding is that time.
+    What differs from the start, the end or another instant by rounding is that time. Where an instant is at a break,
+    but for rounding, or at the start, controllers act with conditions as of that very time.
     """
-    origin, count = instants.clock.origin, 0
+    origin, count, breaks = instants.clock.origin, 0, instants.breaks
     near = SMALLEST_OF_TIME * max(abs(origin), abs(t1))
     for place in range(stops.next[0], stops.until[0]):
         stops.times[count], stops.acts[count] = stops.times[place], stops.acts[place]
+        if breaks.place >= 0:
+            stops.middles[count] = stops.middles[place]
         count += 1
-    while count < stops.times.size:
+    while count < stops.times.size - (1 if breaks.kinds.size > 0 else 0):
         time = first_instant(instants)
+        if breaks.kinds.size > 0:
+            following = breaks.search.next
+            if following < breaks.search.count and breaks.times[following] <= time:
+                _list(instants, stops, count, breaks.times[following], 0, middle_of(breaks, following + 1))
+                breaks.search.next, count = following + 1, count + 1
+                continue
         at_end = abs(time - t1) <= near
         if time > t1 + near or (at_end and not closed and t1 > origin):
             break
@@ -118,7 +175,31 @@ def list_instants(instants: InstantTable, stops: StopTable, t1: float, closed: b
             if instant_of(instants, k) <= time + near:
                 acts += 1 << k
                 instants.listed[k] += 1
-        stops.times[count] = t1 if at_end else origin if time < origin + near else time
-        stops.acts[count] = acts
-        count += 1
+        time = t1 if at_end else origin if time < origin + near else time
+        if breaks.place >= 0 and _is_at_break(breaks, time):
+            _list(instants, stops, count, time, acts, time)
+            _list(instants, stops, count + 1, time, 0, middle_of(breaks, breaks.search.next))
+            count += 2
+        else:
+            _list(instants, stops, count, time, acts, np.nan)
+            count += 1
     stops.next[0], stops.until[0], stops.last[0] = 0, count, count
+
+
+@compiled_subset
+def _list(instants: InstantTable, stops: StopTable, place: int, time: float, acts: int, decided: float) -> None:
+    """Write a stop: its time, which controllers act, and when conditions are decided from there on."""
+    stops.times[place], stops.acts[place] = time, acts
+    if instants.breaks.place >= 0:
+        stops.middles[place] = decided
+
+
+@compiled_subset
+def _is_at_break(breaks: BreakTable, t: float) -> bool:
+    """Return whether an instant is at a break that is listed, or at the next one, or at the start."""
+    search, distance = breaks.search, t - breaks.search.begin
+    if search.next > 0:
+        distance = t - breaks.times[search.next - 1]
+    if search.next < search.count:
+        distance = min(distance, breaks.times[search.next] - t)
+    return distance <= SMALLEST_OF_TIME * abs(t)

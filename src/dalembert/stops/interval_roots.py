@@ -200,6 +200,12 @@ def kinds_of(kind: str, low: Any, high: Any, whole: Interval, centre: Interval) 
         return held & ~turns, held & turns, held & turns & (small | flat)
 
 
+def tests_of(kind: str, *numbers: Any) -> tuple[Any, Any, Any]:
+    """Return `kinds_of` an interval: its ends, the bounds over it (4), and those of the value in its middle."""
+    low, high, bottom, top, *rate, least, most = numbers
+    return kinds_of(kind, low, high, Interval(bottom, top, *rate), Interval(least, most, 0.0, 0.0))
+
+
 def _bounds(low: Any, high: Any, whole: Interval, centre: Interval) -> tuple[Interval, Any]:
     """Return bounds over intervals, and bounds of the rounding error of a value in them."""
     with np.errstate(all="ignore"):

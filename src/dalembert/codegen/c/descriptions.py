@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, final
 
 from ...frozen import frozen
+from ...ir.conditions import CONDITION_TIME
 from ...ir.kernel import Kernel
 from ...ir.program import Program, hidden_parameters
 from ...lanes.sweep_arguments import SweepArguments
@@ -114,7 +115,7 @@ class CSource:
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters that a user gives."""
         layout = self.program.layout
-        hidden = {name for u in layout.inputs for name in hidden_parameters(u)}
+        hidden = {CONDITION_TIME, *(name for u in layout.inputs for name in hidden_parameters(u))}
         known = layout.parameters if self.contacts is None else self.contacts.parameters
         return tuple(name for name in known if name not in hidden)
 

@@ -29,17 +29,21 @@ from ...loops.steps_at_instants import (
     explicit_continue,
     explicit_extend,
     explicit_instants,
+    explicit_resume,
     explicit_settle,
     implicit_act,
     implicit_continue,
     implicit_extend,
     implicit_instants,
+    implicit_resume,
     implicit_settle,
     taylor_act,
     taylor_extend,
     taylor_instants,
+    taylor_resume,
     taylor_settle,
 )
+from ...ir.conditions import Conditions
 from ...methods.pairs import PAIRS
 from ...methods.step_constants import SMALLEST_SCALE
 from ...steps.explicit_loop import ExplicitArguments
@@ -48,6 +52,7 @@ from ...steps.implicit_loop import DEGREE, ImplicitArguments
 from ...steps.newton import ROWS, newton_workspace
 from ...steps.packed_tableaus import packed_tableau
 from ...steps.recorded_runs import Progress, Run, RunCodes, RunSettings
+from ...stops.break_search import BreakTable, breaks_of
 from ...stops.input_records import no_inputs
 from ...stops.instants import InstantTable, instants_of, no_instants, stops_at_instants
 from ...stops.stops import StopTable, no_stops
@@ -79,6 +84,8 @@ class RunLoop:
         of a run up to a time; continues a run up to a time.
     settle : function
         Lets controllers act that are due at the start of a run, or where it continues.
+    resume : function
+        Finds the breaks of a run that continues; returns whether there is room for them.
     at : mapping of str to str
         Members, as C has them, of what a run sets and reads.
     after_step, continuing : tuple of (str, str)
@@ -98,6 +105,7 @@ class RunLoop:
     act: Callable[..., Any]
     extend: Callable[..., Any]
     settle: Callable[..., Any]
+    resume: Callable[..., Any]
     at: Mapping[str, str]
     after_step: tuple[tuple[str, str], ...]
     continuing: tuple[tuple[str, str], ...]
@@ -115,13 +123,42 @@ SCHEDULE, LAW = "schedule", "law_{}"
 """Names of the kernels of controllers: their periods and offsets, and what each sets, by its number."""
 
 
-def sampled_stops(places: Sequence[Sequence[int]], code: Mapping[str, OwnedAddress]) -> tuple[StopTable, InstantTable]:
-    """Return the stops of controllers that set components of the state at places, and the table of their instants."""
-    if not places:
-        return no_stops(), no_instants()
-    inputs = no_inputs()._replace(ends=np.zeros((1, 1)))
-    laws = [code[LAW.format(number)] for number in range(len(places))]
-    return stops_at_instants(places, laws, inputs), instants_of(code[SCHEDULE], len(places))
+PREPARE, VALUE, BOUNDS, SHARPNESS, TEST = "prepare", "value_{}", "bounds_{}", "sharpness_{}", "test_{}"
+"""Names of the kernels of conditions: the constants, and those of `dalembert.stops.break_search.BreakTable`."""
+
+
+@final
+@dataclass(frozen=True)
+class RunStops:
+    """What a run stops at: components of the state that each controller sets, and conditions on so many parameters."""
+
+    acts: Sequence[Sequence[int]] = ()
+    conditions: Conditions | None = None
+    parameters: int = 0
+
+    def tables(self, constants: int, code: Mapping[str, OwnedAddress]) -> tuple[StopTable, InstantTable]:
+        """Return the stops of a run with so many constants, and the table of instants and breaks."""
+        breaks = self._breaks(constants, code)
+        if not self.acts and breaks is None:
+            return no_stops(), no_instants()
+        inputs = no_inputs()._replace(ends=np.zeros((1, 1)))
+        laws = [code[LAW.format(number)] for number in range(len(self.acts))]
+        stops = stops_at_instants(self.acts, laws, inputs, breaks)
+        if not self.acts:
+            return stops, no_instants(breaks)
+        return stops, instants_of(code[SCHEDULE], len(self.acts), breaks)
+
+    def _breaks(self, constants: int, code: Mapping[str, OwnedAddress]) -> BreakTable | None:
+        if self.conditions is None:
+            return None
+        count = len(self.conditions.functions)
+        names = [[name.format(i) for i in range(count)] for name in (VALUE, BOUNDS, SHARPNESS)]
+        names.append([TEST.format(i) for i in range(2)])
+        codes = [[code.get(name, NO_CODE) for name in own] for own in names]
+        return breaks_of(self.conditions, codes, self.parameters, constants)
+
+
+NOWHERE = RunStops()
 
 
 def taylor_loop_of(
@@ -130,7 +167,7 @@ def taylor_loop_of(
     tolerances: tuple[float, float],
     angles: tuple[int, ...],
     has: Mapping[str, bool],
-    acts: Sequence[Sequence[int]] = (),
+    at: RunStops = NOWHERE,
 ) -> RunLoop:
     """Return the loop of Taylor steps.
 
@@ -145,15 +182,15 @@ def taylor_loop_of(
         Components of the state that matter modulo a turn.
     has : mapping of str to bool
         Kernels of the program ("step", "position", "velocity"), and whether there are.
-    acts : sequence of sequence of int
-        Components of the state that each sampled controller sets, whose kernels are `SCHEDULE` and `LAW`.
+    at : RunStops
+        Controllers have the kernels `SCHEDULE` and `LAW`, conditions `PREPARE`, `VALUE`, `BOUNDS` and so on.
     """
     (n, constants), (rtol, atol), code = sizes, tolerances, kernel_addresses(has)
     nothing, width = np.zeros((0, 1)), n + 2 + n * (order + 1)
-    stops, instants = sampled_stops(acts, code)
-    angles = () if acts else angles  # laws read angles, and not modulo a turn
+    stops, instants = at.tables(constants, code)
+    angles = () if at.acts else angles  # laws read angles, and not modulo a turn
     run = PreparedArguments(
-        kernels=PreparedKernels(NO_CODE, code["step"], NO_CODE, code["position"], code["velocity"]),
+        kernels=PreparedKernels(code.get(PREPARE, NO_CODE), code["step"], NO_CODE, code["position"], code["velocity"]),
         limits=PreparedLimits(0.0, 0.0, 0.0, 0, 0, going=False, slack=1.0),
         n=n,
         memory=0,
@@ -171,7 +208,7 @@ def taylor_loop_of(
         stops=stops,
     )
     limits = ("t0", "t1", "largest", "attempts", "going")
-    at = {name: f"run.limits.{name}" for name in limits[:-1]} | {
+    members = {name: f"run.limits.{name}" for name in limits[:-1]} | {
         "constants": "run.constants",
         "state": "run.states",
         "now": f"run.states + {width} * run->run.progress.row",
@@ -194,7 +231,8 @@ def taylor_loop_of(
         act=taylor_act,
         extend=taylor_extend,
         settle=taylor_settle,
-        at=at,
+        resume=taylor_resume,
+        at=members,
         after_step=(("run.limits.going", "true"),),
         continuing=(("run.progress.attempts", "0"),),
         kernels=tuple(has),
@@ -206,7 +244,7 @@ def explicit_loop_of(
     sizes: tuple[int, int],
     tolerances: tuple[float, float],
     has: Mapping[str, bool],
-    acts: Sequence[Sequence[int]] = (),
+    at: RunStops = NOWHERE,
 ) -> RunLoop:
     """Return the loop of the steps of a Runge-Kutta pair; for the parameters see `taylor_loop_of`.
 
@@ -214,13 +252,13 @@ def explicit_loop_of(
     """
     tableau, n = packed_tableau(PAIRS[method].tableau), sizes[0]
     shape = tableau.first + tableau.total, -(-n // LANES) * LANES
-    codes, settings, run, instants = _recorded(sizes, tolerances, shape, tableau.degree, kernel_addresses(has), acts)
+    codes, settings, run, instants = _recorded(sizes, tolerances, shape, tableau.degree, kernel_addresses(has), at)
     return _recorded_loop(
         arguments=ExplicitSteps(ExplicitArguments(codes, tableau, settings, run), np.zeros(n), StepPlace(), instants),
         constant=frozenset(f"run.tableau.{name}" for name in ("nodes", "starts", "stages", "weights")),
         functions=(
             *(explicit_step, explicit_sample, explicit_continue, explicit_correct),
-            *(explicit_instants, explicit_act, explicit_extend, explicit_settle),
+            *(explicit_instants, explicit_act, explicit_extend, explicit_settle, explicit_resume),
         ),
         width=shape[1],
         has=has,
@@ -231,14 +269,14 @@ def implicit_loop_of(
     sizes: tuple[int, int],
     tolerances: tuple[float, float],
     has: Mapping[str, bool],
-    acts: Sequence[Sequence[int]] = (),
+    at: RunStops = NOWHERE,
 ) -> RunLoop:
     """Return the loop of the implicit method; for the parameters see `taylor_loop_of`.
 
     Kernels are those of `explicit_loop_of`, and "jacobian" or "tangent".
     """
     n = sizes[0]
-    codes, settings, run, instants = _recorded(sizes, tolerances, (ROWS, n), DEGREE, kernel_addresses(has), acts)
+    codes, settings, run, instants = _recorded(sizes, tolerances, (ROWS, n), DEGREE, kernel_addresses(has), at)
     return _recorded_loop(
         arguments=ImplicitSteps(
             ImplicitArguments(codes, settings, newton_workspace(n, n), run), np.zeros(n), StepPlace(), instants
@@ -246,7 +284,7 @@ def implicit_loop_of(
         constant=frozenset(),
         functions=(
             *(implicit_step, implicit_sample, implicit_continue, implicit_correct),
-            *(implicit_instants, implicit_act, implicit_extend, implicit_settle),
+            *(implicit_instants, implicit_act, implicit_extend, implicit_settle, implicit_resume),
         ),
         width=n,
         has=has,
@@ -259,10 +297,11 @@ def _recorded(
     shape: tuple[int, int],
     degree: int,
     code: Mapping[str, OwnedAddress],
-    acts: Sequence[Sequence[int]],
+    at: RunStops,
 ) -> tuple[RunCodes, RunSettings, Run, InstantTable]:
     """Return what loops of recorded runs have in common, with room for one step."""
-    (n, constants), (rtol, atol), (stops, instants) = sizes, tolerances, sampled_stops(acts, code)
+    (n, constants), (rtol, atol) = sizes, tolerances
+    stops, instants = at.tables(constants, code)
     settings = RunSettings(0.0, rtol, max(atol, SMALLEST_SCALE), 0.0, 0.0, 0, n, degree, False, False, False, False)
     run = Run(
         clock=np.zeros((1, 1)),
@@ -276,7 +315,7 @@ def _recorded(
         rows=np.zeros((2, 1 + n)),
         pieces=np.zeros((1, 1 + (degree + 1) * n)),
         stops=stops,
-        prepare=NO_CODE,
+        prepare=code.get(PREPARE, NO_CODE),
     )
     kernels = (code.get(name, NO_CODE) for name in ("rhs", "position", "velocity", "knots", "jacobian", "tangent"))
     return RunCodes(*kernels), settings, run, instants
@@ -306,7 +345,7 @@ def _recorded_loop(
         "dense": "run.settings.dense",
         "evaluated": f"{progress}.evaluations",
     }
-    step, sample, renew, correct, instants, act, extend, settle = functions
+    step, sample, renew, correct, instants, act, extend, settle, resume = functions
     return RunLoop(
         arguments=arguments,
         given=frozenset(f"run.settings.{name}" for name in ("t0", "max_step", "max_steps", "dense")),
@@ -319,6 +358,7 @@ def _recorded_loop(
         act=act,
         extend=extend,
         settle=settle,
+        resume=resume,
         at=at,
         after_step=(),
         continuing=(

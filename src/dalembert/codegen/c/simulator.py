@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, ClassVar
 
+from ...ir.conditions import WHOLE, ZERO
 from ...ir.kernel import Kernel
+from ...loops.steps_at_instants import decided, find
 from ...methods.step_constants import RESOLUTION
 from ...reduction.sampling_kernels import SamplingAction
+from ...stops.interval_roots import tests_of
+from ...transforms.interval_kernels import interval_kernel, traced_kernel
 from ...transforms.passes import EliminateDeadCode
 from ...transforms.taylor.periodic import angles_of
 from ...transforms.taylor.recurrences import recurrences
@@ -21,7 +26,20 @@ from .library import LARGEST_STRAIGHT
 from .order_loops import order_loop_variables
 from .preludes import source_of
 from .printing import double
-from .run_loops import LAW, SCHEDULE, RunLoop, explicit_loop_of, implicit_loop_of, taylor_loop_of
+from .run_loops import (
+    BOUNDS,
+    LAW,
+    PREPARE,
+    SCHEDULE,
+    SHARPNESS,
+    TEST,
+    VALUE,
+    RunLoop,
+    RunStops,
+    explicit_loop_of,
+    implicit_loop_of,
+    taylor_loop_of,
+)
 from .source import LoopSource
 from .template_variables import TemplateVariables
 from .workspace import workspace_of
@@ -99,27 +117,29 @@ class Simulator(TemplateVariables):
         """Print the kernels of the loop; return it, and the names of kernels by their keys."""
         source, sizes = self.source, (len(self.layout.state), len(self.program.kernel("prepare").outputs))
         acts = [action.places for action in self.actions]
+        at = RunStops(acts, self.program.conditions, len(self.layout.parameters))
+        constants = {PREPARE: self._name("constants")}
         corrected = "Correction of the state onto the {} constraints"
         has = {
             kind: self._program_kernel(kind, f"project_{kind}", corrected.format(kind))
             for kind in ("position", "velocity")
         }
-        has |= self._law_kernels()
+        has |= self._law_kernels() | self._condition_kernels()
         if source.method == "taylor":
             self._taylor_step()
             has |= {"step": True}
-            names = {kind: self._name(kind) for kind in has} | {"step": self._name("series")}
-            return taylor_loop_of(sizes, source.order, source.tolerances, angles_of(self.program), has, acts), names
+            names = {kind: self._name(kind) for kind in has} | {"step": self._name("series")} | constants
+            return taylor_loop_of(sizes, source.order, source.tolerances, angles_of(self.program), has, at), names
         has["rhs"] = self._program_kernel("rates", "rhs", "Rate of the state")
         has["knots"] = self._program_kernel("knots", "knots", "Largest steps, forward and backward, at knots of tables")
         if source.method == "radau":
             made, derivative = derivative_of(self.program.kernel("rhs"))
             self._print(made, derivative, "Derivatives of the rates by the state")
             has[made] = True
-        names = {kind: self._name(kind) for kind in has} | {"rhs": self._name("rates")}
+        names = {kind: self._name(kind) for kind in has} | {"rhs": self._name("rates")} | constants
         if source.method == "radau":
-            return implicit_loop_of(sizes, source.tolerances, has, acts), names
-        return explicit_loop_of(source.method, sizes, source.tolerances, has, acts), names
+            return implicit_loop_of(sizes, source.tolerances, has, at), names
+        return explicit_loop_of(source.method, sizes, source.tolerances, has, at), names
 
     @property
     def actions(self) -> tuple[SamplingAction, ...]:
@@ -137,6 +157,28 @@ class Simulator(TemplateVariables):
             law = replace(action.kernel, arguments=STEP_ARGUMENTS)
             self._print(LAW.format(number), law, f"What the controller {action.name!r} sets")
         return dict.fromkeys((SCHEDULE, *(LAW.format(number) for number in range(len(self.actions)))), True)
+
+    def _condition_kernels(self) -> dict[str, bool]:
+        """Print the kernels of conditions on time; return their keys."""
+        conditions = self.program.conditions
+        if conditions is None:
+            return {}
+        found = dict.fromkeys([PREPARE], True)
+
+        def printed(name: str, kernel: Kernel, meaning: str) -> None:
+            self._print(name, kernel, meaning, exact=True)
+            found[name] = True
+
+        for kind in sorted({int(kind == WHOLE) for kind in conditions.kinds}):
+            test = traced_kernel(partial(tests_of, (ZERO, WHOLE)[kind]), "test", 8)
+            printed(TEST.format(kind), test, "Whether an interval may hold roots, of a monotone function or not")
+        for i, function in enumerate(conditions.functions):
+            printed(VALUE.format(i), function, f"Function {i + 1} of time, where whose roots are steps end")
+            printed(BOUNDS.format(i), interval_kernel(function), "Its bounds over an interval, and those of its rate")
+            sharp = conditions.sharpness[i]
+            if sharp is not None:
+                printed(SHARPNESS.format(i), sharp, "Inverse square of the time within which it has a pulse")
+        return found
 
     def _start_kernels(self) -> None:
         """Print the kernels of starts, and of what follows from coordinates and rates."""
@@ -193,7 +235,9 @@ class Simulator(TemplateVariables):
         calls = {"take_step": code.entry(loop.step, kind), "sample": code.entry(loop.sample, kind, "t")}
         further = self._further_calls(loop, kind, code)
         renew = [] if loop.renew is None or not self.layout.inputs else [code.entry(loop.renew, kind)]
-        extend = [code.entry(loop.extend, kind, "t1")] if self.actions else []
+        stops = bool(self.actions) or self.program.conditions is not None
+        extend = [code.entry(loop.extend, kind, "t1")] if stops else []
+        resume = self._breaks(loop, kind, code)
         begins = code.entry(loop.instants, kind, "t0") if self.actions else ""
         settle = code.entry(loop.settle, kind) if self.actions else ""
         printed = render("c/kernels.c.j2", {"kernels": self.kernels}) + "".join(self.order_loops)
@@ -211,6 +255,7 @@ class Simulator(TemplateVariables):
             "n_locks": n_locks,
             "begins": begins,
             "extend": extend,
+            "resume": resume,
             "settle": [(settle, double(RESOLUTION))] if self.actions else [],
         }
         return {
@@ -220,6 +265,17 @@ class Simulator(TemplateVariables):
             **self._state_variables(renew),
             **self._further_variables(space.beginning_used(code.text, needed), "advance"),
         }
+
+    def _breaks(self, loop: RunLoop, kind: type[tuple[Any, ...]], code: LoopSource) -> str:
+        """Translate the search for breaks; return its call where a run continues, empty without conditions."""
+        conditions = self.program.conditions
+        if conditions is None:
+            return ""
+        self.at_start = {"find": code.entry(find, kind, "t0", "t1"), "decided": "", "place": 0}
+        if conditions.place is not None:
+            self.at_start |= {"decided": code.entry(decided, kind), "place": conditions.place}
+            self.before = "instants.breaks.before"
+        return code.entry(loop.resume, kind, "t1")
 
     def _taken(self) -> frozenset[str]:
         """Return the names of functions that are not those of loops."""

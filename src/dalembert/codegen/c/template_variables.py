@@ -9,6 +9,7 @@ from ...ir.program import coefficient_places
 from ...methods.status import Status
 from ...methods.step_constants import RESOLUTION
 from ...options import MAX_STEPS
+from ...stops.break_search import MOST_BREAKS
 from ..rendering import banner_lines
 from .descriptions import (
     CSource,
@@ -37,18 +38,13 @@ STATUSES = (
 """Statuses of exported runs."""
 
 STATUS_TEXTS = {
-    Status.TIMES_IN_NO_ORDER: "The times are not finite, not sorted, or before the last step.",
     Status.INITIAL_STATE: "The initial values contradict a constraint: see the number of the check.",
     Status.ASSUMPTION: "A parameter or an initial value contradicts what its symbol was declared to be.",
     Status.SINGULAR_CONFIGURATION: "Constraints depend on each other at the start, or do not determine the motion.",
 }
 """Texts of statuses of exported runs that differ from their messages."""
 
-_OF_CONTROLLERS = {
-    Status.TIMES_IN_NO_ORDER: "The times are not finite, not sorted, or before the last step; or a controller has no"
-    " period above 0, or an offset below 0."
-}
-"""Those of scenes with sampled controllers."""
+_TIMES = "The times are not finite, not sorted, or before the last step"
 
 
 class TemplateVariables:
@@ -60,6 +56,11 @@ class TemplateVariables:
         Of all public names.
     at : mapping of str to str
         Members of a run, see `dalembert.codegen.c.run_loops.RunLoop`.
+    at_start : dict
+        Calls at a start: one finds the breaks of conditions on time, one returns when these are decided, as the value
+        of the parameter at a place; empty without conditions.
+    before : str
+        Member with the constants of the last step, empty where constants do not change.
     """
 
     statuses: ClassVar[tuple[Status, ...]] = STATUSES
@@ -71,6 +72,8 @@ class TemplateVariables:
     def __init__(self, source: CSource) -> None:
         self.source, self.program, self.layout = source, source.program, source.program.layout
         self.prefix, self.at = prefix_of(source.program.name), dict[str, str]()
+        self.at_start: dict[str, Any] = {"find": "", "decided": "", "place": 0}
+        self.before = ""
 
     def _state_variables(self, renew: Sequence[str] = (), copies: Sequence[str] = ()) -> dict[str, dict[str, Any]]:
         """Return the variables of templates of simulators without contacts.
@@ -80,6 +83,9 @@ class TemplateVariables:
         named, n_locks = {"prefix": self.prefix}, len(self.source.locking)
         state = named | {
             "at": {name: self.at[name] for name in ("constants", "evaluated", "time")},
+            "before": self.before,
+            "direction": self.at.get("direction", ""),
+            "constants": "constants_at(run, t)" if self.before else f"run->{self.at['constants']}",
             "renew": list(renew),
             "copies": list(copies),
             "input_places": list(coefficient_places(self.layout.parameters, self.layout.inputs)),
@@ -167,11 +173,13 @@ class TemplateVariables:
             "dependent_tests": self._dependent_tests(),
             "n_constants": len(self.program.kernel("prepare").outputs),
             "forward_only": source.forward_only,
+            **self.at_start,
         }
 
     def _text_variables(self, advance: str) -> dict[str, Any]:
         """Return the variables of ``c/texts.c.j2``; a function takes steps."""
-        texts = STATUS_TEXTS if self.source.sampling is None else STATUS_TEXTS | _OF_CONTROLLERS
+        times = _TIMES + "".join(text for has, text in self._bad_times() if has) + "."
+        texts = STATUS_TEXTS | {Status.TIMES_IN_NO_ORDER: times}
         statuses = [
             {"name": status.name, "text": quoted(texts.get(status, status.message))} for status in self.statuses
         ]
@@ -184,6 +192,13 @@ class TemplateVariables:
             "checks": [quoted(f"{kind}: {label}") for kind, label in self.source.start.labels],
             "statuses": statuses,
         }
+
+    def _bad_times(self) -> list[tuple[bool, str]]:
+        """Return what else `Status.TIMES_IN_NO_ORDER` may mean, each with whether a scene has it."""
+        return [
+            (self.source.sampling is not None, "; or a controller has no period above 0, or an offset below 0"),
+            (bool(self.at_start["find"]), f"; or functions of time have more than {MOST_BREAKS} kinks and jumps"),
+        ]
 
     def _dependent_tests(self) -> list[tuple[int, int]]:
         """Return the places of the number of constraints that depend on others and of its limit, where it is tested."""
