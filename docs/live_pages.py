@@ -188,6 +188,14 @@ PAGES = {
         of_gallery("a46_backlash"),
         {"swing": (0, 30), "M": (0.5, 10), "w": (50, 400), "e": (0.1, 0.95), "play": (0.001, 0.005)},
     ),
+    "stewart_platform": Live(of_gallery("a41_stewart_platform"), {"w": (0.2, 6), "m": (50, 2000)}),
+    "furuta_pendulum": Live(
+        of_gallery("a43_furuta_pendulum"), {"step": (0.0005, 0.02), "lean": (-0.2, 0.2), "lean_dot": (-1, 1)}, 3.0
+    ),
+    "monorail": Live(
+        of_gallery("a48_monorail"),
+        {"w": (-1, 1), "c": (0, 1), "e": (0, 30), "lean": (-0.1, 0.1), "spin1_dot": (150, 400)},
+    ),
     "delta_robot": Live(of_gallery("a47_delta_robot"), {"w": (2, 20), "m": (0.1, 3)}, 2.0),
     "unicycle": Live(
         of_gallery("a49_unicycle"), {"lean_dot": (-0.3, 0.3), "pitch_dot": (-0.5, 0.5), "spin_dot": (-4, 8)}, 10.0

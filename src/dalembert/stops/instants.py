@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..methods.step_constants import SMALLEST_OF_TIME
 from ..arrays import FloatArray
+from ..methods.step_constants import SMALLEST_OF_TIME
 from ..subset.addresses import NO_CODE, OwnedAddress
 from ..subset.arguments import Address, IntVector, Matrix, Record
 from ..subset.compiled_subset import call_code, compiled_subset, row
@@ -147,7 +147,7 @@ def first_instant(instants: InstantTable) -> float:
 
 @compiled_subset
 def list_instants(instants: InstantTable, stops: StopTable, t1: float, closed: bool) -> None:
-    """List the stops that come next before the end of a run, where ``closed`` also instants at it, without those passed.
+    """List the stops that come next before the end of a run, where ``closed`` instants at it, too, without those passed.
 
     What differs from the start, the end or another instant by rounding is that time. Where an instant is at a break,
     but for rounding, or at the start, controllers act with conditions as of that very time.

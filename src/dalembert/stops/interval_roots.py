@@ -200,7 +200,7 @@ def kinds_of(kind: str, low: Any, high: Any, whole: Interval, centre: Interval) 
         return held & ~turns, held & turns, held & turns & (small | flat)
 
 
-def tests_of(kind: str, *numbers: Any) -> tuple[Any, Any, Any]:
+def kinds_of_numbers(kind: str, *numbers: Any) -> tuple[Any, Any, Any]:
     """Return `kinds_of` an interval: its ends, the bounds over it (4), and those of the value in its middle."""
     low, high, bottom, top, *rate, least, most = numbers
     return kinds_of(kind, low, high, Interval(bottom, top, *rate), Interval(least, most, 0.0, 0.0))

@@ -11,8 +11,8 @@ from typing import Any, final
 import numpy as np
 
 from ..errors import CapabilityError
-from ..ir.intervals import INTERVAL_OPERATIONS, Interval, interval_of
 from ..ir.interpret import ARRAY_OPERATIONS, interpret
+from ..ir.intervals import INTERVAL_OPERATIONS, Interval, interval_of
 from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..naming import Namer
 from .passes import EliminateDeadCode

@@ -8,6 +8,7 @@ from typing import Any, final
 import numpy as np
 
 from ...frozen import frozen
+from ...ir.conditions import Conditions
 from ...loops.prepared_loop import PreparedArguments, PreparedKernels, PreparedLimits, PreparedProgress
 from ...loops.single_steps import (
     ExplicitSteps,
@@ -43,7 +44,6 @@ from ...loops.steps_at_instants import (
     taylor_resume,
     taylor_settle,
 )
-from ...ir.conditions import Conditions
 from ...methods.pairs import PAIRS
 from ...methods.step_constants import SMALLEST_SCALE
 from ...steps.explicit_loop import ExplicitArguments

@@ -12,7 +12,7 @@ from ...ir.kernel import Kernel
 from ...loops.steps_at_instants import decided, find
 from ...methods.step_constants import RESOLUTION
 from ...reduction.sampling_kernels import SamplingAction
-from ...stops.interval_roots import tests_of
+from ...stops.interval_roots import kinds_of_numbers
 from ...transforms.interval_kernels import interval_kernel, traced_kernel
 from ...transforms.passes import EliminateDeadCode
 from ...transforms.taylor.periodic import angles_of
@@ -170,7 +170,7 @@ class Simulator(TemplateVariables):
             found[name] = True
 
         for kind in sorted({int(kind == WHOLE) for kind in conditions.kinds}):
-            test = traced_kernel(partial(tests_of, (ZERO, WHOLE)[kind]), "test", 8)
+            test = traced_kernel(partial(kinds_of_numbers, (ZERO, WHOLE)[kind]), "test", 8)
             printed(TEST.format(kind), test, "Whether an interval may hold roots, of a monotone function or not")
         for i, function in enumerate(conditions.functions):
             printed(VALUE.format(i), function, f"Function {i + 1} of time, where whose roots are steps end")
