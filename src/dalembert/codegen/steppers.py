@@ -40,6 +40,7 @@ def event_kernels(
     *,
     tested: bool,
     exact: bool,
+    repeated: int | None = None,
 ) -> EventKernels:
     """Return compiled kernels of events and reductions.
 
@@ -61,6 +62,8 @@ def event_kernels(
         Whether there is a test of whole steps; else all steps are searched.
     exact : bool
         Whether polynomials of steps have no error that counts.
+    repeated : int, optional
+        Operations up to which expressions are repeated at the points of a step; see `KernelLibrary.repeated`.
     """
     from ..events.reductions import KINDS
     from ..transforms.step_bounds import (
@@ -80,7 +83,7 @@ def event_kernels(
     signs, running, bounds, points, at_points = NO_CODE, code.running, NO_CODE, NO_CODE, NO_CODE
     if tested and with_series:
         signs = compiled(series_signs_kernel(with_series, n + with_series, degree), lanes)
-    elif tested and len(values.body) > LONGEST_REPEATED:
+    elif tested and len(values.body) > (LONGEST_REPEATED if repeated is None else repeated):
         points, at_points = compiled(step_points_kernel(values, step, n), lanes), compiled(values, lanes)
         signs = compiled(point_signs_kernel(len(values.outputs), code.oscillating), lanes)
     elif tested:
@@ -280,7 +283,8 @@ class Steppers:
             # in single runs kernels are interpreted where compiling them takes longer than running
             compiled = self._steps.extra_kernel if tested or self._steps.compiles_starts else interpreted_code
             about = compiled, self.projections(1), code, refill, (self._n, *shape)
-            return event_kernels(*about, lanes, with_series, tested=tested, exact=not stepper.memory)
+            given = {"tested": tested, "exact": not stepper.memory, "repeated": self._steps.repeated}
+            return event_kernels(*about, lanes, with_series, **given)
 
         return computed_once(self._events, (code, method, shape, lanes, with_series, tested, stepper.weighted), make)
 
