@@ -5,20 +5,34 @@ from functools import partial
 import numpy as np
 import pytest
 from sympy import (
-    Abs, Derivative, Heaviside, Max, Min, Mod, Piecewise, cos, exp, floor, pi, sign, sin, sqrt, symbols, tanh,
+    Abs,
+    Derivative,
+    Heaviside,
+    Max,
+    Min,
+    Mod,
+    Piecewise,
+    cos,
+    exp,
+    floor,
+    sign,
+    sin,
+    sqrt,
+    symbols,
+    tanh,
 )  # fmt: skip
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from codegen.c_programs import built, compiler, fuses, output
 from dalembert.codegen.llvm.target import target
-from dalembert.errors import BreakTimesError, CapabilityError
 from dalembert.ir.conditions import CONDITION_TIME
 from dalembert.ir.interpret import ARRAY_OPERATIONS, interpret
 from dalembert.ir.intervals import INTERVAL_OPERATIONS, Interval
 from dalembert.stops.breakpoints import break_times
 from dalembert.stops.interval_roots import kinds_of, kinds_of_numbers
 from dalembert.transforms.interval_kernels import interval_kernel, traced_kernel
+from export.test_events import assert_same_run, run_alone
 
 METHODS = pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
 TOLERANCES = {"rtol": 1e-9, "atol": 1e-11}
@@ -130,11 +144,11 @@ def test_more_breaks_than_there_is_room_for(tmp_path):
     assert said.startswith("16: ") and "more than 1000 kinks and jumps" in said
 
 
-def test_kernels_of_bounds_are_the_rules(rng=np.random.default_rng(5)):
+def test_kernels_of_bounds_are_the_rules():
     """Of functions with all operations, over intervals and at points; and so are the tests of intervals."""
     force = Abs(sin(w * t) * exp(-t) - cos(t) ** 3 / (2 + t**2)) + sign(tanh(t) - floor(t) / 3)
-    (model, sizes) = (compiled(force), 10.0 ** rng.integers(-9, 2, 200))
-    low = rng.normal(size=200)
+    model, rng = compiled(force), np.random.default_rng(5)
+    low, sizes = rng.normal(size=200), 10.0 ** rng.integers(-9, 2, 200)
     ranges = [(low, low + sizes, 1.0), (low, low, 0.0)]
     for kernel in model.stages.program.conditions.functions:
         made, found = interval_kernel(kernel), []
@@ -157,7 +171,9 @@ def test_kernels_of_bounds_are_the_rules(rng=np.random.default_rng(5)):
 
 # Runs.
 
-FORCE = Piecewise((0, t < T), (sign(sin(w * t)), t < 2), (Abs(cos(w * t)) - a, True)) + 20 * exp(-(((t - 2.3) / 0.004) ** 2))
+FORCE = Piecewise((0, t < T), (sign(sin(w * t)), t < 2), (Abs(cos(w * t)) - a, True)) + 20 * exp(
+    -(((t - 2.3) / 0.004) ** 2)
+)
 START = {"x": 0.1, "x_dot": 0.0}
 
 AT_TIMES = """
@@ -254,3 +270,17 @@ def test_controllers_beside_breaks(tmp_path, method):
         np.testing.assert_allclose(found[name], run[name], rtol=1e-10, atol=1e-10, err_msg=name)
         if fuses() == target().fused:
             assert found[name][-1] == last[name][-1]
+
+
+@METHODS
+def test_events_beside_breaks(tmp_path, method):
+    """Their signs are those of constants behind breaks; one of them maps the state, and one jumps with a force."""
+    model = compiled(FORCE, outputs=[Derivative(x, t, 2)])
+    wall = da.Event(x - a / 4, direction=1, apply={x.diff(): -0.8 * x.diff()}, name="wall")
+    jump = da.Event(sign(sin(w * t)) * (x + 1), name="jump")
+    given, own = {"method": method, "events": [wall, jump], **TOLERANCES}, numbers(model)
+    found = run_alone(tmp_path, model, START, own, 3.1, **given)
+    run = model.simulate((0, 3.1), START, own, **given)
+    assert len(run.events["wall"].t) > 1 and len(run.events["jump"].t) > 3
+    at_times = model.simulate((0, 3.1), START, own, t_eval=found[0], **given)
+    assert_same_run(found, run, model, ["wall", "jump"], at_times)

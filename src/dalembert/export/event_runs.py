@@ -16,15 +16,16 @@ from ..codegen.lane_runs import LaneRuns
 from ..codegen.steppers import Steppers
 from ..events.event_code import Event
 from ..ir.kernel import Kernel
-from ..ir.program import coefficient_places
+from ..ir.program import Program, coefficient_places
 from ..lanes.sweep_arguments import no_columns, no_part_samples
 from ..lanes.workspace import EventWorkspace
 from ..reduction.sampling_kernels import SamplingKernels, sampling_kernels
 from ..steps.problem import IntegrationProblem
+from ..stops.break_search import BreakTable, break_kernels, breaks_of
 from ..stops.input_records import InputTable, no_inputs
 from ..stops.instants import InstantTable, instants_of, no_instants, stops_at_instants
 from ..stops.stops import StopTable, no_stops
-from ..subset.addresses import OwnedAddress
+from ..subset.addresses import NO_CODE, OwnedAddress
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
@@ -40,14 +41,19 @@ def exported_workspace(workspace: EventWorkspace) -> EventWorkspace:
 
 
 def stops_of_controllers(
-    sampling: SamplingKernels | None, code: Callable[[Kernel], OwnedAddress], inputs: InputTable
+    sampling: SamplingKernels | None,
+    code: Callable[[Kernel], OwnedAddress],
+    inputs: InputTable,
+    breaks: BreakTable | None = None,
 ) -> tuple[StopTable, InstantTable]:
-    """Return the stops of a run with inputs and sampled controllers, whose kernels are code, and their instants."""
+    """Return the stops of a run with inputs, controllers (whose kernels are code) and breaks; then those two alone."""
     if sampling is None:
-        return no_stops(inputs), no_instants()
+        stops = no_stops(inputs) if breaks is None else stops_at_instants((), (), inputs, breaks)
+        return stops, no_instants(breaks)
     laws = [action.kernel for action in sampling.actions]
     places, codes = [action.places for action in sampling.actions], [code(law) for law in laws if law is not None]
-    return stops_at_instants(places, codes, inputs), instants_of(code(sampling.times), len(laws))
+    instants = instants_of(code(sampling.times), len(laws), breaks)
+    return stops_at_instants(places, codes, inputs, breaks), instants
 
 
 def event_run(
@@ -90,13 +96,16 @@ def event_run(
     made.happened[0, ::3] = 0.0
     part = no_part_samples()._replace(clock=np.zeros((1, 1)), states=np.zeros((n, 1)))
     inputs, shape, sampling = no_inputs(), made.shape, sampling_kernels(model.stages.reduced)
-    stopped = bool(program.layout.inputs) or sampling is not None or continued
+    breaks = _breaks(program, functions)
+    stopped = bool(program.layout.inputs) or sampling is not None or continued or breaks is not None
     if stopped:
         places = np.array(coefficient_places(program.layout.parameters, program.layout.inputs), np.int64)
         memory = np.zeros((n + 2 + shape.memory, 1))
         inputs = inputs._replace(places=places, ends=np.zeros((1, 1)), remembered=memory)
-    stops, instants = stops_of_controllers(sampling, partial(code.of, lanes=1), inputs)
+    stops, instants = stops_of_controllers(sampling, partial(code.of, lanes=1), inputs, breaks)
+    prepare = NO_CODE if breaks is None else functions.number(f"{functions.prefix}_constants")
     arguments = made._replace(
+        kernels=made.kernels._replace(prepare=prepare),
         stops=stops,
         columns=no_columns(),
         workspace=exported_workspace(made.workspace),
@@ -112,3 +121,11 @@ def event_run(
         instants=instants,
         values=watch.watch.values,
     )
+
+
+def _breaks(program: Program, functions: CFunctions) -> BreakTable | None:
+    """Return the table of the conditions of a program, whose kernels the simulator prints."""
+    if program.conditions is None:
+        return None
+    codes = {name: functions.number(f"{functions.prefix}_{name}") for name in break_kernels(program.conditions)}
+    return breaks_of(program.conditions, codes, len(program.layout.parameters), len(program.kernel("prepare").outputs))

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+from ..arrays import FloatArray
 from ..events.lane_events import restart
 from ..lanes.lane_stops import end_of_case, pass_lane_stops, watch_constants
 from ..lanes.step_records import END_AT, FIRST_AT, START_AT
@@ -18,7 +19,14 @@ from ..lanes.workspace import ATTEMPTS, END, NOW, REJECTIONS
 from ..methods.status import RUNNING, Status
 from ..methods.step_constants import RESOLUTION
 from ..steps.projection import FAILED, PENDING, correct
-from ..stops.instants import InstantTable, begin_instants, list_instants
+from ..stops.instants import (
+    InstantTable,
+    begin_instants,
+    continue_breaks,
+    has_stops,
+    keep_constants,
+    list_instants,
+)
 from ..stops.stops import take_stops
 from ..subset.arguments import Record, Vector
 from ..subset.compiled_subset import compiled_subset, flat, fma, row
@@ -64,7 +72,8 @@ def settle_run(steps: EventSteps) -> None:
         watch_constants(runner, pass_lane_stops(runner))
         return
     times, states, constants = flat(rows.times), flat(rows.states), flat(rows.constants)
-    take_stops(runner.stops, runner.kernels.prepare, times, states, 0, constants, n, True)
+    forward = steps.place.direction > 0.0
+    take_stops(runner.stops, runner.kernels.prepare, times, states, 0, constants, n, forward)
     for m in range(n):
         runner.state.states[m, 0] = rows.states[0, m]
 
@@ -79,13 +88,17 @@ def event_step(loop: Callable[[SweepArguments], int]) -> Callable[[EventSteps], 
         if runner.stops.inputs.ends.shape[0] > 0:
             for e in range(runner.events.directions.size):
                 runner.workspace.ends[0, e] = math.nan
-        if steps.instants.listed.size > 0:
+        if has_stops(steps.instants):
             settle_run(steps)
             list_instants(steps.instants, runner.stops, _end(runner), False)
+            if progress.paused != 0:
+                keep_constants(steps.instants.breaks, state.constants)
+            else:
+                keep_constants(steps.instants.breaks, flat(runner.rows.constants))
         if loop(runner) == 0:  # it has ended without a further step
             place.time = runner.ends[0, 0]
             return int(runner.ends[0, 1])
-        if steps.instants.listed.size > 0:
+        if has_stops(steps.instants):
             watch_constants(runner, pass_lane_stops(runner))
         place.begin, place.time = runner.steps[0, START_AT], state.clock[NOW, 0]
         place.steps = int(state.tally[ATTEMPTS, 0] - state.tally[REJECTIONS, 0])
@@ -119,7 +132,7 @@ def continue_run(steps: EventSteps, t1: float) -> None:
     There its end was looked at, and signs were taken. Those before count, unless an event has occurred.
     """
     runner, state, space = steps.runner, steps.runner.state, steps.runner.workspace
-    if steps.instants.listed.size > 0:
+    if has_stops(steps.instants):
         steps.instants.clock.due = 1
     if state.progress.paused == 0:  # it has taken no time
         runner.rows.times[0, 0], runner.rows.times[0, 1], runner.turn[0] = steps.place.time, t1, 0
@@ -132,6 +145,18 @@ def continue_run(steps: EventSteps, t1: float) -> None:
                 space.signs[0, e], space.zero[0, e], space.seen[0, e] = space.ends[0, e], 0.0, 1.0
     runner.stops.inputs.ends[0, 0], state.numbers.status[0] = t1, RUNNING
     state.tally[ATTEMPTS, 0] = state.tally[REJECTIONS, 0] = 0.0
+
+
+@compiled_subset
+def resume_run(steps: EventSteps, t1: float) -> bool:
+    """Find the breaks of a run that continues, and decide conditions; return whether there is room for them."""
+    runner, t, prepare = steps.runner, steps.place.time, steps.runner.kernels.prepare
+    if runner.state.progress.paused == 0:  # it has taken no time
+        return continue_breaks(steps.instants, runner.stops, prepare, flat(runner.rows.constants), t, t1)
+    if not continue_breaks(steps.instants, runner.stops, prepare, runner.state.constants, t, t1):
+        return False
+    watch_constants(runner, 1)
+    return True
 
 
 @compiled_subset
@@ -212,7 +237,7 @@ def sample_step(steps: EventSteps, t: float) -> None:
         return
     runner.part.clock[0, 0] = t
     _interpolate(runner, t)
-    if not corrects(runner):  # it stays as it is
+    if not _corrects_within(steps):  # it stays as it is
         _interpolate(runner, t)
     for m in range(n):
         steps.sampled[m] = runner.part.states[m, 0]
@@ -232,15 +257,28 @@ def _interpolate(runner: SweepArguments, t: float) -> None:
 
 
 @compiled_subset
+def _corrects_within(steps: EventSteps) -> bool:
+    """Project the state in ``part``, which lies within the last step; return whether that succeeds."""
+    if steps.instants.breaks.before.shape[0] > 0:
+        return _corrects_by(steps.runner, steps.instants.breaks.before)
+    return corrects(steps.runner)
+
+
+@compiled_subset
 def corrects(runner: SweepArguments) -> bool:
     """Project the state in ``part`` onto the constraints; return whether that succeeds."""
+    return _corrects_by(runner, runner.state.constants)
+
+
+@compiled_subset
+def _corrects_by(runner: SweepArguments, constants: FloatArray) -> bool:
     part, state, lone = runner.part, runner.state, runner.state.numbers.lone
     tolerances = state.settings.shape[0] - 2
     rtol, atol = state.settings[tolerances, 0], state.settings[tolerances + 1, 0]
     lone[0] = PENDING
     correct(
         runner.kernels.position, runner.kernels.velocity, part.clock, part.states, 0, part.states, 0,
-        state.constants, state.delta, lone, rtol, atol,
+        constants, state.delta, lone, rtol, atol,
     )  # fmt: skip
     return lone[0] != FAILED
 

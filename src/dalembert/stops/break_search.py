@@ -8,18 +8,21 @@ through the intervals in the order of time. Rules and constants are the same.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from ..ir.conditions import NARROW, WHOLE, ZERO, Conditions
+from ..ir.kernel import Kernel
 from ..methods.step_constants import EPSILON, ROOT_PRECISION, ROOT_TRIES, SMALLEST_OF_TIME
-from ..subset.addresses import AddressTable, OwnedAddress
+from ..subset.addresses import NO_CODE, AddressTable, OwnedAddress
 from ..subset.arguments import AddressVector, IntVector, Matrix, Record, Vector
 from ..subset.compiled_subset import call_code, compiled_subset, row, sqrt
+from ..transforms.interval_kernels import interval_kernel, traced_kernel
 from .breakpoints import AROUND, FEW_PIECES, SHORT
-from .interval_roots import FIRST_PARTS, MOST_CUTS
+from .interval_roots import FIRST_PARTS, MOST_CUTS, kinds_of_numbers
 
 KINDS = (ZERO, WHOLE, NARROW)
 """Kinds of conditions, by the numbers that the search has for them."""
@@ -114,15 +117,37 @@ def no_breaks() -> BreakTable:
     )
 
 
-def breaks_of(
-    conditions: Conditions, codes: Sequence[Sequence[OwnedAddress]], parameters: int, constants: int
-) -> BreakTable:
-    """Return the table of conditions, for the code of their kernels and so many parameters and constants.
+_VALUE, _BOUNDS, _SHARPNESS, _TEST = "value_{}", "bounds_{}", "sharpness_{}", "test_{}"
 
-    `codes` are those of `values`, `bounds`, `sharpness` and `tests`.
+
+def break_kernels(conditions: Conditions) -> dict[str, tuple[Kernel, str]]:
+    """Return the kernels that the search needs, of (t, p), by their names, each with what it computes.
+
+    Raises
+    ------
+    CapabilityError
+        Where functions of time have tables.
     """
+    found: dict[str, tuple[Kernel, str]] = {}
+    for kind in sorted({int(kind == WHOLE) for kind in conditions.kinds}):
+        test = traced_kernel(partial(kinds_of_numbers, KINDS[kind]), "test", 8)
+        found[_TEST.format(kind)] = test, "Whether an interval may hold roots, of a monotone function or not"
+    for i, (function, sharp) in enumerate(zip(conditions.functions, conditions.sharpness, strict=True)):
+        found[_VALUE.format(i)] = function, f"Function {i + 1} of time, about whose roots steps end"
+        found[_BOUNDS.format(i)] = interval_kernel(function), "Its bounds over an interval, and those of its rate"
+        if sharp is not None:
+            found[_SHARPNESS.format(i)] = sharp, "Inverse square of the time within which it has a pulse"
+    return found
+
+
+def breaks_of(conditions: Conditions, code: Mapping[str, OwnedAddress], parameters: int, constants: int) -> BreakTable:
+    """Return the table of conditions, for the code of `break_kernels` and so many parameters and constants."""
+    places = range(len(conditions.functions))
+    values, bounds, sharpness = (
+        AddressTable(code.get(name.format(i), NO_CODE) for i in places) for name in (_VALUE, _BOUNDS, _SHARPNESS)
+    )
+    tests = AddressTable(code.get(_TEST.format(kind), NO_CODE) for kind in (_ZERO, _WHOLE))
     kinds = np.array([KINDS.index(kind) for kind in conditions.kinds], np.int64)
-    values, bounds, sharpness, tests = (AddressTable(own) for own in codes)
     left = FIRST_PARTS + MOST_CUTS + 1
     return BreakTable(
         search=BreakSearch(),

@@ -147,7 +147,7 @@ def first_instant(instants: InstantTable) -> float:
 
 @compiled_subset
 def list_instants(instants: InstantTable, stops: StopTable, t1: float, closed: bool) -> None:
-    """List the stops that come next before the end of a run, where ``closed`` instants at it, too, without those passed.
+    """List the stops that come next before the end of a run, where ``closed`` instants at it too, without those passed.
 
     What differs from the start, the end or another instant by rounding is that time. Where an instant is at a break,
     but for rounding, or at the start, controllers act with conditions as of that very time.

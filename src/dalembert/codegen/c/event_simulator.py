@@ -16,6 +16,7 @@ from ...loops.event_steps import (
     continue_run,
     correct_run,
     cut_run,
+    resume_run,
     sample_step,
     settle_run,
     take_implicit_step,
@@ -38,6 +39,7 @@ _AT = {
     "direction": "place.direction",
     "steps": "place.steps",
     "constants": "constants",
+    "behind": "runner.state.constants",
     "evaluated": "runner.state.progress.paused",
     "now": "runner.state.states + run->runner.state.progress.old",
 }
@@ -53,6 +55,7 @@ class _Functions:
 
     correct: Callable[..., Any] = correct_run
     act: Callable[..., Any] = act_run
+    resume: Callable[..., Any] = resume_run
 
 
 class EventSimulator(Simulator):
@@ -74,6 +77,7 @@ class EventSimulator(Simulator):
         self.at |= _AT
         self._start_kernels()
         self._state_kernels()
+        self._condition_kernels()
         steps = EventSteps(own.arguments, np.zeros(len(self.layout.state)), EventPlace(), own.instants)
         constant = frozenset(f"runner.{name}" for name in CONSTANT_OF_LANE.split())
         codes = {**own.functions.names, int(own.arguments.kernels.check): Known(CHECK)}
@@ -88,6 +92,7 @@ class EventSimulator(Simulator):
         renew = [code.call(cut_run, [value])[0]] if inputs else []
         begins = code.call(begin_run_instants, [value, Value(NUMBER, ("t0",))])[0] if controlled else ""
         settle = code.call(settle_run, [value])[0] if controlled else ""
+        resume = self._breaks(_Functions(), EventSteps, code)
         further = self._further_calls(_Functions(), EventSteps, code)
         used = own.functions.used(code.text)
         self._finish(render("c/kernels.c.j2", {"kernels": self.kernels}) + used, code)
@@ -104,6 +109,8 @@ class EventSimulator(Simulator):
             "n_constants": len(self.program.kernel("prepare").outputs),
             "n_locks": n_locks,
             "go_on": go_on,
+            "resume": resume,
+            "constants_of_steps": bool(self.before),
             "begins": begins,
         }
         copies = ["runner.rows.constants", "runner.state.constants"] if inputs else []

@@ -52,7 +52,7 @@ from ...steps.implicit_loop import DEGREE, ImplicitArguments
 from ...steps.newton import ROWS, newton_workspace
 from ...steps.packed_tableaus import packed_tableau
 from ...steps.recorded_runs import Progress, Run, RunCodes, RunSettings
-from ...stops.break_search import BreakTable, breaks_of
+from ...stops.break_search import breaks_of
 from ...stops.input_records import no_inputs
 from ...stops.instants import InstantTable, instants_of, no_instants, stops_at_instants
 from ...stops.stops import StopTable, no_stops
@@ -123,8 +123,8 @@ SCHEDULE, LAW = "schedule", "law_{}"
 """Names of the kernels of controllers: their periods and offsets, and what each sets, by its number."""
 
 
-PREPARE, VALUE, BOUNDS, SHARPNESS, TEST = "prepare", "value_{}", "bounds_{}", "sharpness_{}", "test_{}"
-"""Names of the kernels of conditions: the constants, and those of `dalembert.stops.break_search.BreakTable`."""
+PREPARE = "prepare"
+"""Name of the kernel of constants, in scenes with conditions on time."""
 
 
 @final
@@ -138,7 +138,7 @@ class RunStops:
 
     def tables(self, constants: int, code: Mapping[str, OwnedAddress]) -> tuple[StopTable, InstantTable]:
         """Return the stops of a run with so many constants, and the table of instants and breaks."""
-        breaks = self._breaks(constants, code)
+        breaks = None if self.conditions is None else breaks_of(self.conditions, code, self.parameters, constants)
         if not self.acts and breaks is None:
             return no_stops(), no_instants()
         inputs = no_inputs()._replace(ends=np.zeros((1, 1)))
@@ -147,15 +147,6 @@ class RunStops:
         if not self.acts:
             return stops, no_instants(breaks)
         return stops, instants_of(code[SCHEDULE], len(self.acts), breaks)
-
-    def _breaks(self, constants: int, code: Mapping[str, OwnedAddress]) -> BreakTable | None:
-        if self.conditions is None:
-            return None
-        count = len(self.conditions.functions)
-        names = [[name.format(i) for i in range(count)] for name in (VALUE, BOUNDS, SHARPNESS)]
-        names.append([TEST.format(i) for i in range(2)])
-        codes = [[code.get(name, NO_CODE) for name in own] for own in names]
-        return breaks_of(self.conditions, codes, self.parameters, constants)
 
 
 NOWHERE = RunStops()
@@ -183,7 +174,7 @@ def taylor_loop_of(
     has : mapping of str to bool
         Kernels of the program ("step", "position", "velocity"), and whether there are.
     at : RunStops
-        Controllers have the kernels `SCHEDULE` and `LAW`, conditions `PREPARE`, `VALUE`, `BOUNDS` and so on.
+        Controllers have the kernels `SCHEDULE` and `LAW`, conditions `PREPARE` and `break_kernels`.
     """
     (n, constants), (rtol, atol), code = sizes, tolerances, kernel_addresses(has)
     nothing, width = np.zeros((0, 1)), n + 2 + n * (order + 1)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any, ClassVar
 
-from ...ir.conditions import WHOLE, ZERO
 from ...ir.kernel import Kernel
 from ...loops.steps_at_instants import decided, find
 from ...methods.step_constants import RESOLUTION
 from ...reduction.sampling_kernels import SamplingAction
-from ...stops.interval_roots import kinds_of_numbers
-from ...transforms.interval_kernels import interval_kernel, traced_kernel
+from ...stops.break_search import break_kernels
 from ...transforms.passes import EliminateDeadCode
 from ...transforms.taylor.periodic import angles_of
 from ...transforms.taylor.recurrences import recurrences
@@ -27,13 +24,9 @@ from .order_loops import order_loop_variables
 from .preludes import source_of
 from .printing import double
 from .run_loops import (
-    BOUNDS,
     LAW,
     PREPARE,
     SCHEDULE,
-    SHARPNESS,
-    TEST,
-    VALUE,
     RunLoop,
     RunStops,
     explicit_loop_of,
@@ -163,22 +156,10 @@ class Simulator(TemplateVariables):
         conditions = self.program.conditions
         if conditions is None:
             return {}
-        found = dict.fromkeys([PREPARE], True)
-
-        def printed(name: str, kernel: Kernel, meaning: str) -> None:
+        kernels = break_kernels(conditions)
+        for name, (kernel, meaning) in kernels.items():
             self._print(name, kernel, meaning, exact=True)
-            found[name] = True
-
-        for kind in sorted({int(kind == WHOLE) for kind in conditions.kinds}):
-            test = traced_kernel(partial(kinds_of_numbers, (ZERO, WHOLE)[kind]), "test", 8)
-            printed(TEST.format(kind), test, "Whether an interval may hold roots, of a monotone function or not")
-        for i, function in enumerate(conditions.functions):
-            printed(VALUE.format(i), function, f"Function {i + 1} of time, where whose roots are steps end")
-            printed(BOUNDS.format(i), interval_kernel(function), "Its bounds over an interval, and those of its rate")
-            sharp = conditions.sharpness[i]
-            if sharp is not None:
-                printed(SHARPNESS.format(i), sharp, "Inverse square of the time within which it has a pulse")
-        return found
+        return dict.fromkeys((PREPARE, *kernels), True)
 
     def _start_kernels(self) -> None:
         """Print the kernels of starts, and of what follows from coordinates and rates."""
@@ -266,8 +247,11 @@ class Simulator(TemplateVariables):
             **self._further_variables(space.beginning_used(code.text, needed), "advance"),
         }
 
-    def _breaks(self, loop: RunLoop, kind: type[tuple[Any, ...]], code: LoopSource) -> str:
-        """Translate the search for breaks; return its call where a run continues, empty without conditions."""
+    def _breaks(self, loop: Any, kind: type[tuple[Any, ...]], code: LoopSource) -> str:
+        """Translate the search for breaks; return its call where a run continues, empty without conditions.
+
+        ``loop`` has the functions of `dalembert.codegen.c.run_loops.RunLoop`.
+        """
         conditions = self.program.conditions
         if conditions is None:
             return ""
@@ -275,7 +259,7 @@ class Simulator(TemplateVariables):
         if conditions.place is not None:
             self.at_start |= {"decided": code.entry(decided, kind), "place": conditions.place}
             self.before = "instants.breaks.before"
-        return code.entry(loop.resume, kind, "t1")
+        return code.entry(loop.resume, kind, "t1") if self.source.goes_on else ""
 
     def _taken(self) -> frozenset[str]:
         """Return the names of functions that are not those of loops."""

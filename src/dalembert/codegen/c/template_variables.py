@@ -84,6 +84,7 @@ class TemplateVariables:
         state = named | {
             "at": {name: self.at[name] for name in ("constants", "evaluated", "time")},
             "before": self.before,
+            "behind": self.at.get("behind", self.at["constants"]),
             "direction": self.at.get("direction", ""),
             "constants": "constants_at(run, t)" if self.before else f"run->{self.at['constants']}",
             "renew": list(renew),
