@@ -178,6 +178,9 @@ PAGES = {
         {"lean_dot": (-0.8, 0.8), "rear_dot": (12, 30), "c": (0.02, 0.15), "mB": (40, 120), "zB": (-1.2, -0.6)},
         6.0,
     ),
+    "rocking_block": Live(
+        of_gallery("a39_rocking_block"), {"mu": (0.05, 1), "g": (2, 20), "z": (1.0258, 1.3), "x_dot": (-1, 1)}
+    ),
     "squeezing_mechanism": Live(
         of_gallery("a26_andrews"), {"mom": (-0.1, 0.1), "c_0": (1000, 9000), "m7": (0.01, 0.2)}
     ),

@@ -100,11 +100,16 @@ def test_formulations_that_need_more_than_a_loop(tmp_path):
         da.compile_model(scene, formulation="baumgarte").export(tmp_path / "a")
 
 
-def test_functions_of_time_with_kinks_are_refused(tmp_path):
+def test_functions_of_time_with_kinks_are_refused_where_steps_do_not_end_at_them(tmp_path):
     scene, _x, P, N = cart()
     scene.add_loads((P, Piecewise((1, dynamicsymbols._t < 1), (0, True)) * N.x))
-    with pytest.raises(CapabilityError, match=r"functions of time with kinks or jumps.*add_inputs"):
-        da.compile_model(scene).export(tmp_path / "a")
+    model = da.compile_model(scene)
+    with pytest.raises(CapabilityError, match=r"'jax' does not carry functions of time with kinks.*add_inputs"):
+        model.export(tmp_path / "a.py", "jax")
+    with pytest.raises(
+        CapabilityError, match=r"'rk4' does not carry functions of time with kinks.*its steps do not end"
+    ):
+        model.export(tmp_path / "a", method="rk4", step=0.1)
 
 
 def test_the_page_has_the_table_of_kinds():

@@ -1,5 +1,6 @@
 """Simulators of scenes with functions of time that have kinks, jumps or pulses, run beside `simulate`."""
 
+import itertools
 from functools import partial
 
 import numpy as np
@@ -26,13 +27,16 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from codegen.c_programs import built, compiler, fuses, output
 from dalembert.codegen.llvm.target import target
+from dalembert.errors import CapabilityError
 from dalembert.ir.conditions import CONDITION_TIME
 from dalembert.ir.interpret import ARRAY_OPERATIONS, interpret
 from dalembert.ir.intervals import INTERVAL_OPERATIONS, Interval
 from dalembert.stops.breakpoints import break_times
 from dalembert.stops.interval_roots import kinds_of, kinds_of_numbers
 from dalembert.transforms.interval_kernels import interval_kernel, traced_kernel
+from export.pages import need_pages, parts, run_of
 from export.test_events import assert_same_run, run_alone
+from export.units import Unit, unpacked
 
 METHODS = pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
 TOLERANCES = {"rtol": 1e-9, "atol": 1e-11}
@@ -284,3 +288,53 @@ def test_events_beside_breaks(tmp_path, method):
     assert len(run.events["wall"].t) > 1 and len(run.events["jump"].t) > 3
     at_times = model.simulate((0, 3.1), START, own, t_eval=found[0], **given)
     assert_same_run(found, run, model, ["wall", "jump"], at_times)
+
+
+def test_units_find_breaks_between_communication_points(tmp_path):
+    """For co-simulation alone; with events, too, whose wall maps the state."""
+    model = compiled(FORCE, outputs=[Derivative(x, t, 2)])
+    own = numbers(model)
+    wall = da.Event(x - a / 4, direction=1, apply={x.diff(): -0.8 * x.diff()}, name="wall")
+    times = [0.0, 0.1, 0.65, 0.95, 1.97, 2.3, 2.4, 3.1]
+    for number, events in enumerate(([], [wall])):
+        given = {"initial": START, "parameters": own, "events": events, **TOLERANCES}
+        unit, found = Unit(*unpacked(model, tmp_path / f"{number}.fmu", **given)), []
+        assert unit.begin(0.0) == 0
+        for before, after in itertools.pairwise(times):
+            assert unit.step(before, after - before) == 0
+            found.append([unit.get(name) for name in ("x", "x_dot", model.layout.outputs[0])])
+        run = model.simulate((0, 3.1), START, own, t_eval=times, events=events, **TOLERANCES)
+        for column, name in zip(np.transpose(found), ("x", "x_dot", model.layout.outputs[0]), strict=True):
+            np.testing.assert_allclose(column, run[name][1:], rtol=1e-6, atol=1e-6, err_msg=name)
+        assert "ModelExchange" not in (tmp_path / f"{number}.fmu").read_bytes().decode("latin-1")
+
+
+def test_packages_and_pages_move_as_in_simulate(tmp_path):
+    model = compiled(FORCE, outputs=[Derivative(x, t, 2)])
+    own, times = numbers(model), np.linspace(0, 3.1, 32)
+    run = model.simulate((0, 3.1), START, own, t_eval=times)
+    need_pages()
+    page = model.export(tmp_path / "page.html", "page", t_span=(0, 3.1), initial=START, parameters=own)
+    printed, found = run_of(page, times)
+    assert printed["status"] == 0
+    for name in ("x", "x_dot", model.layout.outputs[0]):
+        np.testing.assert_allclose(found[name], run[name], rtol=1e-8, atol=1e-8, err_msg=name)
+    described, _ = parts(page)
+    assert [item["name"] for item in described["given"]] == [*sorted(START), *own]
+
+
+def test_what_is_not_carried(tmp_path):
+    law = da.Controller("law", period=T, inputs={u: -x})
+    model = compiled(FORCE, controllers=[law])
+    with pytest.raises(CapabilityError, match=r"pulses beside sampled controllers \(pushed, law\): take one"):
+        model.export(tmp_path / "a.fmu", "fmu")
+    table = da.table(t, [0, 1, 2, 4], [0, 1, 0, 2], extrapolate="hold", kind="cubic")
+    with pytest.raises(CapabilityError, match=r"conditions have tables.*write the curves as expressions"):
+        compiled(sign(table - T)).export(tmp_path / "b")
+    N, O = ReferenceFrame("N"), Point("O")
+    P = O.locatenew("P", x * N.x + Max(0, t - 1) * N.y)
+    scene = da.Scene("lifted", frame=N, origin=O, coordinates=[x])
+    scene.add_bodies(Particle("block", P, 1))
+    with pytest.raises(CapabilityError, match="prescribed velocities that jump"):
+        da.compile_model(scene).export(tmp_path / "c")
+    assert list(tmp_path.iterdir()) == []

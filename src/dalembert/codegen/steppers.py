@@ -283,8 +283,8 @@ class Steppers:
             # in single runs kernels are interpreted where compiling them takes longer than running
             compiled = self._steps.extra_kernel if tested or self._steps.compiles_starts else interpreted_code
             about = compiled, self.projections(1), code, refill, (self._n, *shape)
-            given = {"tested": tested, "exact": not stepper.memory, "repeated": self._steps.repeated}
-            return event_kernels(*about, lanes, with_series, **given)
+            exact, repeated = not stepper.memory, self._steps.repeated
+            return event_kernels(*about, lanes, with_series, tested=tested, exact=exact, repeated=repeated)
 
         return computed_once(self._events, (code, method, shape, lanes, with_series, tested, stepper.weighted), make)
 

@@ -217,7 +217,7 @@ def _description(simulator: AnyUnit, variables: UnitVariables, digit: str, sourc
     outputs = [variable for variable in variables.all if variable.causality == "output"]
     unknowns = {variable.place: variable for variable in (*outputs, *variables.states, *variables.rates)}
     text = f"scene {source.program.name}, formulation {source.program.formulation}"
-    text += "" if simulator.exchanged else "; for co-simulation alone, because rates of the state jump"
+    text += "" if simulator.exchanged else "; for co-simulation alone, because rates jump or have pulses"
 
     def references(some: Iterable[UnitVariable]) -> list[dict[str, int]]:
         return [{place: getattr(variable, place)} for variable in some]

@@ -23,6 +23,7 @@ FIXED = "rk4"
 _COMPILED, _ALONE = ("c", "fmu", "page", "wheel"), ("c", "page", "wheel")
 
 LOCKS = "angles that may lock"
+MOMENTS = "functions of time with kinks, jumps or pulses"
 
 _TOGETHER = "leave one of them out"
 _AS_INPUTS = "make them inputs (add_inputs), which are set during a run, or smooth them"
@@ -33,7 +34,8 @@ CARRIED: dict[str, tuple[tuple[str, ...], str]] = {
     "contacts that change beside events": (_ALONE, _TOGETHER),
     "contacts that change beside sampled controllers": (_ALONE, _TOGETHER),
     "tables": ((*_COMPILED, "numba"), "write the curves as expressions"),
-    "functions of time with kinks, jumps or pulses": (_ALONE, _AS_INPUTS),
+    MOMENTS: (_COMPILED, _AS_INPUTS),
+    f"{MOMENTS} beside sampled controllers": (_ALONE, _AS_INPUTS),
     "rates that jump with the state": (_EVERY, "smooth the jumps, as by tanh"),
     LOCKS: (
         (*_COMPILED, "numba", FIXED),
@@ -98,7 +100,9 @@ def _features(model: CompiledModel, column: str, events: Sequence[Event]) -> Ite
     if any(line.op in TABLE_OPERATIONS for kernel in kernels for line in kernel.body):
         yield "tables", [program.name]
     if program.conditions is not None:
-        yield "functions of time with kinks, jumps or pulses", [program.name]
+        yield MOMENTS, [program.name]
+        if controllers:
+            yield f"{MOMENTS} beside sampled controllers", [program.name, *controllers]
     if decisions(program) is not None:
         yield "rates that jump with the state", [program.name]
 

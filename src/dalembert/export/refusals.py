@@ -10,6 +10,7 @@ from ..errors import CapabilityError, list_names
 from ..ir.calls import function_of
 from ..ir.conditions import CONDITION_TIME
 from ..ir.kernel import calls_in
+from ..ir.ops import TABLE_OPERATIONS
 from ..ir.program import WIDTH, Program, coefficient_places
 from ..reduction.starting import Start
 from ..runs.impulses import impulses_of
@@ -80,6 +81,12 @@ def refuse_scene(model: CompiledModel) -> None:
     program, reduced = model.stages.program, model.stages.reduced
     _refuse_controllers(model)
     refuse_program(program)
+    functions = () if program.conditions is None else program.conditions.functions
+    if any(line.op in TABLE_OPERATIONS for function in functions for line in function.body):
+        raise CapabilityError(
+            f"{program.name!r} has functions of time with kinks, jumps or pulses whose conditions have tables, of which"
+            " exports compute no bounds: write the curves as expressions"
+        )
     if impulses_of(model.stages.equations, program) is not None:
         raise CapabilityError(
             f"{program.name!r} has prescribed velocities that jump, with impulses of its constraints, which exports do"
@@ -151,6 +158,6 @@ def refuse_contact_scene(modes: ModeModels) -> None:
     _refuse_functions(equations.controllers)
     if modes.conditions is not None or CONDITION_TIME in modes.layout.parameters:
         raise CapabilityError(
-            f"{name!r} has functions of time with kinks or jumps, at which runs are cut; exports do not carry them yet:"
-            " smooth them, as by a ramp or tanh"
+            f"{name!r} has functions of time with kinks or jumps, at which runs are cut; exports of scenes with"
+            " contacts that change do not carry them yet: smooth them, as by a ramp or tanh"
         )

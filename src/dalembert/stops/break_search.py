@@ -123,10 +123,7 @@ _VALUE, _BOUNDS, _SHARPNESS, _TEST = "value_{}", "bounds_{}", "sharpness_{}", "t
 def break_kernels(conditions: Conditions) -> dict[str, tuple[Kernel, str]]:
     """Return the kernels that the search needs, of (t, p), by their names, each with what it computes.
 
-    Raises
-    ------
-    CapabilityError
-        Where functions of time have tables.
+    Functions have no tables.
     """
     found: dict[str, tuple[Kernel, str]] = {}
     for kind in sorted({int(kind == WHOLE) for kind in conditions.kinds}):

@@ -202,8 +202,9 @@ def kinds_of(kind: str, low: Any, high: Any, whole: Interval, centre: Interval) 
 
 def kinds_of_numbers(kind: str, *numbers: Any) -> tuple[Any, Any, Any]:
     """Return `kinds_of` an interval: its ends, the bounds over it (4), and those of the value in its middle."""
-    low, high, bottom, top, *rate, least, most = numbers
-    return kinds_of(kind, low, high, Interval(bottom, top, *rate), Interval(least, most, 0.0, 0.0))
+    low, high, *whole, least, most = numbers
+    rest: Any = 0.0
+    return kinds_of(kind, low, high, Interval(*whole), Interval(least, most, rest, rest))
 
 
 def _bounds(low: Any, high: Any, whole: Interval, centre: Interval) -> tuple[Interval, Any]:

@@ -10,7 +10,6 @@ from typing import Any, final
 
 import numpy as np
 
-from ..errors import CapabilityError
 from ..ir.interpret import ARRAY_OPERATIONS, interpret
 from ..ir.intervals import INTERVAL_OPERATIONS, Interval, interval_of
 from ..ir.kernel import Assignment, Kernel, Load, Operand
@@ -21,23 +20,15 @@ LARGEST = float(np.finfo(float).max)
 
 
 def interval_kernel(kernel: Kernel) -> Kernel:
-    """Return the kernel of the bounds of a function of (t, p), with one output.
+    """Return the kernel of the bounds of a function of (t, p), with one output and without tables.
 
     It has the arguments ``t``, the interval and the rate of time in it, 1, or 0 at a point (3,), and ``p``; its outputs
     are the bounds of the value and of its rate (4,).
-
-    Raises
-    ------
-    CapabilityError
-        Where the function has tables.
     """
     tape = _Tape()
-    low, high, rate = (tape.load("t", place) for place in range(3))
-    arguments = {"t": Interval(low, high, rate, rate), "p": _Array(tape, "p")}
-    try:
-        (found,) = interpret(kernel, arguments, INTERVAL_OPERATIONS)
-    except TypeError as error:
-        raise CapabilityError(f"the function {kernel.name!r} has operations without bounds as a kernel") from error
+    time: list[Any] = [tape.load("t", place) for place in (0, 1, 2, 2)]
+    arguments = {"t": Interval(*time), "p": _Array(tape, "p")}
+    (found,) = interpret(kernel, arguments, INTERVAL_OPERATIONS)
     bounds = interval_of(found)
     return tape.kernel("bounds", ("t", "p"), (bounds.low, bounds.high, bounds.rate_low, bounds.rate_high))
 

@@ -108,8 +108,7 @@ class EventSimulator(Simulator):
             "n_events": len(own.events),
             "n_constants": len(self.program.kernel("prepare").outputs),
             "n_locks": n_locks,
-            "go_on": go_on,
-            "resume": resume,
+            "go_on": [(call, resume) for call in go_on],
             "constants_of_steps": bool(self.before),
             "begins": begins,
         }

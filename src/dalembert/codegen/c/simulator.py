@@ -255,9 +255,9 @@ class Simulator(TemplateVariables):
         conditions = self.program.conditions
         if conditions is None:
             return ""
-        self.at_start = {"find": code.entry(find, kind, "t0", "t1"), "decided": "", "place": 0}
+        self.at_start = {"find": code.entry(find, kind, "t0", "t1"), "decided": []}
         if conditions.place is not None:
-            self.at_start |= {"decided": code.entry(decided, kind), "place": conditions.place}
+            self.at_start["decided"] = [(conditions.place, code.entry(decided, kind))]
             self.before = "instants.breaks.before"
         return code.entry(loop.resume, kind, "t1") if self.source.goes_on else ""
 

@@ -57,8 +57,8 @@ class TemplateVariables:
     at : mapping of str to str
         Members of a run, see `dalembert.codegen.c.run_loops.RunLoop`.
     at_start : dict
-        Calls at a start: one finds the breaks of conditions on time, one returns when these are decided, as the value
-        of the parameter at a place; empty without conditions.
+        Calls at a start: "find" finds the breaks of conditions on time, "decided" has a place among the parameters and
+        what returns when these are decided, its value; empty without conditions.
     before : str
         Member with the constants of the last step, empty where constants do not change.
     """
@@ -72,8 +72,13 @@ class TemplateVariables:
     def __init__(self, source: CSource) -> None:
         self.source, self.program, self.layout = source, source.program, source.program.layout
         self.prefix, self.at = prefix_of(source.program.name), dict[str, str]()
-        self.at_start: dict[str, Any] = {"find": "", "decided": "", "place": 0}
+        self.at_start: dict[str, Any] = {"find": "", "decided": []}
         self.before = ""
+
+    @property
+    def behind(self) -> str:
+        """Member with the constants behind the last step."""
+        return self.at.get("behind", self.at["constants"])
 
     def _state_variables(self, renew: Sequence[str] = (), copies: Sequence[str] = ()) -> dict[str, dict[str, Any]]:
         """Return the variables of templates of simulators without contacts.
@@ -83,9 +88,7 @@ class TemplateVariables:
         named, n_locks = {"prefix": self.prefix}, len(self.source.locking)
         state = named | {
             "at": {name: self.at[name] for name in ("constants", "evaluated", "time")},
-            "before": self.before,
-            "behind": self.at.get("behind", self.at["constants"]),
-            "direction": self.at.get("direction", ""),
+            "before": [(self.before, self.behind, self.at["direction"])] if self.before else [],
             "constants": "constants_at(run, t)" if self.before else f"run->{self.at['constants']}",
             "renew": list(renew),
             "copies": list(copies),

@@ -30,13 +30,13 @@ class UnitSimulator(Simulator):
     Attributes
     ----------
     exchanged : bool
-        Whether an integrator of the importer can run it, which needs rates without jumps.
+        Whether an integrator of the importer can run it, which needs rates without jumps and pulses.
     corrected : bool
         Whether such a run is projected onto constraints.
     """
 
     def __init__(self, source: CSource) -> None:
-        self.exchanged = decisions(source.program) is None
+        self.exchanged = decisions(source.program) is None and source.program.conditions is None
         corrections = ("project_position", "project_velocity")
         self.corrected = self.exchanged and any(name in source.program for name in corrections)
         super().__init__(source)
@@ -122,7 +122,7 @@ class UnitSimulator(Simulator):
             {
                 **{name: known[name] for name in names},
                 **{name: variables["calls"][name] for name in ("correct", "act")},
-                "at": {"constants": self.at["constants"]},
+                "at": {"constants": self.behind if self.before else self.at["constants"]},
                 "n_computed": self.n_computed,
                 "n_knowns": self.n_knowns,
                 **self._along_variables(),
