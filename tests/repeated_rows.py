@@ -141,7 +141,14 @@ REPEATED = (
     # pages whose scripts compute long before their first run, and a page of each kind stays
     *(
         ("export/test_live_pages.py", f"test_pages_of_the_site[[]{name}]")
-        for name in ("three_blocks", "unicycle", "bicycle", "delta_robot", "squeezing_mechanism", "backlash")
+        for name in (
+            *("three_blocks", "unicycle", "bicycle", "delta_robot", "squeezing_mechanism", "backlash"),
+            *("monorail", "furuta_pendulum", "rocking_block"),
+        )
+    ),
+    *(  # conditions of each kind stay
+        ("export/test_time_conditions.py", f"test_breaks_are_those_of_simulate[[]{name}]")
+        for name in ("parabola", "steps of steps", "rational", "rectified", "powers", "smooth")
     ),
     # one page and two motions by steps of each kind
     ("export/test_pages.py", "test_ready_scenes_move_as_in_simulate[[]rolling_sphere]"),
