@@ -21,7 +21,7 @@ from ..lanes.sweep_arguments import no_columns, no_part_samples
 from ..lanes.workspace import EventWorkspace
 from ..reduction.sampling_kernels import SamplingKernels, sampling_kernels
 from ..steps.problem import IntegrationProblem
-from ..stops.break_search import BreakTable, break_kernels, breaks_of
+from ..stops.break_tables import BreakTable, break_kernels, breaks_of
 from ..stops.input_records import InputTable, no_inputs
 from ..stops.instants import InstantTable, instants_of, no_instants, stops_at_instants
 from ..stops.stops import StopTable, no_stops

@@ -19,7 +19,7 @@ from ..steps.implicit_loop import ImplicitArguments
 from ..steps.packed_tableaus import ALLOWED, POINT
 from ..steps.projection import ROUNDING_OF_POLYNOMIALS, project_row
 from ..steps.recorded_runs import Run, RunCodes, RunSettings, evaluate_polynomial
-from ..stops.break_search import BreakTable
+from ..stops.break_tables import BreakTable
 from ..stops.instants import InstantTable, has_stops, keep_constants, list_instants
 from ..subset.arguments import IntVector, Record, Vector
 from ..subset.compiled_subset import compiled_subset

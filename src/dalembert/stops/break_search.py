@@ -8,162 +8,21 @@ through the intervals in the order of time. Rules and constants are the same.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
-from ..ir.conditions import NARROW, WHOLE, ZERO, Conditions
-from ..ir.kernel import Kernel
 from ..methods.step_constants import EPSILON, ROOT_PRECISION, ROOT_TRIES, SMALLEST_OF_TIME
-from ..subset.addresses import NO_CODE, AddressTable, OwnedAddress
-from ..subset.arguments import AddressVector, IntVector, Matrix, Record, Vector
 from ..subset.compiled_subset import call_code, compiled_subset, row, sqrt
-from ..transforms.interval_kernels import interval_kernel, traced_kernel
+from .break_tables import IS_NARROW, IS_WHOLE, BreakTable
 from .breakpoints import AROUND, FEW_PIECES, SHORT
-from .interval_roots import FIRST_PARTS, MOST_CUTS, kinds_of_numbers
+from .interval_roots import FIRST_PARTS, MOST_CUTS
 
-KINDS = (ZERO, WHOLE, NARROW)
-"""Kinds of conditions, by the numbers that the search has for them."""
-_ZERO, _WHOLE, _NARROW = range(3)
-
-MOST_BREAKS = 1000
-"""Largest number of breaks of an exported run, from a start or a place where it continues to the end."""
 _MOST_PIECES = 100_000
 """Largest number of intervals of one length."""
 _LARGEST_WHOLE = 1e15
 
 _TIME, _WHOLE_RANGE, _CENTRE, _TESTED, _FOUND = range(5)
 """Rows of the memory: an interval of time; bounds over it, and in its middle; what is tested, and outputs."""
-
-
-class BreakSearch(Record):
-    """State of the search.
-
-    Number of breaks, the next one of the run, and its start and end; roots so far of a condition, intervals that cannot
-    be told from a root, and whether they have a ``cluster``, with its ends; the ``last`` root of a narrow condition
-    (NaN: none), how short it is there, and its distance from the one before; and 1 where there are too many.
-    """
-
-    count: int
-    next: int
-    begin: float
-    end: float
-    found: int
-    stuck: int
-    cluster: int
-    low: float
-    high: float
-    last: float
-    size: float
-    gap: float
-    over: int
-
-
-class BreakTable(NamedTuple):
-    """Conditions on time and parameters, and the breaks of a run.
-
-    Attributes
-    ----------
-    search : BreakSearch
-    kinds, nested : (k,)
-        See `KINDS`; 1 for functions that contain others that are decided.
-    values, bounds, sharpness : AddressVector
-        Kernels of (t, p): each function, its bounds (`dalembert.transforms.interval_kernels.interval_kernel`), and the
-        sharpness of narrow ones.
-    tests : AddressVector
-        Kernels of `dalembert.stops.interval_roots.kinds_of`, for zeros and for whole numbers.
-    place : int
-        Parameter at whose value conditions are decided, -1 for none.
-    parameters : (1, n_p)
-    times, edges : (MOST_BREAKS,)
-        The breaks; those of conditions before a nested one.
-    ends, cuts : (FIRST_PARTS + MOST_CUTS + 1,)
-        Ends of the intervals that are left, the next one last, and how often each was cut.
-    levels : (MOST_CUTS + 1,)
-        Number of intervals that were cut so often.
-    memory : (5, 8)
-        Is overwritten.
-    before : (n_c, 1) or (0, 1)
-        Constants of the last step, behind which others may count; nothing where they do not change.
-    """
-
-    search: BreakSearch
-    kinds: IntVector
-    nested: IntVector
-    values: AddressVector
-    bounds: AddressVector
-    sharpness: AddressVector
-    tests: AddressVector
-    place: int
-    parameters: Matrix
-    times: Vector
-    edges: Vector
-    ends: Vector
-    cuts: IntVector
-    levels: IntVector
-    memory: Matrix
-    before: Matrix
-
-
-def no_breaks() -> BreakTable:
-    """Return a table without conditions."""
-    none, nothing, codes = np.zeros(0, np.int64), np.zeros(0), AddressTable()
-    room = np.zeros((0, 1))
-    return BreakTable(
-        *(BreakSearch(), none, none, codes, codes, codes, codes, -1),
-        *(room, nothing, nothing, nothing, none, none, room, room),
-    )
-
-
-_VALUE, _BOUNDS, _SHARPNESS, _TEST = "value_{}", "bounds_{}", "sharpness_{}", "test_{}"
-
-
-def break_kernels(conditions: Conditions) -> dict[str, tuple[Kernel, str]]:
-    """Return the kernels that the search needs, of (t, p), by their names, each with what it computes.
-
-    Functions have no tables.
-    """
-    found: dict[str, tuple[Kernel, str]] = {}
-    for kind in sorted({int(kind == WHOLE) for kind in conditions.kinds}):
-        test = traced_kernel(partial(kinds_of_numbers, KINDS[kind]), "test", 8)
-        found[_TEST.format(kind)] = test, "Whether an interval may hold roots, of a monotone function or not"
-    for i, (function, sharp) in enumerate(zip(conditions.functions, conditions.sharpness, strict=True)):
-        found[_VALUE.format(i)] = function, f"Function {i + 1} of time, about whose roots steps end"
-        found[_BOUNDS.format(i)] = interval_kernel(function), "Its bounds over an interval, and those of its rate"
-        if sharp is not None:
-            found[_SHARPNESS.format(i)] = sharp, "Inverse square of the time within which it has a pulse"
-    return found
-
-
-def breaks_of(conditions: Conditions, code: Mapping[str, OwnedAddress], parameters: int, constants: int) -> BreakTable:
-    """Return the table of conditions, for the code of `break_kernels` and so many parameters and constants."""
-    places = range(len(conditions.functions))
-    values, bounds, sharpness = (
-        AddressTable(code.get(name.format(i), NO_CODE) for i in places) for name in (_VALUE, _BOUNDS, _SHARPNESS)
-    )
-    tests = AddressTable(code.get(_TEST.format(kind), NO_CODE) for kind in (_ZERO, _WHOLE))
-    kinds = np.array([KINDS.index(kind) for kind in conditions.kinds], np.int64)
-    left = FIRST_PARTS + MOST_CUTS + 1
-    return BreakTable(
-        search=BreakSearch(),
-        kinds=kinds,
-        nested=np.array(conditions.nested, np.int64),
-        values=values,
-        bounds=bounds,
-        sharpness=sharpness,
-        tests=tests,
-        place=-1 if conditions.place is None else conditions.place,
-        parameters=np.zeros((1, parameters)),
-        times=np.zeros(MOST_BREAKS),
-        edges=np.zeros(MOST_BREAKS if any(conditions.nested) else 0),
-        ends=np.zeros(left),
-        cuts=np.zeros(left, np.int64),
-        levels=np.zeros(MOST_CUTS + 1, np.int64),
-        memory=np.zeros((5, 8)),
-        before=np.zeros((constants if conditions.decides else 0, 1)),
-    )
 
 
 @compiled_subset
@@ -174,7 +33,7 @@ def find_breaks(table: BreakTable, t0: float, t1: float) -> bool:
     for k in range(table.kinds.size):
         kept = search.count
         if not _find_of_condition(table, k, low, high):
-            if table.kinds[k] != _NARROW or search.over != 0:
+            if table.kinds[k] != IS_NARROW or search.over != 0:
                 return False
             search.count = kept  # too many for any to be narrow
         _merge(table, low, high)
@@ -204,7 +63,7 @@ def _find_of_condition(table: BreakTable, k: int, low: float, high: float) -> bo
         pieces = search.count + 1
         for i in range(search.count):
             table.edges[i] = table.times[i]
-    allowed = FEW_PIECES * (pieces + FIRST_PARTS) if table.kinds[k] == _NARROW else _MOST_PIECES
+    allowed = FEW_PIECES * (pieces + FIRST_PARTS) if table.kinds[k] == IS_NARROW else _MOST_PIECES
     search.found, search.stuck = 0, 0
     for level in range(table.levels.size):
         table.levels[level] = 0
@@ -270,7 +129,7 @@ def _test(table: BreakTable, k: int, low: float, high: float) -> None:
     for i in range(4):
         memory[_TESTED, 2 + i] = memory[_WHOLE_RANGE, i]
     memory[_TESTED, 6], memory[_TESTED, 7] = memory[_CENTRE, 0], memory[_CENTRE, 1]
-    test = 1 if table.kinds[k] == _WHOLE else 0
+    test = 1 if table.kinds[k] == IS_WHOLE else 0
     call_code(table.tests[test], row(memory, _TESTED), 0, 0, 0, row(memory, _FOUND))
 
 
@@ -287,7 +146,7 @@ def _value(table: BreakTable, code: int, t: float) -> float:
 def _monotone(table: BreakTable, k: int, low: float, high: float, a: float, b: float, allowed: int) -> bool:
     """Find the roots of a function that rises or falls between two times; return whether there are few enough."""
     first, last = _value(table, table.values[k], low), _value(table, table.values[k], high)
-    if table.kinds[k] != _WHOLE:
+    if table.kinds[k] != IS_WHOLE:
         _crossing(table, k, low, high, first, last, 0.0, a, b)
         return True
     if math.isnan(first) or math.isnan(last):
@@ -367,7 +226,7 @@ def _end_cluster(table: BreakTable, k: int, a: float, b: float) -> None:
     width = (high - low) + SMALLEST_OF_TIME * max(abs(low), abs(high))
     before, after = _value(table, table.values[k], low - width), _value(table, table.values[k], high + width)
     same = (before > 0.0 and after > 0.0) or (before < 0.0 and after < 0.0) or (before == 0.0 and after == 0.0)
-    if table.kinds[k] == _WHOLE:
+    if table.kinds[k] == IS_WHOLE:
         same = abs(before) < _LARGEST_WHOLE and abs(after) < _LARGEST_WHOLE
         same = same and _floor(before) == _floor(after)
     if not same:
@@ -379,7 +238,7 @@ def _add(table: BreakTable, k: int, t: float, a: float, b: float) -> None:
     """Add a root of a condition in a piece of a run: a break or, of a narrow one, the place of a pulse."""
     search = table.search
     search.found += 1
-    if table.kinds[k] != _NARROW:
+    if table.kinds[k] != IS_NARROW:
         _append(table, t)
         return
     gap = t - search.last  # a root where an interval was cut is that of both parts
@@ -397,7 +256,7 @@ def _add(table: BreakTable, k: int, t: float, a: float, b: float) -> None:
 def _finish(table: BreakTable, k: int, a: float, b: float, following: float) -> None:
     """Add the ends of steps about the last pulse of a piece, where it is short; the next one follows in some time."""
     search = table.search
-    if table.kinds[k] != _NARROW or math.isnan(search.last):
+    if table.kinds[k] != IS_NARROW or math.isnan(search.last):
         return
     if SHORT * search.size < min(b - a, min(search.gap, following)):
         for i in range(AROUND.size):

@@ -16,7 +16,8 @@ from ..methods.step_constants import SMALLEST_OF_TIME
 from ..subset.addresses import NO_CODE, OwnedAddress
 from ..subset.arguments import Address, IntVector, Matrix, Record
 from ..subset.compiled_subset import call_code, compiled_subset, row
-from .break_search import BreakTable, find_breaks, middle_of, no_breaks
+from .break_search import find_breaks, middle_of
+from .break_tables import BreakTable, no_breaks
 from .input_records import InputTable
 from .stops import CaseStops, StopAction, StopLists, StopTable, prepare_lanes
 

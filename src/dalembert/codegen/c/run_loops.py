@@ -52,7 +52,7 @@ from ...steps.implicit_loop import DEGREE, ImplicitArguments
 from ...steps.newton import ROWS, newton_workspace
 from ...steps.packed_tableaus import packed_tableau
 from ...steps.recorded_runs import Progress, Run, RunCodes, RunSettings
-from ...stops.break_search import breaks_of
+from ...stops.break_tables import breaks_of
 from ...stops.input_records import no_inputs
 from ...stops.instants import InstantTable, instants_of, no_instants, stops_at_instants
 from ...stops.stops import StopTable, no_stops

@@ -10,7 +10,7 @@ from ...ir.kernel import Kernel
 from ...loops.steps_at_instants import decided, find
 from ...methods.step_constants import RESOLUTION
 from ...reduction.sampling_kernels import SamplingAction
-from ...stops.break_search import break_kernels
+from ...stops.break_tables import break_kernels
 from ...transforms.passes import EliminateDeadCode
 from ...transforms.taylor.periodic import angles_of
 from ...transforms.taylor.recurrences import recurrences

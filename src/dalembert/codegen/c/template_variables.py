@@ -9,7 +9,7 @@ from ...ir.program import coefficient_places
 from ...methods.status import Status
 from ...methods.step_constants import RESOLUTION
 from ...options import MAX_STEPS
-from ...stops.break_search import MOST_BREAKS
+from ...stops.break_tables import MOST_BREAKS
 from ..rendering import banner_lines
 from .descriptions import (
     CSource,
