@@ -128,7 +128,7 @@ PREPARE = "prepare"
 
 
 @final
-@dataclass(frozen=True)
+@frozen
 class RunStops:
     """What a run stops at: components of the state that each controller sets, and conditions on so many parameters."""
 
