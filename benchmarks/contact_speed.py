@@ -23,7 +23,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from dalembert.codegen.llvm.loops import loop_named
 from dalembert.contacts.contact_cases import contact_cases
-from dalembert.contacts.mode_candidates import ALL
+from dalembert.contacts.selection.mode_candidates import ALL
 from dalembert.methods.status import Status
 from dalembert.phases import mode_models
 from dalembert.phases.decisions import LOOP

@@ -36,7 +36,7 @@ from .transforms.pipelines import PassRecord
 
 if TYPE_CHECKING:
     from .contacts.automaton import HybridAutomaton
-    from .contacts.contact_laws import Mode
+    from .contacts.equations.contact_laws import Mode
 
 T = TypeVar("T")
 
@@ -141,7 +141,7 @@ def compile_scene(
     contacts = derivation.equations.contacts
     if contacts and mode is None:
         from .contacts.automaton import HybridAutomaton
-        from .contacts.modes import only_mode
+        from .contacts.equations.modes import only_mode
 
         mode = only_mode(contacts)
         if mode is None:
@@ -213,8 +213,8 @@ def compile_equations(
     backend = backend_named(options.backend)
     equations, switched = watch("copy", lambda: copied(derivation.equations)), False
     if mode is not None:
-        from .contacts.modes import mode_equations
-        from .contacts.switched_modes import any_mode, switched_equations, switched_system
+        from .contacts.equations.modes import mode_equations
+        from .contacts.equations.switched_modes import any_mode, switched_equations, switched_system
 
         single, whole = mode, equations
         switched = mode == any_mode(len(mode))

@@ -4,7 +4,7 @@ import numpy as np
 
 from dalembert.contacts.contact_cases import ContactCases, contact_cases
 from dalembert.contacts.contact_system import SLIP, ContactSystem, Solved
-from dalembert.contacts.dense_solve import dense_workspace
+from dalembert.contacts.selection.dense_solve import dense_workspace
 
 __all__ = ["block", "one_case"]
 

@@ -5,9 +5,9 @@ import pytest
 import sympy as sp
 
 import dalembert as da
-from dalembert.contacts import mode_candidates as rules
 from dalembert.contacts.contact_cases import contact_cases
-from dalembert.contacts.contact_laws import STATES
+from dalembert.contacts.equations.contact_laws import STATES
+from dalembert.contacts.selection import mode_candidates as rules
 from dalembert.methods.status import Status
 from hard_cases.contacts import corner_plate, loose_plate
 

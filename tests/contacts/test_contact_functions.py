@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from contacts.plain_systems import block, one_case
-from dalembert.contacts import mode_candidates as kinds
-from dalembert.contacts.contact_forces import load_accelerations, open_contacts, solve_mode
 from dalembert.contacts.contact_impacts import strike
 from dalembert.contacts.contact_kinds import refused
 from dalembert.contacts.contact_system import CLOSED, OPEN, SLIP, STICK, combination
-from dalembert.contacts.dense_solve import dense_workspace, solve_dense
-from dalembert.contacts.mode_candidates import candidates_space
-from dalembert.contacts.mode_laws import ROUNDING
-from dalembert.contacts.mode_selection import select_mode
-from dalembert.contacts.slip_direction import turns_back
+from dalembert.contacts.selection import mode_candidates as kinds
+from dalembert.contacts.selection.contact_forces import load_accelerations, open_contacts, solve_mode
+from dalembert.contacts.selection.dense_solve import dense_workspace, solve_dense
+from dalembert.contacts.selection.mode_candidates import candidates_space
+from dalembert.contacts.selection.mode_laws import ROUNDING
+from dalembert.contacts.selection.mode_selection import select_mode
+from dalembert.contacts.selection.slip_direction import turns_back
 from dalembert.methods.status import Status
 
 WEIGHT = 10.0

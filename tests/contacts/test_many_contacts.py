@@ -9,9 +9,9 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.codegen.llvm.loops import loop_named
-from dalembert.contacts import mode_candidates as rules
 from dalembert.contacts.contact_cases import contact_cases
 from dalembert.contacts.contact_system import OPEN, SLIP, STICK
+from dalembert.contacts.selection import mode_candidates as rules
 from dalembert.methods.status import Status
 from dalembert.phases.decisions import LOOP
 from hard_cases.contacts import loose_plate

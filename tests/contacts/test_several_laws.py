@@ -9,7 +9,7 @@ from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsym
 import dalembert as da
 from contacts.by_hand import after_impact, solutions
 from contacts.test_many_contacts import decided
-from dalembert.contacts import mode_candidates as rules
+from dalembert.contacts.selection import mode_candidates as rules
 from dalembert.methods.status import Status
 
 

@@ -11,7 +11,7 @@ import dalembert as da
 from dalembert.codegen.llvm.loops import loop_named
 from dalembert.contacts.contact_cases import contact_cases
 from dalembert.contacts.contact_system import SLIP, STICK
-from dalembert.contacts.mode_candidates import BREAK_PLANE, STOP
+from dalembert.contacts.selection.mode_candidates import BREAK_PLANE, STOP
 from dalembert.methods.status import Status
 from dalembert.phases.decisions import LOOP
 

@@ -8,7 +8,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, 
 import dalembert as da
 from codegen.c_programs import SANITIZED, built, compiler, fuses, output
 from dalembert.codegen.llvm.target import target
-from dalembert.contacts.contact_laws import STATES
+from dalembert.contacts.equations.contact_laws import STATES
 from dalembert.errors import CapabilityError
 from export.pages import need_pages, parts, run_of
 from hard_cases.contacts import contact_motion

@@ -8,7 +8,7 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 from codegen.c_programs import built
-from dalembert.contacts.contact_laws import STATES
+from dalembert.contacts.equations.contact_laws import STATES
 from export.test_contact_simulators import block
 from export.units import VERSIONS, Unit, unpacked, variables_of
 from hard_cases.contacts import contact_motion

@@ -9,7 +9,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, 
 import dalembert as da
 from contacts.by_hand import after_impact
 from contacts.test_many_contacts import decided, points
-from dalembert.contacts import mode_candidates as rules
+from dalembert.contacts.selection import mode_candidates as rules
 from dalembert.errors import OptionError
 from dalembert.methods.status import Status
 

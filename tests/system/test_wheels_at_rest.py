@@ -6,7 +6,7 @@ from sympy import symbols
 from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
-from dalembert.contacts import mode_candidates as rules
+from dalembert.contacts.selection import mode_candidates as rules
 
 N, O = ReferenceFrame("N"), Point("O")
 x, y, theta = dynamicsymbols("x y theta")

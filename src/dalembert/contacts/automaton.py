@@ -17,9 +17,9 @@ from ..ir.kernel import Kernel
 from ..mechanics.equations import ContactRow, EquationsOfMotion
 from ..mechanics.manifold import outside_span_on_manifold
 from ..mechanics.power_checks import parallel
-from .contact_data import contact_data
-from .contact_laws import CLOSED, OPEN, SLIP, SMOOTH, STATES, STICK, Mode
-from .modes import mode_equations
+from .equations.contact_data import contact_data
+from .equations.contact_laws import CLOSED, OPEN, SLIP, SMOOTH, STATES, STICK, Mode
+from .equations.modes import mode_equations
 
 # Check that the normal reactions of contacts that open act along their gaps.
 
@@ -121,7 +121,7 @@ BITS: Mapping[tuple[str, int], int] = {
     guard: 1 << bit
     for bit, guard in enumerate((row.guard, sign) for row in TRANSITIONS.values() if row.target for sign in row.signs)
 }
-"""Guards of a contact as bits in compiled code (`dalembert.contacts.mode_candidates`), by their kinds and signs."""
+"""Guards of a contact as bits in compiled code (`contacts.selection.mode_candidates`), by their kinds and signs."""
 
 
 @final

@@ -9,15 +9,15 @@ import numpy as np
 from ..arrays import FloatArray
 from ..subset.arguments import IntMatrix, IntVector, Matrix, Vector
 from ..subset.compiled_subset import compiled_subset, sqrt
-from .contact_laws import STATES
 from .contact_system import SLIP, ContactSystem, drift, terms
+from .equations.contact_laws import STATES
 
 UNDECIDED = -1
 """Mode of a contact, and of a case, before the first decision, and `ContactCases.after` without an impact."""
 
 ADDED, SIDE, REST = 4, 2, 3
 """Parameters that a contact adds to those of the scene, which begin with the direction of slip, and two of their places
-(`dalembert.contacts.modes.mode_parameters`)."""
+(`dalembert.contacts.equations.modes.mode_parameters`)."""
 
 _STATES = len(STATES)
 

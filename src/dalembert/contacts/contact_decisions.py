@@ -14,7 +14,6 @@ from ..methods.step_constants import EPSILON
 from ..subset.arguments import IntVector, Matrix
 from ..subset.compiled_subset import compiled_subset, sqrt
 from .contact_cases import ADDED, REST, SIDE, UNDECIDED, ContactCases, set_mode, slip_speed, slip_terms, slow_terms
-from .contact_forces import compliance, load_accelerations, solve_mode
 from .contact_impacts import close_gaps, hold, moves_in_mode, strike
 from .contact_kinds import (
     approaches,
@@ -30,9 +29,10 @@ from .contact_kinds import (
     way_of_slip,
 )
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, dot, inertial_terms, opening_power, terms
-from .mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, Candidates
-from .past_modes import select_at
-from .points_of_one_link import point_across
+from .equations.points_of_one_link import point_across
+from .selection.contact_forces import compliance, load_accelerations, solve_mode
+from .selection.mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, Candidates
+from .selection.past_modes import select_at
 from .slow_slip import REST_SHARE, begins_anew, jam, rest_share, take_as_rest
 
 _REST_OF_SPAN, _LEAST_REST = 1e-7, 1e-8

@@ -17,11 +17,11 @@ from .contact_cases import (
     rate_terms,
     slow_terms,
 )
-from .contact_forces import load_correction, load_impact, load_restitution, solve_mode
 from .contact_kinds import RESTING, ROUNDED, STILL
 from .contact_system import CLOSED, OPEN, POISSON, SEQUENCE, SLIP, STICK, ContactSystem, dot, drift, terms
-from .mode_candidates import FREE, GRIPPED, HOVERING, LIFTING, SLIDING, TOUCHING, Candidates, closed_kind
-from .mode_selection import select_mode
+from .selection.contact_forces import load_correction, load_impact, load_restitution, solve_mode
+from .selection.mode_candidates import FREE, GRIPPED, HOVERING, LIFTING, SLIDING, TOUCHING, Candidates, closed_kind
+from .selection.mode_selection import select_mode
 
 _MOST_IMPACTS = 10_000
 """Impacts at one instant, after which they accumulate."""

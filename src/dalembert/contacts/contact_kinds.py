@@ -19,8 +19,8 @@ from .contact_cases import (
     slip_terms,
 )
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, drift, inertial_size, opening_power, terms
-from .dead_centres import motionless
-from .mode_candidates import BREAK_DOWN, BREAK_UP, FREE, LIFT, LIFTING, MEET, STOP, closed_kind
+from .selection.dead_centres import motionless
+from .selection.mode_candidates import BREAK_DOWN, BREAK_UP, FREE, LIFT, LIFTING, MEET, STOP, closed_kind
 
 RESTING = 1e-7
 """Share of the largest approach speed of a contact so far, below which an impact has no restitution.

@@ -14,16 +14,16 @@ from ..options.compilation import IMPACTS
 from ..subset.arguments import IntMatrix, IntVector, Matrix, Record, Vector
 from ..subset.compiled_subset import compiled_subset, sqrt
 from ..transforms.linear import dependence
-from .contact_data import NUMBERS
-from .contact_laws import STATES
-from .dense_solve import DenseWorkspace, dense_workspace
+from .equations.contact_data import NUMBERS
+from .equations.contact_laws import STATES
+from .selection.dense_solve import DenseWorkspace, dense_workspace
 
 if TYPE_CHECKING:
     from ..mechanics.equations import ContactRow, EquationsOfMotion
     from .automaton import HybridAutomaton
 
 OPEN, CLOSED, SLIP, STICK, SMOOTH = range(len(STATES))
-"""States of a contact, by their places in `dalembert.contacts.modes.STATES`."""
+"""States of a contact, by their places in `dalembert.contacts.equations.modes.STATES`."""
 
 NEWTON, POISSON, SEQUENCE = range(len(IMPACTS))
 """Laws of impacts, by their places in `dalembert.options.compilation.IMPACTS`."""

@@ -7,7 +7,7 @@ from ..subset.compiled_subset import compiled_subset
 from .contact_cases import NOISE, ContactCases, slip_speed
 from .contact_impacts import strike
 from .contact_system import SLIP, STICK, ContactSystem
-from .mode_candidates import GRIPPED, JAMS, LIFT, LIFTING, SLIDING, TOUCHING, Candidates
+from .selection.mode_candidates import GRIPPED, JAMS, LIFT, LIFTING, SLIDING, TOUCHING, Candidates
 
 REST_SHARE, _REST_TOLERANCES = 1e-6, 10.0
 """Rest speed in a plane: a share of the slip speeds so far, at least so many relative tolerances of the run."""

@@ -15,7 +15,7 @@ from ..codegen.c.descriptions import CSource
 from ..codegen.c.library import CFunctions, CLibrary
 from ..codegen.c.printing import prefix_of
 from ..codegen.compiled_engine import CompiledEngine
-from ..contacts.contact_laws import Mode
+from ..contacts.equations.contact_laws import Mode
 from ..contacts.phase_maps import no_maps
 from ..contacts.phase_stops import PhaseStops
 from ..contacts.phase_tables import ANY_PHASE

@@ -16,7 +16,7 @@ from ..codegen.c.descriptions import CSource, plain
 from ..codegen.c.kernels import kernel_variables
 from ..codegen.c.preludes import source_of
 from ..codegen.rendering import banner_lines, render
-from ..contacts.contact_laws import STATES
+from ..contacts.equations.contact_laws import STATES
 from ..version import __version__
 from .compilers import web_assembly
 from .fmu import refuse_missing

@@ -8,7 +8,7 @@ from typing import Any, final
 
 from ..codegen.c.contact_unit import ContactUnitSimulator
 from ..codegen.c.unit_simulator import UnitSimulator
-from ..contacts.contact_laws import STATES
+from ..contacts.equations.contact_laws import STATES
 from ..frozen import frozen
 
 AnyUnit = UnitSimulator | ContactUnitSimulator

@@ -225,7 +225,7 @@ class EquationsOfMotion:
     outputs : mapping of str to Node
         Requested expressions; they may contain reactions as inputs.
     contacts : tuple of ContactRow
-        Laws of friction and constraints that open, which `dalembert.contacts.modes` applies.
+        Laws of friction and constraints that open, which `dalembert.contacts.equations.modes` applies.
     defaults : mapping of str to float
         Parameters that were added to those of the scene, and may be left out.
     guards : tuple of Guard

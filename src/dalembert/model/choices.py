@@ -12,7 +12,7 @@ from ..options import tolerances
 from ..runs.component_tolerances import with_names
 
 if TYPE_CHECKING:
-    from ..contacts.contact_laws import Mode
+    from ..contacts.equations.contact_laws import Mode
     from .model import CompiledModel
 
 _MOST_CHOSEN = 64

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from ..codegen import backend_named
-from ..contacts.modes import mode_equations
-from ..contacts.switched_modes import any_mode
+from ..contacts.equations.modes import mode_equations
+from ..contacts.equations.switched_modes import any_mode
 from ..errors import ConstraintError, FormulationError, list_names
 from ..ir.conditions import NARROW
 from ..ir.kernel import describe_counts

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ..analysis.rate_jacobians import JacobianKernel
     from ..analysis.regressor import RegressorKernel
     from ..codegen.engine import FunctionEngine, TracedEngine
-    from ..contacts.contact_laws import Mode
+    from ..contacts.equations.contact_laws import Mode
     from ..phases.mode_models import ModeModels
     from ..runs.run_check import RunCheck
     from ..scene.model import ControllerModel

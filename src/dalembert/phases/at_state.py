@@ -12,7 +12,7 @@ from ..analysis.linearize import linearize
 from ..analysis.trim import find_operating_point
 from ..arrays import FloatArray
 from ..contacts.contact_cases import ADDED
-from ..contacts.contact_laws import Mode
+from ..contacts.equations.contact_laws import Mode
 from ..errors import InitialStateError
 from ..ir.conditions import CONDITION_TIME
 from ..options import TrimOptions

@@ -15,7 +15,7 @@ from ..contacts.automaton import HybridAutomaton
 from ..contacts.contact_cases import ContactCases, contact_cases, gap_noise
 from ..contacts.contact_decisions import DecisionArguments
 from ..contacts.contact_system import ContactSystem, contact_system, opening_power
-from ..contacts.mode_candidates import candidates_space
+from ..contacts.selection.mode_candidates import candidates_space
 from ..errors import InitialStateError, ValueInputError, list_names
 from ..ir.conditions import CONDITION_TIME
 from ..methods.status import Status

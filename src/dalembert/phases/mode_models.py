@@ -13,8 +13,8 @@ from ..arrays import FloatArray
 from ..codegen.engine import Engine
 from ..codegen.llvm.prepared import AdmissionCode
 from ..contacts.automaton import HybridAutomaton
-from ..contacts.contact_laws import OPEN, Mode, mode_parameters
-from ..contacts.switched_modes import any_mode, switched_guards, switches
+from ..contacts.equations.contact_laws import OPEN, Mode, mode_parameters
+from ..contacts.equations.switched_modes import any_mode, switched_guards, switches
 from ..errors import InitialStateError
 from ..events.event_code import Event, armed
 from ..ir.conditions import CONDITION_TIME, Conditions

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..codegen.runs import LoopCall
-from ..contacts.contact_laws import Mode, mode_parameters
+from ..contacts.equations.contact_laws import Mode, mode_parameters
 from ..contacts.phase_tables import CaseTable, ThreadWorkspace
 from ..events.event_code import Event
 from ..frozen import frozen

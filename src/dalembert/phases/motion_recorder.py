@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..contacts.contact_laws import Mode
+from ..contacts.equations.contact_laws import Mode
 from ..contacts.phase_tables import NO_RUNNER
 from ..frozen import frozen
 from ..lanes.step_records import ENDED_AT, START_AT

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..contacts.contact_laws import SLIP, Mode
+from ..contacts.equations.contact_laws import SLIP, Mode
 from ..errors import list_names
 from ..events.event_code import Event
 from ..frozen import frozen

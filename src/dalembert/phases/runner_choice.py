@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..contacts.contact_cases import UNDECIDED, slip_begins
-from ..contacts.contact_laws import SLIP, Mode
+from ..contacts.equations.contact_laws import SLIP, Mode
 from ..contacts.phase_tables import ANY_PHASE, NO_RUNNER, CaseTable
 from ..errors import DalembertError, ValueInputError
 from ..methods.status import Status

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import FloatArray
-from ..contacts.contact_laws import OPEN, STICK, Mode
+from ..contacts.equations.contact_laws import OPEN, STICK, Mode
 from ..contacts.phase_maps import AT_TIME, DEFAULT, EventMaps
 from ..errors import CapabilityError, list_names
 from ..events.event_code import Event

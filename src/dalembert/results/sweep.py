@@ -334,7 +334,7 @@ class Sweep(Estimated):
         """Return the columns of a data set that say what contacts do; none where they do not change."""
         if not self.modes:
             return {}
-        from ..contacts.contact_laws import STATES
+        from ..contacts.equations.contact_laws import STATES
 
         names, columns = ("none", *STATES), dict[str, Any]()
         for contact, found in self.modes.items():

@@ -9,7 +9,7 @@ from scipy.optimize import linprog, minimize
 from sympy.physics.mechanics import Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
-from dalembert.contacts.shared_loads import SharedLaw, lawful_sums
+from dalembert.contacts.equations.shared_loads import SharedLaw, lawful_sums
 from dalembert.ir.graph import Graph
 from dalembert.results.shared_loads import _lawful
 from fuzz.contacts.scenes import compiled, setting

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, final
 
-from ...contacts.contact_laws import STATES
+from ...contacts.equations.contact_laws import STATES
 from ...contacts.phase_tables import NOT_STARTED
 from ...ir.program import coefficient_places
 from ...methods.status import Status

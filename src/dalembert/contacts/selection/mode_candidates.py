@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..subset.arguments import IntMatrix, IntVector, Matrix, Record, Vector
-from ..subset.compiled_subset import compiled_subset, sqrt
-from .automaton import BITS
-from .contact_system import OPEN, SLIP, SMOOTH, STICK, Combination, ContactSystem, combination
+from ...subset.arguments import IntMatrix, IntVector, Matrix, Record, Vector
+from ...subset.compiled_subset import compiled_subset, sqrt
+from ..automaton import BITS
+from ..contact_system import OPEN, SLIP, SMOOTH, STICK, Combination, ContactSystem, combination
 
 MEET, LIFT, TURN, STOP, BREAK_UP, BREAK_DOWN, BREAK_PLANE, SHARE = BITS.values()
 """Guards of a contact that have fired, as bits: the gap closes; the normal reaction vanishes; it changes its sign; slip

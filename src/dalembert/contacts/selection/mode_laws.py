@@ -6,21 +6,12 @@ friction opposes the slip that it lets begin. After an impact the same holds of 
 
 from __future__ import annotations
 
-from ..methods.step_constants import EPSILON
-from ..subset.compiled_subset import compiled_subset, sqrt
+from ...methods.step_constants import EPSILON
+from ...subset.compiled_subset import compiled_subset, sqrt
+from ..contact_system import OPEN, SLIP, STICK, ContactSystem, inertia_of, inertial_size
 from .contact_forces import compliance
-from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertia_of, inertial_size
 from .dead_centres import motionless
-from .mode_candidates import (
-    FREE,
-    LIFTING,
-    SHARE,
-    STOP,
-    Candidates,
-    broken,
-    rests,
-    turned,
-)
+from .mode_candidates import FREE, LIFTING, SHARE, STOP, Candidates, broken, rests, turned
 from .slip_direction import held_by_others, turns_back, uneven
 
 ROUNDING = 1e-9

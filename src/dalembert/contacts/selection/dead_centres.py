@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..subset.compiled_subset import compiled_subset, sqrt
-from .contact_system import ContactSystem, inertia_of, inertial_size
+from ...subset.compiled_subset import compiled_subset, sqrt
+from ..contact_system import ContactSystem, inertia_of, inertial_size
 
 _POWERLESS = 1e-12
 """Share of the slopes of a gap, or of a slip velocity itself, up to which rounding makes those of a slip velocity."""

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..subset.compiled_subset import compiled_subset, sqrt
+from ...subset.compiled_subset import compiled_subset, sqrt
+from ..contact_system import SLIP, STICK, Combination, ContactSystem, inertia_of, inertial_size
 from .contact_forces import compliance, hold_constraints, open_contacts, solve_mode
-from .contact_system import SLIP, STICK, Combination, ContactSystem, inertia_of, inertial_size
 from .dead_centres import motionless
 from .dense_solve import solve_dense
 from .mode_candidates import Candidates

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..subset.arguments import IntVector, Matrix, Vector
-from ..subset.compiled_subset import compiled_subset, sqrt
+from ...arrays import FloatArray
+from ...subset.arguments import IntVector, Matrix, Vector
+from ...subset.compiled_subset import compiled_subset, sqrt
 
 SMALLEST_PIVOT = 1e-9
 """Pivot of the equilibrated matrix below which a system counts as singular."""

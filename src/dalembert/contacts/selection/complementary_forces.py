@@ -9,8 +9,8 @@ from an artificial variable to a solution (R. W. Cottle, J.-S. Pang and R. E. St
 
 from __future__ import annotations
 
-from ..subset.compiled_subset import compiled_subset
-from .contact_system import OPEN, STICK, ContactSystem
+from ...subset.compiled_subset import compiled_subset
+from ..contact_system import OPEN, STICK, ContactSystem
 from .mode_candidates import RELEASED, Candidates, find_option
 
 _PIVOTS, _TINY = 20, 1e-11

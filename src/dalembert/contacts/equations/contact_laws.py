@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import final
 
-from ..ir.graph import Graph
-from ..ir.node import Node
-from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Guard
+from ...ir.graph import Graph
+from ...ir.node import Node
+from ...mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Guard
 
 OPEN, CLOSED, SLIP, STICK, SMOOTH = "open", "closed", "slip", "stick", "smooth"
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from ..methods.status import Status
-from ..subset.compiled_subset import compiled_subset, sqrt
-from .contact_cases import ADDED, UNDECIDED, ContactCases
+from ...methods.status import Status
+from ...subset.compiled_subset import compiled_subset, sqrt
+from ..contact_cases import ADDED, UNDECIDED, ContactCases
+from ..contact_system import SLIP, STICK, ContactSystem
 from .contact_forces import solve_mode
-from .contact_system import SLIP, STICK, ContactSystem
 from .mode_candidates import GRIPPED, STOP, TURN, Candidates, copy_combination
 from .mode_laws import all_forces, contact_margin
 from .mode_selection import select_mode

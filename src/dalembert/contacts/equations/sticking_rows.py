@@ -1,7 +1,7 @@
 """Slip velocities of contacts that stick as constraints, without those that other rows imply.
 
 What others imply of a contact leaves its friction forces undetermined. Contacts that can only slip together share them
-(`dalembert.contacts.shared_loads`), and one that cannot slip at all needs none. Constraints may leave a contact in a
+(`contacts.equations.shared_loads`), and one that cannot slip at all needs none. Constraints may leave a contact in a
 plane one direction of slip, as a puck on a table at a wall: its slip velocities are then s_b = a s_a, whatever else
 moves. Across that line, friction and the reactions of the constraints share a load that the equations of motion do not
 determine. The motion does not depend on the shares, and friction needs least where it has none of it: its force is
@@ -15,13 +15,13 @@ from dataclasses import replace
 from functools import cached_property
 from typing import final
 
-from ..errors import ConstraintError, list_names
-from ..frozen import frozen
-from ..ir.graph import Graph
-from ..ir.node import Node
-from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion
-from ..reduction.unit_sphere import unit_values
-from ..transforms.linear import dependence
+from ...errors import ConstraintError, list_names
+from ...frozen import frozen
+from ...ir.graph import Graph
+from ...ir.node import Node
+from ...mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion
+from ...reduction.unit_sphere import unit_values
+from ...transforms.linear import dependence
 
 
 @final

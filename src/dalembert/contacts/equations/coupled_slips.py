@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..ir.interpret import interpret_rows
-from ..mechanics.equations import EquationsOfMotion
+from ...arrays import FloatArray
+from ...ir.interpret import interpret_rows
+from ...mechanics.equations import EquationsOfMotion
 from .contact_data import contact_data
 
 DEPENDENT = 1e-9

@@ -12,13 +12,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..ir.interpret import interpret_rows
-from ..ir.kernel import Kernel
-from ..mechanics.equations import EquationsOfMotion
-from ..subset.compiled_subset import compiled_subset, sqrt
+from ...arrays import FloatArray
+from ...ir.interpret import interpret_rows
+from ...ir.kernel import Kernel
+from ...mechanics.equations import EquationsOfMotion
+from ...subset.compiled_subset import compiled_subset, sqrt
+from ..contact_system import STICK, Combination, ContactSystem
 from .contact_data import NUMBERS, contact_data
-from .contact_system import STICK, Combination, ContactSystem
 from .coupled_slips import jacobians, slip_rows
 
 _SEED, _STATES, _ROUNDS = 7, 3, 40

@@ -6,9 +6,9 @@ unknown (sticking), or proportional to the normal reactions (sliding).
 
 from __future__ import annotations
 
-from ..arrays import FloatArray
-from ..subset.compiled_subset import compiled_subset, sqrt
-from .contact_system import (
+from ...arrays import FloatArray
+from ...subset.compiled_subset import compiled_subset, sqrt
+from ..contact_system import (
     OPEN,
     SLIP,
     SMOOTH,
@@ -373,7 +373,7 @@ def _separate(system: ContactSystem) -> None:
 def _leave_out_single(system: ContactSystem) -> None:
     """Leave out the directions that change the friction of one contact alone: constraints hold it, friction does not.
 
-    Where a wall would have to pull for that, it is open (`dalembert.contacts.sticking_rows`).
+    Where a wall would have to pull for that, it is open (`dalembert.contacts.equations.sticking_rows`).
     """
     count = 0
     for a in range(system.solved.undetermined):

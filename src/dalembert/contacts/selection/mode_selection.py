@@ -7,19 +7,11 @@ with a contact open and one with it closed, the laws have no solution or several
 
 from __future__ import annotations
 
-from ..methods.status import Status
-from ..subset.compiled_subset import compiled_subset
-from .contact_system import ContactSystem
+from ...methods.status import Status
+from ...subset.compiled_subset import compiled_subset
+from ..contact_system import ContactSystem
 from .guessed_forces import guess_directions
-from .mode_candidates import (
-    ALL,
-    LIFTING,
-    Candidates,
-    closed_kind,
-    combinations,
-    list_options,
-    next_combination,
-)
+from .mode_candidates import ALL, LIFTING, Candidates, closed_kind, combinations, list_options, next_combination
 from .mode_search import friction_decides, search_modes
 from .mode_trials import try_combination
 

@@ -13,7 +13,7 @@ matrix are guarded, as those of constraints are (`dalembert.reduction.saddle`). 
 that grow without bound there stop what slips, and the motion ends in a jam.
 
 Where a contact sticks whose slip velocity follows from the rows that hold, its own row does not, and it shares the
-friction force of another (`dalembert.contacts.coupled_slips`).
+friction force of another (`dalembert.contacts.equations.coupled_slips`).
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import final
 
-from ..frozen import frozen
-from ..ir.conditions import CONDITION_TIME
-from ..ir.node import Node
-from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Guard
-from ..reduction.base import Projection, ReducedSystem, ReductionSettings
-from ..reduction.first_order_states import with_states
-from ..reduction.saddle import Projected, SaddlePoint
-from ..transforms.linear import Elimination, Matrix, guarded_pivot
+from ...frozen import frozen
+from ...ir.conditions import CONDITION_TIME
+from ...ir.node import Node
+from ...mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Guard
+from ...reduction.base import Projection, ReducedSystem, ReductionSettings
+from ...reduction.first_order_states import with_states
+from ...reduction.saddle import Projected, SaddlePoint
+from ...transforms.linear import Elimination, Matrix, guarded_pivot
 from .contact_laws import OPEN, SLIP, STICK, ContactLaws, Mode, mode_parameters
 from .coupled_slips import coupled_slips
 

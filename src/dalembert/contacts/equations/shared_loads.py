@@ -12,14 +12,14 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import final
 
-from ..errors import ConstraintError
-from ..frozen import frozen
-from ..ir.graph import Graph
-from ..ir.node import Node, sharing
-from ..mechanics.equations import EquationsOfMotion
-from ..reduction.reaction_columns import independent_columns
-from ..reduction.reaction_solutions import reaction_solver
-from ..transforms.linear import Matrix
+from ...errors import ConstraintError
+from ...frozen import frozen
+from ...ir.graph import Graph
+from ...ir.node import Node, sharing
+from ...mechanics.equations import EquationsOfMotion
+from ...reduction.reaction_columns import independent_columns
+from ...reduction.reaction_solutions import reaction_solver
+from ...transforms.linear import Matrix
 
 Direction = Mapping[int, Node]
 """Reactions by number, and how they change along a direction that the motion does not depend on."""

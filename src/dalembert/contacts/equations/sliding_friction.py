@@ -11,23 +11,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import final
 
-from ..errors import RELEASE, ConstraintError, list_names
-from ..frozen import frozen
-from ..ir.node import Node
-from ..ir.zero_tests import vanishes
-from ..mechanics.equations import ContactRow, EquationsOfMotion
-from ..reduction.reaction_columns import independent_columns
-from ..reduction.reaction_solutions import reaction_solver
-from ..reduction.saddle import SaddlePoint
-from ..transforms.linear import (
-    Matrix,
-    SingularMatrix,
-    determinant_and_solution,
-    factorize,
-    matmul,
-    matvec,
-    transpose,
-)
+from ...errors import RELEASE, ConstraintError, list_names
+from ...frozen import frozen
+from ...ir.node import Node
+from ...ir.zero_tests import vanishes
+from ...mechanics.equations import ContactRow, EquationsOfMotion
+from ...reduction.reaction_columns import independent_columns
+from ...reduction.reaction_solutions import reaction_solver
+from ...reduction.saddle import SaddlePoint
+from ...transforms.linear import Matrix, SingularMatrix, determinant_and_solution, factorize, matmul, matvec, transpose
 
 
 @final

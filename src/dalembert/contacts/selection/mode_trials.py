@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from ..subset.compiled_subset import compiled_subset
+from ...subset.compiled_subset import compiled_subset
+from ..contact_system import OPEN, ContactSystem
 from .contact_forces import solve_mode
-from .contact_system import OPEN, ContactSystem
 from .load_shares import aim, section, share_out
 from .mode_candidates import Candidates, combine, copy_combination
 from .mode_laws import ROUNDING, all_forces, all_laws, contact_margin, splits_coupled_contacts, unchanged

@@ -1,4 +1,4 @@
-"""Two contacts in one plane that stick and whose points belong to one link (`dalembert.contacts.points_of_one_link`).
+"""Two contacts in one plane that stick and whose points belong to one link (`points_of_one_link`).
 
 F_1 and F_2 are their friction forces, n is the direction across the line through both points, a parameter of the mode,
 and e is that along it. The unknowns of the mode are X = F_1 + F_2 and c = n F_2; the part e F_2 of e X is not
@@ -13,8 +13,8 @@ from dataclasses import replace
 from functools import cached_property
 from typing import final
 
-from ..ir.node import Node
-from ..mechanics.equations import ConstraintRow, EquationsOfMotion, Guard
+from ...ir.node import Node
+from ...mechanics.equations import ConstraintRow, EquationsOfMotion, Guard
 from .contact_laws import ContactLaws, mode_parameters
 
 

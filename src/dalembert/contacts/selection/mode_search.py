@@ -11,21 +11,13 @@ on the forces suggest a combination to begin from (`guessed_forces`), and then c
 
 from __future__ import annotations
 
-from ..subset.compiled_subset import compiled_subset
+from ...subset.compiled_subset import compiled_subset
+from ..contact_system import OPEN, SLIP, STICK, ContactSystem, inertial_size
 from .complementary_forces import choose_complementary
 from .contact_forces import compliance, gap_compliance, solve_mode
-from .contact_system import OPEN, SLIP, STICK, ContactSystem, inertial_size
 from .guessed_forces import guess_forces
 from .mode_candidates import RELEASED, TOUCHING, Candidates, choose_all, combine, find_option, list_options
-from .mode_laws import (
-    ROUNDING,
-    all_forces,
-    contact_margin,
-    push_margin,
-    slips_in_vain,
-    splits,
-    unchanged,
-)
+from .mode_laws import ROUNDING, all_forces, contact_margin, push_margin, slips_in_vain, splits, unchanged
 from .mode_trials import take, try_combination
 
 _PATIENCE = 4

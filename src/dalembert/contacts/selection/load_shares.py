@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 
-from ..subset.compiled_subset import compiled_subset, sqrt, square
+from ...subset.compiled_subset import compiled_subset, sqrt, square
+from ..contact_system import OPEN, STICK, ContactSystem
 from .contact_forces import press_compliance, shift_forces
-from .contact_system import OPEN, STICK, ContactSystem
 from .dense_solve import solve_dense
 from .mode_candidates import Candidates, turned
 from .mode_laws import TOGETHER, all_forces, friction_limit

@@ -2,7 +2,7 @@
 
 In a mode every contact is open or closed, and slips or sticks. An open contact has neither constraint nor reactions; a
 sticking one has its slip velocity as a further constraint, which the friction force holds; where a contact slips,
-friction is a given force (`dalembert.contacts.sliding_friction`). The result is a scene without contacts, so that every
+friction is a given force (`contacts.equations.sliding_friction`). The result is a scene without contacts, so that every
 formulation, backend and method serves it.
 """
 
@@ -14,10 +14,10 @@ from dataclasses import replace
 from functools import partial
 from typing import final
 
-from ..errors import ConstraintError, list_names
-from ..ir.node import Node
-from ..mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Guard
-from ..reduction.reaction_columns import independent_columns
+from ...errors import ConstraintError, list_names
+from ...ir.node import Node
+from ...mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Guard
+from ...reduction.reaction_columns import independent_columns
 from .contact_laws import OPEN, SLIP, SMOOTH, STICK, ContactLaws, Mode, mode_parameters
 from .points_of_one_link import pairs_of_one_link
 from .shared_loads import Direction, SharedLaw, lawful_sums, undetermined_directions

@@ -5,11 +5,11 @@ Mode selection and impacts are computed from them (`dalembert.contacts.contact_s
 
 from __future__ import annotations
 
-from ..ir.graph import Graph
-from ..ir.kernel import Kernel
-from ..ir.node import Node
-from ..mechanics.equations import EquationsOfMotion
-from ..transforms.lower_kernels import lower_kernel
+from ...ir.graph import Graph
+from ...ir.kernel import Kernel
+from ...ir.node import Node
+from ...mechanics.equations import EquationsOfMotion
+from ...transforms.lower_kernels import lower_kernel
 from .contact_laws import ContactLaws
 
 NUMBERS = "gap", "mu", "mu_static", "restitution", "regularization", "normal_load"
