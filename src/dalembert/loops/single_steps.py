@@ -24,7 +24,7 @@ from ..stops.instants import InstantTable, has_stops, keep_constants, list_insta
 from ..subset.arguments import IntVector, Record, Vector
 from ..subset.compiled_subset import compiled_subset
 from .prepared_loop import RECORDED_LOOP, PreparedArguments
-from .steps_at_instants import SPARE_ROW, STEP_ROW, explicit_settle, implicit_settle, taylor_settle
+from .steps_at_instants import EXPLICIT, IMPLICIT, SPARE_ROW, STEP_ROW, taylor_settle
 from .taylor_runs import LARGEST_WINDING, TURN, turns_to_take, unwound
 
 
@@ -227,7 +227,7 @@ def _correct(codes: RunCodes, settings: RunSettings, run: Run, sampled: FloatArr
 def explicit_step(arguments: ExplicitSteps) -> int:
     """Take a step; return the status of the run."""
     if has_stops(arguments.instants):
-        explicit_settle(arguments)
+        EXPLICIT.settle(arguments)
     _begin_step(arguments.run.settings, arguments.run.run, arguments.place, arguments.instants)
     return EXPLICIT_LOOP(arguments.run)
 
@@ -251,7 +251,7 @@ def explicit_correct(arguments: ExplicitSteps, t: float) -> int:
 def implicit_step(arguments: ImplicitSteps) -> int:
     """Take a step; return the status of the run."""
     if has_stops(arguments.instants):
-        implicit_settle(arguments)
+        IMPLICIT.settle(arguments)
     _begin_step(arguments.run.settings, arguments.run.run, arguments.place, arguments.instants)
     return IMPLICIT_LOOP(arguments.run)
 

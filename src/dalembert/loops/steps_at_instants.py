@@ -8,7 +8,8 @@ constants. `find` and `decided` are for starts: they find the breaks, and return
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..steps.implicit_loop import begin_piece
 from ..steps.recorded_runs import Run, RunSettings, evaluate
@@ -135,48 +136,22 @@ def _settle(settings: RunSettings, run: Run, instants: InstantTable) -> bool:
 
 
 @compiled_subset
-def explicit_continue(arguments: ExplicitSteps) -> None:
-    """Evaluate the slope at the present state, where constants have changed."""
-    codes, tableau, run = arguments.run.codes, arguments.run.tableau, arguments.run.run
-    evaluate(codes.rhs, run.progress.t, run, run.progress.row, tableau.first)
-
-
-@compiled_subset
-def explicit_instants(arguments: ExplicitSteps, t0: float) -> bool:
+def recorded_instants(arguments: ExplicitSteps | ImplicitSteps, t0: float) -> bool:
     """Take the periods of controllers in a run that begins at a time; return whether they make sense."""
     return begin_instants(arguments.instants, row(arguments.run.run.constants, 0), t0)
 
 
 @compiled_subset
-def explicit_act(arguments: ExplicitSteps, t1: float) -> None:
-    """Let controllers act that are due at the present time, which is the end of a run up to a time."""
-    list_instants(arguments.instants, arguments.run.run.stops, t1, True)
-    if _act(arguments.run.settings, arguments.run.run):
-        explicit_continue(arguments)
-
-
-@compiled_subset
-def explicit_settle(arguments: ExplicitSteps) -> None:
-    """Let controllers act that are due at the present time, and have not acted."""
-    if _settle(arguments.run.settings, arguments.run.run, arguments.instants):
-        explicit_continue(arguments)
-
-
-@compiled_subset
-def explicit_resume(arguments: ExplicitSteps, t1: float) -> bool:
-    """Find the breaks of a run that continues, and decide conditions; return whether there is room for them."""
-    run = arguments.run.run
-    if not continue_breaks(arguments.instants, run.stops, run.prepare, run.constants, run.progress.t, t1):
-        return False
-    if run.progress.evaluations > 0:
-        explicit_continue(arguments)
-    return True
-
-
-@compiled_subset
-def explicit_extend(arguments: ExplicitSteps, t1: float) -> None:
+def recorded_extend(arguments: ExplicitSteps | ImplicitSteps, t1: float) -> None:
     """Continue a run up to a time behind its end, where controllers may be due."""
     arguments.run.run.stops.inputs.ends[0, 0], arguments.instants.clock.due = t1, 1
+
+
+@compiled_subset
+def explicit_continue(arguments: ExplicitSteps) -> None:
+    """Evaluate the slope at the present state, where constants have changed."""
+    codes, tableau, run = arguments.run.codes, arguments.run.tableau, arguments.run.run
+    evaluate(codes.rhs, run.progress.t, run, run.progress.row, tableau.first)
 
 
 @compiled_subset
@@ -186,39 +161,38 @@ def implicit_continue(arguments: ImplicitSteps) -> None:
     begin_piece(loop.codes, loop.settings, loop.workspace, loop.run, progress.size)
 
 
-@compiled_subset
-def implicit_instants(arguments: ImplicitSteps, t0: float) -> bool:
-    """Take the periods of controllers in a run that begins at a time; return whether they make sense."""
-    return begin_instants(arguments.instants, row(arguments.run.run.constants, 0), t0)
+class AtStops(NamedTuple):
+    """What steps with slopes or stages do at stops: see the docstring of the module."""
+
+    act: Callable[[Any, float], None]
+    settle: Callable[[Any], None]
+    resume: Callable[[Any, float], bool]
 
 
-@compiled_subset
-def implicit_act(arguments: ImplicitSteps, t1: float) -> None:
-    """Let controllers act that are due at the present time, which is the end of a run up to a time."""
-    list_instants(arguments.instants, arguments.run.run.stops, t1, True)
-    if _act(arguments.run.settings, arguments.run.run):
-        implicit_continue(arguments)
+def _continued_by(go_on: Callable[[Any], None]) -> AtStops:
+    """Return what steps do at stops, where `go_on` evaluates anew what depends on constants."""
+
+    def act(arguments: Any, t1: float) -> None:
+        """Let controllers act that are due at the present time, which is the end of a run up to a time."""
+        list_instants(arguments.instants, arguments.run.run.stops, t1, True)
+        if _act(arguments.run.settings, arguments.run.run):
+            go_on(arguments)
+
+    def settle(arguments: Any) -> None:
+        """Let controllers act that are due at the present time, and have not acted."""
+        if _settle(arguments.run.settings, arguments.run.run, arguments.instants):
+            go_on(arguments)
+
+    def resume(arguments: Any, t1: float) -> bool:
+        """Find the breaks of a run that continues, and decide conditions; return whether there is room for them."""
+        run = arguments.run.run
+        if not continue_breaks(arguments.instants, run.stops, run.prepare, run.constants, run.progress.t, t1):
+            return False
+        if run.progress.evaluations > 0:
+            go_on(arguments)
+        return True
+
+    return AtStops(compiled_subset(act), compiled_subset(settle), compiled_subset(resume))
 
 
-@compiled_subset
-def implicit_settle(arguments: ImplicitSteps) -> None:
-    """Let controllers act that are due at the present time, and have not acted."""
-    if _settle(arguments.run.settings, arguments.run.run, arguments.instants):
-        implicit_continue(arguments)
-
-
-@compiled_subset
-def implicit_resume(arguments: ImplicitSteps, t1: float) -> bool:
-    """Find the breaks of a run that continues, and decide conditions; return whether there is room for them."""
-    run = arguments.run.run
-    if not continue_breaks(arguments.instants, run.stops, run.prepare, run.constants, run.progress.t, t1):
-        return False
-    if run.progress.evaluations > 0:
-        implicit_continue(arguments)
-    return True
-
-
-@compiled_subset
-def implicit_extend(arguments: ImplicitSteps, t1: float) -> None:
-    """Continue a run up to a time behind its end, where controllers may be due."""
-    arguments.run.run.stops.inputs.ends[0, 0], arguments.instants.clock.due = t1, 1
+EXPLICIT, IMPLICIT = _continued_by(explicit_continue), _continued_by(implicit_continue)
