@@ -58,17 +58,14 @@ class Functions(Protocol):
 
     used: set[str]
     """Names of the functions of the prelude that the source calls."""
+    functions: set[str]
+    """Names of the functions so far."""
     fused: str
     """Name of what rounds a product and a sum once where the target can."""
 
     @property
     def arguments(self) -> Arguments:
         """Where the arguments of the loop are."""
-        ...
-
-    @property
-    def functions(self) -> frozenset[str]:
-        """Names of the functions so far."""
         ...
 
     def array(self, array: Any) -> Value:

@@ -35,17 +35,22 @@ class LoopSource:
     ----------
     used : set of str
         Names of the functions of the prelude that the source calls.
+    functions : set of str
+        Names of the functions so far.
     """
 
     def __init__(self, arguments: Workspace, prefix: str, fused: str, reserved: frozenset[str]) -> None:
         self.arguments: Arguments = arguments
         self.fused, self._prefix = fused, prefix
         self.used: set[str] = set()
+        self.functions: set[str] = set()
         self._texts: list[list[str]] = []
         self._results: list[tuple[str, list[str]]] = []
         self._constants = [constant for constant in arguments.constants if constant[0] != LOOPS]
         self._of_loops = [constant for constant in arguments.constants if constant[0] == LOOPS]
         self._made: dict[Any, tuple[str, Function]] = {}
+        self._kinds: dict[int, tuple[Kind, int]] = {}
+        self._numbers: dict[Kind, int] = {}
         self._arrays: dict[int, tuple[Value, Any]] = {}
         self._taken = set(reserved)
 
@@ -59,11 +64,6 @@ class LoopSource:
             parts.append([f"struct {name} {{", *(f"    {member}" for member in members), "};"])
         parts += map(_indented, self._texts)
         return "".join("\n".join(["", *lines, ""]) for lines in parts)
-
-    @property
-    def functions(self) -> frozenset[str]:
-        """Names of the functions so far."""
-        return frozenset(name for name, _ in self._made.values())
 
     def add_tables_of_loops(self) -> None:
         """Write the tables of loops, behind the functions so far, which they name."""
@@ -88,6 +88,7 @@ class LoopSource:
             name = self._named(f"{self._prefix}_{function.__name__.strip('_').lower()}")
             made = translated(self, function, name, given)
             self._made[key] = name, made
+            self.functions.add(name)
             if made.constant is None and not made.empty:
                 self._texts.append([line.replace("NAME_RUN", f"{self._prefix}_run") for line in made.lines])
                 if isinstance(made.kind, Group) and made.kind.parts:
@@ -99,12 +100,17 @@ class LoopSource:
         passed = [*(["run"] if made.takes_run else []), *(words[place] for place in made.kept)]
         return f"{name}({', '.join(passed)})", made.kind, made.constant
 
-    @staticmethod
-    def _key(value: Value) -> Any:
+    def _key(self, value: Value) -> Any:
         words = tuple(
             str(word) if is_static(word) else type(word).__name__ for word in value.words
         )  # of others, whether they are addresses counts
-        return value.kind, words, value.base, value.first
+        return self._number_of(value.kind), words, value.base, value.first
+
+    def _number_of(self, kind: Kind) -> int:
+        """Return one number of all equal kinds: those of arguments are nested deeply, and compared once."""
+        if id(kind) not in self._kinds:
+            self._kinds[id(kind)] = kind, self._numbers.setdefault(kind, len(self._numbers))
+        return self._kinds[id(kind)][1]
 
     def _named(self, wish: str) -> str:
         name, count = wish, 1

@@ -173,7 +173,8 @@ class _Layout:
         if not value.size:  # of what has no elements code may be there that never runs
             self.found.members.append((path, (f"{TYPES[kind.item]} {name}[1];",)))
             return Known(f"run->{path}"), *shape
-        own = next(memory for memory in self.memory if memory.holds(value))
+        span = _span(value)
+        own = next(memory for memory in self.memory if memory.holds(span))
         if own.path != path:
             return own.word(value), *shape
         if path in self.constant:
@@ -219,10 +220,9 @@ class _Memory:
     end: int
     data: str
 
-    def holds(self, array: Any) -> bool:
-        """Return whether an array lies in it."""
-        begin, end = _span(array)
-        return self.begin <= begin and end <= self.end
+    def holds(self, span: tuple[int, int]) -> bool:
+        """Return whether an array with this begin and end lies in it."""
+        return self.begin <= span[0] and span[1] <= self.end
 
     def word(self, array: Any) -> Known:
         """Return the address of the first element of an array in it."""
