@@ -1,4 +1,4 @@
-"""``frozen``: what `dataclasses.dataclass(frozen=True)` makes, in a quarter of the time.
+"""``frozen``: what `dataclasses.dataclass(frozen=True)` makes, in a fraction of the time.
 
 `dataclasses` writes, compiles and runs the text of six methods for each class: for the two hundred classes of this
 package that takes as long as deriving a scene, in each process. Here the text of the constructor alone is written; the

@@ -162,7 +162,7 @@ def implicit_continue(arguments: ImplicitSteps) -> None:
 
 
 class AtStops(NamedTuple):
-    """What steps with slopes or stages do at stops: see the docstring of the module."""
+    """Functions of explicit or implicit Runge-Kutta steps at stops, as the docstring of the module says."""
 
     act: Callable[[Any, float], None]
     settle: Callable[[Any], None]
@@ -170,7 +170,7 @@ class AtStops(NamedTuple):
 
 
 def _continued_by(go_on: Callable[[Any], None]) -> AtStops:
-    """Return what steps do at stops, where `go_on` evaluates anew what depends on constants."""
+    """Return the functions of one kind of steps, of which `go_on` evaluates anew what depends on constants."""
 
     def act(arguments: Any, t1: float) -> None:
         """Let controllers act that are due at the present time, which is the end of a run up to a time."""

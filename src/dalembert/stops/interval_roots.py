@@ -24,7 +24,7 @@ IntArray = NDArray[np.intp]
 FIRST_PARTS = 8
 """Parts that an interval is cut in at first."""
 MOST_CUTS = 128
-"""How often a part is cut in two; what is left is as short as rounding, but for times about zero."""
+"""Largest number of times that a part is halved: enough to come down to rounding, except for times near zero."""
 _MOST_ROOTS = 1_000_000
 """Largest number of roots of one function."""
 _MOST_EACH = 2_000

@@ -124,7 +124,17 @@ PREPARE = "prepare"
 @final
 @frozen
 class RunStops:
-    """What a run stops at: components of the state that each controller sets, and conditions on so many parameters."""
+    """Stops of a run inside of its span: instants of controllers, and breaks of conditions on time.
+
+    Attributes
+    ----------
+    acts : sequence of sequence of int
+        Components of the state that each controller sets.
+    conditions : Conditions or None
+        Conditions on time, if there are any.
+    parameters : int
+        Number of parameters, on which the conditions depend.
+    """
 
     acts: Sequence[Sequence[int]] = ()
     conditions: Conditions | None = None

@@ -65,7 +65,17 @@ def is_static(word: str) -> bool:
 
 
 class _Names(NamedTuple):
-    """How often names of a function are assigned; targets of loops over tuples; names that only count rounds."""
+    """Uses of the names of a function.
+
+    Attributes
+    ----------
+    stored : mapping of str to int
+        Number of assignments to each name.
+    targets : set of str
+        Targets of loops over tuples.
+    counters : set of str
+        Names that only count the rounds of loops.
+    """
 
     stored: Mapping[str, int]
     targets: AbstractSet[str]
