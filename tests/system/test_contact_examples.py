@@ -157,9 +157,19 @@ def test_coin_that_spins_down(page):
     np.testing.assert_allclose(run["edge.drilling_1"], -width * run["edge.normal"], rtol=1e-12)
 
 
-def test_ball_in_a_bowl(page):
-    """The period of small oscillations, with its first correction by the amplitude."""
-    run = page["bowl"]
+def test_ball_in_a_bowl():
+    """The angular frequency of small oscillations, sqrt(5 g / (7 (R - r))), with its correction by the amplitude."""
+    m, r, R, g, mu = sp.symbols("m r R g mu", positive=True)
+    N, O = ReferenceFrame("N"), Point("O")
+    x, y, turn = dynamicsymbols("x y turn")
+    scene = da.Scene("ball_in_bowl", frame=N, origin=O, coordinates=[x, y, turn])
+    S, G = N.orientnew("S", "Axis", (turn, N.z)), O.locatenew("G", x * N.x + y * N.y)
+    scene.add_bodies(RigidBody("ball", G, S, m, (inertia(S, 0, 0, 2 * m * r**2 / 5), G)))
+    scene.apply_uniform_gravity(-g * N.y)
+    scene.add_contacts(da.SphereInBowl("bowl", body="ball", centre=G, radius=r, bowl=(O, R), friction=mu))
+    model = da.compile_model(scene, outputs=["bowl.normal"])
+    dip = {x: 9e-4, y: -((0.9**2 - 9e-4**2) ** 0.5), turn: 0, x.diff(): 0, y.diff(): 0, turn.diff(): 0}
+    run = model.simulate((0, 10), dip, {m: 1, g: 9.81, r: 0.1, R: 1, mu: 0.5}, rtol=1e-11)
     x = lambda t: run(np.array([t]))["x"][0]  # noqa: E731
     frequency, amplitude = np.sqrt(5 * 9.81 / (7 * 0.9)), np.arcsin(1e-3)
     period = 2 * np.pi / frequency
