@@ -1,7 +1,7 @@
-"""Pages from results: bench.md, and the tables in docs/benchmarks.md and docs/speed.md.
+"""Pages from results: bench.md, and the tables in docs/benchmarks.md.
 
-``python benchmarks/report.py`` writes the tables of the committed result into these pages, between
-their markers; with ``--check`` it only says, by its exit status, whether they are up to date.
+``python benchmarks/report.py`` writes the tables of the committed result into that page, between its markers; with
+``--check`` it only says, by its exit status, whether they are up to date.
 """
 
 from __future__ import annotations
@@ -282,54 +282,13 @@ def benchmarks_section(result: Record) -> str:
     )
 
 
-def _spread(values: Sequence[float]) -> str:
-    """Return the smallest and the largest value to two digits, or the only one."""
-    low, high = f"{min(values):.2g}", f"{max(values):.2g}"
-    low, high = (f"{float(text):g}" for text in (low, high))
-    return low if low == high else f"{low} to {high}"
-
-
-def comparison_rows(result: Record) -> list[list[str]]:
-    """Return the time of a peer's fastest contender over that of `taylor` on llvm, by kind of work and scene."""
-    works = (("one trajectory", "precision", "trajectory", _OWN_RUN), ("sweep", "sweeps", "sweep", _OWN_SWEEP))
-    rows = []
-    for title, key, kind, reference in works:
-        found = ratios(result[key], kind, reference)
-        for scene in dict.fromkeys(r["scene"] for r in found):
-            cells = []
-            for peer in SETTINGS:
-                own = [r["ratios"] for r in found if r["scene"] == scene and r["label"].startswith(f"{peer} ")]
-                best = [min((v for v in values if v is not None), default=None) for values in zip(*own, strict=True)]
-                known = [value for value in best if value is not None]
-                cells.append(_spread(known) if known else "-")
-            rows.append([f"{title}, {scene}", *cells])
-    return rows
-
-
-def docs_section(result: Record) -> str:
-    """Return what docs/speed.md shows of a result."""
-    errors = ", ".join(f"{target:.0e}" for target in TARGETS)
-    return "\n\n".join(
-        [
-            f"Measured on {describe_machine(result['machine'])}.",
-            "Run time of each peer divided by that of dalembert's Taylor method at the same final error; smallest to"
-            f" largest ratio of the errors {errors}:",
-            markdown_table(["", *SETTINGS], comparison_rows(result)),
-        ]
-    )
-
-
 def fill(*, check: bool = False) -> bool:
-    """Write the committed result's tables into their pages; return whether they were up to date.
+    """Write the committed result's tables into their page; return whether it was up to date.
 
     With `check`, nothing is written.
     """
     result = json.loads(RESULT.read_text(encoding="utf-8"))
-    pages = {
-        "docs/benchmarks.md": benchmarks_section(result),
-        "docs/speed.md": docs_section(result),
-    }
-    return all([fill_page(ROOT / name, (BEGIN, END), section, check=check) for name, section in pages.items()])
+    return fill_page(ROOT / "docs" / "benchmarks.md", (BEGIN, END), benchmarks_section(result), check=check)
 
 
 def fill_page(path: Path, markers: tuple[str, str], section: str, *, check: bool = False) -> bool:
@@ -345,9 +304,9 @@ def fill_page(path: Path, markers: tuple[str, str], section: str, *, check: bool
 
 
 def main() -> int:
-    """Fill, or check, the pages."""
-    parser = argparse.ArgumentParser(description="Write the committed result's tables into its pages.")
-    parser.add_argument("--check", action="store_true", help="change nothing; exit with 1 where a page is stale")
+    """Fill, or check, the page."""
+    parser = argparse.ArgumentParser(description="Write the committed result's tables into docs/benchmarks.md.")
+    parser.add_argument("--check", action="store_true", help="change nothing; exit with 1 where the page is stale")
     check = parser.parse_args().check
     current = fill(check=check)
     return int(check and not current)

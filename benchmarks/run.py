@@ -1,8 +1,8 @@
 """The benchmarks: speed against error, growth of derivation, start-up.
 
 ``python benchmarks/run.py --quick`` takes two or three minutes, ``--full`` some twenty. Results go to build/bench:
-JSON, tables in Markdown, figures. ``--save`` writes them to benchmarks/results instead, and fills README.md,
-docs/benchmarks.md and docs/speed.md from them. No time is asserted; only ratios within one run mean anything.
+JSON, tables in Markdown, figures. ``--save`` writes them to benchmarks/results instead, and fills
+docs/benchmarks.md from them. No time is asserted; only ratios within one run mean anything.
 """
 
 from __future__ import annotations
