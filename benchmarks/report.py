@@ -275,9 +275,15 @@ def benchmarks_section(result: Record) -> str:
             fastest_table(result["sweeps"], "sweep", _OWN_SWEEP),
             _settings(SWEEP_SETTINGS, result["sweeps"]),
             _chains_in_short(result["derivation"]),
-            "Seconds from the start of a process to the sleigh's first trajectory, or first sweep, with an empty cache"
-            " (first process) and with a filled one (second process):",
-            markdown_table(["", *STAGES], startup_rows(result["startup"])),
+            "Seconds of a process that imports dalembert, compiles the sleigh and simulates or sweeps it, with an empty"
+            " cache (first process) and with a filled one (second process):",
+            markdown_table(
+                ["", *result["startup"]["llvm"]],
+                [
+                    [name, *(f"{seconds['process']:.1f}" for seconds in processes.values())]
+                    for name, processes in result["startup"].items()
+                ],
+            ),
         ]
     )
 
