@@ -174,7 +174,7 @@ def test_a_foot_that_stands_is_pinned(push, turn):
 @pytest.mark.parametrize("push", PUSHES)
 def test_a_foot_breaks_away_where_no_share_of_the_load_holds_it(push, turn):
     begins = breaks(push)
-    run = fall(push, begins + 0.1, turn)
+    run = fall(push, begins + 0.02, turn)
     assert run.success
     stands = [phase for phase in run.phases if phase.modes == {"heel": "stick", "toe": "stick", "end": "slip"}]
     assert stands == [run.phases[0]] and run.phases[1].t0 == pytest.approx(begins, abs=1e-7)

@@ -65,13 +65,17 @@ class Tree:
         return {x.func.__name__: 0.3 + 0.17 * i * (-1) ** i for i, x in enumerate(symbols)}
 
 
+def body(name, mass, *moments):
+    """Return a body with a frame and a mass centre of its own; SymPy's own take long to make their inertias."""
+    frame, centre = ReferenceFrame(f"{name}_frame"), Point(f"{name}_masscenter")
+    return RigidBody(name, centre, frame, mass, (inertia(frame, *moments), centre))
+
+
 def tree(kind, *, skew=False):
     """Return a base on a joint of a kind, whose points and axes lie off its bodies' own, with an arm on a pin."""
     N, O = ReferenceFrame("N"), Point("O")
-    ground = RigidBody("ground", masscenter=O, frame=N)
-    base, arm = RigidBody("base", mass=m), RigidBody("arm", mass=M)
-    base.central_inertia = inertia(base.frame, 0.11, 0.12, 0.19, 0.01, -0.02, 0.03)
-    arm.central_inertia = inertia(arm.frame, 0.02, 0.07, 0.06)
+    ground = RigidBody("ground", O, N, 1, (inertia(N, 1, 1, 1), O))
+    base, arm = body("base", m, 0.11, 0.12, 0.19, 0.01, -0.02, 0.03), body("arm", M, 0.02, 0.07, 0.06)
     tilted = ReferenceFrame("tilted")
     tilted.orient_axis(N, N.x, sp.pi / 5)
     axis = 0.6 * tilted.x + 0.8 * tilted.z if skew else tilted.z
@@ -109,7 +113,7 @@ def newton_euler(at, axes, carried, root, origin, gravity, values):
     way = [at.pos_from(origin).to_matrix(root), root.dcm(axes)]
     parts = [(b.masscenter.pos_from(origin).to_matrix(root), root.dcm(b.frame)) for b in carried]
     rest = [*gravity.to_matrix(root), *(b.mass for b in carried)]
-    rest += [x for b in carried for x in b.central_inertia.to_matrix(b.frame)]
+    rest += [x for b in carried for x in components(b.central_inertia, b.frame)]
     call = sp.lambdify([*held, *moving], [way, parts, rest], "mpmath")
 
     def place(s):
@@ -131,6 +135,12 @@ def newton_euler(at, axes, carried, root, origin, gravity, values):
         force = force + need
         torque = torque + central * alpha + cross(omega, central * omega) + cross(here[0] - way[0], need)
     return np.array([float(x) for vector in (force, torque) for x in way[1].T * vector])
+
+
+def components(dyadic, frame):
+    """Return the matrix of a dyadic, which SymPy takes long for."""
+    parts = (value * left.to_matrix(frame) * right.to_matrix(frame).T for value, left, right in dyadic.args)
+    return sum(parts, sp.zeros(3))
 
 
 def axial(skew):

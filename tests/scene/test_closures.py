@@ -292,5 +292,5 @@ def test_points_together_are_written_on_the_frame_that_carries_both_bodies():
 
 def test_large_constraints_are_not_printed():
     x = sp.Symbol("x")
-    large = sp.Add(*(sp.Mul(x**i, sp.sin(i * x), evaluate=False) for i in range(2, 3000)), evaluate=False)
+    large = sp.Add(*[x] * 10_000, evaluate=False)
     assert short(large) == "an expression of more than 10000 parts" and short(x + 1) == "x + 1"

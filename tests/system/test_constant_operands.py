@@ -63,6 +63,7 @@ def test_sensitivity(name):
     assert found.jacobian(x, a)[-1] == pytest.approx((ends[1] - ends[0]) / 2e-4, rel=1e-5)
 
 
+@pytest.mark.usefixtures("quick_xla")
 @pytest.mark.parametrize("name", ["atan2", "power"])
 def test_jax(name):
     run = model(name, "jax").simulate((0.1, 1.1), START, {a: 1.7}, method="taylor", rtol=1e-6, atol=1e-8)

@@ -69,17 +69,17 @@ def test_stages_are_frozen_types_of_their_names():
 @functools.cache
 def imported(path):
     """Return the packages that a file imports, without those that only annotations need."""
-    tree = ast.parse(path.read_text())
-    idle = [n for n in ast.walk(tree) if isinstance(n, ast.If) and getattr(n.test, "id", "") == "TYPE_CHECKING"]
-    skipped = {id(n) for block in idle for n in ast.walk(block)}
-    found = set()
-    for n in ast.walk(tree):
-        if id(n) in skipped:
+    found, statements = set(), [ast.parse(path.read_text())]
+    while statements:
+        n = statements.pop()
+        if isinstance(n, ast.If) and getattr(n.test, "id", "") == "TYPE_CHECKING":
             continue
         if isinstance(n, ast.Import):
             found |= {alias.name.split(".")[0] for alias in n.names}
         elif isinstance(n, ast.ImportFrom) and n.level == 0:
             found.add(n.module.split(".")[0])
+        kinds = ast.stmt | ast.excepthandler | ast.match_case
+        statements += [inner for inner in ast.iter_child_nodes(n) if isinstance(inner, kinds)]
     return found
 
 

@@ -348,6 +348,7 @@ def test_a_free_body_in_quaternions():
     np.testing.assert_allclose(*ends, atol=1e-10)
 
 
+@pytest.mark.usefixtures("quick_xla")
 def test_jax_solves_and_differentiates():
     jax = pytest.importorskip("jax")
     case, reference = case_of("servo")

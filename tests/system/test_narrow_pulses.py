@@ -88,6 +88,7 @@ def test_other_runs_and_backends_find_it():
     assert found.jacobian(x, tp)[-1] == pytest.approx(slope, abs=1e-6)
 
 
+@pytest.mark.usefixtures("quick_xla")
 def test_jax_finds_it_and_traced_runs_have_no_further_parameter():
     jax = pytest.importorskip("jax")
     own, values = model("Gaussian", "jax"), {tp: 1.234, w: WIDTH}

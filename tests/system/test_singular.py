@@ -11,6 +11,8 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from dalembert.methods.status import Status
 from dalembert.reduction.variational import variational
+from dalembert.runs import sweep as sweep_module
+from dalembert.runs.case_blocks import run_cases
 from dalembert.transforms.taylor.nonsmooth import decisions
 from dalembert.transforms.taylor.recurrences import recurrences
 from scene.scaled import Units
@@ -304,7 +306,7 @@ def unlike_cranks():
 
 
 @pytest.mark.parametrize("formulation", ["projected", "augmented"])
-def test_cases_of_a_sweep_that_are_redundant_otherwise_than_the_first_are_not_run(formulation):
+def test_cases_of_a_sweep_that_are_redundant_otherwise_than_the_first_are_not_run(formulation, monkeypatch):
     """Where the third crank differs the bar is locked; the constraint that follows where it does not would be lost."""
     model, angle, other = compiled(unlike_cranks, formulation), 0.7, 0.5
     length = np.sin(angle) / np.sin(other)
@@ -314,6 +316,13 @@ def test_cases_of_a_sweep_that_are_redundant_otherwise_than_the_first_are_not_ru
         "height": np.array([0.0, np.cos(angle) - length * np.cos(other), 0.0]),
     }
     still = {"a0": angle, "a1": angle, "b": 0.0} | dict.fromkeys(("a0_dot", "a1_dot", "a2_dot", "b_dot"), 0.0)
+    begun = []
+
+    def recorded(engine, cases, settings):
+        begun.append(cases.block(slice(0, cases.count), settings)[1] < 0)
+        return run_cases(engine, cases, settings)
+
+    monkeypatch.setattr(sweep_module, "run_cases", recorded)
     for order in (slice(None), slice(1, None)):
         part = {name: column[order] for name, column in columns.items()}
         initial = still | {"a2": part.pop("a2")}
@@ -322,6 +331,7 @@ def test_cases_of_a_sweep_that_are_redundant_otherwise_than_the_first_are_not_ru
         expected = [Status.SINGULAR_CONFIGURATION if (i == odd) == (odd == 1) else 0 for i in range(len(initial["a2"]))]
         assert list(sweep.status) == expected
         refused = np.array(expected) != 0
+        assert list(begun.pop()) == list(~refused)
         assert np.all(np.isnan(sweep.final["a0"][refused])) and np.all(np.isnan(sweep.reduced["a1"][refused]))
         assert (
             np.all(np.isfinite(sweep["a0"][~refused]))

@@ -313,6 +313,10 @@ class Cases:
             given[:, i] = part_of(self._values[name], block)
         return given
 
+    def leave_out(self, which: NDArray[np.bool_]) -> None:
+        """Run none of the cases `which` (k,): their starts are NaN."""
+        self._begin, self._whole = np.where(which, np.nan, self._begin), None
+
     def lost_pivots(self, block: slice) -> NDArray[np.bool_]:
         """Return in which cases of a block (k,) the formulation divides a constraint by something that vanishes."""
         c = self.constants(block)

@@ -297,6 +297,7 @@ def _unlike_left_out(model: CompiledModel, cases: Cases, settings: CaseSettings)
     count = int(np.sum(different))
     if not count:
         return settings
+    cases.leave_out(different)
     note = (
         f"in {count} of {cases.count} cases other constraints follow from each other around the start than in the"
         " first: these were not run; give them a sweep of their own"

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import sympy as sp
+from sympy.core.cache import cacheit
 from sympy.physics.mechanics import Particle
 from sympy.physics.vector import dynamicsymbols
 
@@ -26,8 +27,16 @@ IDENTITIES = 100
 
 
 def readable(expression: Any, limit: int = READABLE) -> Any:
-    """Return an expression expanded and simplified by trigonometric identities, where it is small enough."""
-    expression = sp.sympify(expression)
+    """Return an expression expanded and simplified by trigonometric identities, where it is small enough.
+
+    SymPy's search for identities is most of the time of a view, and views of scenes that share bodies have many
+    expressions in common: results are kept.
+    """
+    return _readable(sp.sympify(expression), limit)
+
+
+@cacheit
+def _readable(expression: Any, limit: int) -> Any:
     if expression.count_ops() > limit:
         return expression
     expanded = sp.expand(expression)
