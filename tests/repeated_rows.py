@@ -201,13 +201,11 @@ REPEATED = (
     ("scene/test_contact_geometry.py", "test_a_coin_in_quaternions[[]numpy]"),
     ("system/test_forces_at_limits.py", "test_tables_that_rise_to_the_limit[[]numpy]"),
     ("system/test_long_steps.py", "test_no_maximum_is_missed_in_a_step_that_has_many[[]numpy]"),
-    ("system/test_surfaces.py", "test_motions_are_those_of_scipy[[]numpy-radau-linear]"),
     ("system/test_equal_bits.py", "test_prepared_runs_have_the_bits_of_sweeps*[[]numpy-projected-radau]"),
     ("system/test_knot_starts.py", "test_an_oscillator_let_go_at_a_knot[[]numpy-radau]"),
     ("stops/test_samples.py", "test_contacts_under_samples_that_let_them_stick_and_slip[[]numpy]"),
     ("phases/test_controllers_with_contacts.py", "test_a_held_force_that_jumps_ends_sticking*[[]numpy]"),
     ("starts/test_prepared_starts.py", "test_violations_decay_backward_beside_contacts[[]numpy]"),
-    ("system/test_tables.py", "test_states_between_steps_and_events[[]numpy-rk45]"),
     # steep functions of time on JAX: a pulse and a high power stay
     ("system/test_steep.py", "test_numbers_of_jax_are_right[[]friction-*"),
     # growth of operations: from 20 to 40 links, by the same limits

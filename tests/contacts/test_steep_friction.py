@@ -61,15 +61,21 @@ def decided(count, system, numbers, **known):
     return cases, arguments.after_impact != 0
 
 
-@pytest.mark.parametrize(("count", "most_friction", "seed"), [(1, 2.0, 1), (2, 2.0, 2), (2, 0.6, 12), (3, 1.0, 11)])
-def test_an_impact_has_an_outcome_that_obeys_the_laws(count, most_friction, seed):
+@pytest.mark.parametrize(
+    ("count", "most_friction", "seed", "k"),
+    [
+        *[(1, 2.0, 1, 300), (2, 2.0, 2, 300), (2, 0.6, 12, 300), (3, 1.0, 11, 100)],
+        pytest.param(3, 1.0, 11, 300, marks=pytest.mark.matrix),
+    ],
+)
+def test_an_impact_has_an_outcome_that_obeys_the_laws(count, most_friction, seed, k):
     """Steep friction has several directions of slip: in some of them a contact would pull.
 
     Directions that are improved one after the other may diverge.
     """
-    system, numbers = closed(count, 300, most_friction, seed=seed)
+    system, numbers = closed(count, k, most_friction, seed=seed)
     normal = numbers["jacobian"][:, system.constraint] * system.sense[:, np.newaxis]
-    push = np.linalg.solve(normal @ normal.transpose(0, 2, 1), np.ones((300, count, 1)))
+    push = np.linalg.solve(normal @ normal.transpose(0, 2, 1), np.ones((k, count, 1)))
     rates = numbers["rates"]
     approach = np.abs(np.einsum("kcn,kn->kc", normal, rates)) + np.einsum("kcn,kn->kc", normal, rates)
     rates -= np.einsum("kcn,kc->kn", normal, push[..., 0] * np.max(approach + 0.1, axis=1, keepdims=True))
@@ -92,7 +98,7 @@ def test_an_impact_has_an_outcome_that_obeys_the_laws(count, most_friction, seed
             if np.hypot(*slip) > 1e-6:
                 np.testing.assert_allclose(force, -mu * press * slip / np.hypot(*slip), atol=10 * size)
                 slipping += press > size
-    assert slipping > 50
+    assert slipping > k // 6
 
 
 def paradoxes():

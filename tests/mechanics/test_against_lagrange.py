@@ -164,10 +164,15 @@ def build(mechanism):
     return scene
 
 
-@settings(max_examples=10)
-@given(mechanisms().filter(lambda m: sum(FREEDOM.get(joint, 1) for joint, *_ in m) <= 5), st.integers(0, 2**32 - 1))
-def test_random_mechanisms(mechanism, seed):
-    scene = build(mechanism)
-    model = da.compile_model(scene, backend="numpy", formulation="augmented")
-    rng = np.random.default_rng(seed)
-    assert_terms(model, lagrange_scene(build(mechanism)), 0.0, *random_state(model, rng))
+@pytest.mark.parametrize("count", [5, pytest.param(20, marks=pytest.mark.matrix)])
+def test_random_mechanisms(count):
+    few = mechanisms().filter(lambda m: sum(FREEDOM.get(joint, 1) for joint, *_ in m) <= 5)
+
+    @settings(max_examples=count)
+    @given(few, st.integers(0, 2**32 - 1))
+    def check(mechanism, seed):
+        model = da.compile_model(build(mechanism), backend="numpy", formulation="augmented")
+        rng = np.random.default_rng(seed)
+        assert_terms(model, lagrange_scene(build(mechanism)), 0.0, *random_state(model, rng))
+
+    check()

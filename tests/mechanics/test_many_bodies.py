@@ -37,7 +37,7 @@ TREES = {
     "space of 2": (_chain(2), ["turn z", "turn y"], False, False),
     "space of 7": (_chain(7), ["turn z", "turn y", "turn x"] * 2 + ["turn z"], False, False),
     "space of 12": (_chain(12), ["turn z", "turn y", "turn x"] * 4, False, False),
-    "space of 21": (_chain(21), ["turn z", "turn y", "turn x"] * 7, False, True),
+    "space of 30": (_chain(30), ["turn z", "turn y", "turn x"] * 10, False, True),
     "stars": (_arms(8, 2), ["turn y"] + ["turn z", "turn x"] * 8, False, False),
     "telescope": (_chain(14), ["turn z"] + ["slide x"] * 13, True, True),
     "slides": (_chain(21), ["slide x", "turn y", "slide z"] * 7, False, True),

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import sympy as sp
-from sympy.core.cache import cacheit
 from sympy.physics.mechanics import Particle
 from sympy.physics.vector import dynamicsymbols
 
@@ -35,7 +35,7 @@ def readable(expression: Any, limit: int = READABLE) -> Any:
     return _readable(sp.sympify(expression), limit)
 
 
-@cacheit
+@lru_cache(maxsize=4096)
 def _readable(expression: Any, limit: int) -> Any:
     if expression.count_ops() > limit:
         return expression
