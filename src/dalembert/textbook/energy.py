@@ -35,7 +35,7 @@ def readable(expression: Any, limit: int = READABLE) -> Any:
     return _readable(sp.sympify(expression), limit)
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=4096, typed=True)
 def _readable(expression: Any, limit: int) -> Any:
     if expression.count_ops() > limit:
         return expression
