@@ -235,7 +235,7 @@ def test_textbook_view_agrees(name):
     assert view.undetermined == ()
     own, opposite = view.action_screw(joint), view.action_screw(joint, joint.other)
     assert own.resultant == -opposite.resultant == PIN
-    accelerations, reactions = agreement(scene, "projected")
+    accelerations, reactions = agreement(scene, "projected", view=view)
     assert accelerations < 1e-9 and reactions < 1e-9
 
 

@@ -106,7 +106,7 @@ def agreement(scene, formulation="auto", backend="numpy", count=3, view=None):
     At random states that fulfil the constraints. Accelerations are relative to their largest or, where that is less,
     to one; so are reactions. Returns None where no state fulfils the constraints.
     """
-    view = da.lagrange(scene)
+    view = da.lagrange(scene) if view is None else view
     system, states = view.system, view._states.states
     if not states:
         return None
