@@ -253,7 +253,6 @@ REPEATED = (
     ("textbook/test_first_integrals.py", "test_first_integrals_are_constant_in_simulations[[]edge_plate]"),
     ("system/test_joints_between_bodies.py", "test_textbook_view_agrees[[]slider_crank]"),
     ("system/test_joints_between_bodies.py", "test_force_of_the_pin_in_every_formulation[[]four_bar-ggl]"),
-    ("analysis/test_sensitivity.py", "test_derivatives_are_those_of_complex_steps[[]numpy-edge_plate-*"),
     ("stops/test_samples.py", "test_every_backend_and_method[[]numpy-radau]"),
     ("mechanics/test_copying.py", "test_other_formulations_are_compiled_from_the_equations_at_hand[[]augmented]"),
     ("reduction/test_decimals.py", "test_two_wheels_on_one_axle_by_parameters[[]augmented]"),

@@ -257,11 +257,11 @@ def test_pairs_of_jax_stop_at_knots_and_are_differentiated():
     jax = pytest.importorskip("jax")
     made, tolerances = model("linear", "jax"), {"rtol": 1e-10, "atol": 1e-12}
     expected, _ = reference("linear")
-    run = made.simulate((0, END), start(), GIVEN, method="tsit5", **tolerances)
-    cases = made.sweep((0, END), start(np.array([1.4, 1.7])), GIVEN, method="tsit5", **tolerances)
+    run = made.simulate((0, END), start(), GIVEN, method="dopri8", **tolerances)
+    cases = made.sweep((0, END), start(np.array([1.4, 1.7])), GIVEN, method="dopri8", **tolerances)
     assert [run["x"][-1], cases["x"][1]] == pytest.approx([expected[0]] * 2, abs=1e-9)
     with jax.enable_x64(True):
-        solve = made.solve_fn(method="tsit5", **tolerances)
+        solve = made.solve_fn(method="dopri8", **tolerances)
         found = jax.grad(
             lambda damping: solve([0.0, 3.0], {"x": 1.7, "x_dot": 0.0}, {"m": 1.0, "c": damping}).y[-1, 0]
         )(DAMPING)
