@@ -23,16 +23,8 @@ from .library import LARGEST_STRAIGHT
 from .order_loops import order_loop_variables
 from .preludes import source_of
 from .printing import double
-from .run_loops import (
-    LAW,
-    PREPARE,
-    SCHEDULE,
-    RunLoop,
-    RunStops,
-    explicit_loop_of,
-    implicit_loop_of,
-    taylor_loop_of,
-)
+from .run_loops import RunLoop, explicit_loop_of, implicit_loop_of, taylor_loop_of
+from .run_stops import LAW, PREPARE, SCHEDULE, RunStops
 from .source import LoopSource
 from .template_variables import TemplateVariables
 from .workspace import workspace_of

@@ -16,7 +16,7 @@ from ...transforms.taylor.step import STEP_ARGUMENTS
 from ..rendering import render
 from .descriptions import CSource, plain
 from .printing import double
-from .run_loops import LAW
+from .run_stops import LAW
 from .simulator import Simulator
 from .source import LoopSource
 
