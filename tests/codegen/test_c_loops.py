@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from codegen.c_programs import built, output
+from codegen.c_programs import OPTIMISED, built, output
 from dalembert.codegen.c.preludes import source_of
 from dalembert.codegen.c.source import LoopSource
 from dalembert.codegen.c.workspace import workspace_of
@@ -77,7 +77,7 @@ def c_results(folder, function, arguments, *, known):
     main = ["int main(void)", "{", "static loop_run run;", *setting, 'printf("%lld ", (long long)call(&run));', *lines]
     text += f"\nstatic int64_t call(loop_run *run) {{ return {call}; }}\n" + "\n".join([*main, "return 0;", "}", ""])
     (folder / "loop.c").write_text(text)
-    return output(built(folder, ["loop.c"])).split()
+    return output(built(folder, ["loop.c"], *OPTIMISED)).split()
 
 
 def python_results(function, arguments):

@@ -10,7 +10,7 @@ from sympy import Float, acos, asin, atan, atan2, cos, cosh, exp, log, sin, sinh
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from codegen.c_programs import SANITIZED, built, compiler, fuses, output
+from codegen.c_programs import OPTIMISED, SANITIZED, built, compiler, fuses, output
 from corpus.named_scenes import READY
 from dalembert.codegen.llvm.target import target
 from hard_cases import hard_case
@@ -55,7 +55,7 @@ def exported(folder, model, initial, parameters, **options):
     source, aside = path / f"{header.stem}.c", folder / "alone"
     shutil.copytree(path, aside)
     shutil.rmtree(path)
-    return built(aside, ["main.c", source.name]), header.stem
+    return built(aside, ["main.c", source.name], *OPTIMISED), header.stem
 
 
 def rows(text):

@@ -12,7 +12,7 @@ from sympy import symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from codegen.c_programs import built
+from codegen.c_programs import OPTIMISED, built
 from dalembert.errors import CapabilityError, MissingExtraError, OptionError
 from dalembert.export import compilers
 from export.pages import need_pages
@@ -151,12 +151,12 @@ def test_scenes_may_have_names_of_the_code(tmp_path, name):
 @pytest.mark.parametrize("version", VERSIONS)
 def test_sources_have_no_warnings(tmp_path, model, version):
     _, folder = unpacked(model, tmp_path / "mass.fmu", initial=START, parameters=NUMBERS, fmi=version)
-    built(folder / "sources", ["driven_mass.c", f"fmi{version[0]}.c"], "-shared", "-fPIC")
+    built(folder / "sources", ["driven_mass.c", f"fmi{version[0]}.c"], "-shared", "-fPIC", *OPTIMISED)
     case = hard_case("pendulum, Cartesian (IFToMM A01)")
     given = {"initial": case.initial, "parameters": case.parameters, "fmi": version}
     _, folder = unpacked(case.compile("projected"), tmp_path / "pendulum.fmu", **given)
     sources = [path.name for path in (folder / "sources").glob("*.c")]
-    built(folder / "sources", sources, "-shared", "-fPIC")
+    built(folder / "sources", sources, "-shared", "-fPIC", *OPTIMISED)
 
 
 @pytest.mark.parametrize("version", VERSIONS)

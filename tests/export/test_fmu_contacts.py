@@ -7,7 +7,7 @@ import pytest
 from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
-from codegen.c_programs import built
+from codegen.c_programs import OPTIMISED, built
 from dalembert.contacts.equations.contact_laws import STATES
 from export.test_contact_simulators import block
 from export.units import VERSIONS, Unit, unpacked, variables_of
@@ -150,7 +150,7 @@ def test_the_description_says_what_contacts_do(units, version):
     assert "0 open" in modes[0].get("description") and "3 stick" in modes[0].get("description")
     assert description.find("CoSimulation").get("hasEventMode") == (None if version == "2.0" else "true")
     sources = [path.name for path in (folder / "sources").glob("*.c")]
-    built(folder / "sources", sources, "-shared", "-fPIC")
+    built(folder / "sources", sources, "-shared", "-fPIC", *OPTIMISED)
 
 
 @both_versions

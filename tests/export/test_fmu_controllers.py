@@ -8,7 +8,7 @@ from sympy import cos, sin, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from codegen.c_programs import built
+from codegen.c_programs import OPTIMISED, built
 from dalembert.errors import CapabilityError
 from export.test_controllers import pulled
 from export.units import VERSIONS, Unit, unpacked
@@ -141,7 +141,7 @@ def test_instants_are_time_events(tmp_path, model, version):
 def test_sources_have_no_warnings(tmp_path, model, version):
     _, folder = unpacked(model, tmp_path / "a.fmu", fmi=version, method="dop853", **GIVEN)
     sources = [path.name for path in (folder / "sources").glob("*.c")]
-    built(folder / "sources", sources, "-shared", "-fPIC")
+    built(folder / "sources", sources, "-shared", "-fPIC", *OPTIMISED)
 
 
 def test_what_is_not_carried(tmp_path, model):

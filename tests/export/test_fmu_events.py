@@ -7,7 +7,7 @@ import pytest
 from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
-from codegen.c_programs import built
+from codegen.c_programs import OPTIMISED, built
 from export.test_controllers import NUMBERS, START, with_events
 from export.test_events import TOLERANCES, pendulum, pushed
 from export.units import VERSIONS, Unit, unpacked
@@ -157,7 +157,7 @@ def test_sources_have_no_warnings(tmp_path, version):
     for method in ("dop853", "radau"):
         _, folder = exported(tmp_path, version, ending(pendulum()), method=method)
         sources = [path.name for path in (folder / "sources").glob("*.c")]
-        built(folder / "sources", sources, "-shared", "-fPIC")
+        built(folder / "sources", sources, "-shared", "-fPIC", *OPTIMISED)
 
 
 def test_maps_without_end_are_an_error_of_event_mode(tmp_path):
