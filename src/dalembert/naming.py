@@ -5,6 +5,7 @@ from __future__ import annotations
 import keyword
 import re
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import final
 
 RATE_SUFFIX = "_dot"
@@ -39,6 +40,16 @@ def unwritable(name: str) -> bool:
     return any("\ud800" <= character <= "\udfff" for character in name)
 
 
+_KEPT = GENERATED.union(keyword.kwlist)
+
+
+@lru_cache(maxsize=4096)
+def _identifier(wish: str) -> str:
+    """Return a name of letters, digits and underscores."""
+    base = re.sub(r"[^0-9a-zA-Z]+", "_", wish).strip("_")[:_LONGEST] or "value"
+    return f"n{base}" if base[0].isdigit() else base
+
+
 @final
 class Namer:
     """Gives every object of one generated kernel an identifier of its own.
@@ -54,13 +65,11 @@ class Namer:
 
     def __init__(self, reserved: Iterable[str] = ()) -> None:
         self._counts: dict[str, int] = {}
-        self._taken = set(reserved) | set(keyword.kwlist) | GENERATED
+        self._taken = {*reserved, *_KEPT}
 
     def __call__(self, wish: str) -> str:
         """Return an identifier close to `wish` that nothing else has."""
-        base = re.sub(r"[^0-9a-zA-Z]+", "_", wish).strip("_")[:_LONGEST] or "value"
-        if base[0].isdigit():
-            base = f"n{base}"
+        base = _identifier(wish)
         name, count = base, self._counts.get(base, 1)
         while name in self._taken:
             count += 1

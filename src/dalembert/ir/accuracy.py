@@ -52,36 +52,47 @@ def _own_form(node: Node) -> tuple[str, tuple[Node, ...]]:
 def loses(new: Probed, old: Probed) -> bool:
     """Return whether a form has lost digits, somewhere, that another form of the same value has."""
     with np.errstate(all="ignore"):
+        larger = new[1] > LOSS * old[1]
+        if not larger.any():
+            return False
         size = np.minimum(np.abs(new[0]) + new[1], np.abs(old[0]) + old[1])
-        return bool(np.any(new[1] > np.maximum(LOSS * old[1], _HARMLESS * size)))
+        return bool((larger & (new[1] > _HARMLESS * size)).any())
 
 
 def probed(node: Node, known: dict[int, Probed], forms: Forms = _own_form) -> Probed:
     """Return the values of a node at the points, with their errors; those of all that it depends on go to `known`."""
+    if node.index in known:
+        return known[node.index]
     stack = [node]
-    while stack:
-        last = stack[-1]
-        if last.index in known:
-            stack.pop()
-            continue
-        op, args = forms(last)
-        waiting = [arg for arg in args if arg.index not in known]
-        if waiting:
-            stack += waiting
-        else:
-            known[last.index] = _leaf(last) if not args else probed_form(op, args, known)
-            stack.pop()
+    with np.errstate(all="ignore"):
+        while stack:
+            last = stack[-1]
+            if last.index in known:
+                stack.pop()
+                continue
+            op, args = forms(last)
+            waiting = [arg for arg in args if arg.index not in known]
+            if waiting:
+                stack += waiting
+            else:
+                known[last.index] = _leaf(last) if not args else _form(op, args, known)
+                stack.pop()
     return known[node.index]
 
 
 def probed_form(op: str, args: tuple[Node, ...], known: Mapping[int, Probed]) -> Probed:
     """Return the values of an operation on nodes that are `known`, with their errors."""
-    operands = [known[arg.index] for arg in args]
     with np.errstate(all="ignore"):
-        factors = args if op == "mul" else args[1:] if op == "div" else ()
-        if any(arg.number is not None and _power_of_two(arg.number) for arg in factors):
+        return _form(op, args, known)
+
+
+def _form(op: str, args: tuple[Node, ...], known: Mapping[int, Probed]) -> Probed:
+    operands = [known[arg.index] for arg in args]
+    factors = args if op == "mul" else args[1:] if op == "div" else ()
+    for arg in factors:
+        if arg.number is not None and _power_of_two(arg.number):
             return _scaled(op, *operands)
-        return _RULES[op](*operands)
+    return _RULES[op](*operands)
 
 
 def _power_of_two(number: Fraction) -> bool:

@@ -18,9 +18,9 @@ class Algebra(Interning):
 
     def add(self, a: Node, b: Node) -> Node:
         """Return a + b."""
-        if a.is_zero:
+        if a.fingerprint == 0:
             return b
-        if b.is_zero:
+        if b.fingerprint == 0:
             return a
         x, y = a.number, b.number
         if x is not None and y is not None:
@@ -58,16 +58,17 @@ class Algebra(Interning):
 
     def mul(self, a: Node, b: Node) -> Node:
         """Return a * b."""
-        if a.is_zero or b.is_zero:
+        left, right = a.fingerprint, b.fingerprint
+        if left == 0 or right == 0:
             return self.zero
-        if a.is_one:
+        if left == 1:
             return b
-        if b.is_one:
+        if right == 1:
             return a
         x, y = a.number, b.number
         if x is not None and y is not None:
             size = abs(as_float(x)) * self._size(b) + abs(as_float(y)) * self._size(a) if self.decimals else 0.0
-            return self._number(x * y, a.fingerprint * b.fingerprint % _P, size)
+            return self._number(x * y, left * right % _P, size)
         if a.op == "neg":
             return self.neg(self.mul(a.args[0], b))
         if b.op == "neg":
@@ -78,7 +79,7 @@ class Algebra(Interning):
             return self.neg(self.mul(a, self.neg(b)))
         if y is not None:
             a, b = b, a
-        return self._intern("mul", (a, b), a.fingerprint * b.fingerprint % _P)
+        return self._intern("mul", (a, b), left * right % _P)
 
     def div(self, a: Node, b: Node) -> Node:
         """Return a / b; ``ZeroDivisionError`` where b is identically zero."""

@@ -57,15 +57,20 @@ class Graph(Algebra):
         """Yield every node that `outputs` depend on, operands first, in an order fixed by the outputs."""
         seen: set[int] = set()
         for output in outputs:
-            stack: list[tuple[Node, bool]] = [(output, False)]
+            if output.index in seen:
+                continue
+            seen.add(output.index)
+            stack = [(output, iter(args(output)))]
             while stack:
-                node, expanded = stack.pop()
-                if expanded:
+                node, waiting = stack[-1]
+                for arg in waiting:
+                    if arg.index not in seen:
+                        seen.add(arg.index)
+                        stack.append((arg, iter(args(arg))))
+                        break
+                else:
+                    stack.pop()
                     yield node
-                elif node.index not in seen:
-                    seen.add(node.index)
-                    stack.append((node, True))
-                    stack.extend((arg, False) for arg in reversed(args(node)) if arg.index not in seen)
 
     @staticmethod
     def visit(outputs: Sequence[Node], done: dict[int, Node], action: Callable[[Node], Node], within: int = -1) -> None:

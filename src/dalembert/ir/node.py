@@ -97,7 +97,7 @@ class Node:
     @property
     def number(self) -> Fraction | None:
         """The exact rational number that the node is, if it is one."""
-        return self.payload if self.op == "const" and isinstance(self.payload, Fraction) else None
+        return self.payload if type(self.payload) is Fraction else None
 
     def __add__(self, other: Node | int) -> Node:
         return self.graph.add(self, self.graph.node(other))

@@ -108,9 +108,11 @@ class UnsuitableForm(Exception):
 
 def frequent(p: Polynomial) -> tuple[int, int] | None:
     """Return the atom and the sign of its exponent that most terms have, if two have it."""
-    counts: Counter[tuple[int, int]] = Counter(
-        (atom, 1 if exponent > 0 else -1) for monomial in p for atom, exponent in monomial
-    )
+    counts: dict[tuple[int, int], int] = {}
+    for monomial in p:
+        for atom, exponent in monomial:
+            key = atom, 1 if exponent > 0 else -1
+            counts[key] = counts.get(key, 0) + 1
     if not counts:
         return None
     best, count = max(counts.items(), key=lambda item: (item[1], -item[0][0]))
@@ -121,6 +123,8 @@ def _common(monomials: Sequence[Monomial]) -> Monomial:
     """Return the largest monomial that divides all."""
     shared = dict(monomials[0])
     for monomial in monomials[1:]:
+        if not shared:
+            return ()
         powers = dict(monomial)
         for atom, exponent in list(shared.items()):
             other = powers.get(atom, 0)

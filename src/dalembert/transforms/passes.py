@@ -196,19 +196,19 @@ class ShareEqual:
     def __call__(self, kernel: Kernel) -> Kernel:
         """Return the kernel after the pass."""
         same: dict[Operand, Operand] = {}
-        known: dict[tuple[str, tuple[str, ...]], str] = {}
+        known: dict[tuple[str, ...], str] = {}
         body: list[Assignment] = []
         for line in kernel.body:
-            args = tuple(same.get(arg, arg) for arg in line.args)
+            args = tuple([same.get(arg, arg) for arg in line.args]) if same else line.args
             texts = [arg if isinstance(arg, str) else repr(arg) for arg in args]  # in which 0.0 and -0.0 differ
             if line.op in self.commutative:
                 texts.sort()
-            key = line.op, tuple(texts)
-            if key in known:
-                same[line.target] = known[key]
+            key = line.op, *texts
+            first = known.setdefault(key, line.target)
+            if first is not line.target:
+                same[line.target] = first
             else:
-                known[key] = line.target
-                body.append(Assignment(line.target, line.op, args))
+                body.append(line if args is line.args else Assignment(line.target, line.op, args))
         return replace(kernel, body=tuple(body), outputs=tuple(same.get(o, o) for o in kernel.outputs))
 
 

@@ -36,7 +36,7 @@ def times(a: Monomial, b: Monomial, sign: int = 1) -> Monomial:
     powers = dict(a)
     for atom, exponent in b:
         powers[atom] = powers.get(atom, 0) + sign * exponent
-    return tuple(sorted((atom, exponent) for atom, exponent in powers.items() if exponent))
+    return tuple(sorted([power for power in powers.items() if power[1]]))
 
 
 def sign(c: Node) -> tuple[bool, Node]:
