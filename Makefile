@@ -40,7 +40,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo docs test test-all test-newest test-targets test-browser lint bench bench-quick fuzz corpus clean
+.PHONY: help demo docs test test-all install-newest test-newest test-targets test-browser lint bench bench-quick fuzz corpus clean
 
 help:
 	@echo "make demo         simulate the example scenes with every backend; pictures in build/demo"
@@ -96,13 +96,20 @@ find-newest = for python in python3.13 "$${PYENV_ROOT:-$$HOME/.pyenv}"/versions/
                   "$$python" -c 'import ensurepip, venv' 2>/dev/null && echo "$$python" && break; \
               done; true
 
-test-newest:
+# Looks for newer releases than those of an hour ago.
+install-newest:
 	@python=$$($(find-newest)); \
 	if [ -z "$$python" ]; then \
+	    rm -rf $(NEWEST); \
+	else \
+	    find $(NEWEST)/.installed-test -mmin +60 -delete 2>/dev/null; \
+	    $(MAKE) --no-print-directory VENV=$(NEWEST) PYTHON="$$python" $(NEWEST)/.installed-test; \
+	fi
+
+test-newest: install-newest
+	@if [ ! -e $(NEWEST)/.installed-test ]; then \
 	    echo "==> pytest with the newest releases: skipped, there is neither python3.13 nor python3.12"; \
 	else \
-	    rm -f $(NEWEST)/.installed-test; \
-	    $(MAKE) --no-print-directory VENV=$(NEWEST) PYTHON="$$python" $(NEWEST)/.installed-test && \
 	    echo "==> pytest with the newest releases:" \
 	         "$$($(NEWEST)/bin/python --version)" $$($(NEWEST)/bin/python -m pip freeze | grep -E $(RELEASES)) && \
 	    $(NEWEST)/bin/python -m pytest -q -n 2 $(PART); \
@@ -145,6 +152,7 @@ $(VENV)/.installed-bench: EXTRAS := bench
 $(VENV)/.installed-test:  EXTRAS := test
 $(VENV)/.installed-test:  UPGRADE := --upgrade --upgrade-strategy eager
 
+# Python compiles what is imported; of all that is installed that is a fifth, and pip compiles it in one process.
 # A virtual environment whose pip does not run was cut short or lost its interpreter: it is made anew.
 $(VENV)/.installed-demo $(VENV)/.installed-dev $(VENV)/.installed-bench $(VENV)/.installed-test: pyproject.toml
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || { \
@@ -157,7 +165,8 @@ $(VENV)/.installed-demo $(VENV)/.installed-dev $(VENV)/.installed-bench $(VENV)/
 	        echo "error: '$(PYTHON) -m venv' failed (on Debian and Ubuntu: install python3-venv)" >&2; \
 	        exit 1; }; }
 	@echo "==> installing dalembert[$(EXTRAS)] into $(VENV) (a few minutes the first time)"
-	@$(BIN)/python -m pip install --disable-pip-version-check --no-input $(UPGRADE) -e '.[$(EXTRAS)]' >$@.log 2>&1 || { \
+	@$(BIN)/python -m pip install --disable-pip-version-check --no-input --no-compile $(UPGRADE) \
+	    -e '.[$(EXTRAS)]' >$@.log 2>&1 || { \
 	    cat $@.log >&2; \
 	    echo "error: installing dalembert[$(EXTRAS)] failed; the log above is in $@.log" >&2; \
 	    exit 1; }
