@@ -314,7 +314,9 @@ class _RunRecord:
         if problem.t_eval is not None:
             parts, first = self.samples, problem.t_eval[problem.t_eval == problem.t0]
             t = np.concatenate([first, *(times for times, _, _ in parts)])
-            wrapped = np.concatenate([np.tile(self.start, (len(first), 1)), *(states for _, states, _ in parts)])
+            wrapped = np.concatenate(
+                [self.start[np.newaxis].repeat(len(first), axis=0), *(states for _, states, _ in parts)]
+            )
         y = self._turned(wrapped, parts) if self.wound else wrapped
         dense = None
         if problem.dense and self.blocks:

@@ -121,6 +121,8 @@ def simulate_options(
     options: SimulateOptions = _checked(SimulateOptions, plain)
     if t_eval is None and inputs is None and progress is False and is_no_events(events):
         return options
+    if inputs is None and progress is False and is_no_events(events):
+        return options.at_times(t_eval)
     return replace(options, t_eval=t_eval, events=events, inputs=inputs, progress=progress)
 
 

@@ -141,6 +141,19 @@ class SimulateOptions(StepOptions):
             set_checked(self, first_step=option("first_step", self.first_step))
         set_checked(self, dense=flag("dense", self.dense), error_estimate=flag("error_estimate", self.error_estimate))
 
+    def at_times(self, t_eval: Any) -> SimulateOptions:
+        """Return these options, which were checked, with other times to record.
+
+        Raises
+        ------
+        ValueInputError
+            For what are no times.
+        """
+        made: SimulateOptions = object.__new__(SimulateOptions)
+        made.__dict__.update(self.__dict__)
+        set_checked(made, t_eval=times_of("t_eval", t_eval))
+        return made
+
 
 @final
 @frozen(eq=False, kw_only=True)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..errors import OptionError
+from ..methods.step_constants import EPSILON
 
 
 class DenseOutput(ABC):
@@ -39,8 +40,11 @@ class DenseOutput(ABC):
         """
         times = np.asarray(t, dtype=np.float64)
         step = self._locate(times)
-        h = self.knots[step + 1] - self.knots[step]
-        theta = np.divide(times - self.knots[step], h, out=np.zeros_like(times), where=h != 0.0)
+        begin = self.knots[step]
+        h = self.knots[step + 1] - begin
+        if h.all():
+            return self._evaluate(step, (times - begin) / h)
+        theta = np.divide(times - begin, h, out=np.zeros_like(times), where=h != 0.0)
         return self._evaluate(step, theta)
 
     def within(self, step: NDArray[np.intp], theta: FloatArray) -> FloatArray:
@@ -50,12 +54,14 @@ class DenseOutput(ABC):
     def _locate(self, times: FloatArray) -> NDArray[np.intp]:
         first, last = float(self.knots[0]), float(self.knots[-1])
         low, high = min(first, last), max(first, last)
-        slack = 4.0 * np.finfo(float).eps * max(abs(low), abs(high))
-        if not np.all((times >= low - slack) & (times <= high + slack)):
+        slack = 4.0 * EPSILON * max(abs(low), abs(high))
+        if times.size and not (times.min() >= low - slack and times.max() <= high + slack):
             raise OptionError(f"times must lie between {low!r} and {high!r}, which the run covers")
-        sign = -1.0 if last < first else 1.0
-        step = np.searchsorted(sign * self.knots, sign * times, side="right") - 1
-        return np.clip(step, 0, len(self.knots) - 2)
+        if last < first:
+            step = np.searchsorted(-self.knots, -times, side="right") - 1
+        else:
+            step = self.knots.searchsorted(times, side="right") - 1
+        return np.minimum(np.maximum(step, 0), len(self.knots) - 2)
 
     @abstractmethod
     def _evaluate(self, step: NDArray[np.intp], theta: FloatArray) -> FloatArray:
@@ -89,10 +95,24 @@ class PiecewisePolynomial(DenseOutput):
 
     def _evaluate(self, step: NDArray[np.intp], theta: FloatArray) -> FloatArray:
         fraction, coefficients = theta[:, np.newaxis], self.coefficients
-        value: FloatArray = coefficients[step, -1]
-        for power in range(coefficients.shape[1] - 2, -1, -1):
-            value = value * fraction + coefficients[step, power]
+        several = max(1, _TOGETHER // max(1, coefficients.shape[1] * coefficients.shape[2]))
+        value = np.empty((len(step), coefficients.shape[2]))
+        for first in range(0, len(step), several):
+            some = slice(first, first + several)
+            _horner(coefficients[step[some]], fraction[some], value[some])
         return value
+
+
+_TOGETHER = 65536
+"""Coefficients that are gathered at a time: they stay in a cache."""
+
+
+def _horner(coefficients: FloatArray, fraction: FloatArray, value: FloatArray) -> None:
+    """Set values (k, n_y) of polynomials (k, degree + 1, n_y) at fractions (k, 1)."""
+    value[...] = coefficients[:, -1]
+    for power in range(coefficients.shape[1] - 2, -1, -1):
+        value *= fraction
+        value += coefficients[:, power]
 
 
 @final
