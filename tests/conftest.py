@@ -97,8 +97,8 @@ def small_heap():
 def quick_xla():
     """Compile the JAX programs of a file in a fraction of the time, to code that is slower (`jax_backend.jax_options`).
 
-    For ``pytest.mark.usefixtures``. The documents, the gallery, tests that compare bits, and those of calls that are
-    eager or foreign leave XLA the options that users have.
+    For ``pytest.mark.usefixtures``. The gallery, tests that compare bits, and those of foreign calls leave XLA the
+    options that users have.
     """
     try:
         from jax_backend.jax_options import compiled_quickly as programs_compiled_quickly

@@ -18,6 +18,8 @@ import dalembert as da
 from dalembert.results.sweep import Sweep
 from dalembert.results.trajectory import Trajectory
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 ROOT = Path(__file__).parents[1]
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SHOWN = re.compile(r"^```python\n(?P<code>.*?)^```$(?:\n\n```text\n(?P<output>.*?)^```$)?", re.MULTILINE | re.DOTALL)

@@ -12,6 +12,7 @@ import argparse
 import faulthandler
 import os
 import random
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -21,6 +22,7 @@ from collections.abc import Callable
 import numpy as np
 
 import dalembert as da
+from dalembert.codegen.llvm.loops import library_folder
 
 THREADS = 8
 KINDS = ("sweep", "shared", "apart", "contacts", "numpy", "jax")
@@ -130,12 +132,19 @@ def child(kind: str, seed: int) -> None:
         assert not different, f"thread {number} of {kind!r}, seed {seed}: {different}"
 
 
-def round_of(kind: str, seed: int) -> str:
-    """Run one process with an empty cache; return what is wrong with it, nothing as a rule."""
+def round_of(kind: str, seed: int, installed: bool = False) -> str:
+    """Run one process with an empty cache; return what is wrong with it, nothing as a rule.
+
+    With `installed`, the cache has the loops that are compiled once an installation, if they are here.
+    """
     with tempfile.TemporaryDirectory() as folder:
         os.chmod(folder, 0o700)
         command = [sys.executable, __file__, "--child", kind, "--seed", str(seed)]
-        environment = os.environ | {"DALEMBERT_CACHE_DIR": os.path.join(folder, "cache")}
+        cache = os.path.join(folder, "cache")
+        os.mkdir(cache, 0o700)
+        if installed and (loops := library_folder()).exists():
+            shutil.copytree(loops, os.path.join(cache, loops.name))
+        environment = os.environ | {"DALEMBERT_CACHE_DIR": cache}
         try:
             run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
         except subprocess.TimeoutExpired:

@@ -55,9 +55,22 @@ PROGRAMS = {
     "oscillator": hand_written(
         "ab", [("s", "sin", ("time",)), ("f", "mul", ("k", "s")), ("r", "sub", ("f", "a"))], ["b", "r"]
     ),
-    "blow up": hand_written("a", [("r", "mul", ("a", "a"))], ["r"]),
-    "square root": hand_written("a", [("d", "sub", ("k", "time")), ("r", "sqrt", ("d",))], ["r"]),
-    "not a number": hand_written("a", [("z", "sub", ("a", "a")), ("r", "div", ("z", "z"))], ["r"]),
+    # One program for every fault, which its constant chooses: a' = a^2, a' = sqrt(1 - t), or not a number.
+    "faults": hand_written(
+        "a",
+        [
+            ("square", "mul", ("a", "a")),
+            ("d", "sub", (1.0, "time")),
+            ("root", "sqrt", ("d",)),
+            ("z", "sub", ("a", "a")),
+            ("nan", "div", ("z", "z")),
+            ("early", "less", ("k", 0.0)),
+            ("late", "less", (0.0, "k")),
+            ("rest", "select", ("late", "root", "nan")),
+            ("r", "select", ("early", "square", "rest")),
+        ],
+        ["r"],
+    ),
     "constant": hand_written("ab", [], [1.0, "k"]),
 }
 
@@ -69,6 +82,14 @@ def problem(y0=(1.0, 0.5), **options):
 
 def solve(name, method, y0=(1.0, 0.5), **options):
     return engine_of(name).integrate(problem(y0, **options), method)
+
+
+FAULTS = {"blow up": -1.0, "square root": 1.0, "not a number": 0.0}
+
+
+def solve_fault(name, method, **options):
+    start = 0.0 if name == "square root" else 1.0
+    return solve("faults", method, [start], constants=np.array([FAULTS[name]]), **options)
 
 
 # Kernels
@@ -105,7 +126,7 @@ def test_operation(name):
     source = "\n    ".join(["def f(t, y, c):", *JAX.lines(kernel), f"return ({JAX.outputs(kernel)[0]},)"])
     namespace = {"jnp": jax.numpy, "fn": functions}
     exec(source, namespace)
-    program = Program("operation", "augmented", PROGRAMS["blow up"].layout, (kernel,), ())
+    program = Program("operation", "augmented", PROGRAMS["faults"].layout, (kernel,), ())
     engine = JaxEngine(program, {"rhs": namespace["f"]})
     values = engine.evaluate("rhs", np.zeros(20), arguments, np.ones(1))[:, 0]
     expected = [operation.evaluate(*row[: operation.arity]) for row in arguments.tolist()]
@@ -237,20 +258,20 @@ def test_max_steps_over_several_legs(method):
 
 @pytest.mark.parametrize("method", [name for name, method in solvers.METHODS.items() if not method.implicit])
 def test_finite_time_blow_up(method):
-    run = solve("blow up", method, [1.0], t1=2.0, dense=True)
+    run = solve_fault("blow up", method, t1=2.0, dense=True)
     assert run.status is Status.STEP_TOO_SMALL
     assert run.t[-1] == pytest.approx(1.0, abs=1e-6) and len(run.t) == run.steps + 1
     assert np.isfinite(run.y).all()
     assert run.dense(np.array([0.5]))[0, 0] == pytest.approx(2.0, rel=1e-7)
     times = np.linspace(0.0, 2.0, 20)
-    sampled = solve("blow up", method, [1.0], t1=2.0, t_eval=times)
+    sampled = solve_fault("blow up", method, t1=2.0, t_eval=times)
     np.testing.assert_array_equal(sampled.t, times[times < 1.0])
 
 
 @methods
 def test_nan_at_the_start(method):
     for run in (
-        solve("not a number", method, [1.0], dense=True),
+        solve_fault("not a number", method, dense=True),
         solve("oscillator", method, [np.nan, 1.0], t_eval=np.array([0.0, 1.0]), dense=True),
     ):
         assert run.status is Status.NON_FINITE
@@ -260,7 +281,7 @@ def test_nan_at_the_start(method):
 @methods
 @pytest.mark.parametrize("first_step", [None, 10.0])
 def test_nan_on_the_way(method, first_step):
-    run = solve("square root", method, [0.0], t1=2.0, first_step=first_step)
+    run = solve_fault("square root", method, t1=2.0, first_step=first_step)
     assert run.status is Status.NON_FINITE
     assert 0.9 <= run.t[-1] <= 1.0 and np.isfinite(run.y).all()
 
@@ -325,32 +346,40 @@ def test_double_precision_leaves_the_setting_alone(enabled):
 
 def test_debugging_of_nans_does_not_turn_a_status_into_an_exception():
     with jax.debug_nans(True):
-        assert solve("square root", "dopri8", [0.0], t1=2.0).status is Status.NON_FINITE
+        assert solve_fault("square root", "dopri8", t1=2.0).status is Status.NON_FINITE
 
 
-def run_python(code):
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+EXTRAS = """
+import os, sys
+import dalembert.codegen
+print([name for name in ('jax', 'diffrax', 'equinox') if name in sys.modules], flush=True)
+for package in ('jax', 'diffrax'):
+    if not os.fork():
+        sys.modules[package] = None
+        for attempt in range(2):
+            try:
+                dalembert.codegen.backend_named('jax')
+            except dalembert.errors.MissingExtraError as error:
+                print(package, isinstance(error, ImportError), error, flush=True)
+        dalembert.codegen.backend_named('numpy')
+        os._exit(0)
+    assert os.wait()[1] == 0
+"""
 
 
-def test_jax_is_imported_only_when_asked_for():
-    code = "import sys, dalembert.codegen; print([n for n in ('jax', 'diffrax', 'equinox') if n in sys.modules])"
-    assert run_python(code) == "[]"
+@pytest.fixture(scope="module")
+def extras():
+    """Return what a process without JAX prints, and its forks in each of which a package is missing."""
+    run = subprocess.run([sys.executable, "-c", EXTRAS], capture_output=True, text=True, check=True)
+    return run.stdout.splitlines()
+
+
+def test_jax_is_imported_only_when_asked_for(extras):
+    assert extras[0] == "[]"
 
 
 @pytest.mark.parametrize("package", ["jax", "diffrax"])
-def test_missing_extra(package):
-    code = f"""
-import sys
-sys.modules[{package!r}] = None
-import dalembert as da
-from dalembert.codegen import backend_named
-for attempt in range(2):
-    try:
-        backend_named("jax")
-    except da.errors.MissingExtraError as error:
-        print(isinstance(error, ImportError), error)
-backend_named("numpy")
-"""
-    first, second = run_python(code).splitlines()
+def test_missing_extra(package, extras):
+    first, second = (line.removeprefix(f"{package} ") for line in extras if line.startswith(f"{package} "))
     assert first == second
     assert first.startswith("True") and 'pip install "dalembert[jax]"' in first and package in first

@@ -10,6 +10,8 @@ from analysis.test_sensitivity import MOTIONS
 
 jax = pytest.importorskip("jax")
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 T = np.array([0.0, 0.1, 0.2, 0.3])
 PARAMETERS, INITIAL, _ = MOTIONS["chaplygin_sleigh"]
 

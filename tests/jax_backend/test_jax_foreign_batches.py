@@ -8,6 +8,7 @@ import pytest
 import dalembert as da
 from analysis.test_sensitivity import MOTIONS
 from dalembert.methods.status import Status
+from jax_backend.jax_options import QUICK
 from jax_backend.test_jax_foreign import sleigh
 
 jax = pytest.importorskip("jax")
@@ -159,11 +160,12 @@ def test_gradients_of_batches_go_along_the_steps_of_its_cases(times):
         losses, states = jax.vmap(loss, (0, None, 0))(rows, p, ends)
         return jnp.mean(losses), states
 
-    (_, states), whole = jax.jit(jax.value_and_grad(mean, argnums=(0, 1), has_aux=True))(rows, p)
+    gradient = jax.value_and_grad(mean, argnums=(0, 1), has_aux=True)
+    (_, states), whole = jax.jit(gradient, compiler_options=QUICK)(rows, p)
     plain = jax.jit(jax.vmap(lambda y, end: solve(np.array(times) * end, y, p).y))(rows, ends)
     np.testing.assert_array_equal(states, plain)
     assert np.isnan(plain[2, -1]).all() and np.isfinite(plain[3]).all()
-    one = jax.jit(jax.grad(lambda *given: loss(*given)[0], argnums=(0, 1)))
+    one = jax.jit(jax.grad(lambda *given: loss(*given)[0], argnums=(0, 1)), compiler_options=QUICK)
     alone = [one(rows[i], p, ends[i]) for i in (0, 1, 3, 4)]
     np.testing.assert_allclose(whole[0][jnp.array([0, 1, 3, 4])], np.stack([each[0] for each in alone]) / 5, rtol=1e-9)
     np.testing.assert_allclose(whole[1], sum(each[1] for each in alone) / 5, rtol=1e-9, atol=1e-12)
@@ -171,18 +173,22 @@ def test_gradients_of_batches_go_along_the_steps_of_its_cases(times):
 
 def test_batches_that_are_exported_or_traced_agree(monkeypatch):
     model, y, p = sleigh()
-    solve, rows = model.solve_fn(method="dopri8"), rows_of(y, 4)
-    loops = model.solve_fn(method="dopri8", portable=True)
-    many, portable = (jax.jit(jax.vmap(lambda y, solve=solve: solve(T, y, p).y[-1])) for solve in (solve, loops))
-    exported = jax.export.export(portable)(jax.ShapeDtypeStruct(rows.shape, rows.dtype))
+    times, rows = np.array([0.0, 0.7, 2.0]), rows_of(y, 4)
+    solve, portable = (model.solve_fn(method="tsit5", portable=portable) for portable in (False, True))
+
+    def many(solve):
+        return jax.jit(jax.vmap(lambda y: reached(solve(times, y, p))), compiler_options=QUICK)
+
+    called = many(solve)(rows)
+    exported = jax.export.export(many(portable))(jax.ShapeDtypeStruct(rows.shape, rows.dtype))
     assert "dalembert_batch" not in exported.mlir_module()
-    np.testing.assert_allclose(exported.call(rows), many(rows), rtol=1e-9)
-    called = jax.vmap(lambda y: reached(solve(np.array([0.0, 0.7, 2.0]), y, p)))(rows)
     monkeypatch.setattr(ForeignRuns, "serves", False)
     solved.solved_of.clear_cache()
-    traced = jax.vmap(lambda y: reached(solve(np.array([0.0, 0.7, 2.0]), y, p)))(rows)
+    traced = many(solve)(rows)
     solved.solved_of.clear_cache()
     for found, wanted in zip(called, traced, strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-10)
+    for found, wanted in zip(exported.call(rows), traced, strict=True):
         np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-10)
 
 

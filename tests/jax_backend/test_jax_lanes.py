@@ -93,24 +93,29 @@ def test_taylor_trajectories(sign):
     assert short.status is Status.MAX_STEPS and len(short.t) == 3
 
 
-@pytest.mark.parametrize(("most", "status"), [(4, Status.MAX_STEPS), (10**6, Status.PROJECTION_FAILED)])
-def test_taylor_steps_that_cannot_be_projected_are_attempts(most, status):
-    """They count against `max_steps`, as in all other runs (`step_control.status_after`)."""
+@cache
+def never_projected():
+    """Return steps of a Taylor series whose states behind t = 0.3 cannot be projected."""
     model, order = compiled(), 8
     program, size = model.stages.program, len(model.layout.state)
     step = step_kernel(recurrences(program.kernel("rhs"), step_growth_limited=False), order, dense=True)
     projections = [(lambda t, y, c: (jnp.where(t > 0.3, jnp.nan, 0.0) * y[0],), 1)]
     kernels = SimpleNamespace(program=program, projections=projections)
-    attempts = series_attempts(step, size, step_growth_limited=False)
-    p = {**CASES, "b": 0.3}
+    return TaylorIntegrator(series_attempts(step, size, step_growth_limited=False), kernels, order, 2000)
+
+
+@pytest.mark.parametrize(("most", "status"), [(4, Status.MAX_STEPS), (10**6, Status.PROJECTION_FAILED)])
+def test_taylor_steps_that_cannot_be_projected_are_attempts(most, status):
+    """They count against `max_steps`, as in all other runs (`step_control.status_after`)."""
+    model, p = compiled(), {**CASES, "b": 0.3}
     problem = IntegrationProblem(
         t0=0.0,
         t1=2.0,
         y0=model.state(SLEIGH, p),
-        constants=constants(program, model.parameter_vector(p)),
+        constants=constants(model.stages.program, model.parameter_vector(p)),
         max_steps=most,
     )
-    run = TaylorIntegrator(attempts, kernels, order, 2000)(problem)
+    run = never_projected()(problem)
     assert run.status == status and len(run.t) == run.steps + 1 and run.end < 0.3 and run.rejected > 1
     assert run.evaluations == run.steps + run.rejected <= most
     assert status != Status.MAX_STEPS or run.evaluations == most

@@ -18,6 +18,8 @@ pytest.importorskip("diffrax")
 
 from dalembert.jax.runs.step_rules import project  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 ABOVE = 1.0 + 1e-9
 TOLERANCES = 1e-6, 1e-8
 LARGEST = largest_change(2.0, *TOLERANCES)

@@ -59,14 +59,16 @@ def test_steps_follow_the_motion_with_their_order(cart_pole):
 
 def test_batches_and_derivatives(cart_pole):
     step, p = cart_pole.functions.step, cart_pole.parameter_vector(PARAMETERS, inputs={"u": 0.0})
+    once = jax.jit(step)
     y = jnp.asarray(cart_pole.state(START, PARAMETERS, inputs={"u": 0.0}))
     controls = jnp.linspace(-1.0, 1.0, 5)[:, None]
     rows = jax.jit(jax.vmap(lambda u: step(y, u, 0.02, p)))(controls)
-    np.testing.assert_allclose(rows[3], step(y, {"u": 0.5}, 0.02, PARAMETERS), rtol=1e-13, atol=1e-14)
-    slope = jax.jacrev(lambda u: step(y, u, 0.02, p, substeps=2))(controls[3])[:, 0]
-    push = jax.jvp(lambda u: step(y, u, 0.02, p, substeps=2), (controls[3],), (jnp.ones(1),))[1]
+    np.testing.assert_allclose(rows[3], once(y, {"u": 0.5}, 0.02, PARAMETERS), rtol=1e-13, atol=1e-14)
+    twice = lambda u: step(y, u, 0.02, p, substeps=2)  # noqa: E731
+    slope = jax.jit(jax.jacrev(twice))(controls[3])[:, 0]
+    push = jax.jit(lambda u: jax.jvp(twice, (u,), (jnp.ones(1),))[1])(controls[3])
     np.testing.assert_allclose(slope, push, rtol=1e-12)
-    difference = (step(y, controls[3] + 1e-5, 0.02, p) - step(y, controls[3] - 1e-5, 0.02, p)) / 2e-5
+    difference = (once(y, controls[3] + 1e-5, 0.02, p) - once(y, controls[3] - 1e-5, 0.02, p)) / 2e-5
     np.testing.assert_allclose(slope, difference, rtol=1e-6, atol=1e-9)
 
 

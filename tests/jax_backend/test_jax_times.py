@@ -170,7 +170,8 @@ def test_gradients_of_a_run_that_failed_are_nan_and_its_neighbours_are_right(met
     gradients = jax.vmap(jax.grad(cost, (0, 1, 2), has_aux=True), (None, None, 0))
     found, statuses = jax.jit(gradients, compiler_options=QUICK)(AT, FORCE, SPANS)
     assert statuses.tolist() == [Status.SUCCESS, Status.MAX_STEPS, Status.SUCCESS]
-    right = jax.vmap(jax.grad(lambda y, p, t: place(t, y, p)[-1] ** 2, (0, 1, 2)), (None, None, 0))(AT, FORCE, SPANS)
+    known = jax.vmap(jax.grad(lambda y, p, t: place(t, y, p)[-1] ** 2, (0, 1, 2)), (None, None, 0))
+    right = jax.jit(known)(AT, FORCE, SPANS)
     for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(right), strict=True):
         assert np.isnan(a[1]).all()
         np.testing.assert_allclose(a[::2], b[::2], rtol=1e-6, atol=1e-7)
@@ -186,7 +187,7 @@ def test_a_failed_case_spoils_what_it_is_part_of_unless_it_is_left_out():
 
     gradient = jax.jit(jax.grad(cost), compiler_options=QUICK)
     assert np.isnan(gradient(AT, False)).all()
-    right = jax.grad(lambda y: sum(place(SPANS[case], y, FORCE)[-1] ** 2 for case in (0, 2)))(AT)
+    right = jax.jit(jax.grad(lambda y: sum(place(SPANS[case], y, FORCE)[-1] ** 2 for case in (0, 2))))(AT)
     np.testing.assert_allclose(gradient(AT, True), right, rtol=1e-6)
 
 
@@ -197,7 +198,7 @@ def test_a_failed_case_spoils_what_it_is_part_of_unless_it_is_left_out():
 def test_what_was_reached_keeps_its_derivatives(method, mode):
     solve, t = pushed().solve_fn(method=method, rtol=1e-7, max_steps=steps_of(method)), [0.0, 0.2, 300.0]
     found = jax.jit(JACOBIANS[mode](lambda p: solve(t, AT, p).y[:, 0]), compiler_options=QUICK)(FORCE)
-    right = jax.jacfwd(lambda p: place(np.array(t), AT, p))(FORCE)
+    right = jax.jit(jax.jacfwd(lambda p: place(np.array(t), AT, p)))(FORCE)
     for name in FORCE:
         np.testing.assert_allclose(found[name][:2], right[name][:2], rtol=1e-5, atol=1e-6)
         assert np.isnan(found[name][2])

@@ -9,6 +9,8 @@ jax = pytest.importorskip("jax")
 
 from dalembert.jax.runs.linear_maps import apply  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("quick_xla")
+
 A = np.arange(9.0).reshape(3, 3) / 7.0
 X = np.array([0.1, 0.2, 0.4])
 
@@ -67,5 +69,5 @@ def test_batches_of_gradients_with_arguments_in_common(axes):
         for value, axis in zip((A, X), axes, strict=True)
     ]
     with jax.enable_x64(True):
-        found, expected = (jax.vmap(jax.grad(f, argnums=(0, 1)), axes)(*given) for f in (own, plain))
+        found, expected = (jax.jit(jax.vmap(jax.grad(f, argnums=(0, 1)), axes))(*given) for f in (own, plain))
         jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-13, atol=1e-14), found, expected)

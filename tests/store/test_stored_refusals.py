@@ -117,44 +117,57 @@ def test_a_cluster_that_goes_away_ends_with_a_message(model, tmp_path):
     np.testing.assert_array_equal(stored["x"], model.sweep((0, 1), START, MANY).final["x"])
 
 
-LIMITED = """
-import resource, sys
-import numpy as np
+LIMITS = {"RLIMIT_FSIZE": (20_000, 5_000, "OSError"), "RLIMIT_AS": (3_000_000, 1_500_000, "MemoryError")}
+"""The number of cases, those of a chunk, and what is raised."""
+
+LIMITED = f"""
+import os, resource, sys
+import numpy as np, xarray, zarr
 import dalembert as da
 from dalembert.errors import StoredSweepError
 model = da.compile_model(da.scenes.chaplygin_sleigh())
-start = {"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}
-span, many = (0, 1), {"m": 1, "b": np.linspace(0.1, 0.5, int(sys.argv[3])), "I_C": 0.5}
-model.sweep(span, start, {**many, "b": many["b"][:300]}, to=sys.argv[1] + "-few", chunk=100, threads=1)
-which = getattr(resource, sys.argv[2])
-if which == resource.RLIMIT_AS:
-    used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
-    limit = used + (60 << 20)
-else:
-    import signal
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    limit = 20_000
-resource.setrlimit(which, (limit, resource.getrlimit(which)[1]))
-try:
-    model.sweep(span, start, many, to=sys.argv[1], chunk=int(sys.argv[4]), threads=1)
-except StoredSweepError as error:
-    print(error)
+start = {{"x": 0, "y": 0, "theta": 0.2, "x_dot": 0.98, "theta_dot": 2.0}}
+for name, (count, chunk, _) in {LIMITS}.items():
+    if not os.fork():
+        path = os.path.join(sys.argv[1], name)
+        span, many = (0, 1), {{"m": 1, "b": np.linspace(0.1, 0.5, count), "I_C": 0.5}}
+        model.sweep(span, start, {{**many, "b": many["b"][:300]}}, to=path + "-few", chunk=100, threads=1)
+        which = getattr(resource, name)
+        if which == resource.RLIMIT_AS:
+            used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+            limit = used + (60 << 20)
+        else:
+            import signal
+            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+            limit = 20_000
+        resource.setrlimit(which, (limit, resource.getrlimit(which)[1]))
+        try:
+            model.sweep(span, start, many, to=path, chunk=chunk, threads=1)
+        except StoredSweepError as error:
+            print(name, error, flush=True)
+        os._exit(0)
+    os.wait()
 """
 
 
-@pytest.mark.parametrize(
-    ("limit", "count", "chunk", "reason"),
-    [("RLIMIT_FSIZE", 20_000, 5_000, "OSError"), ("RLIMIT_AS", 3_000_000, 1_500_000, "MemoryError")],
-)
-def test_limits_of_files_and_memory_end_with_a_message(model, tmp_path, limit, count, chunk, reason):
+@pytest.fixture(scope="module")
+def limited(tmp_path_factory):
+    """Return a folder with the stores of processes with limits, and what each printed."""
+    folder = tmp_path_factory.mktemp("limited")
+    done = subprocess.run([sys.executable, "-c", LIMITED, folder], capture_output=True, text=True, check=False)
+    return folder, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("limit", LIMITS)
+def test_limits_of_files_and_memory_end_with_a_message(model, limited, limit):
     """Real ones: files of 20 kB, which arrays of a chunk exceed, and 60 MB of memory for chunks that need more."""
-    path = tmp_path / "s.zarr"
-    command = [sys.executable, "-c", LIMITED, str(path), limit, str(count), str(chunk)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert "0 of" in done.stdout and reason in done.stdout and "the same call continues" in done.stdout, done.stderr
+    folder, told, errors = limited
+    count, chunk, reason = LIMITS[limit]
+    message = "\n".join(line for line in told.splitlines() if line.startswith(limit))
+    assert "0 of" in message and reason in message and "the same call continues" in message, errors
     if limit == "RLIMIT_FSIZE":
         many = {**MANY, "b": np.linspace(0.1, 0.5, count)}
-        stored = model.sweep((0, 1), START, many, to=path, chunk=chunk)
+        stored = model.sweep((0, 1), START, many, to=folder / limit, chunk=chunk)
         np.testing.assert_array_equal(stored["x"], model.sweep((0, 1), START, many).final["x"])
 
 

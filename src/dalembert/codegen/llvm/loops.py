@@ -12,6 +12,7 @@ import importlib
 import os
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NoReturn, final
 
 import llvmlite
@@ -89,13 +90,17 @@ def toolchain() -> str:
     return f"{__version__} {python} {llvmlite.__version__}"
 
 
+def library_folder() -> Path:
+    """Return the folder of code that is independent of scenes, in the cache."""
+    return directory() / f"loops_{digest_of('loops', toolchain(), generator_digest(), '')}"
+
+
 def library_code(name: str, text: Callable[[], str], shape: Shape = "straight") -> LoadedCode:
     """Return code that is independent of scenes, compiled from a module of assembly once per installation.
 
     It stays loaded for the life of the process.
     """
-    folder = directory() / f"loops_{digest_of('loops', toolchain(), generator_digest(), '')}"
-    code = load_object(object_code(folder, name, text, shape))
+    code = load_object(object_code(library_folder(), name, text, shape))
     _PERMANENT.append(code)
     return code
 
