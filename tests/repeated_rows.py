@@ -17,7 +17,6 @@ LONG_SCRIPTS = (
     "a11",
     "a12",
     "a14",
-    "a15",
     "a16",
     "a21",
     "a24",
@@ -44,7 +43,7 @@ LONG_SCRIPTS = (
     "a49",
     "a50",
 )
-"""Scripts of the gallery that take more than a few seconds."""
+"""Scripts of the gallery that take long, or whose scenes other tests run."""
 
 WHOLE = ("hard_cases/test_motions.py",)
 """Files whose products run whole: other tests there need the same runs."""
@@ -135,7 +134,8 @@ REPEATED = (
     ("system/test_crossed_branches.py", "test_runs_into_the_crossing_end_by_name[[]*-1e-0[68]]"),
     # XLA compiles its sampler for half a minute; a13_parameter_fit.py and a36_record_fit.py go along gradients, too
     ("test_gallery.py", "test_script_runs_and_draws[[]a27_bayesian_fit]"),
-    # what these show is tested elsewhere: gradients, fits, tables, inputs, sweeps, published mechanisms
+    # what these show is tested elsewhere: gradients, fits, tables, inputs, sweeps, published mechanisms; tops, balls
+    # on turntables and billiards in hard_cases, chains in mechanics, ready scenes with contacts in system
     *(("test_gallery.py", f"test_script_runs_and_draws[[]{name}_*") for name in LONG_SCRIPTS),
     ("test_documents.py", "test_code_runs_as_written[[]environments.md]"),
     # of each family a scene stays

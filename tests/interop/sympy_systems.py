@@ -1,6 +1,7 @@
 """Systems of SymPy, after the examples of its documentation, with numbers to compare their equations at."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import sympy as sp
@@ -26,7 +27,7 @@ from sympy.physics.mechanics import (
 T = dynamicsymbols._t
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Case:
     """A source with its parameters, a consistent state by name, and what SymPy calls them."""
 
@@ -344,7 +345,7 @@ def _bicycle_lengths():
 BICYCLE_LENGTHS = _bicycle_lengths()
 
 CASES = {
-    f.__name__: f
+    f.__name__: cache(f)
     for f in (
         double_pendulum_kane,
         double_pendulum_lagrange,
@@ -367,6 +368,7 @@ def state_names(source):
     return [f"{x.expr.func.__name__}_dot" if isinstance(x, sp.Derivative) else x.func.__name__ for x in symbols]
 
 
+@cache
 def rates_function(case):
     """Return SymPy's rates of q and u as a function of time and state, from mass_matrix_full and forcing_full."""
     symbols = [*case.source.q, *case.source.u]
