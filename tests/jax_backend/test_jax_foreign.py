@@ -10,7 +10,6 @@ import dalembert as da
 from analysis.test_sensitivity import MOTIONS
 from dalembert.errors import OptionError
 from dalembert.methods.status import Status
-from jax_backend.jax_options import QUICK
 
 jax = pytest.importorskip("jax")
 pytest.importorskip("diffrax")
@@ -101,7 +100,7 @@ def test_a_run_is_one_call_with_the_value_of_its_gradient():
     program = jax.jit(lambda p: solve(times[[0, 2]], y, p).y).lower(p).compile().as_text()
     assert "dalembert_run_" in program and " while(" not in program
     both = jax.value_and_grad(lambda p: (end(p), solve(times, y, p).y), has_aux=True)
-    (_, beside), gradient = jax.jit(both, compiler_options=QUICK)(p)
+    (_, beside), gradient = jax.jit(both)(p)
     np.testing.assert_array_equal(beside, solve(times, y, p).y)
     step = 1e-6
     for i in range(len(p)):

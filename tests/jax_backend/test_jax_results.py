@@ -12,8 +12,6 @@ from dalembert.methods.status import Status
 
 jax = pytest.importorskip("jax")
 
-pytestmark = pytest.mark.usefixtures("quick_xla")
-
 PARAMETERS, INITIAL, _ = MOTIONS["chaplygin_sleigh"]
 QUICK = {"xla_backend_optimization_level": 0}
 SPAN = np.array([0.0, 0.5])
