@@ -11,13 +11,7 @@ ROWS_OF_BACKENDS = {"numba": ("codegen", "jax_backend"), "jax": ("codegen", "jax
 """Folders whose rows of a backend stay: numba runs the loops of llvm, and JAX its own on the same kernels."""
 
 LONG_SCRIPTS = (
-    "a05",
-    "a06",
-    "a09",
-    "a11",
-    "a12",
     "a14",
-    "a16",
     "a21",
     "a24",
     "a25",
@@ -43,7 +37,7 @@ LONG_SCRIPTS = (
     "a49",
     "a50",
 )
-"""Scripts of the gallery that take long, or whose scenes other tests run."""
+"""Scripts of the gallery that take more than a few seconds."""
 
 WHOLE = ("hard_cases/test_motions.py",)
 """Files whose products run whole: other tests there need the same runs."""
@@ -106,7 +100,6 @@ REPEATED = (
     ("jax_backend/test_jax_agreement.py", "test_motions_are_those_of_numba[[]chaplygin_sleigh-*"),
     ("jax_backend/test_jax_agreement.py", "test_motions_are_those_of_numba[[]rolling_sphere-*"),
     # one loop of implicit steps: its errors and final states stay
-    ("jax_backend/test_jax_plain.py", "test_steps_dense_output_and_t_eval_agree[[]*kvaerno5]"),  # test_stiff_sleigh
     ("jax_backend/test_jax_lanes.py", "test_steps_that_run_out[[]kvaerno5]"),
     # one loop, whatever the pair: dopri8 stays, and tsit5 in its errors and final states
     ("jax_backend/test_jax_backend.py", "test_legs_leave_no_trace[[][!d]*"),
@@ -134,8 +127,7 @@ REPEATED = (
     ("system/test_crossed_branches.py", "test_runs_into_the_crossing_end_by_name[[]*-1e-0[68]]"),
     # XLA compiles its sampler for half a minute; a13_parameter_fit.py and a36_record_fit.py go along gradients, too
     ("test_gallery.py", "test_script_runs_and_draws[[]a27_bayesian_fit]"),
-    # what these show is tested elsewhere: gradients, fits, tables, inputs, sweeps, published mechanisms; tops, balls
-    # on turntables and billiards in hard_cases, chains in mechanics, ready scenes with contacts in system
+    # what these show is tested elsewhere: gradients, fits, tables, inputs, sweeps, published mechanisms
     *(("test_gallery.py", f"test_script_runs_and_draws[[]{name}_*") for name in LONG_SCRIPTS),
     ("test_documents.py", "test_code_runs_as_written[[]environments.md]"),
     # of each family a scene stays
