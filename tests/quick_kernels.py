@@ -11,11 +11,12 @@ def compiled_quickly():
     that let LLVM change what it computes, so that the bits of results are the same (``test_quick_kernels.py``). Loops,
     which are compiled once per installation, keep their options. On disk these kernels have names of their own.
     Units and packages are compiled without optimisation, in a quarter of the time: strict C99 has the same bits so.
+    Runs of pages are compiled as their finer runs are, to code that is small, in half of the time.
     """
     from dalembert.codegen.llvm import assembly, backend  # in a second or two, which not all tests need
     from dalembert.export import compilers
 
-    kept, longest, library = backend.object_code, assembly._LONG, compilers._LIBRARY
+    kept, longest, library, fast = backend.object_code, assembly._LONG, compilers._LIBRARY, compilers._FAST
 
     def unscheduled(folder, name, text, shape="straight"):
         straight = shape in ("straight", "once")
@@ -23,8 +24,9 @@ def compiled_quickly():
 
     backend.object_code, assembly._LONG = unscheduled, 0
     compilers._LIBRARY = tuple("-O0" if option == "-O2" else option for option in library)
+    compilers._FAST = compilers._SMALL
     try:
         yield
     finally:
         backend.object_code, assembly._LONG = kept, longest
-        compilers._LIBRARY = library
+        compilers._LIBRARY, compilers._FAST = library, fast

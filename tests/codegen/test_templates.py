@@ -30,7 +30,7 @@ from dalembert.codegen.numba import texts
 from dalembert.codegen.numba.texts import table_definitions
 from dalembert.codegen.printers import JAX, NUMPY
 from dalembert.codegen.rendering import program_variables, render, template_directory
-from dalembert.export import page, wheel
+from dalembert.export import fmu, page, wheel
 from dalembert.export.fmu import fmu_files
 from dalembert.export.jax_file import jax_text
 from dalembert.export.numba_file import numba_text
@@ -62,7 +62,13 @@ def render_everything():
         render_jax(program)
     render_numba(PROGRAMS["oscillator"]().kernel("rhs"))
     render_tables()
-    render_c()
+    made, unit = made_once(contact_simulator.simulator_of), made_once(fmu.unit_simulator)
+    with (
+        mock.patch.object(contact_simulator, "simulator_of", made),
+        mock.patch.object(page, "simulator_of", made),
+        mock.patch.object(fmu, "unit_simulator", unit),
+    ):
+        render_c()
     render_batch_handlers()
     for write in (*TEXTS.values(), *FURTHER_TEXTS):
         write()
@@ -70,6 +76,18 @@ def render_everything():
         TEXTS["pendulum_order_loop"]()
         TEXTS["pendulum_series_loop"]()
         TEXTS["pendulum_pieces"]()
+
+
+def made_once(make):
+    """Return a function that makes one simulator of a source, however many kinds of exports have it."""
+    made = {}
+
+    def simulator_of(source):
+        if id(source) not in made:
+            made[id(source)] = source, make(source)
+        return made[id(source)][1]
+
+    return simulator_of
 
 
 def render_batch_handlers():
@@ -199,26 +217,24 @@ def in_angles():
 
 
 def render_contacts():
-    """Render simulators of scenes with contacts, with inputs, with outputs and without; one of them as a page."""
-    contact_simulator.c_files(c_source(da.compile_model(pushed()), None, {}, "dop853", (1e-8, 1e-10), (0.0, 1.0)))
-    scene = da.scenes.belt_oscillator()
-    numbers = dict.fromkeys(("x", "x_dot", "y", "y_dot", "g", "k", "m", "mu", "mu_s", "v_b"), 1.0)
-    for outputs in (["F"], []):
-        model = da.compile_model(scene, outputs=outputs)
-        source = c_source(model, None, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0))
-        contact_simulator.c_files(source)
-        render_units(c_source(model, None, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0), continued=True))
-    render_files(source, scene)
+    """Render a simulator and a unit of a scene with contacts and outputs, and one without outputs as a page."""
+    scene = pushed(by_input=False)
+    numbers = dict.fromkeys(("x", "x_dot", "y", "y_dot", "m", "mu"), 1.0)
+    model = da.compile_model(scene, outputs=["F"])
+    contact_simulator.c_files(c_source(model, None, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0)))
+    render_units(c_source(model, None, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0), continued=True))
+    render_files(c_source(da.compile_model(scene), None, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0)), scene)
 
 
-def pushed():
-    """Return a block on a rough table that an input pushes."""
+def pushed(by_input=True):
+    """Return a block on a rough table that an input pushes, or a spring."""
     x, y, u, N, O = *dynamicsymbols("x y u"), ReferenceFrame("N"), Point("O")
     scene = da.Scene("block", frame=N, origin=O, coordinates=[x, y])
     B = O.locatenew("B", x * N.x + y * N.y)
     scene.add_bodies(Particle("block", B, symbols("m")))
-    scene.add_inputs(u)
-    scene.add_loads((B, u * N.x - 9 * N.y))
+    if by_input:
+        scene.add_inputs(u)
+    scene.add_loads((B, (u if by_input else 3 - x) * N.x - 9 * N.y))
     normal, friction = da.unknowns("R F")
     scene.add_joints(da.Joint("table", body="block", at=B, force=normal * N.y + friction * N.x))
     scene.add_holonomic_constraints(y)

@@ -1,5 +1,7 @@
 """Simulators in C of scenes whose contacts change, compiled with warnings as errors, and run beside `simulate`."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from sympy import Piecewise, cos, symbols
@@ -69,6 +71,31 @@ def rows(text):
     return dict(zip(head.split(","), values.T, strict=True))
 
 
+@pytest.fixture(scope="module")
+def program_of(tmp_path_factory):
+    """Return a function of the name of a motion and a method, of the model and the program of its example."""
+
+    @cache
+    def program(name, method):
+        case = contact_motion(name).motion
+        model, end = case.compile("auto"), end_of(case, method)
+        folder, given = tmp_path_factory.mktemp("motion"), {"method": method, **TOLERANCES}
+        options = {"block on a belt": OPTIMISED, "bouncing ball": SANITIZED}.get(name, ())
+        try:
+            return model, exported(folder, model, case.initial, case.parameters, end, *options, **given)[0]
+        except AssertionError as reason:
+            if "libasan" in str(reason) or "libubsan" in str(reason):
+                pytest.skip("the C compiler has no sanitizers")
+            raise
+
+    return program
+
+
+def end_of(case, method):
+    """Return where a run of a motion ends."""
+    return min(case.times()[-1], 20.0 if method != "radau" else 0.6)
+
+
 @pytest.mark.parametrize(
     ("name", "method"),
     [
@@ -79,13 +106,13 @@ def rows(text):
         ("rod that falls on the ground", "radau"),
     ],
 )
-def test_motions_in_phases_are_those_of_simulate(tmp_path, name, method):
-    """Impacts, stick and slip, contacts that open; the last state to the last bit where both fuse or do not."""
-    case = contact_motion(name).motion
-    model, end = case.compile("auto"), min(case.times()[-1], 20.0 if method != "radau" else 0.6)
-    given = {"method": method, **TOLERANCES}
-    options = OPTIMISED if name == "block on a belt" else ()
-    program, _ = exported(tmp_path, model, case.initial, case.parameters, end, *options, **given)
+def test_motions_in_phases_are_those_of_simulate(program_of, name, method):
+    """Impacts, stick and slip, contacts that open; the last state to the last bit where both fuse or do not.
+
+    Sanitizers find nothing in the ball.
+    """
+    case, (model, program) = contact_motion(name).motion, program_of(name, method)
+    end, given = end_of(case, method), {"method": method, **TOLERANCES}
     found = rows(output(program, end, 41))
     run = model.simulate((0, end), case.initial, case.parameters, t_eval=found["t"], **given)
     assert len(run.phases) > 1
@@ -97,6 +124,7 @@ def test_motions_in_phases_are_those_of_simulate(tmp_path, name, method):
             assert abs(found[key][-1] - last[key][0]) <= 2e-16 * abs(last[key][0])
 
 
+@cache
 def ball():
     """Return a ball over a floor, its start and its parameters."""
     case = contact_motion("bouncing ball").motion
@@ -139,36 +167,25 @@ def test_what_contacts_do_is_told_and_a_copy_is_the_same_run(tmp_path):
     assert [STATES[int(line)] for line in text.split()] == [phase.modes[contact] for phase in run.phases]
 
 
-def test_a_state_at_an_impact_is_that_behind_it(tmp_path):
+def test_a_state_at_an_impact_is_that_behind_it(program_of):
     """At the time itself, as `simulate` records it."""
-    model, initial, parameters = ball()
+    _, initial, parameters = ball()
+    model, program = program_of("bouncing ball", "auto")
     first = model.simulate((0, 2), initial, parameters, **TOLERANCES).phases[1].t0
-    program, _ = exported(tmp_path, model, initial, parameters, 2, **TOLERANCES)
     found = rows(output(program, repr(2 * first), 3))
     run = model.simulate((0, 2 * first), initial, parameters, t_eval=found["t"], **TOLERANCES)
     np.testing.assert_allclose(found["y_dot"], run["y_dot"], rtol=1e-12)
     assert found["t"][1] == first and found["y_dot"][1] > 0.0
 
 
-def test_starts_that_contacts_forbid_are_refused(tmp_path):
-    model, initial, parameters = ball()
-    program, _ = exported(tmp_path, model, {**initial, "y": -0.1}, parameters, 2)
-    assert "status 5: " in output(program, status=1)
+def test_starts_that_contacts_forbid_are_refused(program_of):
+    _, initial, parameters = ball()
+    model, program = program_of("bouncing ball", "auto")
     restitution = next(name for name in parameters if name.startswith("e"))
-    values = {**initial, **parameters, restitution: 1.5}
     order = [*sorted(initial, key=model.layout.variables.index), *model.layout.parameters]
-    assert "status 5: " in output(program, 2, 3, *(repr(float(values[name])) for name in order), status=1)
-
-
-def test_sanitizers_find_nothing(tmp_path):
-    model, initial, parameters = ball()
-    try:
-        program, _ = exported(tmp_path, model, initial, parameters, 3, *SANITIZED)
-    except AssertionError as reason:
-        if "libasan" in str(reason) or "libubsan" in str(reason):
-            pytest.skip("the C compiler has no sanitizers")
-        raise
-    assert len(output(program).splitlines()) == 12
+    for wrong in ({"y": -0.1}, {restitution: 1.5}):
+        values = {**initial, **parameters, **wrong}
+        assert "status 5: " in output(program, 2, 3, *(repr(float(values[name])) for name in order), status=1)
 
 
 def test_a_page_moves_as_in_simulate_and_shows_what_contacts_do(tmp_path):
@@ -261,18 +278,20 @@ def block(push=None, force=0):
 INPUTS = """
 #include "block.h"
 #include <stdio.h>
-int main(void)
+#include <stdlib.h>
+int main(int argc, char **argv)
 {
     static const double forces[] = {2.0, 5.0, 3.0, -4.5, 0.0, -9.0, 4.4};
     static const double slopes[] = {0.0, -1.0, 0.0, 3.0, 0.0, 0.0, 0.0};
     const double initial[] = {0.0, 0.0}, parameters[] = {1.0, 0.5};
+    const double first = atof(argv[argc - 1]);
     double state[BLOCK_STATES], end;
     block_run run;
-    int32_t k, status = block_start(&run, 0.0, BETWEEN, initial, parameters, 0.0, 0);
+    int32_t k, status = block_start(&run, 0.0, first, initial, parameters, 0.0, 0);
     for (k = 0; k < 7 && status <= BLOCK_SUCCESS; k++) {
         block_set_input(&run, block_input_u, forces[k], slopes[k]);
         while (block_step(&run) == BLOCK_RUNNING) {
-            if (BETWEEN > 1.0 && block_time(&run) >= 0.3 * (k + 1)) {
+            if (first > 1.0 && block_time(&run) >= 0.3 * (k + 1)) {
                 break;
             }
         }
@@ -286,21 +305,36 @@ int main(void)
     return status > BLOCK_SUCCESS;
 }
 """
-"""A program that sets an input at times, and prints them, the state there, and what the contact has done until then."""
+"""A program that sets an input at times, and prints them, the state there, and what the contact has done until then.
+
+Its argument is the end of the first run; where that is late, the input is set between steps.
+"""
+
+
+@pytest.fixture(scope="module")
+def pushed(tmp_path_factory):
+    """Return the model of a block that is pushed, its start, its parameters, and `INPUTS` by a method."""
+    compiler()
+    model = da.compile_model(block(push=dynamicsymbols("u"))[0])
+    initial, numbers = {"x": 0, "x_dot": 0}, {"m": 1, "mu": 0.5}
+
+    @cache
+    def program(method):
+        folder = tmp_path_factory.mktemp(method)
+        path = model.export(folder / "export", initial=initial, method=method, **TOLERANCES)
+        (path / "inputs.c").write_text(INPUTS)
+        return built(path, ["inputs.c", "block.c"], *SANITIZED)
+
+    return model, initial, numbers, program
 
 
 @pytest.mark.filterwarnings("ignore:no coordinate or rate")  # of the first step of radau alone
 @pytest.mark.parametrize("between", ["0.3", "3.0"])
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
-def test_inputs_are_set_at_the_ends_of_runs_and_between_steps(tmp_path, method, between):
+def test_inputs_are_set_at_the_ends_of_runs_and_between_steps(pushed, method, between):
     """The contact slips and sticks at once where the input jumps, as in runs of `simulate` from there."""
-    compiler()
-    u = dynamicsymbols("u")
-    scene, _ = block(push=u)
-    model, initial, numbers = da.compile_model(scene), {"x": 0, "x_dot": 0}, {"m": 1, "mu": 0.5}
-    path = model.export(tmp_path / "export", initial=initial, method=method, **TOLERANCES)
-    (path / "inputs.c").write_text(INPUTS.replace("BETWEEN", between))
-    lines = output(built(path, ["inputs.c", "block.c"], *SANITIZED)).splitlines()
+    model, initial, numbers, program = pushed
+    lines = output(program(method), between).splitlines()
     table = np.array([[float.fromhex(item) for item in line.split()] for line in lines])
     forces, slopes, begin, state = (
         [2.0, 5.0, 3.0, -4.5, 0.0, -9.0, 4.4],

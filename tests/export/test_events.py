@@ -1,5 +1,7 @@
 """Simulators of scenes with events, compiled with warnings as errors, and run beside `simulate`."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from sympy import cos, sin, symbols
@@ -54,25 +56,38 @@ int main(int argc, char **argv)
 """A program that prints states at equal distances, then status, time, and number and last time of each event."""
 
 
-def run_alone(folder, model, initial, parameters, end, events, *options, rows=40, **given):
-    """Return times (k,), states (k, n_y), and the status, time, and numbers of events of an export."""
+def program_alone(folder, model, initial, parameters, *options, events, **given):
+    """Export a model with events, and compile `PROGRAM` with it."""
     compiler()
     path = model.export(folder / "export", initial=initial, parameters=parameters, events=events, **given)
     (header,) = path.glob("*.h")
     name = header.stem
     (path / "events.c").write_text(PROGRAM.format(name, name.upper()).replace("EVENTS", str(len(events))))
-    known = {str(key): value for key, value in {**initial, **parameters}.items()}
-    text = header.read_text()
-    entries = [line.split("/* ")[1][:-3] for line in text.splitlines() if f"{name}_initial_" in line]
-    entries += [line.split("/* ")[1][:-3] for line in text.splitlines() if f"{name}_parameter_" in line]
+    return built(path, ["events.c", f"{name}.c"], *options)
+
+
+def states_alone(program, numbers, end, rows=40):
+    """Return times (k,), states (k, n_y), and the status, time, and numbers of events of a program with numbers."""
+    (header,) = program.parent.glob("*.h")
+    lines = header.read_text().splitlines()
+    entries = [line.split("/* ")[1][:-3] for line in lines if f"{header.stem}_initial_" in line]
+    entries += [line.split("/* ")[1][:-3] for line in lines if f"{header.stem}_parameter_" in line]
+    known = {str(key): value for key, value in numbers.items()}
     values = [repr(float(known[entry])) for entry in entries]
-    *lines, last = output(built(path, ["events.c", f"{name}.c"], *options), end, rows, *values).splitlines()
+    *lines, last = output(program, end, rows, *values).splitlines()
     table = np.array([[float.fromhex(number) for number in line.split()] for line in lines])
     status, time, *found = last.split()
     pairs = [(int(count), float.fromhex(t)) for count, t in zip(found[::2], found[1::2], strict=True)]
     return table[:, 0], table[:, 1:], int(status), float.fromhex(time), pairs
 
 
+def run_alone(folder, model, initial, parameters, end, events, *options, rows=40, **given):
+    """Return what `states_alone` returns of an export."""
+    program = program_alone(folder, model, initial, parameters, *options, events=events, **given)
+    return states_alone(program, {**initial, **parameters}, end, rows)
+
+
+@cache
 def pendulum():
     """Return a pendulum that strikes a stop, its start, its parameters and its events, which have one of their own."""
     theta, (m, l, g, e) = (
@@ -106,14 +121,28 @@ def assert_same_run(found, run, model, labels, expected=None):
         assert [*states[-1]] == [run[name][-1] for name in model.layout.state]
 
 
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    """Return a function that runs the pendulum by steps of a method, with other numbers; sanitizers find nothing."""
+    programs = {}
+
+    def run(method, end, **changed):
+        model, start, numbers, events = pendulum()
+        if method not in programs:
+            given = {"events": events, "method": method, **TOLERANCES}
+            options = SANITIZED if method == "taylor" else OPTIMISED
+            programs[method] = program_alone(tmp_path_factory.mktemp(method), model, start, numbers, *options, **given)
+        return states_alone(programs[method], {**start, **numbers, **changed}, end)
+
+    return run
+
+
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
-def test_events_are_counted_and_map_the_state(tmp_path, method):
+def test_events_are_counted_and_map_the_state(alone, method):
     model, start, numbers, events = pendulum()
-    given = {"method": method, **TOLERANCES}
-    found = run_alone(tmp_path, model, start, numbers, 8.0, events, *OPTIMISED, **given)
-    run = model.simulate((0, 8), start, numbers, events=events, **given)
+    run = model.simulate((0, 8), start, numbers, events=events, method=method, **TOLERANCES)
     assert len(run.events["stop"].t) > 3
-    assert_same_run(found, run, model, ["lowest", "stop"])
+    assert_same_run(alone(method, 8.0), run, model, ["lowest", "stop"])
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
@@ -146,11 +175,11 @@ def test_an_event_ends_a_run_and_the_state_there_is_given(tmp_path):
     assert times[-1] < time <= times[-1] + 0.2 and len(states) < 41
 
 
-def test_an_expression_that_is_zero_at_the_start_has_not_occurred(tmp_path):
+def test_an_expression_that_is_zero_at_the_start_has_not_occurred(alone):
     model, _, numbers, events = pendulum()
     start = {"theta": 0.5, "theta_dot": -1.0}
-    found = run_alone(tmp_path, model, start, numbers, 4.0, events, **TOLERANCES)
-    run = model.simulate((0, 4), start, numbers, events=events, **TOLERANCES)
+    found = alone("taylor", 4.0, **start)
+    run = model.simulate((0, 4), start, numbers, events=events, method="taylor", **TOLERANCES)
     assert run.events["stop"].t[0] > 0.1
     assert_same_run(found, run, model, ["lowest", "stop"])
 
@@ -165,17 +194,12 @@ def test_runs_with_events_end_where_angles_lock(tmp_path):
     assert status == run.status == Status.SINGULAR_COORDINATES and times[-1] <= 1
 
 
-def test_events_without_end_end_a_run(tmp_path):
+def test_events_without_end_end_a_run(alone):
     model, _, numbers, events = pendulum()
     start, numbers = {"theta": 0.4, "theta_dot": 1.0}, {**numbers, "g": -9.81, "e": 0.5}
-    found = run_alone(tmp_path, model, start, numbers, 8.0, events, **TOLERANCES)
-    run = model.simulate((0, 8), start, numbers, events=events, **TOLERANCES)
+    found = alone("taylor", 8.0, **start, **numbers)
+    run = model.simulate((0, 8), start, numbers, events=events, method="taylor", **TOLERANCES)
     assert found[2] == run.status == Status.EVENTS_ACCUMULATE and found[3] == pytest.approx(run.t[-1], rel=1e-12)
-
-
-def test_sanitizers_find_nothing(tmp_path):
-    model, start, numbers, events = pendulum()
-    assert run_alone(tmp_path, model, start, numbers, 4.0, events, *SANITIZED)[2] == Status.SUCCESS
 
 
 def test_a_page_has_events(tmp_path):
@@ -194,20 +218,22 @@ def test_a_page_has_events(tmp_path):
 INPUTS = """
 #include "pushed.h"
 #include <stdio.h>
-int main(void)
+#include <stdlib.h>
+int main(int argc, char **argv)
 {
     static const double forces[] = {1.0, -2.0, 3.0, 0.5, -4.0, 2.0};
     const double initial[] = {0.2, 2.0}, parameters[] = {0.9, 9.81, 1.0, 1.0};
     static pushed_run run, copy;
+    const double end = atof(argv[argc - 1]);
     double state[PUSHED_STATES], last;
-    int32_t k, e, status = pushed_start(&run, 0.0, BETWEEN, initial, parameters, 0.0, 0);
+    int32_t k, e, status = pushed_start(&run, 0.0, end, initial, parameters, 0.0, 0);
     for (k = 0; k < 6 && status <= PUSHED_SUCCESS; k++) {
         pushed_set_input(&run, pushed_input_u, forces[k], 0.0);
         copy = run;
         while (pushed_step(&run) == PUSHED_RUNNING) {
             pushed_step(&copy); /* holds no addresses */
             run = copy;
-            if (BETWEEN > 1.0 && pushed_time(&run) >= 0.7 * (k + 1)) {
+            if (end > 1.0 && pushed_time(&run) >= 0.7 * (k + 1)) {
                 break;
             }
         }
@@ -223,9 +249,13 @@ int main(void)
     return status > PUSHED_SUCCESS;
 }
 """
-"""A program that sets an input at times, and prints them, the state there, and number and last time of each event."""
+"""A program that sets an input at times, and prints them, the state there, and number and last time of each event.
+
+Its argument is the end of the first run; where that is late, the input is set between steps.
+"""
 
 
+@cache
 def pushed():
     """Return a pendulum that strikes a stop and is pushed, its start, its parameters and its events."""
     (theta, u), (m, l, g, e) = dynamicsymbols("theta u"), symbols("m l g e")
@@ -241,26 +271,37 @@ def pushed():
     return da.compile_model(scene), {"theta": 0.2, "theta_dot": 2}, {"m": 1, "l": 1, "g": 9.81, "e": 0.9}, events
 
 
-def events_beside_inputs(folder, method, between, events):
-    """Return what `INPUTS` prints (6, 3 + 2 n_events), and the run of `simulate` with the same inputs."""
+@pytest.fixture(scope="module")
+def beside_inputs(tmp_path_factory):
+    """Return a function of a method, what further events there are, and the end of a first run.
+
+    It returns what `INPUTS` prints (6, 3 + 2 n_events), and the run of `simulate` with the same inputs.
+    """
     compiler()
     model, start, numbers, known = pushed()
-    events = [*known, *events]
-    given = {"events": events, "method": method, **TOLERANCES}
-    path = model.export(folder / "export", initial=start, parameters=numbers, **given)
-    text = INPUTS.replace("BETWEEN", between).replace("PUSHED_EVENTS", str(len(events)))
-    (path / "inputs.c").write_text(text)
-    lines = output(built(path, ["inputs.c", "pushed.c"], *SANITIZED)).splitlines()
-    found = np.array([[float.fromhex(item) for item in line.split()] for line in lines])
-    times, forces = [0.0, *found[:, 0]], [1.0, -2.0, 3.0, 0.5, -4.0, 2.0, 2.0]
-    inputs = {"u": da.samples(times, forces, kind="hold")}
-    return found, model.simulate((0, times[-1]), start, numbers, inputs=inputs, **given)
+    programs = {}
+
+    def run(method, end, *further):
+        events = [*known, *further]
+        given = {"events": events, "method": method, **TOLERANCES}
+        if (method, len(further)) not in programs:
+            folder = tmp_path_factory.mktemp(method)
+            path = model.export(folder / "export", initial=start, parameters=numbers, **given)
+            (path / "inputs.c").write_text(INPUTS.replace("PUSHED_EVENTS", str(len(events))))
+            programs[method, len(further)] = built(path, ["inputs.c", "pushed.c"], *SANITIZED)
+        lines = output(programs[method, len(further)], end).splitlines()
+        found = np.array([[float.fromhex(item) for item in line.split()] for line in lines])
+        times, forces = [0.0, *found[:, 0]], [1.0, -2.0, 3.0, 0.5, -4.0, 2.0, 2.0]
+        inputs = {"u": da.samples(times, forces, kind="hold")}
+        return found, model.simulate((0, times[-1]), start, numbers, inputs=inputs, **given)
+
+    return run
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
-def test_inputs_are_set_beside_events_where_runs_end(tmp_path, method):
+def test_inputs_are_set_beside_events_where_runs_end(beside_inputs, method):
     """A jump of an input that changes the sign of an expression is an event at that time."""
-    found, run = events_beside_inputs(tmp_path, method, "0.7", [])
+    found, run = beside_inputs(method, 0.7)
     (end, *state), pairs = found[-1, :3], found[-1, 3:].reshape(-1, 2)
     assert end == run.t[-1] == pytest.approx(4.2)
     for (count, last), label in zip(pairs, ["stop", "lowest", "balance"], strict=True):
@@ -273,19 +314,19 @@ def test_inputs_are_set_beside_events_where_runs_end(tmp_path, method):
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
-def test_inputs_are_set_beside_events_between_steps(tmp_path, method):
-    found, run = events_beside_inputs(tmp_path, method, "9.0", [])
+def test_inputs_are_set_beside_events_between_steps(beside_inputs, method):
+    found, run = beside_inputs(method, 9.0)
     assert found[0, 0] > 0.7 and found[-1, 3::2].tolist() == [len(run.events[label].t) for label in run.events]
     assert found[-1, 1:3] == pytest.approx([run["theta"][-1], run["theta_dot"][-1]], rel=1e-8)
     np.testing.assert_allclose(found[-1, 4::2], [run.events[label].t[-1] for label in run.events], rtol=1e-9)
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
-def test_an_event_where_a_run_ends_occurs_once(tmp_path, method):
+def test_an_event_where_a_run_ends_occurs_once(beside_inputs, method):
     """It occurs at the end of the run, which then goes on from the state behind its map."""
     t, theta = dynamicsymbols._t, dynamicsymbols("theta")
     turn = da.Event(t - 1.4, apply={theta.diff(): -theta.diff()}, name="turn")
-    found, run = events_beside_inputs(tmp_path, method, "0.7", [turn])
+    found, run = beside_inputs(method, 0.7, turn)
     assert found[:, -2].tolist() == [0, 1, 1, 1, 1, 1] and found[-1, -1] == run.events["turn"].t[0] == 1.4
     assert found[1, 2] == pytest.approx(run.events["turn"].after["theta_dot"][0], rel=1e-9)
     assert found[-1, 3::2].tolist() == [len(run.events[label].t) for label in run.events]
@@ -300,8 +341,9 @@ def test_a_page_has_events_beside_inputs(tmp_path):
     times = np.linspace(0, 4, 17)
     printed, found = run_of(path, times)
     run = model.simulate((0, 4), start, numbers, **given)
-    assert printed["status"] == 0
-    np.testing.assert_allclose(found["theta"], run(times)["theta"], rtol=1e-10, atol=1e-10)
+    assert printed["status"] == 0 and path.stat().st_size < 500_000
+    for name in ("theta", "theta_dot"):
+        np.testing.assert_allclose(found[name], run(times)[name], rtol=1e-10, atol=1e-10)
 
 
 def test_what_exports_with_events_do_not_carry(tmp_path):

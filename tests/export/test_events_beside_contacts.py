@@ -1,5 +1,7 @@
 """Simulators of scenes with contacts that change and events, run beside `simulate`."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from sympy import Rational, symbols
@@ -11,21 +13,30 @@ from dalembert.codegen.llvm.target import target
 from dalembert.methods.status import Status
 from export.pages import need_pages, run_of
 from export.test_contact_simulators import block
-from export.test_events import INPUTS, TOLERANCES, run_alone
+from export.test_events import INPUTS, TOLERANCES, program_alone, run_alone, states_alone
 from hard_cases.contacts import contact_motion
 
 x, y = dynamicsymbols("x y")
 
 
+@cache
 def ball():
-    """Return a ball over a floor, its start, its parameters and its events, which have one of their own."""
+    """Return a ball over a floor, its start, its parameters and its events, which have two of their own.
+
+    What the events do is a matter of numbers: a kick lifts the ball, or drops it by a depth.
+    """
     case = contact_motion("bouncing ball").motion
-    faster = {x.diff(): -x.diff(), y.diff(): symbols("k") * y.diff()}
+    k, depth, low = symbols("k depth low")
+    faster = {x.diff(): -x.diff(), y: y - depth, y.diff(): k * y.diff()}
     kick = da.Event(y - Rational(1, 2), direction=-1, apply=faster, name="kick")
-    events = [kick, da.Event(y.diff(), direction=-1, name="top")]
+    events = [
+        kick,
+        da.Event(y.diff(), direction=-1, name="top"),
+        da.Event(y - low, direction=-1, terminal=2, name="low"),
+    ]
     numbers = {str(key): value for key, value in case.parameters.items()}
     start = {str(key): value for key, value in case.initial.items()}
-    return da.compile_model(da.scenes.bouncing_ball()), start, {**numbers, "k": 1.1}, events
+    return da.compile_model(da.scenes.bouncing_ball()), start, {**numbers, "k": 1.1, "depth": 0, "low": -1}, events
 
 
 def assert_same_run(found, run, model, last=None, expected=None):
@@ -45,15 +56,30 @@ def assert_same_run(found, run, model, last=None, expected=None):
         assert [*states[-1]] == [last[name][0] for name in model.layout.variables]
 
 
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    """Return a function that runs the ball by steps of a method with other numbers; sanitizers find nothing."""
+    programs = {}
+
+    def run(method, **changed):
+        model, start, numbers, events = ball()
+        if method not in programs:
+            given = {"events": events, "method": method, **TOLERANCES}
+            options = SANITIZED if method == "taylor" else ()
+            programs[method] = program_alone(tmp_path_factory.mktemp(method), model, start, numbers, *options, **given)
+        return states_alone(programs[method], {**start, **numbers, **changed}, 2.5)
+
+    return run
+
+
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
-def test_events_are_counted_and_map_the_state_between_impacts(tmp_path, method):
+def test_events_are_counted_and_map_the_state_between_impacts(alone, method):
     model, start, numbers, events = ball()
-    given = {"method": method, **TOLERANCES}
-    found = run_alone(tmp_path, model, start, numbers, 2.5, events, **given)
-    run = model.simulate((0, 2.5), start, numbers, events=events, **given)
-    last = model.sweep((0, 2.5), start, numbers, events=events, threads=1, **given)
+    given = {"events": events, "method": method, **TOLERANCES}
+    run = model.simulate((0, 2.5), start, numbers, **given)
+    last = model.sweep((0, 2.5), start, numbers, threads=1, **given)
     assert len(run.phases) == 7 and [len(run.events[label].t) for label in ("kick", "top")] == [2, 3]
-    assert_same_run(found, run, model, last)
+    assert_same_run(alone(method), run, model, last)
 
 
 def test_events_are_counted_while_a_block_slips_and_sticks(tmp_path):
@@ -71,34 +97,31 @@ def test_events_are_counted_while_a_block_slips_and_sticks(tmp_path):
 
 
 @pytest.mark.parametrize("mapped", [False, True])
-def test_an_event_ends_a_run(tmp_path, mapped):
-    model, start, numbers, (kick, top) = ball()
-    last = da.Event(kick.expression, direction=-1, terminal=2, apply=kick.apply if mapped else None, name="last")
-    numbers, events = {**numbers} if mapped else {key: numbers[key] for key in "meg"}, [top, last]
-    found = run_alone(tmp_path, model, start, numbers, 2.5, events, **TOLERANCES)
+def test_an_event_ends_a_run(tmp_path, alone, mapped):
+    model, start, numbers, (kick, top, low) = ball()
+    events, numbers = [kick, top, low], {**numbers, "low": 0.4}
+    if mapped:
+        last = da.Event(kick.expression, direction=-1, terminal=2, apply=kick.apply, name="last")
+        events, numbers = [top, last], {key: value for key, value in numbers.items() if key != "low"}
+        found = run_alone(tmp_path, model, start, numbers, 2.5, events, **TOLERANCES)
+    else:
+        found = alone("taylor", **numbers)
     run = model.simulate((0, 2.5), start, numbers, events=events, **TOLERANCES)
-    assert run.status == Status.EVENT and run.t[-1] < 2.4 and found[4][1][0] == 2
+    assert run.status == Status.EVENT and run.t[-1] < 2.4 and found[4][-1][0] == 2
     assert_same_run(found, run, model)
 
 
-def test_a_map_into_the_floor_does_not_take_place(tmp_path):
-    model, start, numbers, _ = ball()
-    del numbers["k"]
-    events = [da.Event(y - Rational(1, 2), direction=-1, apply={y: -1}, name="into")]
-    found = run_alone(tmp_path, model, start, numbers, 2.5, events, **TOLERANCES)
-    run = model.simulate((0, 2.5), start, numbers, events=events, **TOLERANCES)
-    assert run.status == Status.EVENT_STATE
-    assert_same_run(found, run, model)
-
-
-def test_maps_without_end_end_a_run(tmp_path):
-    model, start, numbers, _ = ball()
-    del numbers["k"]
-    turn = da.Event(y - Rational(1, 2), direction=-1, apply={y.diff(): -y.diff() / 2}, name="turn")
-    found = run_alone(tmp_path, model, start, numbers, 2.5, [turn], **TOLERANCES)
-    run = model.simulate((0, 2.5), start, numbers, events=[turn], **TOLERANCES)
-    assert run.status == Status.EVENTS_ACCUMULATE
-    assert_same_run(found, run, model)
+@pytest.mark.parametrize(
+    ("changed", "status"),
+    [({"depth": 1.5}, Status.EVENT_STATE), ({"k": -0.5}, Status.EVENTS_ACCUMULATE)],
+    ids=["into the floor", "without end"],
+)
+def test_maps_that_end_a_run(alone, changed, status):
+    """One into the floor, which does not take place, and one that turns the ball where it occurs, without end."""
+    model, start, numbers, events = ball()
+    run = model.simulate((0, 2.5), start, {**numbers, **changed}, events=events, method="taylor", **TOLERANCES)
+    assert run.status == status
+    assert_same_run(alone("taylor", **changed), run, model)
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
@@ -112,13 +135,9 @@ def test_inputs_are_set_beside_events_and_contacts(tmp_path, method):
     given = {"events": events, "method": method, **TOLERANCES}
     path = model.export(tmp_path / "export", initial=start, parameters=numbers, **given)
     text = INPUTS.replace("pushed", "block").replace("PUSHED_EVENTS", "2").replace("PUSHED", "BLOCK")
-    text = (
-        text.replace("BETWEEN", "0.7")
-        .replace("{0.2, 2.0}", "{0.0, 0.0}")
-        .replace("{0.9, 9.81, 1.0, 1.0}", "{1.0, 0.2}")
-    )
+    text = text.replace("{0.2, 2.0}", "{0.0, 0.0}").replace("{0.9, 9.81, 1.0, 1.0}", "{1.0, 0.2}")
     (path / "inputs.c").write_text(text.replace("state[1]);", "state[BLOCK_STATES / 2]);"))
-    lines = output(built(path, ["inputs.c", "block.c"], *SANITIZED)).splitlines()
+    lines = output(built(path, ["inputs.c", "block.c"], *SANITIZED), 0.7).splitlines()
     found = np.array([[float.fromhex(item) for item in line.split()] for line in lines])
     times, forces = [0.0, *found[:, 0]], [1.0, -2.0, 3.0, 0.5, -4.0, 2.0, 2.0]
     run = model.simulate((0, times[-1]), start, numbers, inputs={"u": da.samples(times, forces, kind="hold")}, **given)
@@ -126,11 +145,6 @@ def test_inputs_are_set_beside_events_and_contacts(tmp_path, method):
     assert found[-1, 1:3] == pytest.approx([run["x"][-1], run["x_dot"][-1]], rel=1e-9, abs=1e-9)
     for (count, last), label in zip(found[-1, 3:].reshape(-1, 2), run.events, strict=True):
         assert count == len(run.events[label].t) and last == pytest.approx(run.events[label].t[-1], rel=1e-9)
-
-
-def test_sanitizers_find_nothing(tmp_path):
-    model, start, numbers, events = ball()
-    assert run_alone(tmp_path, model, start, numbers, 2.0, events, *SANITIZED)[2] == Status.SUCCESS
 
 
 def test_a_page_has_events_beside_contacts(tmp_path):

@@ -165,7 +165,7 @@ def test_maps_without_end_are_an_error_of_event_mode(tmp_path):
     model, start, numbers, _ = pendulum()
     there = da.Event(theta - 0.5, direction=1, apply={theta: 0.4}, name="there")
     events = [there, da.Event(0.45 - theta, direction=1, apply={theta: 0.6}, name="back")]
-    del numbers["e"]
+    numbers = {name: value for name, value in numbers.items() if name != "e"}
     unit = Unit(*exported(tmp_path, "3.0", (model, start, numbers, events)), exchange=True)
     assert unit.begin(0.0) == 0 and unit.updated() == (False, False)
     unit.place(0.25, [0.55, 2.0])

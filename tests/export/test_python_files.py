@@ -28,14 +28,16 @@ found = {{"run": run, "runs": runs, "texts": made.STATUSES[int(runs["status"][2]
 """
 JAX = """
 import jax
-times = np.array({times})
-def end(b, steps=None):
-    return made.simulate(times, parameters={{"b": b}}, steps=steps)["x"][-1]
-found = {{
-    "run": jax.jit(made.simulate)(times),
-    "runs": {{"x": jax.vmap(end)(np.array([0.2, 0.3]))}},
-    "slopes": {{"forward": jax.jacfwd(end)(0.3), "reverse": jax.grad(lambda b: end(b, 60))(0.3)}},
-}}
+def everything(times, several):
+    def end(b, steps=None):
+        return made.simulate(times, parameters={{"b": b}}, steps=steps)["x"][-1]
+    b = several[1]
+    return {{
+        "run": made.simulate(times),
+        "runs": {{"x": jax.vmap(end)(several)}},
+        "slopes": {{"forward": jax.jacfwd(end)(b), "reverse": jax.grad(lambda b: end(b, 60))(b)}},
+    }}
+found = jax.jit(everything)(np.array({times}), np.array([0.2, 0.3]))
 """
 PROCESS = """
 import importlib.util, json, sys
@@ -56,13 +58,13 @@ def sleigh():
 
 
 def quickly():
-    """Return an environment in which JAX compiles quickly, to code that is slower."""
+    """Return an environment in which JAX and Numba compile quickly, to code that is slower."""
     try:
         from jax_backend.jax_options import QUICK
     except pytest.skip.Exception:  # there is no JAX
         QUICK = {}
     flags = " ".join(f"--{name}={str(value).lower()}" for name, value in QUICK.items())
-    return {**os.environ, "XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {flags}"}
+    return {**os.environ, "NUMBA_OPT": "0", "XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {flags}"}
 
 
 def found_by(path, code, **names):
