@@ -47,6 +47,17 @@ REPEATED = (
     ("export/test_contact_simulators.py", "test_a_page_moves_as_in_simulate_and_shows_what_contacts_do"),
     ("export/test_contact_simulators.py", "test_two_rough_contacts_that_open_fit_in_a_page"),
     ("export/test_fmu_contacts.py", "test_an_importer_may_find_events_late"),
+    # events on a page: beside inputs, beside contacts and beside controllers
+    ("export/test_events.py", "test_a_page_has_events"),
+    # dop853 beside contacts, and beside events, stays; events and inputs beside contacts by taylor and radau
+    (
+        "export/test_events_beside_contacts.py",
+        "test_events_are_counted_and_map_the_state_between_impacts[[]dop853]",
+    ),
+    (
+        "export/test_contact_simulators.py",
+        "test_inputs_are_set_at_the_ends_of_runs_and_between_steps[[]dop853-*",
+    ),
     # units of FMI 2.0 with contacts and events: those of 3.0 stay, and plain ones of both
     ("export/test_fmu_contacts.py", "test_inputs_make_contacts_slip_and_stick[[]2.0]"),
     ("export/test_fmu_contacts.py", "test_an_importer_takes_it[[]2.0]"),

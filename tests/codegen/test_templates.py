@@ -3,7 +3,6 @@
 import functools
 import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -31,7 +30,6 @@ from dalembert.codegen.numba.texts import table_definitions
 from dalembert.codegen.printers import JAX, NUMPY
 from dalembert.codegen.rendering import program_variables, render, template_directory
 from dalembert.export import fmu, page, wheel
-from dalembert.export.fmu import fmu_files
 from dalembert.export.jax_file import jax_text
 from dalembert.export.numba_file import numba_text
 from dalembert.export.simulator import c_source
@@ -173,9 +171,8 @@ def render_controllers():
 
 def render_units(source):
     """Render a unit in both versions, without its binary."""
-    with mock.patch.object(shutil, "which", lambda name: None):
-        for version in ("2.0", "3.0"):
-            fmu_files(source, version=version)
+    for version in ("2.0", "3.0"):
+        fmu.fmu_files(source, platforms=[], version=version)
 
 
 def render_events():
@@ -217,11 +214,12 @@ def in_angles():
 
 
 def render_contacts():
-    """Render a simulator and a unit of a scene with contacts and outputs, and one without outputs as a page."""
+    """Render scenes with contacts: a simulator with inputs and outputs, a unit with outputs, a page without."""
+    model = da.compile_model(pushed(), outputs=["F"])
+    contact_simulator.c_files(c_source(model, None, {}, "dop853", (1e-8, 1e-10), (0.0, 1.0)))
     scene = pushed(by_input=False)
     numbers = dict.fromkeys(("x", "x_dot", "y", "y_dot", "m", "mu"), 1.0)
     model = da.compile_model(scene, outputs=["F"])
-    contact_simulator.c_files(c_source(model, None, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0)))
     render_units(c_source(model, None, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0), continued=True))
     render_files(c_source(da.compile_model(scene), None, numbers, "dop853", (1e-8, 1e-10), (0.0, 1.0)), scene)
 

@@ -1,6 +1,7 @@
 """Simulators of scenes with sampled controllers, alone and beside events, run beside `simulate`."""
 
 import subprocess
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,10 +11,9 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from codegen.c_programs import SANITIZED, built, compiler, fuses, output
 from dalembert.codegen.llvm.target import target
-from dalembert.methods.status import Status
 from export.pages import need_pages, run_of
 from export.test_contact_simulators import block
-from export.test_events import TOLERANCES, assert_same_run, run_alone
+from export.test_events import TOLERANCES, assert_same_run, program_alone, run_alone, states_alone
 from export.test_events_beside_contacts import assert_same_run as assert_same_motion
 
 METHODS = pytest.mark.parametrize("method", ["taylor", "dop853", "radau"])
@@ -21,6 +21,7 @@ START = {"theta": 0.2, "theta_dot": 2.0, "e": 0.0, "w": 0.3}
 NUMBERS = {"m": 1, "l": 1, "g": 9.81, "k": 4, "c": 0.5, "T": 0.07}
 
 
+@cache
 def held():
     """Return a pendulum that a law of two rates pushes, and its coordinate."""
     theta, u, w, e = dynamicsymbols("theta u w e")
@@ -37,14 +38,25 @@ def held():
     return da.compile_model(scene), theta
 
 
-@METHODS
-def test_controllers_act_where_steps_end(tmp_path, method):
-    """Also at times that are instants, where the state is that behind the controllers; by the example of the folder."""
+@pytest.fixture(scope="module")
+def example(tmp_path_factory):
+    """Return a function of a method, of the program of the example of the pendulum."""
     compiler()
-    model, _ = held()
-    given = {"method": method, **TOLERANCES}
-    path = model.export(tmp_path / "export", initial=START, parameters=NUMBERS, t_span=(0, 4.2), **given)
-    names, *rows = output(built(path, ["main.c", "held.c"]), 4.2, 61).splitlines()
+
+    @cache
+    def program(method):
+        folder, given = tmp_path_factory.mktemp(method), {"method": method, **TOLERANCES}
+        path = held()[0].export(folder / "export", initial=START, parameters=NUMBERS, t_span=(0, 4.2), **given)
+        return built(path, ["main.c", "held.c"])
+
+    return program
+
+
+@METHODS
+def test_controllers_act_where_steps_end(example, method):
+    """Also at times that are instants, where the state is that behind the controllers; by the example of the folder."""
+    model, given = held()[0], {"method": method, **TOLERANCES}
+    names, *rows = output(example(method), 4.2, 61).splitlines()
     assert len(set(names.split(","))) == len(names.split(","))
     found = dict(zip(names.split(","), np.array([row.split(",") for row in rows], float).T, strict=True))
     run = model.simulate((0, 4.2), START, NUMBERS, t_eval=found["t"], **given)
@@ -65,9 +77,12 @@ def with_events():
 
 @METHODS
 def test_controllers_act_beside_events(tmp_path, method):
+    """Sanitizers find nothing in Taylor steps."""
     model, events = with_events()
     given = {"method": method, "events": events, **TOLERANCES}
-    found = run_alone(tmp_path, model, START, NUMBERS, 4.2, **given)
+    options = SANITIZED if method == "taylor" else ()
+    program = program_alone(tmp_path, model, START, NUMBERS, *options, **given)
+    found = states_alone(program, START | NUMBERS, 4.2)
     run = model.simulate((0, 4.2), START, NUMBERS, **given)
     assert len(run.events["stop"].t) > 2 and len(run.events["jump"].t) > 1
     at_times = model.simulate((0, 4.2), START, NUMBERS, t_eval=found[0], **given)
@@ -129,16 +144,8 @@ def test_laws_read_inputs_that_are_set_where_a_run_starts_or_continues(tmp_path,
             assert value == run[name][-1]
 
 
-def test_sanitizers_find_nothing(tmp_path):
-    model, events = with_events()
-    assert run_alone(tmp_path, model, START, NUMBERS, 2.0, events, *SANITIZED)[2] == Status.SUCCESS
-
-
-def test_a_period_that_is_none_is_refused_at_the_start(tmp_path):
-    compiler()
-    model, _ = held()
-    path = model.export(tmp_path / "export", initial=START, parameters=NUMBERS)
-    program = built(path, ["main.c", "held.c"])
+def test_a_period_that_is_none_is_refused_at_the_start(example):
+    program = example("taylor")
     values = {name: NUMBERS[name] for name in sorted(NUMBERS)} | {"T": -0.1}
     done = subprocess.run(
         [program, "1", "2", *map(str, [*(START[name] for name in sorted(START)), *values.values()])],

@@ -149,8 +149,13 @@ def test_the_description_says_what_contacts_do(units, version):
     assert [(mode.get("causality"), mode.get("variability")) for mode in modes] == [("output", "discrete")]
     assert "0 open" in modes[0].get("description") and "3 stick" in modes[0].get("description")
     assert description.find("CoSimulation").get("hasEventMode") == (None if version == "2.0" else "true")
-    sources = [path.name for path in (folder / "sources").glob("*.c")]
-    built(folder / "sources", sources, "-shared", "-fPIC", *OPTIMISED)
+    sources = {path.name for path in (folder / "sources").glob("*.c")}
+    simulator = "bouncing_ball.c"  # which is the same in both versions
+    if version == "2.0":
+        texts = [(path / "sources" / simulator).read_bytes() for _, path in units.values()]
+        assert texts[0] == texts[1]
+        sources.remove(simulator)
+    built(folder / "sources", [*sources], "-shared", "-fPIC", *OPTIMISED)
 
 
 @both_versions

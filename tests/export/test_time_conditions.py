@@ -1,7 +1,7 @@
 """Simulators of scenes with functions of time that have kinks, jumps or pulses, run beside `simulate`."""
 
 import itertools
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -206,15 +206,33 @@ int main(int argc, char **argv)
 """
 
 
-def values_at(folder, model, span, times, **given):
-    """Return position, speed and output of an exported run at times (k, 3); behind its end it continues."""
+@cache
+def forced():
+    """Return a block that `FORCE` pushes, with its acceleration as an output."""
+    return compiled(FORCE, outputs=[Derivative(x, t, 2)])
+
+
+@pytest.fixture(scope="module")
+def values_at(tmp_path_factory):
+    """Return a function of a method, a span and times.
+
+    It returns position, speed and output of an exported run at times (k, 3); behind its end it continues.
+    """
     compiler()
-    own = numbers(model)
-    path = model.export(folder / "export", initial=START, parameters=own, t_span=span, **given)
-    text = "{" + ", ".join(map(repr, own.values())) + "}"
-    (path / "main.c").write_text(AT_TIMES.replace("PARAMETERS", text))
-    program = built(path, ["main.c", "pushed.c"])
-    return np.array([line.split() for line in output(program, *span, *times).splitlines()], float)
+    own = numbers(forced())
+
+    @cache
+    def program(method):
+        folder = tmp_path_factory.mktemp(method)
+        path = forced().export(folder / "export", initial=START, parameters=own, method=method, **TOLERANCES)
+        text = "{" + ", ".join(map(repr, own.values())) + "}"
+        (path / "main.c").write_text(AT_TIMES.replace("PARAMETERS", text))
+        return built(path, ["main.c", "pushed.c"])
+
+    def values(method, span, times):
+        return np.array([line.split() for line in output(program(method), *span, *times).splitlines()], float)
+
+    return values
 
 
 def equal(found, expected):
@@ -226,16 +244,16 @@ def equal(found, expected):
 
 @METHODS
 @pytest.mark.parametrize("span", [(0.0, 3.1), (3.1, -0.4)])
-def test_runs_end_steps_at_breaks(tmp_path, method, span):
+def test_runs_end_steps_at_breaks(values_at, method, span):
     """Forward and backward; outputs are those of before a break until it, and of behind it from there on."""
-    model = compiled(FORCE, outputs=[Derivative(x, t, 2)])
+    model = forced()
     given, own = {"method": method, **TOLERANCES}, numbers(model)
     last = model.simulate(span, START, own, **given)
     breaks = last.t[np.isin(last.t, break_times(model.stages.program.conditions, parameters_of(model), *span))]
     assert len(breaks) > 5
     near = np.concatenate([breaks, breaks - 1e-6, breaks + 1e-6, np.linspace(*span, 41)])
     times = np.sort(near[(near >= min(span)) & (near <= max(span))])[:: 1 if span[1] > span[0] else -1]
-    found = values_at(tmp_path, model, span, times, **given)
+    found = values_at(method, span, times)
     run = model.simulate(span, START, own, t_eval=times, **given)
     for column, expected in zip(found.T, (run["x"], run["x_dot"], run[model.layout.outputs[0]]), strict=True):
         np.testing.assert_allclose(column, expected, rtol=1e-10, atol=1e-10)
@@ -249,11 +267,11 @@ def parameters_of(model):
 
 
 @METHODS
-def test_runs_that_continue_find_the_breaks_that_follow(tmp_path, method):
+def test_runs_that_continue_find_the_breaks_that_follow(values_at, method):
     """As further calls of `simulate` from where the last one ended, which may be a break."""
-    model = compiled(FORCE, outputs=[Derivative(x, t, 2)])
+    model = forced()
     own, ends = numbers(model), [0.3, VALUES["T"], 1.9, 2.5]
-    found = values_at(tmp_path, model, (0.0, 0.3), ends, method=method, **TOLERANCES)
+    found = values_at(method, (0.0, 0.3), ends)
     run = model.simulate((0.0, 2.5), START, own, t_eval=ends, method=method, **TOLERANCES)
     np.testing.assert_allclose(found[:, 0], run["x"], rtol=1e-7, atol=1e-8)
 
@@ -279,7 +297,7 @@ def test_controllers_beside_breaks(tmp_path, method):
 @METHODS
 def test_events_beside_breaks(tmp_path, method):
     """Their signs are those of constants behind breaks; one of them maps the state, and one jumps with a force."""
-    model = compiled(FORCE, outputs=[Derivative(x, t, 2)])
+    model = forced()
     wall = da.Event(x - a / 4, direction=1, apply={x.diff(): -0.8 * x.diff()}, name="wall")
     jump = da.Event(sign(sin(w * t)) * (x + 1), name="jump")
     given, own = {"method": method, "events": [wall, jump], **TOLERANCES}, numbers(model)
@@ -292,7 +310,7 @@ def test_events_beside_breaks(tmp_path, method):
 
 def test_units_find_breaks_between_communication_points(tmp_path):
     """For co-simulation alone; with events, too, whose wall maps the state."""
-    model = compiled(FORCE, outputs=[Derivative(x, t, 2)])
+    model = forced()
     own = numbers(model)
     wall = da.Event(x - a / 4, direction=1, apply={x.diff(): -0.8 * x.diff()}, name="wall")
     times = [0.0, 0.1, 0.65, 0.95, 1.97, 2.3, 2.4, 3.1]
@@ -310,7 +328,7 @@ def test_units_find_breaks_between_communication_points(tmp_path):
 
 
 def test_packages_and_pages_move_as_in_simulate(tmp_path):
-    model = compiled(FORCE, outputs=[Derivative(x, t, 2)])
+    model = forced()
     own, times = numbers(model), np.linspace(0, 3.1, 32)
     run = model.simulate((0, 3.1), START, own, t_eval=times)
     need_pages()
