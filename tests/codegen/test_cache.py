@@ -192,8 +192,8 @@ def run_processes(count):
     return [np.array(list(map(float, out.split()))) for out, _ in outcomes]
 
 
-def test_three_processes_share_an_empty_cache(folder, expected):
-    for result in run_processes(3):
+def test_processes_share_an_empty_cache(folder, expected):
+    for result in run_processes(2):
         np.testing.assert_array_equal(result, expected)
     assert len(homes(folder)) == 1
     assert not files(folder, "*.part")
