@@ -150,7 +150,9 @@ _MESSAGES = {
         "map every coordinate and rate that jumps, in accordance with the constraints and contacts."
     ),
     Status.EVENT_NON_FINITE: (
-        "The expression of an event or reduction is NaN or infinite during the run: make it finite along the whole "
-        "motion, or end the run before with a terminal event."
+        "The expression of an event or reduction, or a gap or reaction of a contact, is NaN or infinite during the "
+        "run: make expressions finite along the whole motion, or end the run before with a terminal event. Reactions "
+        "grow beyond all bounds where friction jams a body (Painleve's paradox): lower the coefficient of friction "
+        "there."
     ),
 }
