@@ -8,6 +8,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from dalembert.errors import InitialStateError, ValueInputError
 from dalembert.ir.interpret import interpret
+from dalembert.methods.status import Status
 from dalembert.starts.inputs import vanished_text
 
 x, y = dynamicsymbols("x y")
@@ -60,3 +61,11 @@ def test_several_constraints_are_named_together():
     text = vanished_text(program, np.array(interpret(program.kernel("prepare"), {"p": p})))
     assert "constraint 1" in text and "constraint 2" in text
     assert "they constrain nothing" in text and "remove the constraints" in text
+
+
+def test_a_constraint_whose_derivatives_vanish_on_the_way_is_named_alone():
+    """It was said to depend on others, with a smallest singular value of 1."""
+    made = constrained("projected", [x**2 + dynamicsymbols._t - 1])
+    run = made.simulate((0, 2), {x: 1.0, y: 0.0, y.diff(): 0.0}, {m: 1})
+    assert run.status is Status.SINGULAR_CONFIGURATION and run.t_end == pytest.approx(1.0, abs=1e-6)
+    assert "the derivatives of holonomic constraint 1," in run.message and "singular value" not in run.message

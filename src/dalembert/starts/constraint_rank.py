@@ -276,7 +276,7 @@ def where_dependent(
     c = constants_at(c, times)
     j = jacobians_at(program, times, rows, c, enforced)
     unit = j[0] / lengths_along(program, times, rows, c, j, enforced)[:, np.newaxis]
-    what = "depend on each other, or nearly so"
+    what = ""
     if isinstance(rank, tuple):
         found = group_shares(unit[np.newaxis], rank)[0]
         number = int(np.argmin(found))
@@ -289,10 +289,11 @@ def where_dependent(
     labels = [layout.constraints[enforced[i]] for i in range(len(weights)) if weights[i] > 0.2 * weights.max()]
     x = interpret_rows(program.kernel("expand"), times, rows, c)[0]
     place = ", ".join(f"{name} = {x[i]:.6g}" for i, name in enumerate(layout.coordinates))
-    return (
-        f"at t = {t:.6g} ({place}) the constraints {list_names(labels)} {what} (smallest"
-        f" singular value {values[least]:.1e})"
-    )
+    where = f"at t = {t:.6g} ({place})"
+    if len(labels) == 1 and not what:
+        return f"{where} the derivatives of {labels[0]} by the coordinates vanish, or nearly so"
+    what = what or "depend on each other, or nearly so"
+    return f"{where} the constraints {list_names(labels)} {what} (smallest singular value {values[least]:.1e})"
 
 
 def indeterminate(program: Program, t: float, y: FloatArray, c: FloatArray) -> str:
