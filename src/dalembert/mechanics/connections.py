@@ -154,7 +154,8 @@ class Connections:
 
         At each of their points that are the forces and couples across to the declared ones. Where these do not hold
         all that the coordinates leave out, such as the axle of a wheel beside a contact at its rim, there is another
-        connection, which may carry every ideal wrench.
+        connection, which may carry every ideal wrench. Bodies that are `_apart`, such as those at which a loop closes,
+        are connected by constraints alone, of which `unheld` finds those without joints.
         """
         joints, (_, b) = self.by_pair[pair], pair
         declared = np.hstack([self._columns(joint) for joint in joints])
@@ -171,7 +172,15 @@ class Connections:
         known = np.hstack([declared, found])
         if rank(np.hstack([known, ideal])) == rank(known):
             return found, True
-        return ideal, False
+        return (found, True) if self._apart(pair) else (ideal, False)
+
+    def _apart(self, pair: Pair) -> bool:
+        """Whether neither of two bodies may carry the other, and no coordinate moves both beside what carries them."""
+        carrying = [
+            {pair_of(parent, b) for some in self.balances.parents(b) for parent in some} for b in pair if b is not None
+        ]
+        moving = [set[int]().union(*map(self.moved_by, pairs)) for pairs in carrying]
+        return len(carrying) == 2 and pair not in carrying[0] | carrying[1] and not moving[0] & moving[1]
 
     def place(self, joint: Declared) -> FloatArray:
         """Return the position of the point of a joint."""
