@@ -152,7 +152,7 @@ $(VENV)/.installed-bench: EXTRAS := bench
 $(VENV)/.installed-test:  EXTRAS := test
 $(VENV)/.installed-test:  UPGRADE := --upgrade --upgrade-strategy eager
 
-# Python compiles what is imported; of all that is installed that is a fifth, and pip compiles it in one process.
+# Python compiles what is imported. pip would compile all that it installs, in one process: half of an installation.
 # A virtual environment whose pip does not run was cut short or lost its interpreter: it is made anew.
 $(VENV)/.installed-demo $(VENV)/.installed-dev $(VENV)/.installed-bench $(VENV)/.installed-test: pyproject.toml
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || { \

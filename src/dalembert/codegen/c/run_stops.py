@@ -1,4 +1,4 @@
-"""What stops exported runs inside of their span, and the numbers that stand for the addresses of their kernels."""
+"""Stops of exported runs inside of their span, and numbers in place of the addresses of their kernels."""
 
 from __future__ import annotations
 
