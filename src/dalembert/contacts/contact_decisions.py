@@ -33,7 +33,7 @@ from .equations.points_of_one_link import point_across
 from .selection.contact_forces import compliance, load_accelerations, solve_mode
 from .selection.mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, Candidates
 from .selection.past_modes import select_at
-from .slow_slip import REST_SHARE, begins_anew, jam, rest_share, take_as_rest
+from .slow_slip import REST_SHARE, begins_anew, jam, rest_share, slides_slowly, take_as_rest
 
 _REST_OF_SPAN, _LEAST_REST = 1e-7, 1e-8
 """Rest speed in a plane where there was no slip so far: a share of what friction and the motion do within the span; and
@@ -209,14 +209,18 @@ def _overflows(pick: Candidates) -> bool:
 
 @compiled_subset
 def _stopped(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> bool:
-    """Find contacts that touch, approach too slowly to be struck, and are to open; return whether there are any.
+    """Find contacts that touch and approach too slowly to be struck, but must be; return whether there are any.
 
-    Nothing but an impact without restitution keeps them from going on.
+    Where one is to open, nothing but an impact without restitution keeps it from going on. Where it stops slow slip of
+    another, that is at rest after the impact.
     """
-    stopped = False
+    stopped, slow = False, False
     for i in range(system.contacts):
-        may = pick.kind[i] >= TOUCHING and pick.best.mode[i] == OPEN and system.leader[i] == i
-        if may and approaches(system, cases, case, i):
+        slow = slow or slides_slowly(system, pick, cases, case, i)
+    for i in range(system.contacts):
+        touches = pick.kind[i] >= TOUCHING and system.leader[i] == i
+        meets = slow and cases.modes[case, i] == OPEN
+        if touches and (meets or pick.best.mode[i] == OPEN) and approaches(system, cases, case, i):
             pick.struck[i], stopped = 2, True
     return stopped
 
@@ -236,7 +240,8 @@ def _enter(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
             slopes, bias, least = system.jacobian[row], system.bias[row], pick.least[i]
             size = terms(slopes, best.motion, abs(bias))
             if best.mode[i] == OPEN:
-                falls = float(system.sense[i]) * dot(slopes, best.motion, -bias) < -_LOADS * size
+                moved = max(size, inertial_terms(system, slopes, system.load))  # slip begins where loads balance
+                falls = float(system.sense[i]) * dot(slopes, best.motion, -bias) < -_LOADS * moved
                 least = gap_allowance(system, cases, case, i, falls, rtol, atol)
             added[case, ADDED * i + SIDE] = least
             if size < _ENORMOUS:

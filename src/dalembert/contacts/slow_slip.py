@@ -46,6 +46,12 @@ def _slows(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
 
 
 @compiled_subset
+def slides_slowly(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int, i: int) -> bool:
+    """Return whether a closed contact slips so slowly that the end of its slip is near."""
+    return pick.kind[i] == SLIDING and slip_speed(system, i) <= _SLOW * cases.speeds[case, i]
+
+
+@compiled_subset
 def jam(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> int:
     """Stop slow slip in a plane by an impulse, where no reactions satisfy the laws; return a status.
 

@@ -15,7 +15,7 @@ from fuzz.contacts.moreau_jean import Array, integrated
 from fuzz.contacts.scenes import compiled, setting
 from fuzz.contacts.uniqueness import motions
 
-__all__ = ["RTOL", "SAMPLES", "STEPS", "Report", "compare_phases", "compare_states", "examine"]
+__all__ = ["BRIEF", "RTOL", "SAMPLES", "STEPS", "Report", "compare_phases", "compare_states", "examine"]
 
 SAMPLES = 8
 STEPS = 2500

@@ -8,7 +8,7 @@ from typing import Any, final
 import numpy as np
 
 import dalembert as da
-from fuzz.contacts.compare import RTOL
+from fuzz.contacts.compare import BRIEF, RTOL
 from fuzz.contacts.invariants import merged
 from fuzz.contacts.moreau_jean import Array
 from fuzz.driven.families import Driven
@@ -75,9 +75,13 @@ def other_runs(problem: Problem, run: Any) -> Iterator[str]:
 
 
 def _differences(what: str, problem: Problem, run: Any, sweep: Any, end: Array | None) -> Iterator[str]:
-    """Yield by what the first case of a sweep differs from a single run."""
+    """Yield by what the first case of a sweep differs from a single run.
+
+    Steps that follow reductions, too, are others: bodies that bounce on each other take other hops before they rest.
+    """
     ours = np.concatenate([run.q[-1], run.qdot[-1]])
-    if sweep.status[0] != run.status or sweep.phases[0] != len(run.phases):
+    brief = 0 if end is not None else sum(phase.t1 - phase.t0 < BRIEF for phase in run.phases)
+    if sweep.status[0] != run.status or abs(sweep.phases[0] - len(run.phases)) > brief:
         yield f"{what}: status {sweep.status[0]}, {sweep.phases[0]} phases of {len(run.phases)}"
     elif end is not None and np.max(np.abs(end - ours)) > SAME * max(1.0, float(np.max(np.abs(ours)))):
         yield f"{what}: ends off by {np.max(np.abs(end - ours)):.2e}"
