@@ -17,13 +17,13 @@ from ..ir.kernel import Kernel
 from ..methods.status import Status
 from .problem import IntegrationProblem, Solution
 
-_STEPS, _DIGITS = 1.0, 0.113
+_STEPS, _DIGITS = 1.0, 0.13
 """Steps of DOP853 for one Taylor step at rtol 1e-6, and the power of 1/rtol with which they grow."""
 
-_SHORT = 1000
-"""Lines up to which a Taylor step is straight-line code."""
+_SHORT, _LONG = 1000, 3000
+"""Lines up to which a Taylor step is straight-line code, and from which on it outgrows the nearest cache."""
 
-_MARGIN = 0.78
+_MARGIN = 0.8
 """Predicted ratio of times up to which the Runge-Kutta pair is taken: near 1 the prediction is a guess."""
 
 _CONTROL = 1.4
@@ -54,15 +54,15 @@ def runge_kutta_pays(rhs: Kernel, series_lines: int, control: tuple[int, int], t
 
     Notes
     -----
-    Costs are in lines of Taylor steps, fitted to measurements of the sleigh, the rolling spheres and the stiff sleigh,
-    `minimal` and `projected`, for tolerances from 1e-4 to 1e-12: the pair needs some 57 lines a component and 340 in
-    all besides its evaluations, a sine with its cosine counts as 12, and what a Taylor step has beyond straight-line
-    code counts less. The predicted ratio of times was within a factor 1.4 of the measured one for most, and 2 for all.
+    Costs are in lines of Taylor steps, fitted to runs and sweeps of the hard cases for tolerances from 1e-4 to 1e-12 at
+    equal error: the pair needs some 57 lines a component and 340 in all besides its evaluations, a sine with its cosine
+    counts as 12, and lines of a Taylor step count by how long it is. ``benchmarks/choice.py`` measures what it misses.
     """
     if tolerance < _TIGHTEST:
         return False
     pairs = sum(line.op in ("sin", "cos") for line in rhs.body) / 2
-    taylor = 280 + 1.1 * min(series_lines, _SHORT) + 0.8 * max(series_lines - _SHORT, 0)
+    beyond = max(series_lines - _LONG, 0)
+    taylor = 280 + 1.1 * min(series_lines, _SHORT) + 0.8 * max(series_lines - beyond - _SHORT, 0) + 1.5 * beyond
     evaluation = len(rhs.body) + 12 * pairs + sum(_CALLS.get(line.op, 0) for line in rhs.body)
     taylor += _CONTROL * (control[0] * evaluation + control[1])
     attempt = 12 * evaluation + 57 * len(rhs.outputs) + 340
