@@ -176,7 +176,7 @@ class LaneRuns:
         tolerances, series_of = (cases.rtol, cases.atol), watched if with_series else None
         located = watched is not None and bool(watched.events)  # on polynomials of steps
         stepper = self._steppers.stepper(method, tolerances, lanes, dense=dense, bounded=located, watched=series_of)
-        nothing_each_step = watched is None or (with_series > 0 and not sampled and not watched.kinds)
+        nothing_each_step = watched is None or not sampled
         nothing_each_step = nothing_each_step and not cases.recorded and (watched is not None or not each_step)
         nothing_each_step = nothing_each_step and not implicit
         assert cases.start is not None

@@ -59,10 +59,10 @@ def load_event_series(space: EventWorkspace, lane: int, states: FloatArray, firs
 
 @compiled_subset
 def keeps_signs(space: EventWorkspace, lane: int) -> bool:
-    """Return whether every event keeps the sign that it has, by the test of the whole step."""
+    """Return whether every event keeps the sign that it has, and was seen to have, by the test of the whole step."""
     keeps = True
     for e in range(space.step_signs.shape[0]):
-        keeps = keeps and space.step_signs[e, lane] * space.signs[lane, e] > 0.0
+        keeps = keeps and space.step_signs[e, lane] * space.signs[lane, e] > 0.0 and space.seen[lane, e] != 0.0
     return keeps
 
 

@@ -60,29 +60,65 @@ def find_step_signs(
 
 @compiled_subset
 def hold_for_events(arguments: SweepArguments) -> None:
-    """Mark the lanes in whose last step an expression may change its sign."""
+    """Mark the lanes in whose last step an expression may change its sign, or a reduction needs more than bounds."""
     state, space = arguments.state, arguments.workspace
     new = state.states.shape[0] // 2 - state.progress.old
-    time, constants, settings = row(state.clock, 0), row(state.constants, 0), row(state.settings, 0)
-    find_step_signs(arguments.events, space, time, row(state.states, new), constants, settings)
+    _test(arguments, row(state.clock, 0), row(state.states, new))
     for lane in range(state.clock.shape[1]):
         state.numbers.mark[lane], state.clock[NEXT, lane] = NONE, next_record(arguments, lane)
-        if state.numbers.fresh[lane] != 0 or not keeps_signs(space, lane):
+        keeps = state.numbers.fresh[lane] == 0 and keeps_signs(space, lane)
+        if not (keeps and _bounds_decide(arguments, lane, new)):
             state.clock[NEXT, lane] = state.clock[NOW, lane]
+
+
+@compiled_subset
+def _bounds_decide(arguments: SweepArguments, lane: int, new: int) -> bool:
+    """Return whether bounds decide all reductions of a lane over its step, whose outputs begin at a row.
+
+    ``next_totals`` get what they are then.
+    """
+    state, events, space, decide = arguments.state, arguments.events, arguments.workspace, True
+    case, now = state.numbers.case[lane], state.clock[NOW, lane]
+    if events.kinds.size == 0 or case < 0:
+        return True
+    size = state.states[new + arguments.shape.n + arguments.shape.events_with_series, lane]
+    h = (now + state.settings[1, lane] * size) - now
+    for e in range(events.kinds.size):
+        decided, total = advance(events.kinds[e], arguments.totals[case, e], space.step_bounds, e, lane, h)
+        decide, space.next_totals[e, lane] = decide and decided, total
+    return decide
+
+
+@compiled_subset
+def take_totals(arguments: SweepArguments, looked: int) -> None:
+    """Continue the reductions of all lanes but those that are looked at, the bits of `looked`."""
+    kinds, numbers = arguments.events.kinds.size, arguments.state.numbers
+    for lane in range(arguments.state.clock.shape[1] if kinds > 0 else 0):
+        if looked & (1 << lane) == 0:
+            for e in range(kinds):
+                arguments.totals[numbers.case[lane], e] = arguments.workspace.next_totals[e, lane]
+
+
+@compiled_subset
+def _test(arguments: SweepArguments, time: int, states: int) -> None:
+    """Test expressions over the steps of all lanes, which begin at times and have outputs at two addresses."""
+    state, events, space = arguments.state, arguments.events, arguments.workspace
+    constants, settings = row(state.constants, 0), row(state.settings, 0)
+    if space.step_signs.shape[0] > 0:
+        find_step_signs(events, space, time, states, constants, settings)
+    if space.step_bounds.shape[0] > 0:
+        call_code(events.step_bounds, time, states, constants, settings, row(space.step_bounds, 0))
 
 
 @compiled_subset
 def test_steps(arguments: SweepArguments) -> None:
     """Test over the steps of all lanes which expressions keep their sign, and bound those that are reduced."""
-    state, events, space = arguments.state, arguments.events, arguments.workspace
+    state, space = arguments.state, arguments.workspace
+    if arguments.kernels.advance != 0:
+        return  # they have been
     for lane in range(state.clock.shape[1]):
         space.step_begins[0, lane] = state.tally[BEFORE, lane]
-    time, states, constants = row(space.step_begins, 0), row(state.states, state.progress.old), row(state.constants, 0)
-    settings = row(state.settings, 0)
-    if space.step_signs.shape[0] > 0 and arguments.kernels.advance == 0:
-        find_step_signs(events, space, time, states, constants, settings)
-    if space.step_bounds.shape[0] > 0:
-        call_code(events.step_bounds, time, states, constants, settings, row(space.step_bounds, 0))
+    _test(arguments, row(space.step_begins, 0), row(state.states, state.progress.old))
 
 
 @compiled_subset

@@ -228,6 +228,8 @@ class EventWorkspace(NamedTuple):
     ``jumped`` are when the state of each lane last jumped, how many jumps in a row came too soon, and 1 where its step
     begins behind a stop, at which expressions may change their signs without a zero.
 
+    ``next_totals`` (kinds, lanes) are minima, maxima and integrals with the steps of lanes, where bounds decide them.
+
     ``known`` are the values of ``EventKernels.begins`` where there are ``slopes``, ``direction`` the state and a
     direction for each lane of these, ``spread`` time and constants for these lanes, and ``sizes`` what they add up to.
 
@@ -260,6 +262,7 @@ class EventWorkspace(NamedTuple):
     step_begins: Matrix
     step_signs: Matrix
     step_bounds: Matrix
+    next_totals: Matrix
     signs: Matrix
     seen: Matrix
     zero: Matrix
@@ -309,6 +312,7 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         step_begins=aligned(1, lanes),
         step_signs=aligned(events.directions.size if events.step_signs else 0, lanes),
         step_bounds=aligned(BOUNDS * events.kinds.size, lanes),
+        next_totals=aligned(events.kinds.size, lanes),
         signs=aligned(lanes, k),
         seen=aligned(lanes, k),
         zero=aligned(lanes, k),

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..events.lane_events import handle_events, hold_for_events, test_steps, watch_case
+from ..events.lane_events import handle_events, hold_for_events, take_totals, test_steps, watch_case
 from ..lanes.case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes, runs_on
 from ..lanes.implicit_steps import begin_implicit_step, implicit_steps
 from ..lanes.lane_steps import (
@@ -134,6 +134,8 @@ def sweeping(
                 if watched:
                     hold_for_events(arguments)
                 progress.look = advance_together(arguments)
+                if watched:
+                    take_totals(arguments, progress.look)
             if progress.look != 0:
                 accept_steps(arguments)
             swap_states(arguments)

@@ -54,7 +54,7 @@ def step_signs_kernel(values: Kernel, shape: StepShape, oscillating: bool) -> Ke
     def finish(lines: Lines, row: list[Operand]) -> list[Operand]:
         return [_sign(lines, _series(lines, COEFFICIENTS, row), oscillating)]
 
-    return _over_step("step_signs", values, shape, finish)
+    return _over_step("step_signs", values, shape, finish, lambda lines, terms: [_sign_of_polynomial(lines, terms)])
 
 
 LONGEST_REPEATED = 2500
@@ -83,9 +83,6 @@ def point_signs_kernel(count: int, oscillating: bool) -> Kernel:
 def series_signs_kernel(count: int, size: int, degree: int) -> Kernel:
     """Return the kernel of a step's outputs with the results of `step_signs_kernel`, from series of the expressions.
 
-    The least that a polynomial can be is its first coefficient and what the others can take away, for powers of
-    fractions lie between 0 and 1.
-
     Parameters
     ----------
     count : int
@@ -108,14 +105,9 @@ def series_signs_kernel(count: int, size: int, degree: int) -> Kernel:
     for e in range(count):
         names = [f"a_{e}_{k}_" for k in range(1, degree + 1)]
         loads += [Load(name, "y", first + e * (degree + 1) + k) for k, name in enumerate(names, 1)]
-        sign = lines.op("select", lines.op("less", 0.0, names[0]), 1.0, -1.0)
         terms = [lines.mul(name, scale) for name, scale in zip(names, scales, strict=True)]
-        least = lines.op("abs", terms[0])
-        for term in terms[1:]:
-            least = lines.add(least, lines.op("min", lines.mul(term, sign), 0.0))
         tail = lines.add(lines.op("abs", terms[-1]), lines.op("abs", terms[-2]))
-        least = lines.fma(tail, -TAIL, least)
-        outputs.append(lines.op("select", lines.op("less", 0.0, least), sign, 0.0))
+        outputs.append(_sign_of_polynomial(lines, terms, lines.mul(tail, TAIL)))
     kernel = Kernel("series_signs", _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs))
     return STEP_PASSES(kernel)
 
@@ -126,20 +118,29 @@ def step_bounds_kernel(values: Kernel, shape: StepShape, oscillating: bool) -> K
     For each: its mean over the step, 1 if that is as good as it can be, a lower and an upper bound, its values at the
     ends, and 1 if it is monotone. `oscillating` is that of `step_signs_kernel`.
     """
-    return _over_step("step_bounds", values, shape, lambda lines, row: _running(lines, row, oscillating))
+
+    def at_points(lines: Lines, row: list[Operand]) -> list[Operand]:
+        return _running(lines, row, oscillating)
+
+    return _over_step("step_bounds", values, shape, at_points, _running_of_polynomial)
 
 
-def _over_step(
-    name: str, values: Kernel, shape: StepShape, finish: Callable[[Lines, list[Operand]], list[Operand]]
-) -> Kernel:
-    """Return a kernel of a step's outputs; `finish` computes its outputs from the values at the points."""
+Finish = Callable[[Lines, list[Operand]], list[Operand]]
+
+
+def _over_step(name: str, values: Kernel, shape: StepShape, at_points: Finish, of_polynomial: Finish) -> Kernel:
+    """Return a kernel of a step's outputs.
+
+    Its outputs for an expression are computed from its values at the points, or, where it is affine and the step that
+    of a Taylor series, whose terms fall off fast, from the coefficients of its polynomial.
+    """
     lines, loads, series, h = _polynomials(values, shape)
-    evaluate = inlined(lines, values)
-    width = max(series, default=-1) + 1
-    rows: list[list[Operand]] = []
-    for theta in map(float, POINTS):
-        rows.append(evaluate(lines.fma(h, theta, "t_"), _state_at(lines, series, theta, width)))
-    outputs = [output for column in zip(*rows, strict=True) for output in finish(lines, list(column))]
+    evaluate, width = inlined(lines, values), max(series, default=-1) + 1
+    rows = [evaluate(lines.fma(h, theta, "t_"), _state_at(lines, series, theta, width)) for theta in map(float, POINTS)]
+    own = _affine(lines, values, series, h) if shape.in_time else [None] * len(values.outputs)
+    outputs: list[Operand] = []
+    for terms, column in zip(own, zip(*rows, strict=True), strict=True):
+        outputs += at_points(lines, list(column)) if terms is None else of_polynomial(lines, terms)
     constants = sorted({load.index or 0 for load in values.loads if load.array == "c"})
     loads += [Load(f"c_{index}_", "c", index) for index in constants]
     kernel = Kernel(name, _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs))
@@ -159,6 +160,45 @@ def _polynomials(values: Kernel, shape: StepShape) -> tuple[Lines, list[Load], d
         loads.append(Load(f"end_{m}_", "y", m))
         series[m] = _ended_in_state(lines, list(names), h if shape.in_time else 1.0, f"end_{m}_")
     return lines, loads, series, h
+
+
+def _affine(lines: Lines, values: Kernel, series: dict[int, list[Operand]], h: Operand) -> list[list[Operand] | None]:
+    """Return the coefficients of expressions in the fraction of the step; None for one not affine in time and state.
+
+    Constants have one coefficient.
+    """
+    known: dict[Operand, list[Operand] | None] = {}
+    for load in values.loads:
+        index = load.index or 0
+        constant: list[Operand] = [f"c_{index}_"]
+        known[load.target] = ["t_", h] if load.array == "t" else series[index] if load.array == "y" else constant
+    for line in values.body:
+        given = [known[arg] if isinstance(arg, str) else list[Operand]((arg,)) for arg in line.args]
+        args = [arg for arg in given if arg is not None]
+        known[line.target] = _combined(lines, line.op, args) if len(args) == len(given) else None
+    return [known[output] if isinstance(output, str) else [output] for output in values.outputs]
+
+
+def _combined(lines: Lines, op: str, args: list[list[Operand]]) -> list[Operand] | None:
+    """Return the coefficients of an operation on polynomials, None if it is not affine."""
+    if all(len(arg) == 1 for arg in args):
+        return [lines.op(op, *(arg[0] for arg in args))]
+    if op == "neg":
+        return [lines.neg(term) for term in args[0]]
+    if op in ("mul", "fma"):
+        one, other = sorted(args[:2], key=len)
+        if len(one) > 1:
+            return None
+        product = [lines.mul(term, one[0]) for term in other]
+        return product if op == "mul" else _combined(lines, "add", [product, args[2]])
+    if op == "div" and len(args[1]) == 1:
+        inverse = lines.op("div", 1.0, args[1][0])
+        return [lines.mul(term, inverse) for term in args[0]]
+    if op not in ("add", "sub"):
+        return None
+    size = max(map(len, args))
+    a, b = ([*arg, *[0.0] * (size - len(arg))] for arg in args)
+    return [(lines.add if op == "add" else lines.sub)(x, y) for x, y in zip(a, b, strict=True)]
 
 
 def _state_at(lines: Lines, series: dict[int, list[Operand]], theta: float, size: int) -> list[Operand]:
@@ -222,6 +262,31 @@ def _sign(lines: Lines, series: list[Operand], oscillating: bool) -> Operand:
         rest = lines.op("select", _converges(lines, sizes), rest, lines.mul(rest, UNSEEN))
     sign = lines.op("select", lines.op("less", 0.0, series[0]), 1.0, -1.0)
     return lines.op("select", lines.op("less", rest, sizes[0]), sign, 0.0)
+
+
+def _sign_of_polynomial(lines: Lines, terms: list[Operand], missing: Operand = 0.0) -> Operand:
+    """Return the sign of a polynomial over the step, 0 where it may change; `missing` is what it may leave out.
+
+    The least that it can be is its first coefficient and what the others can take away, for powers of fractions lie
+    between 0 and 1.
+    """
+    sign = lines.op("select", lines.op("less", 0.0, terms[0]), 1.0, -1.0)
+    least = lines.sub(lines.op("abs", terms[0]), missing)
+    for term in terms[1:]:
+        least = lines.add(least, lines.op("min", lines.mul(term, sign), 0.0))
+    return lines.op("select", lines.op("less", 0.0, least), sign, 0.0)
+
+
+def _running_of_polynomial(lines: Lines, terms: list[Operand]) -> list[Operand]:
+    """Return the outputs of `step_bounds_kernel` of an expression that is a polynomial; its mean is exact."""
+    rest = terms[1:]
+    mean = lines.add(terms[0], _sum(lines, [lines.mul(term, 1.0 / (k + 2)) for k, term in enumerate(rest)]))
+    bounds = [
+        lines.add(terms[0], _sum(lines, [lines.op(which, term, 0.0) for term in rest])) for which in ("min", "max")
+    ]
+    falls = _sum(lines, [lines.mul(lines.op("abs", term), k + 2.0) for k, term in enumerate(rest[1:])])
+    monotone = lines.op("less", falls, lines.op("abs", rest[0])) if rest else 1.0
+    return [mean, 1.0, *bounds, terms[0], lines.add(terms[0], _sum(lines, rest)), monotone]
 
 
 def _running(lines: Lines, values: list[Operand], oscillating: bool) -> list[Operand]:

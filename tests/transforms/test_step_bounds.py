@@ -1,0 +1,61 @@
+"""Signs and bounds of expressions over a whole step: never wrong, and exact means where expressions are affine."""
+
+import numpy as np
+import pytest
+from numpy.polynomial import Polynomial
+
+from dalembert.ir.graph import Graph
+from dalembert.ir.interpret import interpret
+from dalembert.lanes.workspace import BOUNDS
+from dalembert.transforms.lower_kernels import lower_kernel
+from dalembert.transforms.step_bounds import StepShape, step_bounds_kernel, step_signs_kernel
+
+DEGREE, SIZE_AT, FIRST = 8, 2, 4
+C, BEGIN = 1.7, 0.4
+DENSE = np.linspace(0.0, 1.0, 401)
+
+
+def expressions():
+    """Return the kernel of an affine function of state, time and a constant, and of a product of states."""
+    graph = Graph()
+    x, y, t, c = (graph.input(name) for name in ("x", "y", "t", "c"))
+    affine = graph.call("sqrt", c) * x - (y + 3 * t) / c + 0.3 * (c - 2 * x)
+    inputs = {x: ("y", 0), y: ("y", 1), t: ("t", None), c: ("c", 0)}
+    return lower_kernel(graph, "values", [affine, x * y], inputs, arguments=("t", "y", "c"))
+
+
+def step(random, in_time, direction):
+    """Return the outputs of a step, and both expressions as polynomials of its fraction."""
+    size = random.uniform(0.3, 1.2)
+    h = direction * size if in_time else 1.0
+    decay = 0.4 ** np.arange(DEGREE + 1)
+    terms = random.normal(size=(2, DEGREE + 1)) * decay * [[random.choice([0.1, 1.0, 10.0])], [1.0]]
+    terms[:, 0] = random.normal(size=2)
+    x, y = (Polynomial(row) for row in terms)
+    given = [x(1.0), y(1.0), size, 0.0, *(terms / h ** np.arange(DEGREE + 1)).ravel()]
+    affine = np.sqrt(C) * x - (y + 3 * Polynomial([BEGIN, direction * size])) / C + 0.3 * (C - 2 * x)
+    return given, (affine, x * y)
+
+
+@pytest.mark.parametrize("in_time, direction", [(True, 1.0), (True, -1.0), (False, 1.0)])
+def test_what_is_said_of_a_step_holds(in_time, direction):
+    random, shape, values = np.random.default_rng(5), StepShape(DEGREE, SIZE_AT, FIRST, in_time), expressions()
+    signs, bounds = step_signs_kernel(values, shape, False), step_bounds_kernel(values, shape, False)
+    said = rose = 0
+    for _ in range(300):
+        outputs, exact = step(random, in_time, direction)
+        given = {"t": BEGIN, "y": outputs, "c": [C], "s": [1.0, direction]}
+        kept, found = interpret(signs, given), np.reshape(interpret(bounds, given), (2, BOUNDS))
+        for e, polynomial in enumerate(exact):
+            dense, slopes = polynomial(DENSE), polynomial.deriv()(DENSE)
+            mean, smooth, low, high, first, last, monotone = found[e]
+            assert kept[e] == 0.0 or np.all(kept[e] * dense > 0.0)
+            assert low <= np.min(dense) + 1e-12 and high >= np.max(dense) - 1e-12
+            assert (first, last) == pytest.approx((dense[0], dense[-1]), rel=1e-11, abs=1e-11)
+            assert not monotone or np.all(slopes >= 0.0) or np.all(slopes <= 0.0)
+            assert not smooth or mean == pytest.approx(polynomial.integ()(1.0), rel=1e-7, abs=1e-9)
+            said, rose = said + (kept[e] != 0.0), rose + (monotone != 0.0)
+        if in_time:
+            mean, smooth = found[0, :2]
+            assert smooth == 1.0 and mean == pytest.approx(exact[0].integ()(1.0), rel=1e-12, abs=1e-13)
+    assert min(said, rose) > 150
