@@ -1,6 +1,7 @@
 """Equilibria and steady motions, against closed forms."""
 
 import functools
+import itertools
 import math
 
 import numpy as np
@@ -10,9 +11,12 @@ from sympy import symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
+from dalembert.analysis.linear_equations import LinearPoint, scene_equations
 from dalembert.errors import InitialStateError, OptionError, UnknownNameError
+from dalembert.mechanics import virtual_power
+from dalembert.starts.inputs import prepare_rows
 from hard_cases import machines
-from scene.builders import cartesian_pendulum, four_bar
+from scene.builders import cartesian_pendulum, double_pendulum, four_bar
 
 FORMULATIONS = ("minimal", "projected", "baumgarte", "ggl", "augmented")
 G = 9.81
@@ -92,6 +96,64 @@ def test_the_cart_pole_stands_and_hangs():
         assert max(map(abs, point.residual.values())) < 1e-13
         run = model.simulate((0, 1), point.initial, point.parameters)
         np.testing.assert_allclose(run["a"], angle, atol=1e-9)
+
+
+def _ends(model, p, fixed, equilibria, most, count):
+    """Return guesses on a grid of angles around equilibria from which `trim` does not end in that equilibrium."""
+    names = model.layout.coordinates[-len(equilibria[0]) :]
+    lost = []
+    for place in equilibria:
+        for change in itertools.product(np.linspace(-most, most, count), repeat=len(place)):
+            if np.linalg.norm(change) > most + 1e-12:
+                continue
+            guess = dict(zip(names, np.add(place, change), strict=True))
+            point = model.trim(fixed | guess | {f"{name}_dot": 0.0 for name in names}, p)
+            found = [point[name] for name in names]
+            if not (point.converged and np.allclose(found, place, rtol=0.0, atol=1e-9)):
+                lost.append((guess, found))
+    return lost
+
+
+@pytest.mark.parametrize("absolute", [True, False])
+def test_a_double_pendulum_ends_in_the_nearest_equilibrium(absolute):
+    model = compiled(functools.partial(double_pendulum, absolute))
+    p = {"m": 1.0, "M": 1.0, "g": G, "l": 1.0, "r": 1.0, "A": 0.1}
+    up, down = math.pi / 2, -math.pi / 2
+    places = [(a, b if absolute else b - a) for a in (up, down) for b in (up, down)]
+    assert _ends(model, p, {}, places, 1.1, 5) == []
+
+
+@pytest.mark.parametrize("cart", [2.0, 0.1])  # of a light cart the acceleration of the rod is largest 0.46 rad off
+def test_a_cart_pole_ends_in_the_nearest_equilibrium(cart):
+    places = [(0.0,), (math.pi,)]
+    assert _ends(compiled(cart_pole), POLE | {"M": cart}, {"x": 0.7, "x_dot": 0.0}, places, 1.5, 13) == []
+
+
+@pytest.mark.parametrize("kernel", ["mass_matrix", "momenta"])
+def test_forces_and_their_derivatives(kernel, monkeypatch):
+    """The mass matrix times the accelerations, from the whole matrix and, as of many bodies, from momenta."""
+    if kernel == "momenta":
+        monkeypatch.setattr(virtual_power, "_LEAST", 2)
+        monkeypatch.setattr(virtual_power, "WORTH", 0)
+    model = da.compile_model(double_pendulum(False), backend="numpy")
+    program, partials = model.stages.program, model.derived.partials
+    assert kernel in program
+    x = np.array([0.4, -0.9, 1.3, 0.8])
+    p = np.array([{"m": 1.2, "M": 0.7, "g": G, "l": 1.1, "r": 0.6, "A": 0.3}[name] for name in model.layout.parameters])
+
+    def forces(values):
+        c = prepare_rows(program, values[np.newaxis, 4:])[0]
+        y = partials.value("initial", 0.0, values[:4], c)
+        return scene_equations(LinearPoint(program, partials, 0.0, y, c), values[:4]).rates_in_forces()
+
+    values = np.concatenate([x, p])
+    found = forces(values)
+    second = partials.value("accelerations", 0.0, x, prepare_rows(program, p[np.newaxis])[0])
+    np.testing.assert_allclose(found.value, [*x[2:], *model.mass_matrix(x[:2], p) @ second], rtol=1e-13)
+    for i, slopes in enumerate(np.hstack([found.by_state, found.by_parameters]).T):
+        step = 1e-5 * np.eye(len(values))[i]
+        measured = (forces(values + step).value - forces(values - step).value) / 2e-5
+        np.testing.assert_allclose(slopes, measured, rtol=1e-7, atol=1e-7)
 
 
 def test_the_cart_pole_in_a_wind_with_the_force_free():

@@ -111,6 +111,28 @@ class LinearEquations:
         ]
         return _stacked(found, size, count)
 
+    def rates_in_forces(self) -> Derivatives:
+        """Return the rates, with the mass matrix times the accelerations in place of accelerations."""
+        forces, rest = self._forces(), 2 * self.coordinates
+        first, last = self.rates.rows(range(self.coordinates)), self.rates.rows(range(rest, len(self.names)))
+        return _stacked([first, forces, last], *forces.by_state.shape[1:], *forces.by_parameters.shape[1:])
+
+    def _forces(self) -> Derivatives:
+        """Return the mass matrix times the accelerations (n_q,)."""
+        n, state = self.coordinates, self.state
+        second = self.rates.rows(range(n, 2 * n))
+        if "momenta" in self.point.program:  # of accelerations in place of rates
+            moved = Derivatives(state.copy(), np.eye(len(state)), np.zeros((len(state), second.by_parameters.shape[1])))
+            moved.value[n : 2 * n], moved.by_state[n : 2 * n] = second.value, second.by_state
+            moved.by_parameters[n : 2 * n] = second.by_parameters
+            return self.point.derivatives("momenta", moved.value).through(moved)
+        entries = self.point.derivatives("mass_matrix", state)
+        mass = entries.value.reshape(n, n)
+        of_mass = (each.reshape(n, n, -1) for each in (entries.by_state, entries.by_parameters))
+        by_state, by_parameters = (np.einsum("ijk,j->ik", each, second.value) for each in of_mass)
+        by_state, by_parameters = by_state + mass @ second.by_state, by_parameters + mass @ second.by_parameters
+        return Derivatives(mass @ second.value, by_state, by_parameters)
+
     def formulation_state(self) -> Derivatives:
         """Return the state of the formulation as a function of x."""
         if not self.coordinates:

@@ -127,7 +127,14 @@ class _Point:
         return u[:, :rank], s[:rank], vt
 
 
-def newton(equations: Equations, start: FloatArray, units: Units, most: int, first: Sequence[int] = ()) -> Root:
+def newton(
+    equations: Equations,
+    start: FloatArray,
+    units: Units,
+    most: int,
+    first: Sequence[int] = (),
+    longest: FloatArray | None = None,
+) -> Root:
     """Return the root of equations near a start, up to rounding, or the point of least residuals that was reached.
 
     Parameters
@@ -139,11 +146,13 @@ def newton(equations: Equations, start: FloatArray, units: Units, most: int, fir
         Most iterations.
     first : sequence of int
         Groups of equations that are solved after every step, which then must reduce the residuals of the others.
+    longest : ndarray (n,), optional
+        Largest change of each unknown in a step. Infinite by default; ignored where there is `first`.
     """
     restore = partial(_restored, equations, units, np.isin(units.groups, first)) if len(first) else None
     here, iterations = _Point.at(equations, start if restore is None else restore(start), units), 0
     while here.finite and iterations < most:
-        there = _stepped(equations, here, units, restore)
+        there = _stepped(equations, here, units, restore, np.full(len(start), np.inf) if longest is None else longest)
         if there is None:
             break
         iterations += 1
@@ -171,7 +180,11 @@ def _restored(equations: Equations, units: Units, rows: NDArray[np.bool_], z: Fl
 
 
 def _stepped(
-    equations: Equations, here: _Point, units: Units, restore: Callable[[FloatArray], FloatArray] | None
+    equations: Equations,
+    here: _Point,
+    units: Units,
+    restore: Callable[[FloatArray], FloatArray] | None,
+    longest: FloatArray,
 ) -> _Point | None:
     """Return the next point, or None where no step reduces the residuals."""
     u, s, vt = here.singular_values()
@@ -186,10 +199,12 @@ def _stepped(
         return change
 
     whole = correction(r)
-    length, share = float(np.linalg.norm(whole)), 1.0 if restore is None else 0.0
+    length = float(np.linalg.norm(whole))
+    within = 1.0 / max(1.0, float(np.max(here.size * np.abs(whole) / longest)))
+    share = within if restore is None else 0.0
     if length < _SMALLEST:
         return None
-    while share >= _LEAST_SHARE:
+    while share >= _LEAST_SHARE * within:
         there = _Point.at(equations, here.z + share * here.size * whole, units)
         if there.finite and np.linalg.norm(correction(there.r / here.scale)) <= (1.0 - 0.25 * share) * length:
             return there
@@ -202,7 +217,8 @@ def _stepped(
         moved = here.z + here.size * change
         there = _Point.at(equations, moved if restore is None else restore(moved), units)
         left = there.r / here.scale
-        if there.finite and float(left @ left) < before:
+        fits = restore is not None or bool(np.all(here.size * np.abs(change) <= longest))
+        if fits and there.finite and float(left @ left) < before:
             return there
         damping = max(10.0 * damping, _FIRST_DAMPING * float(s[0]) ** 2)
     return None

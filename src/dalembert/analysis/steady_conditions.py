@@ -22,6 +22,9 @@ _RANK = 1e-9
 _ROUNDED, _UNIT = 6, 4e-16
 """Number and size of the random roundings of values."""
 
+_SHORT = 0.5
+"""Largest change of an angle in a step that is to stay near [rad]."""
+
 
 @final
 @frozen(eq=False)
@@ -119,6 +122,12 @@ class SteadyConditions:
         effects = np.max(np.where(np.isfinite(shares), shares, 0.0), axis=0, initial=0.0)
         return np.where(effects > 0.0, 1.0 / np.where(effects > 0.0, effects, 1.0), 1.0)
 
+    def short_steps(self) -> FloatArray:
+        """Return by how much each free value (n,) may change in a step that is to stay near, infinite but of angles."""
+        layout = self.program.layout
+        angles = [i < len(layout.coordinates) and layout.coordinates[i] in layout.angles for i in self.free_x]
+        return np.where([*angles, *(False for _ in self.free_p)], _SHORT, np.inf)
+
     def _linear(self, z: FloatArray, parameters: bool) -> tuple[LinearEquations, FloatArray]:
         """Return rates and constraints at free values z (n,), and the parameters (n_p,)."""
         x, p = self.values(z)
@@ -126,10 +135,17 @@ class SteadyConditions:
         y = self.partials.value("initial", self.t, x, c)
         return scene_equations(LinearPoint(self.program, self.partials, self.t, y, c, parameters), x), p
 
-    def equations(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the residuals (m,) of all conditions at free values z (n,), and their derivatives (m, n)."""
+    def equations(self, z: FloatArray, *, forces: bool = False) -> tuple[FloatArray, FloatArray]:
+        """Return the residuals (m,) of all conditions at free values z (n,), and their derivatives (m, n).
+
+        With `forces`, those of accelerations are multiplied by the mass matrix where all of them must vanish. Forces
+        change sign only at equilibria, and their derivatives do not vanish between as those of accelerations do.
+        """
         linear, _ = self._linear(z, bool(self.free_p))
-        parts = linear.constraints, linear.rates.rows(self.steady)
+        n = linear.coordinates
+        whole = forces and set(range(n, 2 * n)) <= set(self.steady)
+        rates = linear.rates_in_forces() if whole else linear.rates
+        parts = linear.constraints, rates.rows(self.steady)
         by_x = np.vstack([part.by_state[:, list(self.free_x)] for part in parts])
         by_p = np.vstack([part.by_parameters[:, list(self.free_p)] for part in parts])
         return np.concatenate([part.value for part in parts]), np.hstack([by_x, by_p])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -58,10 +60,15 @@ def find_operating_point(
 def _solved(conditions: SteadyConditions, options: TrimOptions) -> tuple[Root, FloatArray]:
     """Return the root of the conditions, and their residuals as shares of the tolerance.
 
-    Where Newton's method does not arrive, steps along the constraints that all reduce the rest are tried from the same
-    start.
+    Steps that stay near are tried first. Where they do not arrive, Newton's method is, and then steps along the
+    constraints that all reduce the rest, from the same start.
     """
     units = conditions.units()
+    near = _nearest(conditions, units, options.max_iterations)
+    if near is not None:
+        share = _shares(conditions, units, near, options.tolerance)
+        if np.all(share <= 1.0):
+            return near, share
     what = conditions.equations, conditions.start, units, options.max_iterations
     root = newton(*what)
     share = _shares(conditions, units, root, options.tolerance)
@@ -70,6 +77,18 @@ def _solved(conditions: SteadyConditions, options: TrimOptions) -> tuple[Root, F
     other = newton(*what, first=(0, 1))
     others = _shares(conditions, units, other, options.tolerance)
     return (other, others) if np.max(others) < np.max(share) else (root, share)
+
+
+def _nearest(conditions: SteadyConditions, units: Units, most: int) -> Root | None:
+    """Return the root where short steps end that reduce forces, None where no angle is free or they do not arrive."""
+    longest = conditions.short_steps()
+    if not np.any(np.isfinite(longest)):
+        return None
+    near = newton(partial(conditions.equations, forces=True), conditions.start, units, most, longest=longest)
+    if near.iterations == most:
+        return None
+    root = newton(conditions.equations, near.unknowns, units, most - near.iterations, longest=longest)
+    return replace(root, iterations=near.iterations + root.iterations)
 
 
 def _shares(conditions: SteadyConditions, units: Units, root: Root, tolerance: float) -> FloatArray:

@@ -231,7 +231,9 @@ def trim(
 
     Values that are `free` change until the constraints hold and what is `steady` does not change in time. All
     other values are held. Where the conditions do not determine the free values, each Newton step takes the least
-    change, and the result names what is undetermined.
+    change, and the result names what is undetermined. Angles that are free change by at most 0.5 rad in a step, and
+    steps reduce forces where all accelerations must vanish, so that the nearest of several equilibria is found from
+    guesses within about 1 rad of it. Where such steps do not arrive, others from the same guess are tried.
 
     With contacts it is looked for in the mode that the guess decides, where a gap that is not positive counts as
     closed. If the contacts are in another mode at what is found, it is looked for in that one from there; what they
