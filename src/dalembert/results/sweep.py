@@ -30,6 +30,7 @@ from .labels import (
     xarray_package,
 )
 from .parts import ENERGIES
+from .plots import plot_cases
 from .statistics import CaseFailure, Estimated, EventCounts, NamedArrays, SweepStatistics
 from .sweep_states import ContactStates, ProgramStates
 
@@ -273,6 +274,7 @@ class Sweep(Estimated):
     def _ipython_key_completions_(self) -> list[str]:
         return list(dict.fromkeys(self._names()))
 
+    plot = plot_cases
     to_dataframe = to_dataframe
 
     def to_xarray(self, units: Mapping[Any, str] | None = None) -> xarray.Dataset:
