@@ -53,12 +53,13 @@ def compile_model(
     formulation : str
         "minimal", "projected", "baumgarte", "ggl" or "augmented"; "auto" takes "minimal" where independent speeds
         exist that are regular at every configuration, else "projected".
-    outputs : sequence of str, SymPy expressions, Points or Vectors, or mapping of names to them
+    outputs : sequence of str, SymPy expressions, Points, Vectors or mappings, or mapping of names to them
         What to record beside coordinates, rates and energy: names of unknown reaction components (for those without
         power on the coordinates, bodies are moved in the program of reactions alone), expressions of the
         scene's symbols, points, of which ``"P_x"``, ``"P_y"`` and ``"P_z"`` are the position from the scene's origin
         on its frame, or vectors, of which a mapping ``{"v": vector}`` gives the components ``"v_x"``, ``"v_y"`` and
-        ``"v_z"`` on that frame. Expressions and vectors may contain accelerations ``x.diff(t, 2)``; alone, one is
+        ``"v_z"`` on that frame, or what `Scene.reaction` returns, of which ``{"R": scene.reaction("elbow")}`` gives
+        ``"R.force_x"`` and so on. Expressions and vectors may contain accelerations ``x.diff(t, 2)``; alone, one is
         called ``"x_ddot"``. Nothing else is computed.
     cache : bool
         Whether the generated module and its compiled code may be kept on disk.

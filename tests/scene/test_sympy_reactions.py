@@ -68,6 +68,23 @@ def test_other_axes():
     assert [run[name][-1] for name in names] == pytest.approx(expected, abs=1e-12)
 
 
+def test_a_reaction_has_the_name_that_the_user_gives_it():
+    """In a mapping, and among other outputs by the names that it has."""
+    parts = tree("pin")
+    scene = parts.scene()
+    N = scene.frame
+    named = {"R": scene.reaction("second"), "on N": scene.reaction("second", frame=N), "push": "second.force_x"}
+    run = compiled(scene, named).simulate((0, 0.1), parts.state(), PARAMETERS, t_eval=[0, 0.1])
+    assert run["R.force_x"][-1] == run["push"][-1] != 0
+    turned = parts.joints[1].parent_interframe.dcm(N)
+    force = [run[f"R.force_{axis}"][-1] for axis in "xyz"]
+    values = values_at(run, -1, scene, PARAMETERS)
+    on_frame = [run[f"on N.force_{axis} on N"][-1] for axis in "xyz"]
+    assert on_frame == pytest.approx(np.array(turned.T.subs(values).evalf(), dtype=float) @ force, abs=1e-12)
+    listed = da.compile_model(scene, outputs=[scene.coordinates[0] ** 2, scene.reaction("first")], backend="numpy")
+    assert set(scene.reaction("first")) <= set(listed.layout.outputs)
+
+
 def test_reactions_leave_the_state_program_as_it_is():
     scene = tree("pin").scene()
     bare, asked = (da.compile_model(scene, outputs=names, backend="numpy") for names in ((), ["second.force_x"]))

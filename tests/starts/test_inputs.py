@@ -257,9 +257,12 @@ def test_outputs_are_names_expressions_or_points(wrong):
         da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy", outputs=wrong)
 
 
-def test_a_mapping_among_named_outputs_is_merged():
-    with pytest.raises(OptionError, match=r"'blade' is a mapping; of a mapping of outputs, .* take its entries"):
-        da.compile_model(da.scenes.chaplygin_sleigh(), backend="numpy", outputs={"blade": {"push": "X"}})
+def test_a_mapping_among_outputs_has_its_entries():
+    scene = da.scenes.chaplygin_sleigh()
+    named = da.compile_model(scene, backend="numpy", outputs={"blade": {"push": "X", "lift": {"a": "Y"}}})
+    assert named.layout.outputs == ("blade.push", "blade.lift.a")
+    listed = da.compile_model(scene, backend="numpy", outputs=["Y", {"push": "X"}])
+    assert set(listed.layout.outputs) == {"Y", "push"}
 
 
 def test_one_output_may_be_given_alone():

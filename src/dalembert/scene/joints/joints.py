@@ -144,7 +144,7 @@ def requested(outputs: Any) -> tuple[Any, ...]:
 
     Parameters
     ----------
-    outputs : iterable of names, expressions, Points and Vectors, or mapping of names to them
+    outputs : iterable of names, expressions, Points, Vectors and mappings, or mapping of names to them
         One name, expression, Point or Vector is the only one.
 
     Raises
@@ -153,11 +153,11 @@ def requested(outputs: Any) -> tuple[Any, ...]:
         For what is no output, and for two outputs of the same name.
     """
     if isinstance(outputs, Mapping):
-        parts: list[Any] = [part for name, output in outputs.items() for part in _named(name, output)]
+        parts: list[Any] = _entries(outputs)
     else:
         alone = isinstance(outputs, _KINDS | ReferenceFrame) or not isinstance(outputs, Iterable)
         listed = (outputs,) if alone else tuple(members("outputs", outputs, "names"))
-        strange = [repr(output) for output in listed if not isinstance(output, _KINDS)]
+        strange = [repr(output) for output in listed if not isinstance(output, _KINDS | Mapping)]
         if strange:
             raise OptionError(f"outputs are {_ALLOWED}, or a mapping from names to them, not {list_names(strange)}")
         parts = [part for output in listed for part in _parts(output)]
@@ -181,7 +181,9 @@ def placed(points: Iterable[Any]) -> tuple[list[Place], list[str]]:
 
 
 def _parts(output: Any) -> Sequence[Any]:
-    """Return an output without a name as one or three that have one."""
+    """Return an output without a name as those that have one: a mapping as its entries."""
+    if isinstance(output, Mapping):
+        return _entries(output)
     if isinstance(output, Point):
         return [Place(output, axis) for axis in range(3)]
     if isinstance(output, Vector):
@@ -192,6 +194,18 @@ def _parts(output: Any) -> Sequence[Any]:
     return [output]
 
 
+def _entries(outputs: Mapping[Any, Any]) -> list[NamedOutput]:
+    return [part for name, output in outputs.items() for part in _named(name, output)]
+
+
+def _renamed(name: str, reaction: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return outputs with a name in place of that of their joint, which all of them begin with, and a dot."""
+    names = [str(own) for own in reaction]
+    heads = [names[0][: i + 1] for i, letter in enumerate(names[0]) if letter == "."] if names else []
+    joint = max((head for head in heads if all(own.startswith(head) for own in names)), key=len, default="")
+    return {f"{name}.{own.removeprefix(joint)}": output for own, output in zip(names, reaction.values(), strict=True)}
+
+
 def _named(name: Any, output: Any) -> Sequence[NamedOutput]:
     """Return an output that a user gave a name."""
     if not isinstance(name, str) or not name or unwritable(name):
@@ -199,8 +213,8 @@ def _named(name: Any, output: Any) -> Sequence[NamedOutput]:
     if isinstance(output, Point | Vector):
         values = [Place(output, axis) if isinstance(output, Point) else Component(output, axis) for axis in range(3)]
         return [NamedOutput(f"{name}_{'xyz'[axis]}", value) for axis, value in enumerate(values)]
+    if isinstance(output, Mapping):
+        return _entries(_renamed(name, output))
     if not isinstance(output, str | Basic):
-        merged = "; of a mapping of outputs, such as scene.reaction(...), take its entries: {**outputs, **mapping}"
-        given = f"a mapping{merged}" if isinstance(output, Mapping) else repr(output)
-        raise OptionError(f"outputs are {_ALLOWED}, but {name!r} is {given}")
+        raise OptionError(f"outputs are {_ALLOWED}, but {name!r} is {output!r}")
     return [NamedOutput(name, output)]
