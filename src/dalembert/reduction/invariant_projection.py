@@ -26,7 +26,7 @@ from ..mechanics.equations import EquationsOfMotion
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Factors, factorize
 from .base import Projection, ReducedSystem
-from .invariants import integrals
+from .integrals import ENERGY, JACOBI, integrals
 from .saddle import SaddlePoint, velocity_residuals
 
 DAMPING = 1e-6
@@ -69,7 +69,7 @@ def project_invariants(system: ReducedSystem, names: Sequence[str]) -> ReducedSy
     system : ReducedSystem
         In a formulation that projects its steps or needs no projection.
     names : sequence of str
-        Of `dalembert.reduction.invariants.integrals`.
+        Of `dalembert.reduction.integrals.integrals`.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def project_invariants(system: ReducedSystem, names: Sequence[str]) -> ReducedSy
     equations = system.equations
     nodes = integrals(equations)
     space = _Space.of(system)
-    correction = space.correction([nodes[name] for name in names], names)
+    correction = space.correction([nodes[name].value for name in names], names)
     added = (*map(initial_name, names), TIME_SCALE)
     symbols = equations.symbols
     nothing = (equations.graph.zero,) * len(system.inputs)
@@ -228,7 +228,7 @@ class _Space:
         ]
         for i, name in enumerate(names):
             damped = matrix[i][i] + graph.node(DAMPING) * matrix[i][i] + graph.node(_LEAST)
-            matrix[i][i] = damped + graph.call("abs", left[i]) if name == "energy" else damped
+            matrix[i][i] = damped + graph.call("abs", left[i]) if name in (ENERGY, JACOBI) else damped
         weights = factorize(graph, matrix).solve(left)
         half = [graph.sum(w * s[0][k] for w, s in zip(weights, slopes, strict=True)) for k in range(len(self.speeds))]
         displacement = [tau * tau * value for value in self.mass.finish(half)]

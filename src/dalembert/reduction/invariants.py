@@ -1,12 +1,12 @@
-"""Candidates of first integrals: energy, and the momenta dT/dq_dot of coordinates.
+"""Which functions of coordinates and rates are first integrals: rates of change, and where these vanish.
 
-With p = M q_dot, along every motion dp_i/dt = (dp_i/dq . q_dot + dp_i/dt + forcing_i) + (J^T lam)_i, and the energy
-changes by q_dot . forcing + d(T + V)/dq . q_dot + d(T + V)/dt less lam . drift. Where the graph sees these vanish
-identically, the integral is certain. Where they may vanish on the constraints only, as with a quaternion of norm one,
-the rate of change is returned as a kernel, to be evaluated at states that satisfy the constraints, and so is the rate
-with the arguments of switches, tables and steep functions free: what such functions do elsewhere counts too. There, a
-potential energy that was verified to be that of loads changes by minus their power at rest: its own branches may have
-other conditions than those of the loads, as that of max(0, min(x, 1)) has.
+With p = M q_dot + a(q, t), a momentum I = p . xi has the rate (dI/dq . q_dot + dI/dt + xi . forcing) + xi . J^T lam
+along every motion. With xi = q_dot this is the rate of the energy and of Jacobi's integral, where J q_dot = -drift.
+Where the graph sees these vanish identically, the integral is certain. Where they may vanish on the constraints only,
+as with a quaternion of norm one, the rate of change is returned as a kernel, to be evaluated at states that satisfy the
+constraints, and so is the rate with the arguments of switches, tables and steep functions free: what such functions do
+elsewhere counts too. There, a potential energy that was verified to be that of loads changes by minus their power at
+rest: its own branches may have other conditions than those of the loads, as that of max(0, min(x, 1)) has.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from typing import final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..errors import list_names
 from ..frozen import frozen
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph
@@ -30,6 +29,7 @@ from ..transforms.derivatives import tangents
 from ..transforms.linear import matvec
 from ..transforms.lower_kernels import lower_kernel
 from ..transforms.step_limits import own_tables
+from .integrals import ENERGY, JACOBI, integrals, momenta_of
 
 # Expressions whose switches, tables and steep functions are independent of the state.
 #
@@ -141,7 +141,7 @@ class InvariantCandidates:
     Attributes
     ----------
     names : tuple of str
-        "energy", and "p_x" for the momentum of x.
+        Those of `dalembert.reduction.integrals.integrals`.
     certain : tuple of bool
         Whether each is conserved whatever the state.
     values : Kernel
@@ -220,27 +220,32 @@ class _Candidate:
 
 
 def _found(equations: EquationsOfMotion, graph: Graph, along: Mapping[Node, Node]) -> list[_Candidate]:
-    """Return the energy, and the momenta that are not zero; `along` has the rates of time and coordinates."""
+    """Return the candidates; `along` has the rates of time and coordinates."""
     qdot, forcing = graph.adopt(equations.qdot), graph.adopt(equations.forcing)
     mass = [graph.adopt(row) for row in equations.mass_matrix]
     jacobian = [graph.adopt(row.jacobian) for row in equations.constraints]
     drifts = graph.adopt([row.drift for row in equations.constraints])
-    kinetic, potential = equations.energies(graph)
-    momenta = [tangents(graph, [kinetic], {rate: graph.one})[0] for rate in qdot]
-    plain = all((a - b).is_zero for a, b in zip(momenta, matvec(graph, mass, qdot), strict=True))
-
-    energy = kinetic + potential
-    ideal = plain and all(drift.is_zero for drift in drifts)
-    changes = tangents(graph, [energy, *momenta], along)
-    power = graph.sum(a * b for a, b in zip(forcing, qdot, strict=True))
-    direct = power + changes[0]
-    branches = power + _change_by_loads(equations, graph, along)
-    found = [_Candidate("energy", energy, direct if ideal else None, branches if ideal else None)]
-    for i, (name, momentum) in enumerate(zip(equations.symbols.coordinates, momenta, strict=True)):
-        if not momentum.is_zero:
-            silent = plain and all(row[i].is_zero for row in jacobian)
-            rate = forcing[i] + changes[i + 1] if silent else None
-            found.append(_Candidate(f"p_{name}", momentum, rate, rate))
+    momenta = momenta_of(graph, equations.energies(graph)[0], qdot)
+    rest = [a - b for a, b in zip(momenta, matvec(graph, mass, qdot), strict=True)]
+    at_rest = graph.substitute(rest, dict.fromkeys(qdot, graph.zero))
+    plain = all(node.is_zero for node in rest)
+    affine = all((a - b).is_zero for a, b in zip(rest, at_rest, strict=True))
+    functions = integrals(equations, graph)
+    changes = tangents(graph, [each.value for each in functions.values()], along)
+    stored = _change_by_loads(equations, graph, along) - changes[0]
+    found = []
+    for change, (name, each) in zip(changes, functions.items(), strict=True):
+        power, *powers = (
+            graph.sum(a * b for a, b in zip(row, each.along, strict=True) if not b.is_zero)
+            for row in (forcing, *jacobian)
+        )
+        of_energy = name in (ENERGY, JACOBI)
+        silent = all(node.is_zero for node in (drifts if of_energy else powers))
+        direct = branches = None
+        if silent and (plain if name == ENERGY else affine):
+            direct = power + change
+            branches = direct + stored if of_energy else direct
+        found.append(_Candidate(name, each.value, direct, branches))
     return found
 
 
@@ -270,42 +275,3 @@ def _equations(equations: EquationsOfMotion, graph: Graph) -> list[Node]:
 def _sizes(graph: Graph, rates: Sequence[Node]) -> list[Node]:
     """Return what the rounding of each rate is relative to: 1e-16 of it is the error of a sum of its terms."""
     return [terms_of(graph, rate) for rate in rates]
-
-
-def integrals(equations: EquationsOfMotion) -> dict[str, Node]:
-    """Return the energy and the momenta that are not zero, by the names of `candidates`, as nodes of the equations."""
-    graph = equations.graph
-    momenta = [tangents(graph, [equations.kinetic_energy], {rate: graph.one})[0] for rate in equations.qdot]
-    named = zip(equations.symbols.coordinates, momenta, strict=True)
-    kinetic, potential = equations.energies(graph)
-    found = {"energy": kinetic + potential}
-    return found | {f"p_{name}": momentum for name, momentum in named if not momentum.is_zero}
-
-
-def why_not(equations: EquationsOfMotion, name: str) -> str:
-    """Return the reason why a candidate is not conserved, for messages."""
-    graph, time = equations.graph, {equations.time: equations.graph.one}
-    loads = equations.load_energy
-    moving = [row.label for row in equations.constraints if not row.drift.is_zero]
-    if name != "energy":
-        x = name.removeprefix("p_")
-        held = [
-            row.label
-            for row in equations.constraints
-            if not row.jacobian[equations.symbols.coordinates.index(x)].is_zero
-        ]
-        if held:
-            return f"constraints act along {x!r}: {', '.join(held)}"
-        return f"a force acts along {x!r}, or the kinetic or potential energy depends on it"
-    if moving:
-        return f"constraints that depend on time do work: {', '.join(moving)}"
-    energies = equations.energies(graph)
-    if not all(change.is_zero for change in tangents(graph, energies, time)):
-        return "the scene depends explicitly on time"
-    momenta = [tangents(graph, [equations.kinetic_energy], {rate: graph.one})[0] for rate in equations.qdot]
-    at_rest = graph.substitute(momenta, dict.fromkeys(equations.qdot, graph.zero))
-    if not all(momentum.is_zero for momentum in at_rest):
-        return "prescribed motions of bodies do work"
-    named = dict.fromkeys((*loads.rates, *loads.time, *loads.states, *loads.unknown))
-    which = f": {list_names(named)}" if named else ", such as friction"
-    return f"forces without a potential energy do work{which}"

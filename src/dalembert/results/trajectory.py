@@ -247,9 +247,16 @@ class Trajectory(Estimated):
     def invariants(self) -> dict[str, FloatArray]:
         """First integrals along the motion (n_t,) by name, to see how well they are kept.
 
-        They are "energy" where no force, constraint or motion of the scene does work, and "p_x" = dT/dx_dot for each
-        coordinate x whose momentum nothing changes. They are found from the equations, not from the motion. With
-        contacts they are those that hold in every phase; between phases they may jump.
+        - "energy", where no force, constraint or motion of the scene does work
+        - "jacobi", Jacobi's integral T2 - T0 + V with the parts of T of second and zeroth degree in the rates, where
+          bodies move by prescribed functions of time on which nothing depends but the speeds, as on a hoop that turns
+          at a constant rate
+        - "p_x" = dT/dx_dot, for each coordinate x whose momentum nothing changes
+        - "p_omega_S_z" and "p_omega_N_z", angular momenta of what a unit quaternion turns, about axes of its frame S
+          and of the frame N that it turns in
+
+        They are found from the equations, not from the motion. With contacts they are those that hold in every phase;
+        between phases they may jump.
         """
         every = {id(part): part.invariants for part in self.parts}
         common = [name for name in every[id(self.parts[0])] if all(name in found for found in every.values())]

@@ -14,8 +14,9 @@ from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import WIDTH, Program, coefficient_places
 from ..mechanics.equations import EquationsOfMotion
+from ..reduction.integrals import why_not
 from ..reduction.invariant_projection import TIME_SCALE, initial_name
-from ..reduction.invariants import InvariantCandidates, why_not
+from ..reduction.invariants import InvariantCandidates
 from ..values import listed
 from . import inputs
 from .assembly import assembled
