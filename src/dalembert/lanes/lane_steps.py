@@ -97,16 +97,54 @@ def _sample(arguments: SweepArguments, lane: int, t: float) -> None:
     new = states.shape[0] // 2 - state.progress.old
     size_at = new + n + shape.events_with_series
     sampled = numbers.sampled_before[lane] = numbers.sampled[lane]
-    while sampled < t_eval.size and (t_eval[sampled] - t) * direction < 0.0:
-        x = t_eval[sampled] - now
-        if shape.memory > 0:
-            x /= direction * states[size_at, lane]
-        for m in range(n):
-            arguments.samples[numbers.case[lane], sampled * n + m] = _inside(arguments, size_at, lane, m, x)
-        if arguments.inside.size > 0:
-            arguments.inside[numbers.case[lane], sampled] = True
-        sampled += 1
+    unit, count = 1.0, 1
+    if shape.memory > 0:
+        unit = direction * states[size_at, lane]
+    while count > 0:
+        count, left = 0, t_eval.size - sampled
+        while count < _AT_ONCE and count < left and (t_eval[sampled + count] - t) * direction < 0.0:
+            count += 1
+        if count >= _SEVERAL:
+            _take_samples(arguments, size_at, lane, sampled, count, now, unit)
+        for i in range(sampled, sampled + count):
+            if count < _SEVERAL:
+                x = t_eval[i] - now
+                if shape.memory > 0:
+                    x /= unit
+                for m in range(n):
+                    arguments.samples[numbers.case[lane], i * n + m] = _inside(arguments, size_at, lane, m, x)
+            if arguments.inside.size > 0:
+                arguments.inside[numbers.case[lane], i] = True
+        sampled += count
     numbers.sampled[lane] = sampled
+
+
+_SEVERAL, _AT_ONCE = 3, 4
+"""Samples in a step from which on they are interpolated together, because sums of a polynomial wait for each other, and
+the most of them."""
+
+
+@compiled_subset
+def _take_samples(
+    arguments: SweepArguments, size_at: int, lane: int, first: int, count: int, now: float, unit: float
+) -> None:
+    """Record samples in a row, at most `_AT_ONCE`, by the polynomials of the step of a lane.
+
+    The step begins at `now`, and time counts in a `unit`.
+    """
+    t_eval, states, samples, n = arguments.t_eval, arguments.state.states, arguments.samples, arguments.shape.n
+    last, terms, case = first + count - 1, arguments.shape.degree + 1, arguments.state.numbers.case[lane]
+    w, x = (t_eval[first] - now) / unit, (t_eval[first + 1] - now) / unit
+    y, z = (t_eval[first + 2] - now) / unit, (t_eval[last] - now) / unit
+    for m in range(n):
+        a = b = c = d = 0.0
+        for k in range(terms - 1, -1, -1):
+            term = states[size_at + 2 + arguments.shape.memory + m * terms + k, lane]
+            a, b, c, d = fma(a, w, term), fma(b, x, term), fma(c, y, term), fma(d, z, term)
+        place = first * n + m
+        samples[case, place], samples[case, place + n], samples[case, place + 2 * n] = a, b, c
+        if count > 3:
+            samples[case, place + 3 * n] = d
 
 
 @compiled_subset
