@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from cases import END, PROBLEMS, UNEQUAL, Problem, sleigh_to_scene, sphere_rhs, unequal_parameters, unequal_rhs
+from cases import DOUBLE, END, PROBLEMS, UNEQUAL, Problem, sphere_rhs, unequal_parameters
 from exact import spatial_angular_velocity
 from extended import FILE
 from numpy.typing import NDArray
@@ -45,8 +45,8 @@ class Batch:
 
     def scene_state(self, i: int, y: FloatArray) -> FloatArray:
         """Return (q, q_dot) of case i from its state in the equations reduced by hand."""
-        if self.problem.name == "sleigh":
-            return np.concatenate(sleigh_to_scene(y))
+        if self.problem.name in ("sleigh", "double pendulum"):
+            return np.concatenate(self.problem.reduced.to_scene(y))
         return np.concatenate([y, self.problem.reduced.rhs(y.tolist(), self.p[i].tolist(), (math.sin, math.cos))])
 
 
@@ -87,10 +87,21 @@ def _unequal_spheres(count: int) -> Batch:
     return Batch(problem, problem.initial, {**UNEQUAL, **moments}, np.tile(q, (count, 1)), np.array(p))
 
 
+def _double_pendula(count: int) -> Batch:
+    random, problem = np.random.default_rng(2), PROBLEMS["double pendulum"]
+    factors = random.uniform(0.8, 1.2, (count, 4)).T
+    p = {name: DOUBLE[name] * factor for name, factor in zip(("m_1", "m_2", "l_1", "l_2"), factors, strict=True)}
+    columns = [*p.values(), np.full(count, DOUBLE["g"])]
+    return Batch(
+        problem, problem.initial, {**DOUBLE, **p}, np.tile(problem.reduced.start, (count, 1)), np.stack(columns, axis=1)
+    )
+
+
 BATCHES: dict[str, Callable[[int], Batch]] = {
     "sleigh": _sleighs,
     "sphere": _spheres,
     "unequal sphere": _unequal_spheres,
+    "double pendulum": _double_pendula,
 }
 
 
@@ -115,5 +126,9 @@ def sample_states(batch: Batch, count: int = SAMPLE) -> FloatArray:
 
 def references(count: int = SAMPLE) -> dict[str, tuple[Any, Any, Any]]:
     """Return what `extended` has to solve for the samples that have no closed form."""
-    batch = _unequal_spheres(count)
-    return {f"{batch.problem.name} {i}": (unequal_rhs, batch.p[i].tolist(), batch.y[i].tolist()) for i in range(count)}
+    found: dict[str, tuple[Any, Any, Any]] = {}
+    for build in (_unequal_spheres, _double_pendula):
+        batch = build(count)
+        for i in range(count):
+            found[f"{batch.problem.name} {i}"] = batch.problem.reduced.rhs, batch.p[i].tolist(), batch.y[i].tolist()
+    return found

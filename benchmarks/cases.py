@@ -1,7 +1,7 @@
-"""What is simulated: four scenes, each with the best equations that a person would reduce by hand, for peers.
+"""What is simulated: five scenes, each with the best equations that a person would reduce by hand, for peers.
 
-Sleigh and sphere have closed forms; the sleigh on a torsion spring and the sphere with three unequal moments are
-measured against references in extended precision (`extended`).
+Sleigh and sphere have closed forms; the sleigh on a torsion spring, the sphere with three unequal moments and the
+double pendulum are measured against references in extended precision (`extended`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import sympy as sp
 from exact import END, SLEIGH, SPHERE, Case, spatial_angular_velocity
 from extended import FILE
 from numpy.typing import NDArray
-from sympy.physics.mechanics import RigidBody, inertia
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
 
@@ -172,7 +172,43 @@ def rotation(q: FloatArray) -> FloatArray:
     return turn(q[2], 0, 1) @ turn(q[3], 1, 2) @ turn(q[4], 0, 1)
 
 
-# -- the four -----------------------------------------------------------------------------------
+# -- double pendulum ------------------------------------------------------------------------------
+
+
+def pendulum_rhs(state: Any, p: Any, functions: Functions) -> Sequence[Any]:
+    """Return the rates of angles to the vertical and their rates: p = (m_1, m_2, l_1, l_2, g).
+
+    The accelerations are solved for by hand; each sine is taken once.
+    """
+    a, b, a_dot, b_dot = state
+    sin, cos = functions
+    m1, m2, l1, l2, g = p
+    s, c, m = sin(a - b), cos(a - b), m1 + m2
+    first, second = l1 * (a_dot * a_dot), l2 * (b_dot * b_dot)
+    f1 = -m2 * s * second - m * g * sin(a)
+    f2 = s * first - g * sin(b)
+    inertia = m1 + m2 * (s * s)
+    return a_dot, b_dot, (f1 - m2 * c * f2) / (l1 * inertia), (m * f2 - c * f1) / (l2 * inertia)
+
+
+def double_pendulum() -> da.Scene:
+    """Return two particles on massless rods, in absolute angles."""
+    a, b = dynamicsymbols("a b")
+    m_1, m_2, l_1, l_2, g = sp.symbols("m_1 m_2 l_1 l_2 g", positive=True)
+    N, O = ReferenceFrame("N"), Point("O")
+    P = O.locatenew("P", l_1 * (sp.sin(a) * N.x - sp.cos(a) * N.y))
+    Q = P.locatenew("Q", l_2 * (sp.sin(b) * N.x - sp.cos(b) * N.y))
+    scene = da.Scene("double_pendulum", frame=N, origin=O, coordinates=[a, b])
+    scene.add_bodies(Particle("upper", P, m_1), Particle("lower", Q, m_2))
+    scene.apply_uniform_gravity(-g * N.y)
+    return scene
+
+
+DOUBLE = {"m_1": 1.2, "m_2": 0.7, "l_1": 0.9, "l_2": 1.1, "g": 9.81}
+_DOUBLE_START = np.array([0.9, -0.4, 0.0, 1.5])
+
+
+# -- the five -----------------------------------------------------------------------------------
 
 
 def _closed(name: str, case: Case, reduced: Reduced) -> Problem:
@@ -184,14 +220,14 @@ def _closed(name: str, case: Case, reduced: Reduced) -> Problem:
 
 
 def _extended(
-    name: str, build: Callable[[], da.Scene], case: Case, p: Mapping[str, float], reduced: Reduced
+    name: str, build: Callable[[], da.Scene], coordinates: Sequence[str], p: Mapping[str, float], reduced: Reduced
 ) -> Problem:
     def end() -> tuple[FloatArray, FloatArray]:
         return reduced.to_scene(np.array([float(v) for v in json.loads(FILE.read_text(encoding="utf-8"))[name]]))
 
-    rates = [f"{q}_dot" for q in case.coordinates]
+    rates = [f"{q}_dot" for q in coordinates]
     q, qdot = reduced.to_scene(reduced.start)
-    initial = {**dict(zip(case.coordinates, q.tolist(), strict=True)), **dict(zip(rates, qdot.tolist(), strict=True))}
+    initial = {**dict(zip(coordinates, q.tolist(), strict=True)), **dict(zip(rates, qdot.tolist(), strict=True))}
     return Problem(name, build, p, initial, reduced, end)
 
 
@@ -209,17 +245,19 @@ def _all() -> list[Problem]:
     unequal = unequal_parameters(UNEQUAL, start.q, omega)
     first = _sleigh_start(SLEIGH)
     on_spring = Reduced(spring_rhs, (*sleigh, spring["k"] / p["I_C"]), first, sleigh_to_scene)
+    pendulum = Reduced(pendulum_rhs, tuple(DOUBLE.values()), _DOUBLE_START, lambda y: (y[:2], y[2:]))
     chaplygin = Reduced(unequal_rhs, unequal, start.q, to_scene(unequal_rhs, unequal))
     return [
         _closed("sleigh", SLEIGH, Reduced(sleigh_rhs, sleigh, first, sleigh_to_scene)),
         _closed("sphere", SPHERE, Reduced(sphere_rhs, sphere, start.q, to_scene(sphere_rhs, sphere))),
-        _extended("unequal sphere", unequal_sphere, SPHERE, UNEQUAL, chaplygin),
-        _extended("stiff sleigh", spring_sleigh, SLEIGH, spring, on_spring),
+        _extended("unequal sphere", unequal_sphere, SPHERE.coordinates, UNEQUAL, chaplygin),
+        _extended("stiff sleigh", spring_sleigh, SLEIGH.coordinates, spring, on_spring),
+        _extended("double pendulum", double_pendulum, ("a", "b"), DOUBLE, pendulum),
     ]
 
 
 PROBLEMS: dict[str, Problem] = {problem.name: problem for problem in _all()}
 EXTENDED = {
     name: (PROBLEMS[name].reduced.rhs, PROBLEMS[name].reduced.parameters, PROBLEMS[name].reduced.start.tolist())
-    for name in ("unequal sphere", "stiff sleigh")
+    for name in ("unequal sphere", "stiff sleigh", "double pendulum")
 }

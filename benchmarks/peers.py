@@ -92,14 +92,16 @@ def interpreted_rhs(reduced: Reduced) -> Callable[[float, FloatArray], Sequence[
 def compiled_rhs(reduced: Reduced) -> Callable[..., FloatArray]:
     """Return the right-hand side (t, y, p) compiled by numba, p a tuple."""
     from numba import njit
+    from numba.np.unsafe.ndarray import to_fixed_tuple
 
-    by_hand = njit(reduced.rhs)
+    by_hand, size = njit(reduced.rhs), len(reduced.start)
 
     @njit
     def rhs(_: float, y: FloatArray, p: tuple[float, ...]) -> FloatArray:
-        rates = by_hand((y[0], y[1], y[2], y[3], y[4]), p, (math.sin, math.cos))
-        out = np.empty(5)
-        out[0], out[1], out[2], out[3], out[4] = rates
+        rates = by_hand(to_fixed_tuple(y, size), p, (math.sin, math.cos))
+        out = np.empty(size)
+        for i in range(size):
+            out[i] = rates[i]
         return out
 
     return rhs
