@@ -22,8 +22,7 @@ from ..ir.node import Node
 from ..ir.program import DIRECTION
 from ..ir.zero_tests import terms_of
 from ..once import deriving
-from ..scene.orientation import chosen_entries
-from ..scene.symbol_table import Entry
+from ..scene.symbol_table import Entry, chosen_entries
 from ..transforms.derivatives import GUARDED, tangents
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matmul, matvec, transpose
 from ..transforms.lower_kernels import lower_kernel

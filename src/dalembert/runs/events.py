@@ -11,7 +11,7 @@ from ..ir.program import DIRECTION
 from ..once import deriving
 from ..reduction.event_functions import event_functions, jump_kernel
 from ..reduction.starting import Start
-from ..scene.expressions.reader import symbols_called
+from ..scene.expressions.identity import symbols_called
 from ..transforms.taylor.nonsmooth import nonanalytic_operations
 
 if TYPE_CHECKING:

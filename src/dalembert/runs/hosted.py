@@ -18,7 +18,7 @@ from ..methods.status import Status
 from ..methods.step_constants import SMALLEST_OF_TIME
 from ..methods.traced import TRACED
 from ..options import SolveOptions
-from ..scene.expressions.reader import symbols_called
+from ..scene.expressions.identity import symbols_called
 from ..scene.symbol_table import InputSymbol
 from ..stops.samples import Samples, samples
 from .elapsed import check_watched

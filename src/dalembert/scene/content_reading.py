@@ -17,7 +17,7 @@ from ..ir.zero_tests import agree
 from ..naming import rate_name
 from ..transforms.derivatives import tangents
 from .actuators import read_actuators
-from .contacts.laws import read_contacts
+from .contacts.law_reading import read_contacts
 from .controllers import controller_symbols, read_controllers
 from .expressions.reader import short
 from .frames import matrix_of

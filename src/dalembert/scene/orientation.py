@@ -7,14 +7,14 @@ speeds and brings e back to length one after every step.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, final
 
 from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import Dyadic, Vector, dynamicsymbols
 
-from ..errors import InitialStateError, OptionError, SceneError, list_names, nesting_named
+from ..errors import OptionError, SceneError, list_names, nesting_named
 from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
@@ -304,36 +304,3 @@ def entries_of(graph: Graph, orientations: Sequence[FreeOrientation]) -> tuple[E
         spun: list[Node] = [graph.node(0.5) * x for x in matvec(graph, turning, [graph.input(w) for w in omega])]
         rates.append(Entry(omega, (), slopes, tuple(spun)))
     return (*positions, *rates)
-
-
-def chosen_entries(
-    entries: Sequence[Entry], given: Collection[str], solved: Collection[str] = ()
-) -> Iterator[tuple[Entry, list[str]]]:
-    """Yield the entries that given values use, with those of their names that are left out.
-
-    Names may be left out where constraints can fix them: of entries that determine some of the rates `solved`.
-
-    Raises
-    ------
-    InitialStateError
-        Where values are missing, or given twice.
-    """
-    entered: set[str] = set()
-    for entry in entries:
-        there = [name for name in entry.names if name in given]
-        if not there:
-            continue
-        out = [name for name in entry.names if name not in given]
-        lacking = [name for name in entry.needs if name not in given]
-        if lacking or (out and not {*entry.targets} & {*solved}):
-            raise InitialStateError(
-                f"initial values are missing for {list_names([*out, *lacking])}: with {list_names(there)}, all of"
-                f" {list_names((*entry.names, *entry.needs))} are needed; or give {list_names(entry.targets)} instead"
-            )
-        twice = [name for name in entry.targets if name in given or name in entered]
-        if twice:
-            raise InitialStateError(
-                f"{list_names(entry.names)} determine {list_names(twice)}, which are given too; give one of the two"
-            )
-        entered |= {*entry.targets}
-        yield entry, out

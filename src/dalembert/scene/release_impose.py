@@ -10,11 +10,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
+from sympy import Expr
 from sympy.core.function import AppliedUndef
 from sympy.physics.mechanics import Point, ReferenceFrame
 from sympy.physics.vector import Vector, dynamicsymbols
 
-from ..errors import SceneError, list_names
+from ..errors import SceneError, list_names, nesting_named
 from ..frozen import frozen
 from .expressions.identity import equal, vanishes
 from .expressions.vector_products import VectorProduct
@@ -78,9 +79,47 @@ def with_imposed(expression: Any, imposed: Sequence[tuple[Any, Any]]) -> Any:
 # -- release ------------------------------------------------------------------------------------
 
 
-def release(scene: Scene, coordinate: Any, target: Any, direction: Any) -> Scene:
-    """See `Scene.release`."""
-    scene = without_speeds(scene)
+@nesting_named
+def release(self: Scene, coordinate: Expr, target: Point | ReferenceFrame, direction: Vector) -> Scene:
+    """Return a new scene with a further coordinate that the parametrization had eliminated.
+
+    This scene stays as it is: write ``scene = scene.release(...)``, and compile what it returns.
+
+    This is the "fictitious" coordinate of section 13.4: a further Lagrange equation, which determines
+    the reaction that the parametrization hides. The motion stays as it is. Outputs do not need it:
+    `dalembert.compile_model` computes reactions that the parametrization hides by itself.
+
+    Parameters
+    ----------
+    coordinate : dynamicsymbol
+        The coordinate; the scene must not have it yet.
+    target : Point or ReferenceFrame
+        The point to move, and with it all that is located from it; or the frame to turn, and with it all
+        that is oriented from it.
+    direction : Vector
+        Unit vector: `coordinate` takes the place of the component of the position of `target` along it, or is
+        the angle of a further rotation about it.
+
+    Returns
+    -------
+    Scene
+        With the coordinate, and the holonomic constraint that sets it to its former value.
+
+    Raises
+    ------
+    SceneError
+        When the coordinate exists, the target is fixed, or the direction is not a unit vector.
+
+    Examples
+    --------
+    The normal force under the rolling sphere, of which G is the centre::
+
+        scene = scene.release(z, G, N.z)  # with z, and the constraint z - r
+
+    A point from which a body, and all that it carries, is located moves them together: so a pin at the origin is
+    released as a point of its own, ``pin = O.locatenew("pin", 0)``.
+    """
+    scene = without_speeds(self)
     faults = _release_faults(scene, coordinate, target, direction)
     if faults:
         raise SceneError(scene.name, faults)
@@ -139,9 +178,32 @@ def _component(scene: Scene, point: Point, direction: Vector) -> Any:
 # -- impose -------------------------------------------------------------------------------------
 
 
-def impose(scene: Scene, coordinate: Any, expression: Any = None) -> Scene:
-    """See `Scene.impose`."""
-    scene = without_speeds(scene)
+@nesting_named
+def impose(self: Scene, coordinate: Expr, expression: Expr | None = None) -> Scene:
+    """Return a new scene without a coordinate that a holonomic constraint determines: "compatible" equations.
+
+    This scene stays as it is: write ``scene = scene.impose(...)``.
+
+    Parameters
+    ----------
+    coordinate : dynamicsymbol
+        The coordinate to eliminate.
+    expression : Expr, optional
+        Its value, in the other coordinates and time. Without it, a holonomic constraint that is affine in
+        the coordinate is solved for it.
+
+    Returns
+    -------
+    Scene
+        Without the coordinate and without the constraints that this fulfils. Reactions that only held those
+        constraints have no power left and become undetermined.
+
+    Raises
+    ------
+    SceneError
+        When no constraint gives the coordinate in closed form, or `expression` contradicts one.
+    """
+    scene = without_speeds(self)
     if not isinstance(coordinate, sp.Expr) or coordinate not in scene.coordinates:
         known = list_names(str(q.func.__name__) for q in scene.coordinates)
         raise SceneError(scene.name, [f"{coordinate} is no coordinate of the scene, so it cannot be imposed ({known})"])

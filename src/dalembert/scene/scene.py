@@ -14,16 +14,18 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import Vector
 
 from ..errors import SceneError, nesting_named
-from . import release_impose
+from .added_shapes import add_shapes
 from .contacts.geometry import GeometricContact
 from .contacts.laws import CoulombFriction, UnilateralContact
 from .controllers import Controller
-from .joints.connections import add_connection
+from .joints.compliances import add_compliances
+from .joints.connections import add_connection, add_joints
 from .joints.joints import Joint
-from .joints.reactions import Connection, reaction, require_new_name
+from .joints.reactions import Connection, reaction
 from .orientation import FreeOrientation
+from .release_impose import Release, impose, release
 from .robots import RobotParts, from_mjcf, from_urdf
-from .shapes import Shape, checked_shapes
+from .shapes import Shape
 
 
 @final
@@ -94,7 +96,7 @@ class Scene:
         self.frictions: tuple[CoulombFriction, ...] = ()
         self.compliances: tuple[tuple[Any, Any], ...] = ()
         self.made_contacts: tuple[Any, ...] = ()
-        self.releases: tuple[release_impose.Release, ...] = ()
+        self.releases: tuple[Release, ...] = ()
         self.imposed: tuple[tuple[Expr, Expr], ...] = ()
         self.orientations: tuple[FreeOrientation, ...] = ()
         self.shapes: tuple[tuple[str, Shape], ...] = ()
@@ -174,62 +176,8 @@ class Scene:
             if not any(body is own for own in self.bodies):
                 self.bodies += (body,)
 
-    @nesting_named
-    def add_joints(self, *joints: Any) -> None:
-        """Add joints: those of ``sympy.physics.mechanics``, those that constrain, or a `Joint` with unknown reactions.
-
-        `PinJoint`, `PrismaticJoint`, `CylindricalJoint`, `PlanarJoint`, `SphericalJoint` and `WeldJoint` build a tree.
-        Each adds its bodies and coordinates, unless the scene has them, and its speeds. A parent at rest is the fixed
-        frame. `Closure`, `Rod`, `Gear`, `RollingDisc` and `RollingSphere` add constraints, `Rope` and `Stop` contacts.
-        The reaction of a joint "elbow" is an output by name: "elbow.force_x", ..., "elbow.torque_z" act on the child at
-        the joint's ``child_point``, with axes of its ``parent_interframe``. See `reaction` for other axes.
-
-        A reaction need not have power on the coordinates. It is computed where it is the same whatever connections of
-        bodies carry that no joint declares; otherwise the error names the bodies.
-
-        Raises
-        ------
-        SceneError
-            For a second joint of the same name, and for arguments that contradict the scene, such as a SymPy joint that
-            closes a loop.
-        """
-        for joint in joints:
-            if isinstance(joint, Joint):
-                if any(joint.name == item.name for item in self.connections):
-                    require_new_name(self, joint.name)
-                self.joints += (joint,)
-            elif not add_connection(self, joint):
-                self.joints += (joint,)
-
-    def reaction(self, joint: str, frame: ReferenceFrame | None = None) -> dict[str, Expr]:
-        """Return the reaction of a joint that constrains, as outputs by name.
-
-        Parameters
-        ----------
-        joint : str
-            Name of a joint of the scene that constrains.
-        frame : ReferenceFrame, optional
-            Axes of the components, which are called such as "elbow.force_x on N"; by default those of the joint.
-
-        Returns
-        -------
-        dict of str to Expr
-            Forces [N] and torques [N m] on the child at the joint's point, for ``outputs=``.
-
-        Raises
-        ------
-        UnknownNameError
-            For a joint that the scene does not have, or that does not constrain.
-        OptionError
-            For axes of a joint whose reaction is no force or torque at a point, such as that of a gear.
-
-        Examples
-        --------
-        ::
-
-            model = da.compile_model(scene, outputs=scene.reaction("elbow", frame=N))
-        """
-        return reaction(self, joint, frame)
+    add_joints = add_joints
+    reaction = reaction
 
     def add_loads(self, *loads: Any) -> None:
         """Add given actions: ``Force``/``Torque`` of SymPy, pairs (point, force), (frame, torque), or forces on bodies.
@@ -325,36 +273,7 @@ class Scene:
         """Add Coulomb friction between reaction components of joints."""
         self.frictions += laws
 
-    def add_compliances(self, compliances: Mapping[Any, Any]) -> None:
-        """Add compliances of reaction components, by which joints share a load that rigid bodies leave undetermined.
-
-        Of all reactions that balance the bodies, those are returned that minimise the elastic energy, 1/2 sum c_i
-        R_i^2, as those of elastic supports do in the limit of great stiffness. The motion does not depend on them, nor
-        does any reaction that the balances determine; only the ratios of the compliances matter.
-
-        Parameters
-        ----------
-        compliances : mapping of names or unknowns to Expr or number
-            For each reaction component its positive compliance [m/N], or [rad/(N m)] of a torque: a number, or an
-            expression of parameters that are declared positive.
-
-        Raises
-        ------
-        SceneError
-            For what is no mapping; everything else is checked when the scene is compiled.
-
-        Examples
-        --------
-        A door whose upper hinge is softer than its lower one along their common axis::
-
-            c_1, c_2 = symbols("c_1 c_2", positive=True)
-            scene.add_compliances({"upper.force_z": c_1, "lower.force_z": c_2})
-        """
-        given: Any = compliances
-        if not isinstance(given, Mapping):
-            what = f"add_compliances takes a mapping of reaction components to compliances, not {compliances!r}"
-            raise SceneError(self.name, [what])
-        self.compliances += tuple(given.items())
+    add_compliances = add_compliances
 
     def add_contacts(self, *contacts: UnilateralContact | GeometricContact) -> None:
         """Add unilateral constraints: they push, do not pull, and may open and close.
@@ -366,100 +285,14 @@ class Scene:
             if not add_connection(self, contact):
                 self.contacts += (contact,)
 
-    def add_shapes(self, shapes: Mapping[str, Shape | Sequence[Shape]]) -> None:
-        """Add shapes for pictures; the motion does not depend on them.
-
-        Parameters
-        ----------
-        shapes : mapping of str to shape or sequence of shapes
-            `Sphere`, `Disk`, `Box` and `Cylinder` move with the body whose name is their key. `Rod`, `Spring`,
-            `Path` and `Ground` have any name.
-
-        Raises
-        ------
-        OptionError
-            For what is no shape, and for arguments of shapes of the wrong kind.
-
-        Examples
-        --------
-        A wheel::
-
-            scene.add_shapes({"wheel": da.Disk(radius=r, axis=W.y), "floor": da.Ground(normal=N.z)})
-        """
-        self.shapes += checked_shapes(shapes)
+    add_shapes = add_shapes
 
     def apply_uniform_gravity(self, acceleration: Vector) -> None:
         """Add a uniform gravitational field with the given acceleration [m/s^2], such as ``-g*N.z``."""
         self.gravity = acceleration
 
-    @nesting_named
-    def release(self, coordinate: Expr, target: Point | ReferenceFrame, direction: Vector) -> Scene:
-        """Return a new scene with a further coordinate that the parametrization had eliminated.
-
-        This scene stays as it is: write ``scene = scene.release(...)``, and compile what it returns.
-
-        This is the "fictitious" coordinate of section 13.4: a further Lagrange equation, which determines
-        the reaction that the parametrization hides. The motion stays as it is. Outputs do not need it:
-        `dalembert.compile_model` computes reactions that the parametrization hides by itself.
-
-        Parameters
-        ----------
-        coordinate : dynamicsymbol
-            The coordinate; the scene must not have it yet.
-        target : Point or ReferenceFrame
-            The point to move, and with it all that is located from it; or the frame to turn, and with it all
-            that is oriented from it.
-        direction : Vector
-            Unit vector: `coordinate` takes the place of the component of the position of `target` along it, or is
-            the angle of a further rotation about it.
-
-        Returns
-        -------
-        Scene
-            With the coordinate, and the holonomic constraint that sets it to its former value.
-
-        Raises
-        ------
-        SceneError
-            When the coordinate exists, the target is fixed, or the direction is not a unit vector.
-
-        Examples
-        --------
-        The normal force under the rolling sphere, of which G is the centre::
-
-            scene = scene.release(z, G, N.z)  # with z, and the constraint z - r
-
-        A point from which a body, and all that it carries, is located moves them together: so a pin at the origin is
-        released as a point of its own, ``pin = O.locatenew("pin", 0)``.
-        """
-        return release_impose.release(self, coordinate, target, direction)
-
-    @nesting_named
-    def impose(self, coordinate: Expr, expression: Expr | None = None) -> Scene:
-        """Return a new scene without a coordinate that a holonomic constraint determines: "compatible" equations.
-
-        This scene stays as it is: write ``scene = scene.impose(...)``.
-
-        Parameters
-        ----------
-        coordinate : dynamicsymbol
-            The coordinate to eliminate.
-        expression : Expr, optional
-            Its value, in the other coordinates and time. Without it, a holonomic constraint that is affine in
-            the coordinate is solved for it.
-
-        Returns
-        -------
-        Scene
-            Without the coordinate and without the constraints that this fulfils. Reactions that only held those
-            constraints have no power left and become undetermined.
-
-        Raises
-        ------
-        SceneError
-            When no constraint gives the coordinate in closed form, or `expression` contradicts one.
-        """
-        return release_impose.impose(self, coordinate, expression)
+    release = release
+    impose = impose
 
     def body_names(self) -> Iterable[str]:
         """Return the names of the bodies, in order."""

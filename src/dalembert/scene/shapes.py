@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import field, fields
-from os import PathLike
+from collections.abc import Callable, Mapping
+from dataclasses import field
 from typing import Any, final
 
 import numpy as np
@@ -247,74 +246,6 @@ class Path:
 Shape = Sphere | Disk | Box | Cylinder | Mesh | Rod | Spring | Ground | Path
 BODY_SHAPES = (Sphere, Disk, Box, Cylinder, Mesh)
 """Shapes that move with a body, whose name is their key."""
-
-_POINTS, _VECTORS, _OTHER = (
-    ("at", "start", "end", "point"),
-    ("axis", "normal"),
-    ("color", "coils", "name", "parent", "child", "source", "scale", "rotation", "offset", "fixed"),
-)
-
-
-def checked_shapes(shapes: Any) -> tuple[tuple[str, Shape], ...]:
-    """Return pairs of name and shape of a mapping from names to shapes, or to several.
-
-    Raises
-    ------
-    OptionError
-        For what is no shape, and for arguments of shapes of the wrong kind.
-    """
-    if not isinstance(shapes, Mapping):
-        raise OptionError(
-            f"add_shapes takes a mapping from names to shapes, such as {{'wheel': Disk(...)}}, not {shapes!r}"
-        )
-    found: list[tuple[str, Shape]] = []
-    for name, given in shapes.items():
-        several = given if isinstance(given, Iterable) else (given,)
-        for shape in several:
-            if not isinstance(shape, Shape):
-                known = ", ".join(kind.__name__ for kind in Shape.__args__)
-                raise OptionError(f"shape {str(name)!r}: {shape!r} is none of {known}")
-            _check(str(name), shape)
-            found.append((str(name), shape))
-    return tuple(found)
-
-
-def _check_mesh(name: str, mesh: Mesh) -> None:
-    """Raise for a mesh whose numbers have no meaning."""
-    try:
-        numbers = [x for x in (*mesh.rigid, *(() if isinstance(mesh.source, str | PathLike) else mesh.source))]
-        arrays = [np.asarray(x, dtype=float) for x in numbers]
-        shapes = [x.shape[-1:] for x in arrays]
-        fits = all(map(np.all, map(np.isfinite, arrays))) and shapes == [(3,)] * len(arrays) and len(arrays) in (2, 4)
-        fits = fits and arrays[0].shape == (3, 3) and arrays[1].shape == (3,)
-    except (TypeError, ValueError):
-        fits = False
-    if not fits:
-        raise OptionError(
-            f"shape {name!r}: a mesh is the path of a file, or vertices (n, 3) and faces (m, 3); scale= is a number or"
-            " three, rotation= (3, 3), offset= (3,)"
-        )
-
-
-def _check(name: str, shape: Shape) -> None:
-    if isinstance(shape, Mesh):
-        _check_mesh(name, shape)
-    for each in fields(shape):
-        value, kind = getattr(shape, each.name), None
-        if value is None and each.default is None:
-            continue
-        if each.name in _POINTS and not isinstance(value, Point):
-            kind = "a Point"
-        elif each.name in _VECTORS and not isinstance(value, Vector):
-            kind = "a Vector"
-        elif each.name == "color" and not isinstance(value, str):
-            kind = "the name of a colour"
-        elif each.name == "coils" and not (isinstance(value, int) and value > 0):
-            kind = "a positive whole number"
-        elif each.name not in (*_POINTS, *_VECTORS, *_OTHER) and not isinstance(value, int | float | Expr):
-            kind = "a length: a number, or an expression of the scene's parameters"
-        if kind is not None:
-            raise OptionError(f"shape {name!r}: {each.name} must be {kind}, not {value!r}")
 
 
 # Numbers of shapes and forces of a scene, for pictures.

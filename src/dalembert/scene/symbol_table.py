@@ -1,12 +1,12 @@
-"""`SymbolTable`: the names of a scene, and the inputs of the graph that they are."""
+"""`SymbolTable`: the names of a scene, which are inputs of the graph, and others that starts may be given in."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import field
 from typing import final
 
-from ..errors import OptionError
+from ..errors import InitialStateError, OptionError, list_names
 from ..frozen import frozen
 from ..ir.node import Node
 from ..naming import acceleration_name
@@ -126,3 +126,36 @@ class SymbolTable:
                     f"the output {name!r} has the name of {kind}, and an acceleration is called so, too: give the"
                     " expression that is meant another name, as in outputs={'acceleration': x.diff(t, 2)}"
                 )
+
+
+def chosen_entries(
+    entries: Sequence[Entry], given: Collection[str], solved: Collection[str] = ()
+) -> Iterator[tuple[Entry, list[str]]]:
+    """Yield the entries that given values use, with those of their names that are left out.
+
+    Names may be left out where constraints can fix them: of entries that determine some of the rates `solved`.
+
+    Raises
+    ------
+    InitialStateError
+        Where values are missing, or given twice.
+    """
+    entered: set[str] = set()
+    for entry in entries:
+        there = [name for name in entry.names if name in given]
+        if not there:
+            continue
+        out = [name for name in entry.names if name not in given]
+        lacking = [name for name in entry.needs if name not in given]
+        if lacking or (out and not {*entry.targets} & {*solved}):
+            raise InitialStateError(
+                f"initial values are missing for {list_names([*out, *lacking])}: with {list_names(there)}, all of"
+                f" {list_names((*entry.names, *entry.needs))} are needed; or give {list_names(entry.targets)} instead"
+            )
+        twice = [name for name in entry.targets if name in given or name in entered]
+        if twice:
+            raise InitialStateError(
+                f"{list_names(entry.names)} determine {list_names(twice)}, which are given too; give one of the two"
+            )
+        entered |= {*entry.targets}
+        yield entry, out

@@ -23,8 +23,7 @@ from ..ir.interpret import ARRAY_OPERATIONS, interpret, interpret_rows, rows_of_
 from ..ir.node import Node
 from ..ir.program import Layout, Program
 from ..once import deriving
-from ..scene.orientation import chosen_entries
-from ..scene.symbol_table import Entry
+from ..scene.symbol_table import Entry, chosen_entries
 from ..transforms.lower_kernels import lower_kernel
 from ..values import listed, number, traced_note
 from .symbol_assumptions import ROUNDING, refuse_contradictions

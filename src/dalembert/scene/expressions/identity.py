@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import sympy as sp
@@ -133,3 +133,10 @@ def equal(first: Any, second: Any) -> bool:
         if abs(x - y) > ROUNDING * max(abs(x), abs(y)):
             return False
     return True
+
+
+def symbols_called(names: Collection[str], expressions: Iterable[Any]) -> tuple[Any, ...]:
+    """Return the symbols in expressions that print as one of some names, in an order that is always the same."""
+    held = (e.atoms(sp.Symbol) for e in expressions if isinstance(e, sp.Basic))
+    found = {symbol for symbols in held for symbol in symbols if str(symbol) in names}
+    return tuple(sorted(found, key=lambda symbol: (str(symbol.name), str(symbol.assumptions0))))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from fractions import Fraction
 from functools import reduce
 from itertools import islice
@@ -11,7 +11,6 @@ from typing import Any, final
 
 import sympy as sp
 from sympy.core.function import AppliedUndef
-from sympy.logic.boolalg import And, BooleanFalse, BooleanTrue, Not, Or
 from sympy.physics.vector import dynamicsymbols
 
 from ...errors import TOO_DEEP, list_names
@@ -24,7 +23,7 @@ from ..joints.joints import Unknown
 from .compiled_functions import CompiledCall
 from .elapsed import ElapsedTime
 from .table_functions import TableFunction, outside
-from .time_conditions import FUNCTIONS, JUMPING, RECIPROCALS, TimeConditions, is_exhaustive, supported
+from .time_conditions import FUNCTIONS, JUMPING, RECIPROCALS, TimeConditions, supported
 from .vector_products import VectorProduct
 
 _EXPONENT = 1_000_000
@@ -32,7 +31,6 @@ _LONG = 10_000
 """Parts of an expression from which on messages do not print it."""
 
 _ONCE = "(for SymPy, symbols with other assumptions are other symbols); create it once and use that one everywhere"
-_OTHER = f"is not the coordinate of that name {_ONCE}"
 
 
 def short(expression: Any, width: int = 80) -> str:
@@ -47,13 +45,6 @@ def short(expression: Any, width: int = 80) -> str:
         return "an expression with numbers of thousands of digits"
     text = re.sub(r"(\w+)\(t\)", lambda found: found[0] if found[1] in supported() else found[1], text)
     return text if len(text) <= width else text[: width - 3] + "..."
-
-
-def symbols_called(names: Collection[str], expressions: Iterable[Any]) -> tuple[Any, ...]:
-    """Return the symbols in expressions that print as one of some names, in an order that is always the same."""
-    held = (e.atoms(sp.Symbol) for e in expressions if isinstance(e, sp.Basic))
-    found = {symbol for symbols in held for symbol in symbols if str(symbol) in names}
-    return tuple(sorted(found, key=lambda symbol: (str(symbol.name), str(symbol.assumptions0))))
 
 
 @final
@@ -196,9 +187,8 @@ class ExpressionReader:
         if isinstance(e, sp.Subs) and isinstance(e.expr, sp.Derivative) and isinstance(e.expr.expr, AppliedUndef):
             return self.fault(self._undefined(e.expr.expr.subs(dict(zip(e.variables, e.point, strict=True)))))
         if isinstance(e, AppliedUndef):
-            if str(e) in map(str, self.leaves):
-                return self.fault(f"{e} {_OTHER}")
-            return self.fault(self._undefined(e))
+            other = str(e) in map(str, self.leaves)
+            return self.fault(f"{e} is not the coordinate of that name {_ONCE}" if other else self._undefined(e))
         return self._function(e)
 
     def _undefined(self, e: Any) -> str:
@@ -266,9 +256,7 @@ class ExpressionReader:
             else:
                 top.append(self._read(arg))
         product = reduce(self.graph.mul, top, self.graph.one)
-        if not bottom:
-            return product
-        return self._divide(product, reduce(self.graph.mul, bottom), e)
+        return self._divide(product, reduce(self.graph.mul, bottom), e) if bottom else product
 
     def _divide(self, top: Node, bottom: Node, e: Any) -> Node:
         if bottom.is_zero:
@@ -328,49 +316,15 @@ class ExpressionReader:
             number, period = (self._read(arg) for arg in e.args)
             return number - period * self._operations.call("floor", self._divide(number, period, e))
         if kind is sp.Piecewise:
-            return self._piecewise(e)
-        if e in (sp.true, sp.false):
-            return self.fault(
-                f"{e} is what Python makes of a comparison with ==; write an expression, such as left side minus right"
-                " side that vanishes"
+            return self._operations.piecewise(e, self._read, self.fault)
+        if e in (sp.true, sp.false) or isinstance(e, sp.core.relational.Relational):
+            what = (
+                "what Python makes of a comparison with =="
+                if e.is_Boolean and e in (sp.true, sp.false)
+                else "a relation"
             )
-        if isinstance(e, sp.core.relational.Relational):
-            return self.fault(
-                f"{e} is a relation; write an expression, such as left side minus right side that vanishes"
-            )
+            return self.fault(f"{e} is {what}; write an expression, such as left side minus right side that vanishes")
         done = e.doit() if kind in (sp.Sum, sp.Product, sp.Integral) else e
         if done != e:
             return self._read(done)
         return self.fault(f"{kind.__name__} cannot be compiled; functions known: {list_names(supported())}")
-
-    def _piecewise(self, e: Any) -> Node:
-        *some, (last, _) = e.args
-        if not is_exhaustive([condition for _, condition in e.args]):
-            return self.fault(f"{e} has no value where none of its conditions holds; end it with (value, True)")
-        result = self._read(last)
-        for value, condition in reversed(some):
-            result = self.graph.call("select", self._condition(condition), self._read(value), result)
-        return result
-
-    def _condition(self, e: Any) -> Node:
-        g = self.graph
-        if isinstance(e, BooleanTrue):
-            return g.one
-        if isinstance(e, BooleanFalse):
-            return g.zero
-        if isinstance(e, And):
-            return reduce(g.mul, [self._condition(arg) for arg in sorted(e.args, key=sp.default_sort_key)])
-        if isinstance(e, Or):
-            parts = [self._condition(arg) for arg in sorted(e.args, key=sp.default_sort_key)]
-            return reduce(lambda a, b: g.call("max", a, b), parts)
-        if isinstance(e, Not):
-            return g.one - self._condition(e.args[0])
-        if isinstance(e, sp.Equality | sp.Unequality):
-            a, b = self._read(e.lhs), self._read(e.rhs)
-            same = g.mul(self._operations.call("less_equal", a, b), self._operations.call("less_equal", b, a))
-            return same if isinstance(e, sp.Equality) else g.one - same
-        if isinstance(e, sp.StrictLessThan | sp.LessThan | sp.StrictGreaterThan | sp.GreaterThan):
-            low, high = self._read(e.lts), self._read(e.gts)
-            strict = isinstance(e, sp.StrictLessThan | sp.StrictGreaterThan)
-            return self._operations.call("less" if strict else "less_equal", low, high)
-        return self.fault(f"the condition {e} cannot be compiled; use <, <=, >, >=, Eq, Ne, And, Or, Not")

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import reduce
 from typing import Any, final
 
 import sympy as sp
 from sympy.core.function import AppliedUndef
+from sympy.logic.boolalg import And, BooleanFalse, BooleanTrue, Not, Or
 
 from ...ir.conditions import CONDITION_TIME, WHOLE, ZERO
 from ...ir.graph import Graph
@@ -41,7 +43,7 @@ RECIPROCALS: dict[Any, tuple[str, str]] = {sp.cot: ("cos", "sin"), sp.sec: ("", 
 """Functions that are a quotient of two others: numerator, where it is not one, and denominator."""
 
 
-def is_exhaustive(conditions: Sequence[Any]) -> bool:
+def _is_exhaustive(conditions: Sequence[Any]) -> bool:
     """Return whether one of some conditions holds for all real values of what occurs in them."""
     whole = sp.Or(*conditions)
     moving = sorted(whole.atoms(AppliedUndef, sp.Derivative), key=sp.default_sort_key, reverse=True)
@@ -101,6 +103,37 @@ class TimeConditions:
         if self._time is not None and self._prescribed([node]):
             found = narrow_conditions(self.graph, op, node, self._time, exponent)
             self.found |= dict.fromkeys(found)
+
+    def piecewise(self, e: Any, read: Callable[[Any], Node], fault: Callable[[str], Node]) -> Node:
+        """Return a `Piecewise`, with what reads expressions, and what records a fault and returns zero."""
+        *some, (last, _) = e.args
+        if not _is_exhaustive([condition for _, condition in e.args]):
+            return fault(f"{e} has no value where none of its conditions holds; end it with (value, True)")
+        result = read(last)
+        for value, condition in reversed(some):
+            result = self.graph.call("select", self._condition(condition, read, fault), read(value), result)
+        return result
+
+    def _condition(self, e: Any, read: Callable[[Any], Node], fault: Callable[[str], Node]) -> Node:
+        g = self.graph
+        if isinstance(e, BooleanTrue):
+            return g.one
+        if isinstance(e, BooleanFalse):
+            return g.zero
+        if isinstance(e, And | Or | Not):
+            parts = [self._condition(arg, read, fault) for arg in sorted(e.args, key=sp.default_sort_key)]
+            if isinstance(e, Not):
+                return g.one - parts[0]
+            return reduce(g.mul if isinstance(e, And) else lambda a, b: g.call("max", a, b), parts)
+        if isinstance(e, sp.Equality | sp.Unequality):
+            a, b = read(e.lhs), read(e.rhs)
+            same = g.mul(self.call("less_equal", a, b), self.call("less_equal", b, a))
+            return same if isinstance(e, sp.Equality) else g.one - same
+        if isinstance(e, sp.StrictLessThan | sp.LessThan | sp.StrictGreaterThan | sp.GreaterThan):
+            low, high = read(e.lts), read(e.gts)
+            strict = isinstance(e, sp.StrictLessThan | sp.StrictGreaterThan)
+            return self.call("less" if strict else "less_equal", low, high)
+        return fault(f"the condition {e} cannot be compiled; use <, <=, >, >=, Eq, Ne, And, Or, Not")
 
     def _prescribed(self, nodes: Sequence[Node]) -> bool:
         """Whether nodes depend on time, and on nothing else but parameters."""

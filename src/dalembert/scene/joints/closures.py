@@ -16,7 +16,7 @@ from ...frozen import frozen
 from ..expressions.identity import vanishes
 from ..expressions.vector_products import components_on, product_of
 from ..frames import Tree
-from .parts import add_constraints, body_of, constant_in, counted, fixed_on, frame_of, require
+from .parts import add_constraints, body_of, called, constant_in, counted, fixed_on, frame_of, require
 from .reactions import (
     NOTHING,
     Connection,
@@ -105,11 +105,6 @@ class _Ends:
         given = closure.axis if closure.child_axis is None else closure.child_axis
         self.child_axis: Any = None if given is None else given.normalize()
         self.way = closure.child_point.pos_from(closure.parent_point)
-
-    def named(self) -> str:
-        """Return the names of the bodies."""
-        parent, child = ("the fixed frame" if b is None else repr(str(b.name)) for b in (self.parent, self.child))
-        return f"{parent} and {child}"
 
     def product(self, a: Vector, b: Vector) -> Any:
         """Return the scalar product of two vectors."""
@@ -255,7 +250,7 @@ def add_closure(scene: Scene, closure: Closure) -> None:
         why = "the coordinates fulfil it for all their values already; leave it out, or use a joint of SymPy"
         require(scene, closure.name, [why])
     add_constraints(scene, closure.name, rows)
-    text = f"{closure.kind} between {ends.named()}: {counted(len(rows), 'holonomic constraint')}"
+    text = f"{closure.kind} between {called(ends.parent, ends.child)}: {counted(len(rows), 'holonomic constraint')}"
     scene.connections += (replace(reaction_of(ends), text=text),)
 
 
@@ -307,7 +302,7 @@ def _ends_faults(scene: Scene, closure: Closure, bodies: tuple[Any, ...]) -> lis
     sides = (("parent", closure.parent, bodies[0]), ("child", closure.child, bodies[1]))
     for side, given, body in sides:
         point = getattr(closure, f"{side}_point")
-        name = "the fixed frame" if body is None else repr(str(body.name))
+        name = called(body)
         if points.path(point) is None:
             faults.append(
                 f"{side}_point {point.name!r} is not located from {scene.origin.name!r}: locate it from {name}, and add"

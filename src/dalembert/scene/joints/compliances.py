@@ -6,12 +6,12 @@ energy, 1/2 sum c_i R_i^2 (Menabrea's theorem). Only the ratios of the complianc
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import sympy as sp
 
-from ...errors import list_names, unknown_name
+from ...errors import SceneError, list_names, unknown_name
 from ...ir.node import Node
 from .joints import Unknown
 from .reactions import Connection
@@ -20,6 +20,38 @@ if TYPE_CHECKING:
     from ..scene import Scene
 
 _SHARED = "a load that contacts with friction share indeterminately has the least norm, or a lawful share near it"
+
+
+def add_compliances(self: Scene, compliances: Mapping[Any, Any]) -> None:
+    """Add compliances of reaction components, by which joints share a load that rigid bodies leave undetermined.
+
+    Of all reactions that balance the bodies, those are returned that minimise the elastic energy, 1/2 sum c_i
+    R_i^2, as those of elastic supports do in the limit of great stiffness. The motion does not depend on them, nor
+    does any reaction that the balances determine; only the ratios of the compliances matter.
+
+    Parameters
+    ----------
+    compliances : mapping of names or unknowns to Expr or number
+        For each reaction component its positive compliance [m/N], or [rad/(N m)] of a torque: a number, or an
+        expression of parameters that are declared positive.
+
+    Raises
+    ------
+    SceneError
+        For what is no mapping; everything else is checked when the scene is compiled.
+
+    Examples
+    --------
+    A door whose upper hinge is softer than its lower one along their common axis::
+
+        c_1, c_2 = symbols("c_1 c_2", positive=True)
+        scene.add_compliances({"upper.force_z": c_1, "lower.force_z": c_2})
+    """
+    given: Any = compliances
+    if not isinstance(given, Mapping):
+        what = f"add_compliances takes a mapping of reaction components to compliances, not {compliances!r}"
+        raise SceneError(self.name, [what])
+    self.compliances += tuple(given.items())
 
 
 def read_compliances(

@@ -1,4 +1,4 @@
-"""Joints that constrain, by their classes: functions that add them to a scene."""
+"""The functions that add joints to a scene, by their classes."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 from sympy.physics.mechanics.joint import Joint as SympyJoint
 
+from ...errors import nesting_named
 from ..shapes import Rod
 from .closures import Closure, add_closure
 from .couplings import Gear, Rope, add_gear, add_rod, add_rope
+from .joints import Joint
 from .limits import Stop, add_stop
+from .reactions import require_new_name
 from .rolling_bodies import RollingDisc, RollingSphere, add_rolling
 from .sympy_joints import add_sympy_joint
 
@@ -38,3 +41,31 @@ def add_connection(scene: Scene, joint: Any) -> bool:
             add(scene, joint)
             return True
     return False
+
+
+@nesting_named
+def add_joints(self: Scene, *joints: Any) -> None:
+    """Add joints: those of ``sympy.physics.mechanics``, those that constrain, or a `Joint` with unknown reactions.
+
+    `PinJoint`, `PrismaticJoint`, `CylindricalJoint`, `PlanarJoint`, `SphericalJoint` and `WeldJoint` build a tree.
+    Each adds its bodies and coordinates, unless the scene has them, and its speeds. A parent at rest is the fixed
+    frame. `Closure`, `Rod`, `Gear`, `RollingDisc` and `RollingSphere` add constraints, `Rope` and `Stop` contacts.
+    The reaction of a joint "elbow" is an output by name: "elbow.force_x", ..., "elbow.torque_z" act on the child at
+    the joint's ``child_point``, with axes of its ``parent_interframe``. See `reaction` for other axes.
+
+    A reaction need not have power on the coordinates. It is computed where it is the same whatever connections of
+    bodies carry that no joint declares; otherwise the error names the bodies.
+
+    Raises
+    ------
+    SceneError
+        For a second joint of the same name, and for arguments that contradict the scene, such as a SymPy joint that
+        closes a loop.
+    """
+    for joint in joints:
+        if isinstance(joint, Joint):
+            if any(joint.name == item.name for item in self.connections):
+                require_new_name(self, joint.name)
+            self.joints += (joint,)
+        elif not add_connection(self, joint):
+            self.joints += (joint,)

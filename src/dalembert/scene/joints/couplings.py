@@ -14,7 +14,7 @@ from ..contacts.laws import UnilateralContact
 from ..expressions.identity import vanishes
 from ..shapes import Rod
 from .closures import Closure, add_closure, ends_of, reaction_of
-from .parts import add_constraints, add_velocity_constraints, body_of, constant_in, frame_of, require
+from .parts import add_constraints, add_velocity_constraints, body_of, called, constant_in, frame_of, require
 from .reactions import ActionPair, Connection, has_body, require_new_name, unknown
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ def add_rope(scene: Scene, rope: Rope) -> None:
     (stretch,) = ends.at_distance()
     tension = unknown(f"{rope.name}.force")
     scene.contacts += (UnilateralContact(tension, gap=-stretch, restitution=rope.restitution, name=rope.name),)
-    text = f"rope between {ends.named()}: a contact that is closed where it is taut"
+    text = f"rope between {called(ends.parent, ends.child)}: a contact that is closed where it is taut"
     scene.connections += (replace(reaction_of(ends), closes=False, text=text),)
 
 
@@ -197,7 +197,7 @@ def add_gear(scene: Scene, gear: Gear) -> None:
         if parent is not None
         else ActionPair(housing, None, housing.masscenter, torque=ratio * torque * axes[0]),
     )
-    wheel = "the fixed frame" if parent is None else repr(str(parent.name))
+    wheel = called(parent)
     text = f"gear between {wheel} and {str(child.name)!r}: 1 {'holonomic ' if gear.angles else ''}constraint"
     scene.connections += (
         Connection(

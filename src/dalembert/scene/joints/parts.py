@@ -62,6 +62,11 @@ def body_of(scene: Scene, given: Any, fault: Callable[[str], Any]) -> Any:
     return None
 
 
+def called(*bodies: Any) -> str:
+    """Return how messages call bodies, None being the fixed frame."""
+    return " and ".join("the fixed frame" if body is None else repr(str(body.name)) for body in bodies)
+
+
 def frame_of(scene: Scene, body: Any) -> ReferenceFrame:
     """Return the frame of a body, or the fixed one."""
     frame: ReferenceFrame = getattr(body, "frame", scene.frame)

@@ -12,6 +12,7 @@ from dataclasses import field, replace
 from typing import TYPE_CHECKING, Any, final
 
 import sympy as sp
+from sympy import Expr
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame
 from sympy.physics.vector import Vector
 
@@ -78,8 +79,7 @@ class Connection:
     @property
     def unknowns(self) -> set[Unknown]:
         """Unknown components of its actions."""
-        vectors = [vector for pair in self.actions for vector in (pair.force, pair.torque) if vector != 0]
-        return {x for vector in vectors for matrix, _ in vector.args for x in matrix.atoms(Unknown)}
+        return {x for pair in self.actions for vector in (pair.force, pair.torque) for x in _unknowns_in(vector)}
 
 
 # -- components -------------------------------------------------------------------------------------
@@ -178,27 +178,52 @@ def connection_named(scene: Scene, name: str) -> Connection:
             f"scene {scene.name!r}: {name!r} is a plain da.Joint, whose reactions are its unknowns, by their own names"
             f"{request}. scene.reaction takes joints that constrain: those of SymPy, Closure, Rod and their like"
         )
-    known = [item.name for item in scene.connections]
+    known = unknown_name("joint", str(name), [item.name for item in scene.connections])
     raise UnknownNameError(
-        f"scene {scene.name!r}: {unknown_name('joint', str(name), known)} Joints that constrain are those of SymPy,"
+        f"scene {scene.name!r}: {known} Joints that constrain are those of SymPy,"
         " Closure, Rod and their like; the reaction of a Joint consists of its own unknowns"
     )
 
 
-def reaction(scene: Scene, name: str, frame: ReferenceFrame | None = None) -> dict[str, Any]:
-    """See `Scene.reaction`."""
-    found = connection_named(scene, name)
+def reaction(self: Scene, joint: str, frame: ReferenceFrame | None = None) -> dict[str, Expr]:
+    """Return the reaction of a joint that constrains, as outputs by name.
+
+    Parameters
+    ----------
+    joint : str
+        Name of a joint of the scene that constrains.
+    frame : ReferenceFrame, optional
+        Axes of the components, which are called such as "elbow.force_x on N"; by default those of the joint.
+
+    Returns
+    -------
+    dict of str to Expr
+        Forces [N] and torques [N m] on the child at the joint's point, for ``outputs=``.
+
+    Raises
+    ------
+    UnknownNameError
+        For a joint that the scene does not have, or that does not constrain.
+    OptionError
+        For axes of a joint whose reaction is no force or torque at a point, such as that of a gear.
+
+    Examples
+    --------
+    ::
+
+        model = da.compile_model(scene, outputs=scene.reaction("elbow", frame=N))
+    """
+    found = connection_named(self, joint)
     if frame is None:
         return dict(found.components)
     if found.force is None:
         names = list_names(found.components)
         raise OptionError(
-            f"scene {scene.name!r}: joint {name!r} has no components on axes, but {names}: leave frame out"
+            f"scene {self.name!r}: joint {joint!r} has no components on axes, but {names}: leave frame out"
         )
-    vectors = (("force", found.force), ("torque", found.torque))
     return {
-        f"{name}.{kind}_{letter} on {frame.name}": vector.dot(axis)
-        for kind, vector in vectors
+        f"{joint}.{kind}_{letter} on {frame.name}": vector.dot(axis)
+        for kind, vector in (("force", found.force), ("torque", found.torque))
         for letter, axis in zip("xyz", (frame.x, frame.y, frame.z), strict=True)
     }
 
