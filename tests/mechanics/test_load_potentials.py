@@ -22,7 +22,7 @@ from dalembert.errors import EnergyWarning
 from dalembert.ir.graph import Graph
 from dalembert.ir.random_points import match
 from dalembert.mechanics import derive as deriving
-from dalembert.mechanics.equations import LoadEnergy
+from dalembert.mechanics.load_energy import LoadEnergy
 from dalembert.scene.expressions.reader import ExpressionReader
 from dalembert.transforms.antiderivatives import Antiderivatives
 

@@ -3,7 +3,7 @@
 import pytest
 
 from dalembert.ir.graph import Graph
-from dalembert.reduction.saddle import row_scale
+from dalembert.reduction.dependent_rows import row_scale
 
 
 def _row(graph, *texts):

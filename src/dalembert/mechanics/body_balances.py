@@ -17,7 +17,7 @@ from ..ir.node import Node
 from ..naming import acceleration_input
 from ..scene.model import Action, Piece, Pieces, SceneModel
 from ..transforms.derivatives import tangents
-from . import kinematics as vec
+from . import screws as vec
 from .equations import moved_to
 from .kinematics import Kinematics
 from .screws import Screw

@@ -7,7 +7,6 @@ from dataclasses import field, fields, is_dataclass, replace
 from functools import cached_property
 from typing import Any, final
 
-from ..errors import list_names
 from ..frozen import frozen
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph
@@ -17,6 +16,8 @@ from ..scene.symbol_table import SymbolTable
 from ..transforms.conditions import Condition, decide
 from ..transforms.linear import Matrix, matvec
 from .inertia_tree import InertiaTree
+from .load_energy import LoadEnergy
+from .quasi_velocities import VelocityGroup
 
 
 @final
@@ -132,81 +133,6 @@ class Guard:
 
 @final
 @frozen
-class VelocityChoice:
-    """Quasi-velocities that may replace the rates of a group: speeds = rows . rates.
-
-    `inverse` is what gives the rates of a quaternion, rates = inverse . speeds; empty where rows have an inverse.
-    """
-
-    names: tuple[str, ...]
-    rows: tuple[tuple[Node, ...], ...]
-    inverse: tuple[tuple[Node, ...], ...] = ()
-
-
-@final
-@frozen
-class VelocityGroup:
-    """Coordinates that together move a point or turn a frame, with the quasi-velocities the scene's frames offer.
-
-    Attributes
-    ----------
-    coordinates : tuple of int
-    choices : tuple of VelocityChoice
-    angles : bool
-        Whether they are three angles that turn a frame.
-    norm : str
-        For the four coordinates of a quaternion, the label of the constraint that makes its length one; else empty.
-    """
-
-    coordinates: tuple[int, ...]
-    choices: tuple[VelocityChoice, ...]
-    angles: bool = False
-    norm: str = ""
-
-
-@final
-@frozen
-class LoadEnergy:
-    """The potential energy of given loads, and the loads that it leaves out.
-
-    Attributes
-    ----------
-    potential : Node or None
-        On a graph of its own; None where no load has one, or bodies declare it.
-    declared : Node or None
-        The potential energy beside gravity that bodies declare, where it was found to be that of loads; on that graph.
-    powers : tuple of Node, length n_q or 0
-        Minus the gradient of both, in the form of the power coefficients of the loads: its branches are theirs.
-    included : tuple of str
-        Names of the loads that are in it.
-    rates, time, unknown, states : tuple of str
-        Names of loads that are not in it, or not wholly: those that depend on rates, those that depend on time
-        explicitly, those that act at rest and have no potential that was found, and those that depend on states.
-    """
-
-    potential: Node | None = None
-    declared: Node | None = None
-    powers: tuple[Node, ...] = ()
-    included: tuple[str, ...] = ()
-    rates: tuple[str, ...] = ()
-    time: tuple[str, ...] = ()
-    unknown: tuple[str, ...] = ()
-    states: tuple[str, ...] = ()
-
-    def incomplete(self, scene: str) -> str:
-        """Return the text of the warning for a requested energy that lacks potentials; empty where none is missing."""
-        if not self.unknown:
-            return ""
-        return (
-            f'scene {scene!r}: "energy" is without the work of {list_names(self.unknown)}: no potential energy is known'
-            " for these loads, because they have none or because it was not found. If they have one, declare it:"
-            " set potential_energy of a body to it. For others, such as forces that follow a body, the energy changes"
-            " by their work"
-        )
-
-
-@final
-@frozen
 class EquationsOfMotion:
     """M(q, t) q_ddot = forcing(t, q, q_dot) + reactions . X + J^T lam, with constraints that vanish.
 
@@ -286,14 +212,6 @@ class EquationsOfMotion:
     reaction_values: Mapping[str, Node] = field(default_factory=dict)
     nonanalytic: bool = False
     load_energy: LoadEnergy = field(default_factory=LoadEnergy)
-
-    def energies(self, graph: Graph) -> tuple[Node, Node]:
-        """Return kinetic and potential energy, loads included, as nodes of a graph."""
-        kinetic, potential = graph.adopt([self.kinetic_energy, self.potential_energy])
-        if self.load_energy.potential is not None:
-            potential = potential + graph.adopt([self.load_energy.potential])[0]
-        return kinetic, potential
-
     conditions: tuple[Condition, ...] = ()
     states: tuple[Node, ...] = ()
     state_rates: tuple[Node, ...] = ()
@@ -304,6 +222,13 @@ class EquationsOfMotion:
     compliances: Mapping[str, Node] = field(default_factory=dict)
     tree: InertiaTree | None = None
     behind_guards: tuple[Node, ...] = ()
+
+    def energies(self, graph: Graph) -> tuple[Node, Node]:
+        """Return kinetic and potential energy, loads included, as nodes of a graph."""
+        kinetic, potential = graph.adopt([self.kinetic_energy, self.potential_energy])
+        if self.load_energy.potential is not None:
+            potential = potential + graph.adopt([self.load_energy.potential])[0]
+        return kinetic, potential
 
     @cached_property
     def mass_matrix(self) -> Matrix:

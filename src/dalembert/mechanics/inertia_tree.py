@@ -16,7 +16,7 @@ from ..ir.graph import Graph
 from ..ir.node import Node
 from ..scene.model import Components
 from ..transforms.linear import Matrix
-from . import kinematics as vec
+from . import screws as vec
 from .kinematics import Motion, Pose
 from .screws import (
     Inertia,

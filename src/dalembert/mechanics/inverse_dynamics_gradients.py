@@ -22,7 +22,7 @@ from ..ir.graph import Graph
 from ..ir.node import Node
 from ..scene.model import Components
 from ..transforms.linear import Matrix
-from . import kinematics as vec
+from . import screws as vec
 from .inertia_tree import InertiaTree, TreeStep
 from .kinematics import Motion
 from .screws import (

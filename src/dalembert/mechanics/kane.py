@@ -16,7 +16,7 @@ from ..ir.zero_tests import agree
 from ..scene.model import Components, GivenBody, GivenLoad, Pieces, SceneModel
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix
-from . import kinematics as vec
+from . import screws as vec
 from .kinematics import Kinematics
 from .virtual_power import Powers
 

@@ -5,23 +5,69 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from itertools import combinations
+from typing import TYPE_CHECKING, final
 
 from ..errors import EnergyWarning, list_names
+from ..frozen import frozen
 from ..ir.algebra import Algebra
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..ir.random_points import match
 from ..ir.zero_tests import agree
 from ..transforms.derivatives import tangents
-from .equations import ConstraintRow, LoadEnergy
 from .kane import load_powers
 from .kinematics import Kinematics
 from .load_potentials import LoadPart, given_parts, load_parts
 from .manifold import agree_on_manifold
 from .virtual_power import Powers
 
+if TYPE_CHECKING:
+    from .equations import ConstraintRow
+
+
 _COMBINED = 8
 """Number of loads up to which every selection of them is compared with a declared potential energy."""
+
+
+@final
+@frozen
+class LoadEnergy:
+    """The potential energy of given loads, and the loads that it leaves out.
+
+    Attributes
+    ----------
+    potential : Node or None
+        On a graph of its own; None where no load has one, or bodies declare it.
+    declared : Node or None
+        The potential energy beside gravity that bodies declare, where it was found to be that of loads; on that graph.
+    powers : tuple of Node, length n_q or 0
+        Minus the gradient of both, in the form of the power coefficients of the loads: its branches are theirs.
+    included : tuple of str
+        Names of the loads that are in it.
+    rates, time, unknown, states : tuple of str
+        Names of loads that are not in it, or not wholly: those that depend on rates, those that depend on time
+        explicitly, those that act at rest and have no potential that was found, and those that depend on states.
+    """
+
+    potential: Node | None = None
+    declared: Node | None = None
+    powers: tuple[Node, ...] = ()
+    included: tuple[str, ...] = ()
+    rates: tuple[str, ...] = ()
+    time: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
+    states: tuple[str, ...] = ()
+
+    def incomplete(self, scene: str) -> str:
+        """Return the text of the warning for a requested energy that lacks potentials; empty where none is missing."""
+        if not self.unknown:
+            return ""
+        return (
+            f'scene {scene!r}: "energy" is without the work of {list_names(self.unknown)}: no potential energy is known'
+            " for these loads, because they have none or because it was not found. If they have one, declare it:"
+            " set potential_energy of a body to it. For others, such as forces that follow a body, the energy changes"
+            " by their work"
+        )
 
 
 def warn_of_silent_potential(kinematics: Kinematics, power: Powers, forcing: Sequence[Node]) -> tuple[int, ...]:

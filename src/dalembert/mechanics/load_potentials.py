@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from itertools import chain
-from typing import final
+from typing import TYPE_CHECKING, final
 
 from ..frozen import frozen
 from ..ir.calls import CALLS
@@ -22,11 +22,14 @@ from ..ir.node import Node
 from ..ir.random_points import directions, jumps, lost_at_zero, match, probe
 from ..scene.model import Components
 from ..transforms.antiderivatives import Antiderivatives
-from . import kinematics as vec
-from .equations import ConstraintRow
+from . import screws as vec
 from .kinematics import Kinematics
 from .loads_at_rest import LoadAtRest, LoadReader
 from .manifold import agree_on_manifold
+
+if TYPE_CHECKING:
+    from .equations import ConstraintRow
+
 
 _TOGETHER = 4
 """Most loads in a row that may be those of one spring: two for one between points, more over a pathway."""

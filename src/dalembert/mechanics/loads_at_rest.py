@@ -9,7 +9,7 @@ from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..scene.model import Action, Components, Pieces
-from . import kinematics as vec
+from . import screws as vec
 from .kinematics import Kinematics, Pose
 
 

@@ -16,18 +16,53 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import permutations
+from typing import final
 
+from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..scene.model import Components, FrameModel, SceneModel
 from ..transforms.linear import rotation_entries, spin_matrix
-from . import kinematics as vec
-from .equations import VelocityChoice, VelocityGroup
+from . import screws as vec
 from .kinematics import Kinematics, Pose
 
 _AXES = "xyz"
 _MOST_FRAMES = 8
 """Frames on which the velocity of a point is resolved: each is tried, and far from the root of a tree none pays."""
+
+
+@final
+@frozen
+class VelocityChoice:
+    """Quasi-velocities that may replace the rates of a group: speeds = rows . rates.
+
+    `inverse` is what gives the rates of a quaternion, rates = inverse . speeds; empty where rows have an inverse.
+    """
+
+    names: tuple[str, ...]
+    rows: tuple[tuple[Node, ...], ...]
+    inverse: tuple[tuple[Node, ...], ...] = ()
+
+
+@final
+@frozen
+class VelocityGroup:
+    """Coordinates that together move a point or turn a frame, with the quasi-velocities the scene's frames offer.
+
+    Attributes
+    ----------
+    coordinates : tuple of int
+    choices : tuple of VelocityChoice
+    angles : bool
+        Whether they are three angles that turn a frame.
+    norm : str
+        For the four coordinates of a quaternion, the label of the constraint that makes its length one; else empty.
+    """
+
+    coordinates: tuple[int, ...]
+    choices: tuple[VelocityChoice, ...]
+    angles: bool = False
+    norm: str = ""
 
 
 def velocity_groups(kinematics: Kinematics) -> tuple[VelocityGroup, ...]:

@@ -18,7 +18,7 @@ from ..frozen import frozen
 from ..ir.node import Node
 from ..ir.program import hidden_parameters
 from ..scene.model import BodyModel, Components
-from . import kinematics as vec
+from . import screws as vec
 from .kinematics import Kinematics, Pose
 from .screws import Twist, carry_twist, moved_twist
 

@@ -59,8 +59,6 @@ class _Search:
     def __init__(self, system: BodySystem) -> None:
         self.system = system
 
-    # -- what may carry something --------------------------------------------------------------------
-
     def found(self) -> Released:
         """Return the balances."""
         if not self.system.samples:

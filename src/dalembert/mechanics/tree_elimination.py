@@ -22,7 +22,7 @@ from ..ir.node import Node
 from ..ir.zero_tests import vanishes
 from ..scene.model import Components
 from ..transforms.linear import Factors, SingularMatrix
-from . import kinematics as vec
+from . import screws as vec
 from .inertia_tree import InertiaTree
 from .kinematics import Motion
 from .screws import (

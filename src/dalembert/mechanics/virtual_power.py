@@ -21,7 +21,7 @@ from ..ir.zero_tests import agree
 from ..scene.model import BodyModel
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix
-from . import kinematics as vec
+from . import screws as vec
 from .inertia_tree import WORTH, InertiaTree, fill_mass_matrix
 from .kinematics import Kinematics, Pose
 from .screws import Inertia, Screw, add_inertia, add_screw, carry_inertia, carry_screw, power

@@ -26,8 +26,8 @@ from ..once import derived_once, derived_property
 from ..pipeline import Compiled, SeveralModes, compile_mode
 from ..reduction.admission import admission_of_variables
 from ..reduction.base import condition_kernels
-from ..reduction.event_functions import coordinates_kernel
 from ..reduction.sampling_kernels import SampledVariables, SamplingKernels, sampling_kernels
+from ..reduction.state_reader import coordinates_kernel
 from ..runs.impulses import Impulses, impulses_of
 from ..runs.sampling import Sampling
 from ..starts.symbol_assumptions import ROUNDING

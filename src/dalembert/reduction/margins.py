@@ -20,7 +20,7 @@ from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.kernel import Kernel
 from ..ir.node import Node
-from ..mechanics.equations import VelocityGroup
+from ..mechanics.quasi_velocities import VelocityGroup
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matvec, transpose
 from ..transforms.lower_kernels import lower_kernel

@@ -9,7 +9,7 @@ operations per evaluation wins.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import final
 
 from ..errors import ConstraintError
@@ -17,7 +17,8 @@ from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.node import Node
 from ..ir.zero_tests import magnitude, vanishes
-from ..mechanics.equations import ConstraintRow, EquationsOfMotion, VelocityChoice, VelocityGroup
+from ..mechanics.equations import ConstraintRow, EquationsOfMotion
+from ..mechanics.quasi_velocities import VelocityChoice, VelocityGroup
 from ..transforms.derivatives import tangents
 from ..transforms.linear import matvec
 
@@ -120,8 +121,7 @@ def _add_solution(
     graph: Graph, solved: dict[int, Node], number: int, unknown: Node, expression: Node, slope: Node
 ) -> None:
     """Solve an expression that vanishes, affine in `unknown` with a slope, and substitute it in what is solved."""
-    rest = graph.substitute([expression], {unknown: graph.zero})[0]
-    value = -rest / slope
+    value = -graph.substitute([expression], {unknown: graph.zero})[0] / slope
     for i, old in solved.items():
         if old.deps & unknown.deps:
             solved[i] = graph.substitute([old], {unknown: value})[0]
@@ -137,7 +137,8 @@ def _solve_holonomic(equations: EquationsOfMotion) -> _Holonomic:
         known = {q[i]: value for i, value in solved.items()}
         residual = _without_rounding(graph, graph.substitute([row.position], known)[0], q)
         turning = {i for group in equations.groups if group.norm for i in group.coordinates}
-        pivot = _pivot(equations, residual, [i for i in range(len(q)) if i not in solved and i not in turning])
+        candidates = {i: x for i, x in enumerate(q) if i not in solved and i not in turning}
+        pivot = _pivot(graph, residual, candidates, equations.moving)
         if pivot is None:
             _refuse_dependent(equations, row, residual, q)
             raise NoRegularBasis(f"{row.label} gives no coordinate in closed form")
@@ -182,17 +183,15 @@ def _without_rounding(graph: Graph, node: Node, variables: Sequence[Node]) -> No
         return node
 
 
-def _pivot(equations: EquationsOfMotion, residual: Node, candidates: Sequence[int]) -> tuple[int, Node] | None:
-    """Return the coordinate to solve a holonomic constraint for, and its coefficient; numbers before parameters."""
-    graph = equations.graph
+def _pivot(
+    graph: Graph, residual: Node, candidates: Mapping[int, Node], moving: Sequence[Node]
+) -> tuple[int, Node] | None:
+    """Return the number of the variable to solve a constraint for, and its coefficient; numbers before parameters."""
     best: tuple[int, Node] | None = None
-    for number in candidates:
-        if not residual.deps & equations.q[number].deps:
-            continue
-        slope = tangents(graph, [residual], {equations.q[number]: graph.one})[0]
-        free = graph.freed_of(slope, equations.moving)
-        if free is not None and not vanishes(free) and (best is None or _preferred(free, best[1])):
-            best = (number, free)
+    for number, variable in candidates.items():
+        slope = graph.freed_of(_slope(graph, residual, variable), moving)
+        if slope is not None and not vanishes(slope) and (best is None or _preferred(slope, best[1])):
+            best = (number, slope)
     return best
 
 
@@ -236,20 +235,18 @@ def _parametrize(
             definitions[i] = graph.sum(a * equations.qdot[j] for a, j in zip(row, group.coordinates, strict=True))
     solved, pivots = _solve_nonholonomic(equations, at_kept, holonomic, turned, speeds)
     independent = [i for i in speeds if i not in solved]
-    rates_in_speeds = graph.substitute(list(holonomic.rates), turned)
-    dependent = {speeds[i]: value for i, value in solved.items()}
-    rates_in_speeds = graph.substitute(graph.substitute(rates_in_speeds, at_kept), dependent)
     free = [speeds[i] for i in independent]
-    rates_in_speeds = [_linear(graph, rate, free) for rate in rates_in_speeds]
-    coordinate_names = equations.symbols.coordinates
-    notes = [f"{coordinate_names[i]} is given by a holonomic constraint" for i in sorted(holonomic.solved)]
+    dependent = {speeds[i]: value for i, value in solved.items()}
+    rates = graph.substitute(graph.substitute(holonomic.rates, turned), at_kept)
+    rates = [_linear(graph, rate, free) for rate in graph.substitute(rates, dependent)]
+    notes = [f"{equations.symbols.coordinates[i]} is given by a holonomic constraint" for i in sorted(holonomic.solved)]
     notes += [f"{names[i]} is given by a nonholonomic constraint" for i in sorted(solved)]
     return Parametrization(
         kept=tuple(kept),
         coordinates=holonomic.coordinates,
-        rates=tuple(rates_in_speeds),
+        rates=tuple(rates),
         names=tuple(names[i] for i in independent),
-        speeds=tuple(speeds[i] for i in independent),
+        speeds=tuple(free),
         definitions=tuple(definitions[i] for i in independent),
         notes=tuple(notes),
         pivots=(*holonomic.pivots, *pivots),
@@ -274,17 +271,11 @@ def _solve_nonholonomic(
         velocity = graph.sum(a * b for a, b in zip(jacobian, rates, strict=False)) + jacobian[-1]
         velocity = graph.substitute([velocity], {speeds[i]: value for i, value in solved.items()})[0]
         velocity = _linear(graph, velocity, tuple(speeds.values()))
-        best: tuple[int, Node] | None = None
-        for i, speed in speeds.items():
-            if i in solved:
-                continue
-            slope = graph.freed_of(tangents(graph, [velocity], {speed: graph.one})[0], moving)
-            if slope is not None and not vanishes(slope) and (best is None or _preferred(slope, best[1])):
-                best = (i, slope)
-        if best is None:
+        pivot = _pivot(graph, velocity, {i: speed for i, speed in speeds.items() if i not in solved}, moving)
+        if pivot is None:
             _refuse_dependent(equations, row, velocity, tuple(speeds.values()))
             raise NoRegularBasis(f"{row.label} gives no velocity without a division by a function of the configuration")
-        number, slope = best
+        number, slope = pivot
         if slope.number is None:
             pivots.append((row.label, slope))
         _add_solution(graph, solved, number, speeds[number], velocity, slope)

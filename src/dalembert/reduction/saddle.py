@@ -4,14 +4,13 @@ M q_ddot - J^T lam = forcing, J q_ddot = bias is solved by the sparse L D L^T of
 singular, M + J^T J takes its place; the solution is the same, and the sum is regular exactly when the dynamics on the
 free directions is. Where the constraints may depend on each other at some configurations, the pivots of J M^-1 J^T are
 guarded: a constraint that follows from those before it gets the multiplier 0 there, and the others hold it. So does
-one whose own row vanishes (`_sizes_at_any_angle`).
+one whose own row vanishes (`dalembert.reduction.dependent_rows.row_scale`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from itertools import combinations
 from typing import final
 
 from ..errors import ConstraintError
@@ -39,73 +38,9 @@ from .base import (
     inertia_pivots,
     tree_notes,
 )
-from .dependent_rows import Redundancy
+from .dependent_rows import Redundancy, row_scale
 from .grouped_rows import Solver, solver_of, turning_demand
 from .reactions import requested_outputs
-
-# Sizes of rows of the constraint Jacobian that vanish at some angles, beside which they count as zero.
-#
-# Where the links of a mechanism fold onto one line, the row of a constraint in angles alone, (l cos(a), l cos(b)), may
-# vanish as a whole. It has no angle to other rows there, and what rounding leaves of the constraint is a curve that
-# turns, within a hundred millionth of a radian, from one branch of the motion to the other.
-
-_PERIODIC = "sin", "cos"
-
-_MOST_ENTRIES = 8
-"""Entries of a row among which unit vectors are looked for."""
-
-_TURNED = 12
-"""Entries of a row from which on x cos(a) + y sin(a) is bounded by the larger of x and y, the length of what turns: a
-bound by their sum doubles with each rotation of a chain, and all rows would count as zero beside it."""
-
-
-def row_scale(graph: Graph, row: Sequence[Node], inertias: Sequence[Node]) -> Node:
-    """Return a lower bound of row M^-1 row^T at angles that make each entry large; zero where the row never vanishes.
-
-    Parameters
-    ----------
-    graph
-        Of the nodes.
-    row
-        Row of the constraint Jacobian, an entry for each coordinate.
-    inertias
-        Diagonal of M: the diagonal of its inverse is at least its reciprocal.
-    """
-    if _never_vanishes(graph, row):
-        return graph.zero
-    entries = [(entry, inertia) for entry, inertia in zip(row, inertias, strict=True) if not entry.is_zero]
-    sizes = _sizes_at_any_angle(graph, [entry for entry, _ in entries], turned=len(entries) > _TURNED)
-    known = [size * size / inertia for size, (_, inertia) in zip(sizes, entries, strict=True) if size is not None]
-    return graph.sum(known) if len(known) == len(entries) else graph.zero
-
-
-def _never_vanishes(graph: Graph, row: Sequence[Node]) -> bool:
-    """Return whether the squares of some entries, up to three, add up to what no angle makes zero: a unit vector."""
-    squares = [entry * entry for entry in row if not entry.is_zero]
-    sums = (graph.sum(some) for size in (1, 2, 3) for some in combinations(squares[:_MOST_ENTRIES], size))
-    return any(all(node.op not in _PERIODIC for node in graph.topological([total])) for total in sums)
-
-
-def _sizes_at_any_angle(graph: Graph, nodes: Sequence[Node], *, turned: bool) -> list[Node | None]:
-    """Return bounds of values with sines and cosines taken to be one; None for values that have none in all terms."""
-    done: dict[int, Node] = {}
-    periodic: dict[int, bool] = {}
-
-    def size(node: Node) -> Node:
-        a, of = [done[arg.index] for arg in node.args], [periodic[arg.index] for arg in node.args]
-        known = {"add": all(of), "sub": all(of), "mul": any(of), "div": any(of[:1]), "neg": any(of)}
-        periodic[node.index] = node.op in _PERIODIC or known.get(node.op, False)
-        if node.op in _PERIODIC:
-            return graph.one
-        if node.op in ("add", "sub"):
-            turns = turned and all(arg.op == "mul" and any(x.op in _PERIODIC for x in arg.args) for arg in node.args)
-            return graph.call("max", a[0], a[1]) if turns else a[0] + a[1]
-        if node.op in ("mul", "div"):
-            return a[0] * a[1] if node.op == "mul" else a[0] / a[1]
-        return a[0] if node.op == "neg" else graph.call("abs", node)
-
-    graph.visit(nodes, done, size)
-    return [done[node.index] if periodic[node.index] else None for node in nodes]
 
 
 @final

@@ -12,7 +12,8 @@ from dataclasses import replace
 
 from ..errors import ConstraintError
 from ..ir.node import Node, unit_names
-from ..mechanics.equations import ConstraintRow, EquationsOfMotion, VelocityChoice, VelocityGroup
+from ..mechanics.equations import ConstraintRow, EquationsOfMotion
+from ..mechanics.quasi_velocities import VelocityChoice, VelocityGroup
 from ..transforms.linear import Matrix
 from .base import Projection
 
