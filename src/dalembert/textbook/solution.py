@@ -9,7 +9,7 @@ from typing import Any, final
 import numpy as np
 import sympy as sp
 
-from ..errors import ConstraintError, UnknownNameError, list_names, unknown_name
+from ..errors import RELEASE, ConstraintError, UnknownNameError, list_names, unknown_name
 from .energy import readable, readable_fraction
 from .linear import Field, Plain, arithmetic, null_space, row_echelon, solve
 from .numeric import PlainSystem, States, rank, undetermined
@@ -216,3 +216,28 @@ class Reactions(Mapping[Any, Any]):
 
     def __repr__(self) -> str:
         return f"<Reactions {list_names(self._names)}; undetermined: {list_names(self._missing)}>"
+
+
+def reactions_of(solution: Solution, scene: str) -> Reactions:
+    """Return the reactions that a solution determines, with the reasons why it does not determine others.
+
+    Raises
+    ------
+    ConstraintError
+        When the joints of the scene of that name cannot exert the reactions of its constraints.
+    """
+    unknowns = solution.unknowns
+    if unknowns and not solution.carries():
+        raise ConstraintError(
+            f"scene {scene!r}: its joints cannot exert the reactions of its constraints. Give a joint the"
+            " unknown force or torque component that holds the constraint"
+        )
+    silent = [unknowns[i] for i in solution.powerless()]
+    missing = {
+        str(x): "appears in no equation: its power coefficients all vanish"
+        if x in silent
+        else "is not determined: only a combination of it with others appears in the equations"
+        for x in (unknowns[i] for i in solution.undetermined())
+    }
+    remedy = f"Release the coordinate along which it acts: {RELEASE}"
+    return Reactions(solution.reactions() if unknowns else {}, missing, remedy)

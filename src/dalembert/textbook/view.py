@@ -9,15 +9,10 @@ from typing import TYPE_CHECKING, Any, final
 import sympy as sp
 from sympy.physics.mechanics import Point
 
-from ..errors import RELEASE, ConstraintError, SceneError, list_names, nesting_named
+from ..errors import SceneError, list_names
 from ..naming import rate_name
-from ..once import deriving
 from ..scene import Scene, Unknown
-from ..scene.contacts.made import with_made_contacts
 from ..scene.expressions.vector_products import multiplied_out
-from ..scene.joints.reactions import with_closures
-from ..scene.reading import read
-from ..scene.speeds import without_speeds
 from .actions import Actions, Screw
 from .constraints import Constraint, classify, pfaffian
 from .energy import check_kinetic_energy, kinetic_energy, lagrange_operator, readable
@@ -25,50 +20,10 @@ from .geometry import Geometry
 from .ideal import friction_forces, friction_laws, ideal_conditions, refuse_friction, single_unknowns
 from .integrals import FirstIntegrals, first_integrals
 from .numeric import PlainSystem, States
-from .solution import Reactions, Solution
+from .solution import Solution, reactions_of
 
 if TYPE_CHECKING:
     from .report import Report
-
-
-@deriving
-@nesting_named
-def lagrange(scene: Scene, *, kinetic_energy: Any = None) -> LagrangeView:
-    """Return the textbook view of a scene: everything that section 13.4 derives by hand, as SymPy.
-
-    It forms T symbolically and applies the operator of Lagrange, on purpose another route than that of
-    `dalembert.compile_model`: each checks the other.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene; it is copied.
-    kinetic_energy : Expr, optional
-        The kinetic energy as you would write it. It must be T with all coordinates and rates independent
-        (assumption 13.1.2); one that was simplified with a constraint is rejected (remark 13.4.8).
-
-    Returns
-    -------
-    LagrangeView
-
-    Raises
-    ------
-    SceneError
-        With every fault of the scene, or the reason why the kinetic energy is rejected.
-
-    Examples
-    --------
-    The pendulum of `Scene`::
-
-        view = da.lagrange(scene)
-        print(view)  # the whole derivation; LaTeX in a notebook
-        view.equation(theta), view.equations_of_motion[theta.diff().diff()]
-    """
-    if not isinstance(scene, Scene):
-        raise SceneError(type(scene).__name__, [f"lagrange takes a Scene, not {scene!r}"])
-    scene = with_closures(without_speeds(with_made_contacts(scene)))
-    read(scene)
-    return LagrangeView(scene.copy(), kinetic_energy)
 
 
 @final
@@ -294,21 +249,7 @@ class LagrangeView:
             for an unknown that is not determined.
         """
         self._ideal("the reactions")
-        solution = self._solution
-        if self.unknowns and not solution.carries():
-            raise ConstraintError(
-                f"scene {self.scene.name!r}: its joints cannot exert the reactions of its constraints. Give a joint the"
-                " unknown force or torque component that holds the constraint"
-            )
-        silent = [self.unknowns[i] for i in solution.powerless()]
-        missing = {
-            str(x): "appears in no equation: its power coefficients all vanish"
-            if x in silent
-            else "is not determined: only a combination of it with others appears in the equations"
-            for x in self.undetermined
-        }
-        remedy = f"Release the coordinate along which it acts: {RELEASE}"
-        return Reactions(solution.reactions() if self.unknowns else {}, missing, remedy)
+        return reactions_of(self._solution, self.scene.name)
 
     @cached_property
     def multipliers(self) -> dict[Any, Any]:
