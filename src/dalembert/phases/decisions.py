@@ -14,7 +14,8 @@ from ..codegen.llvm.loops import loop_named
 from ..contacts.automaton import HybridAutomaton
 from ..contacts.contact_cases import ContactCases, contact_cases, gap_noise
 from ..contacts.contact_decisions import DecisionArguments
-from ..contacts.contact_system import ContactSystem, contact_system, opening_power
+from ..contacts.contact_system import ContactSystem, opening_power
+from ..contacts.contact_topology import contact_system
 from ..contacts.selection.mode_candidates import candidates_space
 from ..errors import InitialStateError, ValueInputError, list_names
 from ..ir.conditions import CONDITION_TIME

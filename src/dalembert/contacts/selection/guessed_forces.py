@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from ...subset.compiled_subset import compiled_subset, sqrt
 from ..contact_system import OPEN, SLIP, STICK, ContactSystem
-from .contact_forces import load_compliances, normal_load
+from .contact_responses import load_compliances, normal_load
 from .mode_candidates import GRIPPED, RELEASED, Candidates, choose_all, combine, find_option
 from .mode_laws import friction_limit
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from ...subset.compiled_subset import compiled_subset, sqrt
 from ..contact_system import SLIP, STICK, Combination, ContactSystem, inertia_of, inertial_size
-from .contact_forces import compliance, hold_constraints, open_contacts, solve_mode
+from .contact_forces import compliance, open_contacts, solve_mode
+from .contact_responses import hold_constraints
 from .dead_centres import motionless
 from .dense_solve import solve_dense
 from .mode_candidates import Candidates
