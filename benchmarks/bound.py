@@ -30,8 +30,9 @@ from dalembert.codegen.subset import loop_assembly
 from dalembert.ir.kernel import Kernel
 from dalembert.lanes.workspace import aligned
 from dalembert.starts.inputs import constants
-from dalembert.subset.arguments import Address, Matrix, address_of, pack
+from dalembert.subset.arguments import Address, Matrix
 from dalembert.subset.compiled_subset import call_code, compiled_subset, row
+from dalembert.subset.packing import address_of, pack
 from dalembert.transforms.taylor.recurrences import recurrences
 from dalembert.transforms.taylor.step import order_at, step_kernel
 

@@ -16,8 +16,9 @@ from dalembert.codegen.llvm.target import target
 from dalembert.codegen.subset import loop_assembly
 from dalembert.methods.status import Status
 from dalembert.steps.lu import factor, factor_pair, solve, solve_pair
-from dalembert.subset.arguments import IntMatrix, IntVector, Matrix, Vector, address_of, pack
+from dalembert.subset.arguments import IntMatrix, IntVector, Matrix, Vector
 from dalembert.subset.compiled_subset import compiled_subset, lane_count, lanes, lanes_of, tell_target
+from dalembert.subset.packing import address_of, pack
 
 LOOSE = {"method": "radau", "rtol": 1e-5, "atol": 1e-7}
 x = dynamicsymbols("x")

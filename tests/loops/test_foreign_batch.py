@@ -12,7 +12,7 @@ from dalembert.codegen.llvm.loops import Loop
 from dalembert.lanes.sweep_arguments import SweepArguments, SweepKernels
 from dalembert.loops.foreign_batch_loop import HEAD, BatchCode, task_slots
 from dalembert.subset.addresses import NO_CODE, OwnedAddress
-from dalembert.subset.arguments import pack, unpack
+from dalembert.subset.packing import pack, unpack
 
 CASES, N, CONTEXT, ERROR = 1000, 2, 77, 99
 PLACES = {"ThreadPool_NumThreads": 0, "Error_Destroy": 1, "ThreadPool_Schedule": 2}

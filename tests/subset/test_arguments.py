@@ -9,18 +9,8 @@ import numpy as np
 import pytest
 
 from dalembert.subset.addresses import NO_CODE, AddressTable, OwnedAddress
-from dalembert.subset.arguments import (
-    Address,
-    AddressVector,
-    FlagMatrix,
-    IntVector,
-    Matrix,
-    Record,
-    kind_of,
-    pack,
-    place_of,
-    unpack,
-)
+from dalembert.subset.arguments import Address, AddressVector, FlagMatrix, IntVector, Matrix, Record, kind_of, place_of
+from dalembert.subset.packing import pack, unpack
 
 
 class Shape(NamedTuple):

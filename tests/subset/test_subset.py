@@ -13,8 +13,9 @@ from dalembert.codegen.llvm.assembly import compile_object, load_object
 from dalembert.codegen.llvm.loops import SOURCES
 from dalembert.codegen.llvm.target import target
 from dalembert.codegen.subset import loop_assembly
-from dalembert.subset.arguments import Record, Vector, address_of, pack
+from dalembert.subset.arguments import Record, Vector
 from dalembert.subset.compiled_subset import compiled_subset, fma
+from dalembert.subset.packing import address_of, pack
 from subset.small_loops import Arithmetic, Arrays, Control, Pair, Records, Tally, arithmetic, arrays, control, records
 
 LOOPS = (

@@ -17,7 +17,8 @@ from ..steps.packed_tableaus import ALLOWED
 from ..steps.recorded_runs import Progress, Run, RunCodes, RunSettings
 from ..stops.stops import no_stops
 from ..subset.addresses import NO_CODE
-from ..subset.arguments import IntVector, constant_group
+from ..subset.arguments import IntVector
+from ..subset.packing import constant_group
 from .workspace import aligned
 
 

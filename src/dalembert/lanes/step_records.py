@@ -1,7 +1,8 @@
-"""Records of steps: of a case that runs alone, for its trajectory, and of many cases that XLA calls."""
+"""Records of steps: of a case that runs alone, for its trajectory, and of many cases for XLA; exact sums of steps."""
 
 from __future__ import annotations
 
+from ..arrays import FloatArray
 from ..steps.projection import PENDING
 from ..subset.compiled_subset import compiled_subset
 from .sweep_arguments import SweepArguments
@@ -160,3 +161,16 @@ def refuse_record(arguments: SweepArguments, i: int, t: float, place: int) -> No
             record[number, 1] = 0.0
         for m in range(n):
             record[number, first + m] = state.begun[m, place]
+
+
+@compiled_subset
+def advance(states: FloatArray, old: int, new: int, h: float, low: FloatArray) -> None:
+    """Write to ``states[new, :n]`` the state ``states[old, :n]`` moved by the series in that row, with compensation."""
+    n = low.size - 1
+    width = (states.shape[1] - n - 2) // n
+    for i in range(n):
+        first = n + 2 + i * width
+        move = 0.0
+        for k in range(width - 1, 0, -1):
+            move = (move + states[new, first + k]) * h
+        states[new, i], low[i] = exact_sum(states[old, i], move + low[i])

@@ -12,16 +12,8 @@ from ..arrays import Column
 from ..once import once
 from ..stops.stops import StopTable
 from ..subset.addresses import NO_CODE, AddressTable
-from ..subset.arguments import (
-    Address,
-    AddressVector,
-    FlagMatrix,
-    IntVector,
-    Matrix,
-    Vector,
-    address_of,
-    constant_group,
-)
+from ..subset.arguments import Address, AddressVector, FlagMatrix, IntVector, Matrix, Vector
+from ..subset.packing import address_of, constant_group
 from .row_steps import RowSteps
 from .workspace import EventKernels, EventWorkspace, LaneState
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from ..methods.step_constants import DEEPEST
 from ..once import once
 from ..subset.addresses import NO_CODE, AddressTable
-from ..subset.arguments import Address, AddressVector, IntVector, Matrix, Record, constant_group
+from ..subset.arguments import Address, AddressVector, IntVector, Matrix, Record
+from ..subset.packing import constant_group
 
 POINT_LANES = 8
 SLOPE_LANES = 4
@@ -130,32 +131,19 @@ def lane_state(lanes: int, n: int, n_c: int, n_s: int, rows: int, given: int, be
     count, integers = max(n_c, 1), len(LaneNumbers._fields)
     sizes = 3, n_s, count, 2 * rows, n, 5, integers, max(given, 1), begun, 2, n_s, count
     block, ends = aligned(sum(sizes), lanes), tuple(accumulate(sizes))  # one, as arrays of their own take longer
-    parts = iter([block[end - size : end] for size, end in zip(sizes, ends, strict=True)])
-    return LaneState(
-        clock=next(parts),
-        settings=next(parts),
-        constants=next(parts),
-        states=next(parts),
-        delta=next(parts),
-        tally=next(parts),
-        numbers=LaneNumbers(*next(parts).view(np.int64)),
-        given=next(parts),
-        begun=next(parts),
-        clock_ahead=next(parts),
-        settings_ahead=next(parts),
-        constants_ahead=next(parts),
-        progress=LoopProgress(),
-    )
+    parts: list[Any] = [block[end - size : end] for size, end in zip(sizes, ends, strict=True)]
+    numbers = LaneState._fields.index("numbers")
+    parts[numbers] = LaneNumbers(*parts[numbers].view(np.int64))
+    return LaneState._make([*parts, LoopProgress()])
 
 
 class EventKernels(NamedTuple):
     """Addresses of compiled code, and the rules of the events.
 
     ``step_signs`` gives the sign of each expression over a step of every lane, 0 where it may change; it is 0 where all
-    steps are searched. ``values`` are
-    the watched expressions (n) at `POINT_LANES` points, all others take one point: ``value`` the same expressions,
-    ``begins`` value, rate and noise of each (3 n), or with ``slopes`` what `dalembert.events.event_begins` makes them
-    of, ``jumps`` (n) coordinates and rates after a jump or 0, ``start`` the
+    steps are searched. ``values`` are the watched expressions (n) at `POINT_LANES` points, all others take one point:
+    ``value`` the same expressions, ``begins`` value, rate and noise of each (3 n), or with ``slopes`` what
+    `dalembert.events.event_begins` makes them of, ``jumps`` (n) coordinates and rates after a jump or 0, ``start`` the
     state from them with its checks, and with the direction of time behind them where it depends on that, ``refill``
     what a step remembers at its start, or 0. ``used`` are the components of the state that the expressions read,
     ``given`` and ``checks`` the sizes around ``start``.

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..lanes.sweep_arguments import SweepArguments
-from ..subset.arguments import Address, IntMatrix, IntVector, pack, place_of
+from ..subset.arguments import Address, IntMatrix, IntVector, place_of
 from ..subset.compiled_subset import call_c, call_test, compiled_subset, row, take
+from ..subset.packing import pack
 
 # Threads of XLA's pool that run cases of a batch: what a call and its threads share, and what a thread does.
 #
@@ -144,7 +145,7 @@ class BatchArguments(NamedTuple):
     memory : (threads, n)
         For each thread that may run: `HEAD` words, arguments of the loop over lanes, and the arrays in these.
     words : (n_words,)
-        These arguments, without what follows here, as `dalembert.subset.arguments.pack` has them.
+        These arguments, without what follows here, as `dalembert.subset.packing.pack` has them.
     arrays : (k, 2)
         Places among the words that are addresses of arrays of a thread, and where these lie in its memory.
     sweep : SweepArguments

@@ -17,18 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import FloatArray
-from ..lanes.step_records import exact_sum
+from ..lanes.step_records import advance, exact_sum
 from ..methods.status import RUNNING, Status
 from ..steps.projection import project_row
-from ..steps.step_control import (
-    ACCEPTED,
-    REJECTED,
-    attempt_test,
-    blind_retry,
-    end_of_step,
-    largest_step,
-    status_after,
-)
+from ..steps.step_control import ACCEPTED, REJECTED, attempt_test, blind_retry, end_of_step, largest_step, status_after
 from ..stops.stops import StopTable, begin_stops, end_of_steps, is_due, pass_stops, take_stops
 from ..subset.addresses import NO_CODE
 from ..subset.arguments import Address, IntVector, Matrix, Record, Vector
@@ -215,19 +207,6 @@ def admission_status(tests: FloatArray, slack: float) -> int:
     return RUNNING
 
 
-@compiled_subset
-def _advance(states: FloatArray, old: int, new: int, h: float, low: FloatArray) -> None:
-    """Write to ``states[new, :n]`` the state ``states[old, :n]`` moved by the series in that row, with compensation."""
-    n = low.size - 1
-    width = (states.shape[1] - n - 2) // n
-    for i in range(n):
-        first = n + 2 + i * width
-        move = 0.0
-        for k in range(width - 1, 0, -1):
-            move = (move + states[new, first + k]) * h
-        states[new, i], low[i] = exact_sum(states[old, i], move + low[i])
-
-
 def _attempting(recorded: bool) -> Callable[[PreparedArguments], int]:
     """Return a function that takes a step, in a recorded run with compensation."""
     pass_stop = _passing(recorded)
@@ -256,7 +235,7 @@ def _attempting(recorded: bool) -> Callable[[PreparedArguments], int]:
             end = end_of_step(t, progress.end, settings[0, 1], size, rest)
             if recorded:
                 h = settings[0, 1] * size
-                _advance(states, old, new, h, low)
+                advance(states, old, new, h, low)
                 moved, left = exact_sum(t, h + low[n])
                 low[n] = left
                 if size == rest:

@@ -25,7 +25,8 @@ from ..subset.arguments import IntVector, Record, Vector
 from ..subset.compiled_subset import compiled_subset
 from .prepared_loop import RECORDED_LOOP, PreparedArguments
 from .steps_at_instants import EXPLICIT, IMPLICIT, SPARE_ROW, STEP_ROW, taylor_settle
-from .taylor_runs import LARGEST_WINDING, TURN, turns_to_take, unwound
+from .taylor_records import TURN
+from .taylor_runs import LARGEST_WINDING, turns_to_take, unwound
 
 
 class StepPlace(Record):

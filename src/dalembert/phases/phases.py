@@ -25,7 +25,8 @@ from ..lanes.workspace import aligned
 from ..methods.status import RUNNING
 from ..runs.case_blocks import run_shared
 from ..subset.addresses import AddressTable
-from ..subset.arguments import address_of, kind_of, pack
+from ..subset.arguments import kind_of
+from ..subset.packing import address_of, pack
 from ..threads import STOPPED, check, stopped_by
 from .decisions import LOOP
 from .runner_choice import RunnerChoice

@@ -13,7 +13,7 @@ class OwnedAddress(int):
     """An address, 0 where there is none, and the object that keeps valid what lies there.
 
     Machine code is unloaded with its owner, and the address may then belong to other code. Arguments of loops therefore
-    take no bare integers for addresses (`dalembert.subset.arguments.pack`).
+    take no bare integers for addresses (`dalembert.subset.packing.pack`).
 
     Attributes
     ----------

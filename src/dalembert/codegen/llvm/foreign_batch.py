@@ -29,7 +29,8 @@ from ...loops.foreign_batch_loop import HEAD, BatchArguments, BatchCode, PoolFun
 from ...once import once
 from ...stops.stops import no_stops
 from ...subset.addresses import AddressTable, OwnedAddress
-from ...subset.arguments import pack, place_of
+from ...subset.arguments import place_of
+from ...subset.packing import pack
 from ..rendering import render
 from .assembly import compile_object, load_object
 from .loops import compiled_entry

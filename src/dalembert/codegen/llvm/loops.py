@@ -21,8 +21,9 @@ import numpy as np
 from ...errors import OptionError
 from ...once import once, once_property
 from ...subset.addresses import OwnedAddress
-from ...subset.arguments import address_of, arguments_of, kind_of, pack, unpack
+from ...subset.arguments import arguments_of, kind_of
 from ...subset.compiled_subset import PLAIN_LOOPS, CheckedArray, lanes_of, tell_target
+from ...subset.packing import address_of, pack, unpack
 from ...version import __version__
 from ..cache import digest_of, directory
 from ..host_code import host_code

@@ -29,7 +29,8 @@ from ...reduction.start_limits import TOLERANCE
 from ...steps.problem import IntegrationProblem
 from ...stops.stops import no_stops
 from ...subset.addresses import OwnedAddress
-from ...subset.arguments import address_of, pack, place_of
+from ...subset.arguments import place_of
+from ...subset.packing import address_of, pack
 from ...threads import check
 from ...transforms.taylor.step import STEP_ARGUMENTS
 from ..host_code import raise_failure

@@ -17,8 +17,8 @@ from ...lanes.workspace import LONG_ENDS, OCCURRENCE, EventKernels
 from ...methods.status import Status
 from ...steps.problem import IntegrationProblem
 from ...subset.addresses import OwnedAddress
-from ...subset.arguments import address_of, pack
 from ...subset.compiled_subset import call_code
+from ...subset.packing import address_of, pack
 from ...threads import check, is_observed
 from ...transforms.runge_kutta_parts import PROPOSAL_AT
 from ..host_code import columns_at, host_code, raise_failure

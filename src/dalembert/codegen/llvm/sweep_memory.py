@@ -14,7 +14,8 @@ from ...lanes.cases import BlockResult, CaseColumns
 from ...lanes.sweep_arguments import KeptStarts, SweepArguments, SweepKernels, no_columns
 from ...lanes.workspace import EventKernels, LoopProgress
 from ...stops.stops import no_stops
-from ...subset.arguments import pack, place_of, words_of
+from ...subset.arguments import place_of
+from ...subset.packing import pack, words_of
 from ..runs import CaseRun
 from ..steppers import Stepper
 from .sweeps import CaseArrays, SweepShape, begin_progress, run_loop
