@@ -114,12 +114,8 @@ class Factorization(Factors):
 
     Attributes
     ----------
-    order : tuple of int
-        Row of A that stands at each place.
     lower : tuple of dict
         Row i of L as {column: value}, columns < i.
-    pivots : tuple of Node
-        The diagonal D.
     """
 
     graph: Graph
@@ -164,8 +160,7 @@ def _elimination_order(a: Sequence[Sequence[Node]]) -> list[int]:
         order.append(pivot)
         clique = neighbours.pop(pivot)
         for i in sorted(clique):
-            neighbours[i] |= clique
-            neighbours[i] -= {i, pivot}
+            neighbours[i] = (neighbours[i] | clique) - {i, pivot}
     return order
 
 

@@ -154,7 +154,6 @@ def recurrences(
     controlled = tuple(i for i, rate in enumerate(kernel.outputs[:own]) if rate in looked_at)
     needed = leading_to(kernel, [kernel.outputs[i] for i in controlled])
     poles = last_of(kernel, [name for name, what in hidden.items() if what == INVERSE and name in needed])
-    roots = moving_roots(kernel, varying - flat)
     return Recurrences(
         kernel,
         tuple(items),
@@ -172,7 +171,7 @@ def recurrences(
             for line in kernel.body
             if line.op == "piece" and line.args[0] in varying
         ),
-        roots,
+        moving_roots(kernel, varying - flat),
         switches,
         tuple(hidden.values()),
         guarded_pivots(kernel, varying),
@@ -222,8 +221,7 @@ def _expanded(line: Assignment, known: dict[tuple[str, tuple[Operand, ...]], str
         done.add(other)
         own = Integrated(line, ((own_sign, line.args[0], other),))
         return [own, Integrated(Assignment(other, other_op, line.args), ((other_sign, line.args[0], line.target),))]
-    rule = _RULES.get(line.op)
-    return [line] if rule is None else rule(line)
+    return _RULES[line.op](line) if line.op in _RULES else [line]
 
 
 _PARTNER = {
