@@ -10,7 +10,7 @@ from typing import Any
 
 from ..codegen.c.contact_unit import ContactUnitSimulator
 from ..codegen.c.descriptions import CSource
-from ..codegen.c.event_unit import EventUnitSimulator
+from ..codegen.c.event_simulator import EventUnitSimulator
 from ..codegen.c.printing import double, rows_of
 from ..codegen.c.unit_simulator import UnitSimulator
 from ..codegen.rendering import render

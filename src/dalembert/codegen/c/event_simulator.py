@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -16,12 +16,15 @@ from ...loops.event_steps import (
     continue_run,
     correct_run,
     cut_run,
+    implicit_update,
     resume_run,
     sample_step,
     settle_run,
     take_implicit_step,
     take_step,
     take_step_with_stops,
+    update,
+    update_with_stops,
 )
 from ...methods.status import Status
 from ...subset.arguments import kind_of
@@ -29,9 +32,10 @@ from ...subset.compiled_subset import NUMBER
 from ..rendering import render
 from ..subset.values import Value
 from .contact_loops import CHECK, CONSTANT_OF_LANE
-from .printing import Known
+from .printing import Known, double
 from .simulator import Simulator
 from .source import LoopSource
+from .unit_simulator import UnitSimulator
 from .workspace import workspace_of
 
 _AT = {
@@ -121,3 +125,33 @@ class EventSimulator(Simulator):
             **self._state_variables(renew, copies),
             **self._further_variables(space.beginning_used(code.text, needed), f"{self.prefix}_step"),
         }
+
+
+@final
+class EventUnitSimulator(UnitSimulator, EventSimulator):
+    """A simulator in C99 of a functional mock-up unit of a scene without contacts that change, with events."""
+
+    def _further_calls(self, loop: Any, kind: type[tuple[Any, ...]], code: LoopSource) -> dict[str, Any]:
+        """See `Simulator`."""
+        own, (begin, end) = self.source.events, self.source.span
+        assert own is not None
+        function = implicit_update if own.implicit else update_with_stops if own.stops else update
+        found = code.entry(function, kind, "t", double(abs(end - begin))) if self.exchanged else ""
+        return super()._further_calls(loop, kind, code) | {"update": found}
+
+    def _further_functions(self, variables: Mapping[str, Any]) -> str:
+        """See `Simulator`."""
+        text = super()._further_functions(variables)
+        if not self.exchanged:
+            return text
+        names = {"prefix": self.prefix, "upper": self.prefix.upper(), "n_states": len(self.layout.state)}
+        return text + render("fmi/events.c.j2", {**names, "update": variables["calls"]["update"]})
+
+    def _law_name(self, number: int) -> str:
+        """See `UnitSimulator`."""
+        assert self.source.events is not None
+        return self.source.events.functions.names[int(self.source.events.arguments.stops.actions[number])]
+
+    def _taken(self) -> frozenset[str]:
+        """See `Simulator`."""
+        return super()._taken() | {self._name("update")}

@@ -13,7 +13,8 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
-from ..subset.translation import UNKNOWN, Translation, called_in
+from ..subset.definitions import called_in
+from ..subset.translation import UNKNOWN, Translation
 from ..subset.values import Value, unified
 from .built_in import BUILT_IN, PURE
 from .printing import Code, Constant, Fixed, Kernel, Pointer, bare, double, element_of
@@ -46,11 +47,9 @@ class Arguments(Protocol):
 
     def leaf(self, place: int) -> tuple[str, ...]:
         """Return the words of the argument whose first word has this place among all."""
-        ...
 
     def address(self, table: str, word: str) -> str:
         """Return an address in a table of addresses, from the element there."""
-        ...
 
 
 class Functions(Protocol):
@@ -66,15 +65,12 @@ class Functions(Protocol):
     @property
     def arguments(self) -> Arguments:
         """Where the arguments of the loop are."""
-        ...
 
     def array(self, array: Any) -> Value:
         """Return a constant array."""
-        ...
 
     def call(self, function: Any, given: list[Value]) -> tuple[str, Kind, Value | None]:
         """Return the text of a call, the kind of its result, and the result where it is constant."""
-        ...
 
 
 def literal_of(word: str) -> Any:

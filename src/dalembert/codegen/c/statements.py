@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Mapping
-from collections.abc import Set as AbstractSet
-from functools import cache
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 from ...subset.compiled_subset import INTEGER, NUMBER, Array, Fields, Group, Kind, Scalar
-from ..subset.translation import UNKNOWN, definition_of, result_of
+from ..subset.definitions import Names, definition_of, leaves_of, names_of, result_of
+from ..subset.translation import UNKNOWN
 from ..subset.values import Value, by_reference
 from .expressions import TYPES, Expressions, Functions, is_atom, literal_of
 from .printing import NAME, Code, Fixed, Known, Pointer, bare, c_name, tidied
@@ -64,46 +62,6 @@ def is_static(word: str) -> bool:
     return isinstance(word, Known) or literal_of(word) is not UNKNOWN
 
 
-class _Names(NamedTuple):
-    """Uses of the names of a function.
-
-    Attributes
-    ----------
-    stored : mapping of str to int
-        Number of assignments to each name.
-    targets : set of str
-        Targets of loops over tuples.
-    counters : set of str
-        Names that only count the rounds of loops.
-    """
-
-    stored: Mapping[str, int]
-    targets: AbstractSet[str]
-    counters: AbstractSet[str]
-
-
-@cache
-def _names_of(tree: ast.FunctionDef) -> _Names:
-    stored: dict[str, int] = {}
-    loads: dict[str, int] = {}
-    inside: dict[str, int] = {}
-    loops: dict[str, int] = {}
-    targets: set[str] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Name):
-            counts = stored if isinstance(node.ctx, ast.Store) else loads
-            counts[node.id] = counts.get(node.id, 0) + 1
-        elif isinstance(node, ast.For) and isinstance(node.iter, ast.Tuple):
-            targets |= {n.id for n in ast.walk(node.target) if isinstance(n, ast.Name)}
-        elif isinstance(node, ast.For) and isinstance(node.target, ast.Name):
-            name = node.target.id
-            read = [n for part in node.body for n in ast.walk(part) if isinstance(n, ast.Name) and n.id == name]
-            loops[name] = loops.get(name, 0) + 1
-            inside[name] = inside.get(name, 0) + sum(isinstance(n.ctx, ast.Load) for n in read)
-    counters = {name for name, count in loops.items() if count == stored[name] and inside[name] == loads.get(name, 0)}
-    return _Names(stored, targets, counters)
-
-
 @final
 class _Statements(Expressions):
     """Translates the statements of one function."""
@@ -112,7 +70,7 @@ class _Statements(Expressions):
         super().__init__(module, function)
         self._result: Kind = Group(())
         self._name = ""
-        self._names = _Names({}, set(), set())
+        self._names = Names({}, set(), set())
         self._open = True
         self._loops: list[tuple[str, str]] = []
 
@@ -124,7 +82,7 @@ class _Statements(Expressions):
     def function(self, tree: ast.FunctionDef, name: str, given: list[Value]) -> Function:
         """See `translated`."""
         self._result, self._name = result_of(tree.returns), name
-        self._names = _names_of(tree)
+        self._names = names_of(tree)
         arguments: list[str] = []
         for argument, value in zip(tree.args.args, given, strict=True):
             if by_reference(value.kind):
@@ -333,7 +291,7 @@ class _Statements(Expressions):
 
     def loop_each(self, target: ast.expr, elements: list[ast.expr], body: list[ast.stmt]) -> None:
         """See `Translation.loop_each`."""
-        leaves = _leaves(body)
+        leaves = leaves_of(body)
         if ast.Break in leaves:
             raise TypeError("a loop over a tuple is not left before its end")
         for element in elements:
@@ -359,14 +317,3 @@ class _Statements(Expressions):
         self.types["result"] = f"struct {self._name}_result"
         self.lines += [f"result.part_{i} = {bare(word)};" for i, word in enumerate(value.words)]
         self.lines.append("return result;")
-
-
-def _leaves(body: list[ast.stmt]) -> set[type[ast.stmt]]:
-    """Return by which statements a body leaves the loop around it."""
-    found: set[type[ast.stmt]] = set()
-    for node in body:
-        if isinstance(node, ast.Break | ast.Continue):
-            found.add(type(node))
-        elif isinstance(node, ast.If):
-            found |= _leaves(node.body) | _leaves(node.orelse)
-    return found

@@ -7,7 +7,8 @@ from typing import Any, final
 
 from ...subset.compiled_subset import INTEGER, Group, Kind
 from .assembly import Expressions, Functions
-from .translation import UNKNOWN, definition_of, result_of
+from .definitions import definition_of, result_of
+from .translation import UNKNOWN
 from .values import Value, by_reference
 
 

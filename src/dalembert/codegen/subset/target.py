@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Kind
 from .values import Value
@@ -121,3 +121,10 @@ class Target(ABC):
     @abstractmethod
     def reachable(self) -> bool:
         """Whether what follows can be reached."""
+
+
+class Arrays(Protocol):
+    """The constants of a module."""
+
+    def array(self, array: Any) -> Value:
+        """Return a constant array."""

@@ -9,67 +9,24 @@ from __future__ import annotations
 import ast
 import builtins
 import inspect
-import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import cache
-from types import CodeType
-from typing import Any, ClassVar, Protocol, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 
-from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind, lanes
-from .target import Target
+from ...subset.compiled_subset import INTEGER, NUMBER, Array, Fields, Group, Kind, lanes
+from .definitions import SCALARS
+from .target import Arrays, Target
 from .values import Value, parts, unified
 
 UNKNOWN: Any = object()
 """Placeholder of a value that is not known before the loop runs."""
 
-SCALARS: Mapping[str, Kind] = {"int": INTEGER, "float": NUMBER, "bool": FLAG}
-"""Kinds of numbers by their annotations."""
-
 
 @final
 class Untranslatable(TypeError):
     """A fault whose message names the line already."""
-
-
-def definition_of(function: Any) -> ast.FunctionDef:
-    """Return the parsed definition of a function, which nobody changes."""
-    return _parsed(inspect.unwrap(function).__code__)
-
-
-@cache
-def _parsed(code: CodeType) -> ast.FunctionDef:
-    """Return a parsed definition; a function is translated many times, for arguments of many kinds."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(code))).body[0]
-    assert isinstance(tree, ast.FunctionDef)
-    return tree
-
-
-@cache
-def called_in(node: ast.AST) -> tuple[ast.expr, ...]:
-    """Return what a piece of a parsed definition calls."""
-    return tuple(part.func for part in ast.walk(node) if isinstance(part, ast.Call))
-
-
-def result_of(annotation: ast.expr | None) -> Kind:
-    """Return the annotated kind of the result of a function."""
-    match annotation:
-        case ast.Name(id=name) if name in SCALARS:
-            return SCALARS[name]
-        case ast.Constant(value=None):
-            return Group(())
-        case ast.Subscript(value=ast.Name(id="tuple"), slice=ast.Tuple(elts=elements)):
-            return Group(tuple(result_of(element) for element in elements))
-    raise TypeError("a function returns nothing, a number, or a tuple of numbers, and is annotated so")
-
-
-class Arrays(Protocol):
-    """The constants of a module."""
-
-    def array(self, array: Any) -> Value:
-        """Return a constant array."""
 
 
 class Translation(Target):

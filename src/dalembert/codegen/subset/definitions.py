@@ -1,0 +1,100 @@
+"""What a parsed definition of a function of the subset says: what it calls, its result, its names."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import textwrap
+from collections.abc import Mapping
+from collections.abc import Set as AbstractSet
+from functools import cache
+from types import CodeType
+from typing import Any, NamedTuple
+
+from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Group, Kind
+
+SCALARS: Mapping[str, Kind] = {"int": INTEGER, "float": NUMBER, "bool": FLAG}
+"""Kinds of numbers by their annotations."""
+
+
+def definition_of(function: Any) -> ast.FunctionDef:
+    """Return the parsed definition of a function, which nobody changes."""
+    return _parsed(inspect.unwrap(function).__code__)
+
+
+@cache
+def _parsed(code: CodeType) -> ast.FunctionDef:
+    """Return a parsed definition; a function is translated many times, for arguments of many kinds."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(code))).body[0]
+    assert isinstance(tree, ast.FunctionDef)
+    return tree
+
+
+@cache
+def called_in(node: ast.AST) -> tuple[ast.expr, ...]:
+    """Return what a piece of a parsed definition calls."""
+    return tuple(part.func for part in ast.walk(node) if isinstance(part, ast.Call))
+
+
+def result_of(annotation: ast.expr | None) -> Kind:
+    """Return the annotated kind of the result of a function."""
+    match annotation:
+        case ast.Name(id=name) if name in SCALARS:
+            return SCALARS[name]
+        case ast.Constant(value=None):
+            return Group(())
+        case ast.Subscript(value=ast.Name(id="tuple"), slice=ast.Tuple(elts=elements)):
+            return Group(tuple(result_of(element) for element in elements))
+    raise TypeError("a function returns nothing, a number, or a tuple of numbers, and is annotated so")
+
+
+class Names(NamedTuple):
+    """Uses of the names of a function.
+
+    Attributes
+    ----------
+    stored : mapping of str to int
+        Number of assignments to each name.
+    targets : set of str
+        Targets of loops over tuples.
+    counters : set of str
+        Names that only count the rounds of loops.
+    """
+
+    stored: Mapping[str, int]
+    targets: AbstractSet[str]
+    counters: AbstractSet[str]
+
+
+@cache
+def names_of(tree: ast.FunctionDef) -> Names:
+    """Return the uses of the names of a function."""
+    stored: dict[str, int] = {}
+    loads: dict[str, int] = {}
+    inside: dict[str, int] = {}
+    loops: dict[str, int] = {}
+    targets: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name):
+            counts = stored if isinstance(node.ctx, ast.Store) else loads
+            counts[node.id] = counts.get(node.id, 0) + 1
+        elif isinstance(node, ast.For) and isinstance(node.iter, ast.Tuple):
+            targets |= {n.id for n in ast.walk(node.target) if isinstance(n, ast.Name)}
+        elif isinstance(node, ast.For) and isinstance(node.target, ast.Name):
+            name = node.target.id
+            read = [n for part in node.body for n in ast.walk(part) if isinstance(n, ast.Name) and n.id == name]
+            loops[name] = loops.get(name, 0) + 1
+            inside[name] = inside.get(name, 0) + sum(isinstance(n.ctx, ast.Load) for n in read)
+    counters = {name for name, count in loops.items() if count == stored[name] and inside[name] == loads.get(name, 0)}
+    return Names(stored, targets, counters)
+
+
+def leaves_of(body: list[ast.stmt]) -> set[type[ast.stmt]]:
+    """Return by which statements a body leaves the loop around it."""
+    found: set[type[ast.stmt]] = set()
+    for node in body:
+        if isinstance(node, ast.Break | ast.Continue):
+            found.add(type(node))
+        elif isinstance(node, ast.If):
+            found |= leaves_of(node.body) | leaves_of(node.orelse)
+    return found
