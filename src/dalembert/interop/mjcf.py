@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import OptionError, list_names
 from ..frozen import frozen
 from ..values import listed
-from .mjcf_actions import add_actions, read_actions
+from .mjcf_actions import add_actions, postures, read_actions
 from .mjcf_meshes import Meshes
 from .mjcf_settings import LIMITED, Settings, check_attributes
 from .mjcf_values import Defaults, inertia_of_geoms, visual_of
@@ -57,10 +57,10 @@ def scene_from_mjcf(path: str | PathLike[str], *, skip: Any, **options: Any) -> 
     reader = MjcfReader(file, tuple(left_out))
     robot, actions = reader.description(), read_actions(reader)
     reader.raise_faults()
-    robot = replace(robot, skipped=tuple(SKIPPABLE[kind] for kind in reader.unserved))
-    robot = replace(robot, visuals=reader.visuals)
+    skipped = tuple(SKIPPABLE[kind] for kind in reader.unserved)
+    robot = replace(robot, skipped=skipped, visuals=reader.visuals)
     return scene_of(
-        robot, chosen, reader.meshes.find, lambda builder: add_actions(builder, actions, reader.postures(robot))
+        robot, chosen, reader.meshes.find, lambda builder: add_actions(builder, actions, postures(robot, reader.starts))
     )
 
 
@@ -151,14 +151,11 @@ class MjcfReader:
             self.leave_out("tendons", tendon, f"tendon {self.file.named(tendon)}")
         for world in self.root.all("worldbody"):
             self._inside(world, _Around("world", Placement(), "main"))
-        name = self.root.attributes.get("model", "").strip() or self.file.path.stem
-        joints = in_tree_order("world", self._edges)
-        links = self.settings.scaled(self.links)
         return Description(
-            name,
+            self.root.attributes.get("model", "").strip() or self.file.path.stem,
             "world",
-            links,
-            joints,
+            self.settings.scaled(self.links),
+            in_tree_order("world", self._edges),
             self.settings.gravity,
             labels=self.labels,
             has_actuators=True,
@@ -225,13 +222,13 @@ class MjcfReader:
         within = element.attributes.get("childclass", around.within)
         place = around.place.then(self.angles.placement(file, element))
         link, place = self._chain(element, name, around.link, place, within)
-        here = _Around(link, place, within)
         self.links[name] = self._inertia(element, within)
-        self._edges.append(_fixed(f"{name} mount", link, name, place, element.line))
+        axis = np.array([0.0, 0.0, 1.0])  # of no use where nothing moves
+        self._edges.append(JointItem(f"{name} mount", "fixed", link, name, place, axis, line=element.line))
         if link != around.link:
             self.labels[link] = name
         self.bodies[name] = name
-        self._inside(element, _Around(name, Placement(), here.within))
+        self._inside(element, _Around(name, Placement(), within))
 
     def _chain(self, element: Element, name: str, link: str, place: Placement, within: str) -> tuple[str, Placement]:
         """Add the joints of a body; return the last link that they move, and the place of the body's axes there."""
@@ -243,9 +240,8 @@ class MjcfReader:
             if kind not in _KINDS:
                 file.fault(child, f"type={kind!r} of <joint>: known are {list_names(_KINDS)}")
                 continue
-            own = child.attributes.get("name", "").strip() or (
-                f"{name}_joint" + (str(number) if len(given) > 1 else "")
-            )
+            default = f"{name}_joint{number if len(given) > 1 else ''}"
+            own = child.attributes.get("name", "").strip() or default
             anchor = Placement(np.eye(3), file.numbers(joint, "pos", 3, (0.0, 0.0, 0.0)))
             if kind == "free":
                 if link != "world" or len(given) > 1:
@@ -280,15 +276,15 @@ class MjcfReader:
         if not np.any(axis):
             file.fault(joint, f"the axis of joint {name!r} has no direction: 0 0 0")
             axis = np.array([0.0, 0.0, 1.0])
+        simple = kind in ("hinge", "slide")
         in_angles = (lambda x: float(self.angles.radians(np.array(x)))) if turns else float
         by_range = self.settings.autolimits and "range" in joint.attributes
         limited = LIMITED.get(joint.attributes.get("limited", "auto"), by_range) and "limit" not in off
-        lower, upper = file.numbers(joint, "range", 2, (0.0, 0.0)) if kind in ("hinge", "slide") else (0.0, 0.0)
+        lower, upper = file.numbers(joint, "range", 2, (0.0, 0.0)) if simple else (0.0, 0.0)
         return JointItem(
             name,
             _KINDS[kind],
-            ends[0],
-            ends[1],
+            *ends,
             place,
             axis / float(np.linalg.norm(axis)),
             damping=losses["damping"],
@@ -297,8 +293,8 @@ class MjcfReader:
             armature=losses["armature"],
             reference=in_angles(file.number(joint, "springref", 0.0)),
             zero=in_angles(file.number(joint, "ref", 0.0)),
-            lower=in_angles(float(lower)) if limited and kind in ("hinge", "slide") else None,
-            upper=in_angles(float(upper)) if limited and kind in ("hinge", "slide") else None,
+            lower=in_angles(float(lower)) if limited and simple else None,
+            upper=in_angles(float(upper)) if limited and simple else None,
             line=joint.line,
         )
 
@@ -329,16 +325,3 @@ class MjcfReader:
             there = place.then(self.angles.placement(self.file, frame))
             total = total.plus(self._from_geoms(frame, frame.attributes.get("childclass", within), there))
         return total
-
-    # -- the posture of the file --------------------------------------------------------------------
-
-    def postures(self, robot: Description) -> dict[str, Placement]:
-        """Return the places of all links in the world where the joints have the values of the file."""
-        found = {"world": Placement()}
-        for joint in robot.joints:
-            found[joint.child] = self.starts.get(joint.child) or found[joint.parent].then(joint.place)
-        return found
-
-
-def _fixed(name: str, parent: str, child: str, place: Placement, line: int) -> JointItem:
-    return JointItem(name, "fixed", parent, child, place, np.array([0.0, 0.0, 1.0]), line=line)

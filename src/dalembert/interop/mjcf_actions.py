@@ -21,7 +21,7 @@ from ..scene.joints.closures import Closure
 from ..scene.joints.parts import add_constraints
 from .mjcf_settings import unread
 from .mjcf_values import from_quaternion
-from .robot_description import Placement
+from .robot_description import Description, Placement
 from .robot_files import Element
 from .robot_loads import push_joint
 from .robot_values import coordinate, matrix, number, vector
@@ -272,3 +272,14 @@ def _relative(place: Placement, other: Placement) -> Placement:
     """Return a place in the world as one on the axes of another."""
     turn: FloatArray = place.rotation.T
     return Placement(turn @ other.rotation, turn @ (other.position - place.position))
+
+
+def postures(robot: Description, starts: Mapping[str, Placement]) -> dict[str, Placement]:
+    """Return the places of all links in the world where the joints have the values of the file.
+
+    `starts` are those of links that are free there.
+    """
+    found = {"world": Placement()}
+    for joint in robot.joints:
+        found[joint.child] = starts.get(joint.child) or found[joint.parent].then(joint.place)
+    return found

@@ -17,8 +17,6 @@ from sympy.physics.vector import Dyadic, Vector
 
 from ..arrays import FloatArray
 from ..errors import FileWarning, SceneError, unknown_name, warn_caller
-from ..frozen import frozen
-from ..scene.orientation import free_orientation
 from ..scene.robots import RobotJoint, RobotLink, RobotParts
 from ..scene.scene import Scene
 from .robot_description import ROUNDING, Description, Inertia, JointItem, Placement, cleaned, merged, to_axis
@@ -26,15 +24,18 @@ from .robot_loads import add_gravity, add_joint_loads
 from .robot_options import RobotOptions
 from .robot_values import (
     SIMPLE,
+    Drive,
+    LinkPlace,
     coordinate,
     coordinate_names,
+    free_coordinates,
     free_names,
     identifier,
     is_identity,
     joint_value,
-    matrix,
     new_frame,
     number,
+    turned_frame,
     vector,
 )
 from .robot_visuals import add_visuals
@@ -74,29 +75,6 @@ def scene_of(
     undrawn = add_visuals(builder, find_mesh)
     scene.robot = RobotParts(robot.name, links, builder.parts, builder.parameters, robot.skipped, undrawn)
     return scene
-
-
-@final
-@frozen(eq=False)
-class LinkPlace:
-    """A link that carries others: a frame that moves with it, its origin, and the rotation from its axes to the frame.
-
-    `axes` is the identity where the frame has the axes of the link.
-    """
-
-    frame: ReferenceFrame
-    point: Point
-    axes: FloatArray
-
-
-@final
-@frozen(eq=False)
-class Drive:
-    """The free direction of a joint with one coordinate: its unit vector, and where forces on both sides act."""
-
-    axis: Vector
-    on_child: Any
-    on_parent: Any
 
 
 @final
@@ -211,7 +189,7 @@ class RobotBuilder:
             self.places[root] = LinkPlace(scene.frame, scene.origin, np.eye(3))
             return
         frame, point = new_frame(root), Point(root)
-        there = self._free(BASE, frame, scene.frame, moves=True)
+        there = free_coordinates(self.scene, BASE, frame, scene.frame, moves=True)
         point.set_pos(scene.origin, vector(scene.frame, there[:3]))
         self.places[root] = LinkPlace(frame, point, np.eye(3))
         self._add_body(root)
@@ -232,7 +210,7 @@ class RobotBuilder:
         else:
             found, coordinates = self._several(joint, parent, place.rotation, (seat, point))
         if self.options.symbols and not is_identity(found.axes):
-            found = LinkPlace(self._turned(joint.child, found.frame, found.axes), point, np.eye(3))
+            found = LinkPlace(turned_frame(joint.child, found.frame, found.axes), point, np.eye(3))
         self.places[joint.child] = found
         drive = coordinate(f"tau_{joint.name}") if joint.name in self.actuated else None
         limits = {name: getattr(joint, name) for name in ("lower", "upper", "effort", "velocity")}
@@ -257,7 +235,7 @@ class RobotBuilder:
         others = np.delete(joint.axis, along)
         aside = np.eye(3) if np.max(np.abs(others)) <= ROUNDING else to_axis(joint.axis)
         along, sense = (along, int(np.sign(joint.axis[along]))) if is_identity(aside) else (2, 1)
-        base = self._turned(f"{joint.name} axes", parent.frame, rotation @ aside)
+        base = turned_frame(f"{joint.name} axes", parent.frame, rotation @ aside)
         frame = new_frame(joint.child)
         frame.orient_axis(base, list(base)[along], sense * (self.values[joint.name] - number(joint.zero)))
         point.set_pos(seat, Vector(0))
@@ -282,33 +260,17 @@ class RobotBuilder:
         frame = new_frame(joint.child)
         if joint.kind == "planar":
             aside = to_axis(joint.axis)
-            base = self._turned(f"{joint.name} axes", parent.frame, rotation @ aside)
+            base = turned_frame(f"{joint.name} axes", parent.frame, rotation @ aside)
             x, y, theta = there = tuple(map(coordinate, coordinate_names(joint)))
             self.scene.coordinates += there
             frame.orient_axis(base, base.z, theta)
             point.set_pos(seat, vector(base, (x, y, 0)))
             return LinkPlace(frame, point, aside.T), there
-        base = self._turned(f"{joint.name} axes", parent.frame, rotation)
+        base = turned_frame(f"{joint.name} axes", parent.frame, rotation)
         moves = joint.kind == "floating"
-        there = self._free(identifier(joint.name), frame, base, moves=moves)
+        there = free_coordinates(self.scene, identifier(joint.name), frame, base, moves=moves)
         point.set_pos(seat, vector(base, there[:3]) if moves else Vector(0))
         return LinkPlace(frame, point, np.eye(3)), there
-
-    def _free(self, name: str, frame: ReferenceFrame, base: ReferenceFrame, *, moves: bool) -> tuple[Any, ...]:
-        """Orient a frame by a unit quaternion, and return the coordinates, positions first."""
-        *places, e0, e1, e2, e3 = free_names(name)
-        before, there = self.scene.coordinates, tuple(map(coordinate, places)) if moves else ()
-        quaternion = free_orientation(self.scene, frame, base, names=[e0, e1, e2, e3])
-        self.scene.coordinates = (*before, *there, *quaternion)
-        return (*there, *quaternion)
-
-    def _turned(self, name: str, frame: ReferenceFrame, rotation: FloatArray) -> ReferenceFrame:
-        """Return a frame whose axes are the columns of a rotation on another; that itself where nothing turns."""
-        if is_identity(rotation):
-            return frame
-        turned = new_frame(name)
-        turned.orient_explicit(frame, matrix(rotation))
-        return turned
 
     # -- bodies and links ---------------------------------------------------------------------------
 
@@ -361,5 +323,5 @@ class RobotBuilder:
         if np.any(place.position):
             point = Point(name)
             point.set_pos(at.point, vector(at.frame, [number(x) for x in place.position]))
-        frame = self._turned(name, at.frame, place.rotation)
+        frame = turned_frame(name, at.frame, place.rotation)
         return RobotLink(name, frame, point, str(self.bodies[carrier].name) if carrier in self.bodies else None)

@@ -1,16 +1,19 @@
-"""Names, numbers and vectors of scenes of robots."""
+"""Names, numbers, vectors, frames and places of scenes of robots."""
 
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 import sympy as sp
-from sympy.physics.mechanics import ReferenceFrame
+from sympy.physics.mechanics import Point, ReferenceFrame
 from sympy.physics.vector import Vector, dynamicsymbols
 
 from ..arrays import FloatArray
+from ..frozen import frozen
+from ..scene.orientation import free_orientation
+from ..scene.scene import Scene
 from .robot_description import JointItem
 
 SIMPLE = "revolute", "prismatic"
@@ -76,3 +79,46 @@ def matrix(rows: FloatArray) -> Any:
 def is_identity(rotation: FloatArray) -> bool:
     """Whether a rotation turns nothing."""
     return bool(np.all(rotation == np.eye(3)))
+
+
+@final
+@frozen(eq=False)
+class LinkPlace:
+    """A link that carries others: a frame that moves with it, its origin, and the rotation from its axes to the frame.
+
+    `axes` is the identity where the frame has the axes of the link.
+    """
+
+    frame: ReferenceFrame
+    point: Point
+    axes: FloatArray
+
+
+@final
+@frozen(eq=False)
+class Drive:
+    """The free direction of a joint with one coordinate: its unit vector, and where forces on both sides act."""
+
+    axis: Vector
+    on_child: Any
+    on_parent: Any
+
+
+def turned_frame(name: str, frame: ReferenceFrame, rotation: FloatArray) -> ReferenceFrame:
+    """Return a frame whose axes are the columns of a rotation on another; that itself where nothing turns."""
+    if is_identity(rotation):
+        return frame
+    turned = new_frame(name)
+    turned.orient_explicit(frame, matrix(rotation))
+    return turned
+
+
+def free_coordinates(
+    scene: Scene, name: str, frame: ReferenceFrame, base: ReferenceFrame, *, moves: bool
+) -> tuple[Any, ...]:
+    """Orient a frame by a unit quaternion, and return the coordinates, positions first."""
+    *places, e0, e1, e2, e3 = free_names(name)
+    before, there = scene.coordinates, tuple(map(coordinate, places)) if moves else ()
+    quaternion = free_orientation(scene, frame, base, names=[e0, e1, e2, e3])
+    scene.coordinates = (*before, *there, *quaternion)
+    return (*there, *quaternion)
