@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from ..mechanics.equations import ContactRow, EquationsOfMotion
     from .automaton import HybridAutomaton
 
-
 _KEPT_RESPONSES = 8
 """Sets of open contacts whose responses are kept during one decision."""
 

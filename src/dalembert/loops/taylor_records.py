@@ -17,7 +17,6 @@ from ..steps.projection import end_in
 
 TURN = 2.0 * math.pi
 
-
 _Block = tuple[FloatArray, FloatArray, FloatArray | None]
 """Times (k,), what the steps put out there (k, width) or states (k, n), and the turns (n,) that angles made before."""
 

@@ -6,6 +6,8 @@ SIAM Review 7 (1965) 526-528; the coefficients by U. J. J. Le Verrier and D. K. 
 solutions with r rows each, weighted by their minors (A. Ben-Israel, Linear Algebra and its Applications 173 (1992)
 87-111): rows that vanish somewhere weigh nothing there. Both are polynomials of A: beside the motion, where A has a
 larger rank, they vary as slowly as A does, no pivot is chosen, and series stay smooth.
+
+Rows that vanish at some angles count as zero beside what they are at others (`row_scale`).
 """
 
 from __future__ import annotations
@@ -165,10 +167,8 @@ def amplified_rounding(rows: FloatArray, rank: int) -> float:
 
 _PERIODIC = "sin", "cos"
 
-
 _MOST_ENTRIES = 8
 """Entries of a row among which unit vectors are looked for."""
-
 
 _TURNED = 12
 """Entries of a row from which on x cos(a) + y sin(a) is bounded by the larger of x and y, the length of what turns: a

@@ -43,7 +43,6 @@ IntVector = Annotated[NDArray[np.int64], INT_VECTOR]
 IntMatrix = Annotated[NDArray[np.int64], INT_MATRIX]
 FlagMatrix = Annotated[NDArray[np.bool_], FLAG_MATRIX]
 
-
 _SCALARS: dict[Any, Scalar] = {int: INTEGER, float: NUMBER, bool: FLAG}
 _RECORD_FIELDS: dict[Any, Scalar] = {"int": INTEGER, "float": NUMBER, int: INTEGER, float: NUMBER}
 DTYPES = {INTEGER: np.dtype(np.int64), NUMBER: np.dtype(np.float64), FLAG: np.dtype(np.bool_)}

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from ..expressions.reader import ExpressionReader
     from ..scene import Scene
 
-
 Read = Callable[[Any, str], Node]
 """Returns an expression that stands in some place, by its name, as a node."""
 

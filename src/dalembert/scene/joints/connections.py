@@ -20,7 +20,6 @@ from .sympy_joints import add_sympy_joint
 if TYPE_CHECKING:
     from ..scene import Scene
 
-
 ADDING: dict[type, Callable[[Scene, Any], None]] = {
     SympyJoint: add_sympy_joint,
     Closure: add_closure,
