@@ -26,3 +26,12 @@ def part_of(values: AnyColumn, cases: slice | list[int]) -> AnyColumn:
 def arrays_of(columns: Mapping[str, Column]) -> dict[str, FloatArray]:
     """Return columns as arrays (1,) or (k,)."""
     return {name: np.array((value,)) if isinstance(value, float) else value for name, value in columns.items()}
+
+
+def finite_rows(values: FloatArray) -> NDArray[np.bool_]:
+    """Return which rows hold nothing but finite numbers; a product does that much faster than sums of short rows."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        finite = np.isfinite(values @ np.ones(values.shape[1]))
+    large = np.flatnonzero(~finite)  # or a sum of finite numbers that is not
+    finite[large] = np.isfinite(values[large]).all(axis=1)
+    return np.asarray(finite)

@@ -14,8 +14,8 @@ from ..ir.ops import TABLE_OPERATIONS
 from ..ir.program import WIDTH, Program, coefficient_places
 from ..reduction.starting import Start
 from ..runs.impulses import impulses_of
-from ..runs.prepare import dependent_at_start
 from ..scene.model import ControllerModel
+from ..starts.constraint_choice import dependent_at_start
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
@@ -109,7 +109,7 @@ def refuse_dependent(model: CompiledModel, state: FloatArray, p: FloatArray, spa
     CapabilityError
     """
     start = model.derived.dependence
-    if start is not None and dependent_at_start(model, start, span, state, p):
+    if start is not None and dependent_at_start(model.stages.program, start, span, state, p):
         raise CapabilityError(
             f"constraints of {model.name!r} depend on each other at this start; simulate leaves out those that follow"
             " from others there, and exports do not: remove the constraints that are not needed"

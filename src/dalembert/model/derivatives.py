@@ -12,8 +12,8 @@ from ..errors import CapabilityError, OptionError, P, T, list_names, nesting_nam
 from ..options import SensitivityOptions, TrimOptions
 from ..runs.capabilities import WITHOUT, refuse_functions, refuse_sampling
 from ..runs.component_tolerances import with_component_names
-from ..starts.input_values import read_inputs, run_span, with_inputs
-from ..starts.inputs import span_of
+from ..starts.input_values import read_inputs, run_span
+from ..starts.inputs import span_of, with_inputs
 from ..values import option
 
 if TYPE_CHECKING:

@@ -13,7 +13,8 @@ from ..ir.interpret import interpret_rows
 from ..ir.program import coefficient_places, hidden_parameters
 from ..starts import inputs as run_input
 from ..starts.initial_states import initial_state
-from ..starts.input_values import read_inputs, with_inputs
+from ..starts.input_values import read_inputs
+from ..starts.inputs import with_inputs
 from ..starts.segment_constants import at_time
 from ..values import option
 from .rows import rows_of

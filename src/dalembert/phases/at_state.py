@@ -20,7 +20,7 @@ from ..results.analyses import OperatingPoint
 from ..results.linearization import Linearization
 from ..starts import inputs as run_input
 from ..starts.assembly import assembled_by
-from ..starts.input_values import with_inputs
+from ..starts.inputs import with_inputs
 from .given_values import start_state
 from .mode_models import ModeModels, all_modes
 

@@ -1,4 +1,4 @@
-"""Blocks of cases in threads, each of which runs its blocks in lanes."""
+"""Cases of a sweep in parts and blocks, in threads, each of which runs its blocks in lanes."""
 
 from __future__ import annotations
 
@@ -10,16 +10,14 @@ from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ..codegen.engine import Engine
 from ..codegen.runs import CaseRun
 from ..lanes.cases import BlockResult
-from ..lanes.sweep_arguments import KeptStarts
 from ..methods.status import Status
 from ..once import once
 from ..progress import meter
 from ..threads import STOPPED, check, stopped_by
+from .block_runs import LARGEST_BLOCK, SMALLEST_BLOCK, check_results, columns_run, run_one_block, slices_of
 from .case_settings import CaseSettings
 from .cases import Cases, single_problem
 
@@ -28,7 +26,6 @@ if TYPE_CHECKING:
 
     from ..starts.initial_states import QuickStart
 
-_SMALLEST_BLOCK, _LARGEST_BLOCK = 64, 4096
 _BLOCKS_PER_THREAD = 8
 
 _LARGEST_SHARE, _SHARES_PER_THREAD = 64, 64
@@ -87,31 +84,24 @@ def run_cases(engine: Engine, cases: Cases, settings: CaseSettings, stop: bool =
     threads = settings.threads if engine.parallel else 1
     # reductions and checks need the starts of all cases of a part, and these may have long lists of stops
     length = _LARGEST_PART * threads if watch is not None or settings.judge is not None else max(1, count)
-    length = _LARGEST_BLOCK * threads if engine.cuts else length
+    length = LARGEST_BLOCK * threads if engine.cuts else length
     # samples are projected at the end, block by block in threads
     blocks = samples > 0 and (engine.cuts or cases.program.projects)
     share = min(_LARGEST_SHARE, max(1, min(count, length) // (threads * _SHARES_PER_THREAD)))
-    for part in _slices(count, length):
+    for part in slices_of(count, length):
         size = part.stop - part.start
         kept, here = cases.to_keep(size, settings), result if size == count else result[part]
-        run = None if blocks else _columns_run(engine, cases, settings, part, here, share, kept)
+        run = None if blocks else columns_run(engine, cases, settings, part, here, share, kept)
         if run is None:
             _in_blocks(engine, cases, settings, result, threads)
             return result
         whole = run_shared(run, size, max(1, min(threads, -(-size // share))), settings.progress)
         if not whole:
             _interrupted(result)
-        _check_results(cases, settings, part, here, kept)
+        check_results(cases, settings, part, here, kept)
         if not whole:
             break
     return result
-
-
-def _slices(count: int, length: int) -> list[slice]:
-    """Return so many cases in parts of some length."""
-    if 0 < count <= length:
-        return [slice(0, count)]
-    return [slice(first, min(first + length, count)) for first in range(0, count, length)]
 
 
 def _interrupted(result: BlockResult) -> BlockResult:
@@ -124,7 +114,7 @@ def _in_blocks(engine: Engine, cases: Cases, settings: CaseSettings, result: Blo
     """Run all cases, block by block."""
     count = cases.count
     share = 1 if engine.whole_blocks else threads * _BLOCKS_PER_THREAD
-    length = min(_LARGEST_BLOCK, max(_SMALLEST_BLOCK, -(-count // share)))
+    length = min(LARGEST_BLOCK, max(SMALLEST_BLOCK, -(-count // share)))
     stopping = threading.Event()
 
     def run_block(block: slice) -> int:
@@ -132,8 +122,8 @@ def _in_blocks(engine: Engine, cases: Cases, settings: CaseSettings, result: Blo
             check()
             try:
                 kept = cases.to_keep(block.stop - block.start, settings)
-                _run_block(engine, cases, settings, block, result[block], kept)
-                _check_results(cases, settings, block, result[block], kept)
+                run_one_block(engine, cases, settings, block, result[block], kept)
+                check_results(cases, settings, block, result[block], kept)
             except KeyboardInterrupt:  # its events and totals are not written yet, and nothing is checked
                 result.ends[block, 1] = _INTERRUPTED
                 raise
@@ -141,7 +131,7 @@ def _in_blocks(engine: Engine, cases: Cases, settings: CaseSettings, result: Blo
 
     with meter(count, settings.progress) as advance, _workers(threads, stopping) as each:
         try:
-            for finished in each(run_block, _slices(count, length)):
+            for finished in each(run_block, slices_of(count, length)):
                 advance(finished)
         except KeyboardInterrupt:
             stopping.set()
@@ -237,105 +227,6 @@ def _stop(workers: list[Future[None]], run: CaseRun) -> None:
         run.turn[0] = STOPPED
         if run.stop is not None:
             run.stop()
-
-
-def _run_block(
-    engine: Engine, cases: Cases, settings: CaseSettings, block: slice, here: BlockResult, kept: KeptStarts
-) -> None:
-    """Run one block of cases and write their results and starts; cases that cannot start are left out.
-
-    The totals of the results are the reductions.
-    """
-    run = _columns_run(engine, cases, settings, block, here, len(here.y), kept)
-    if run is not None:
-        run.work()
-        run.finish()
-        return
-    ready, status = cases.block(block, settings, exact=not engine.whole_blocks)
-    if len(kept.states):
-        kept.states[:], kept.constants[:] = ready.y, ready.c
-    watch, good = settings.watch, status < 0
-    if watch is None and not len(cases.program.layout.state):  # the constraints prescribe the motion
-        here.ends[:] = np.column_stack([ready.spans[:, 1], np.where(good, float(Status.SUCCESS), status), 0.0 * status])
-        return
-    done = here
-    if watch is not None:
-        happened, totals = BlockResult.at_start(len(status), len(watch.events), watch.kinds)
-        done = replace(here, happened=happened, totals=totals)
-    if np.all(good):
-        engine.integrate_block(ready, settings.method, done)
-    else:
-        done.y[~good] = np.nan
-        done.ends[~good] = np.column_stack([ready.spans[~good, 0], status[~good], np.zeros(int(np.sum(~good)))])
-    if np.any(good) and not np.all(good):
-        rest = None if ready.inputs is None else ready.inputs.part(np.flatnonzero(good), len(good))
-        carried = None if ready.carried is None else ready.carried[good]
-        part = replace(ready, y=ready.y[good], c=ready.c[good], spans=ready.spans[good], inputs=rest, carried=carried)
-        some = done[good]
-        engine.integrate_block(part, settings.method, some)
-        done[good] = some
-        if ready.carried is not None:
-            ready.carried[good] = carried
-    if watch is not None:
-        first = done.happened[:, 1::3]
-        here.happened[:] = done.happened[:, : 3 * watch.reported]
-        still = cases.program.conditions is None and cases.records is None
-        c = ready.c if still else cases.constants_at(block, done.ends[:, :1])
-        here.totals[:] = watch.reduced(ready.spans[:, 0], done.ends, done.y, c, done.totals, first)
-        watch.conclude(done.ends, done.happened)
-
-
-def _check_results(cases: Cases, settings: CaseSettings, block: slice, here: BlockResult, kept: KeptStarts) -> None:
-    """Check the results of a block of cases that kept their starts, where the settings have a check."""
-    if settings.judge is None or not len(cases.program.layout.state):
-        return
-    if len(here.y) <= _LARGEST_BLOCK:
-        settings.judge(settings.method, cases.of_run(block, settings, kept), here)
-        return
-    for part in _slices(block.stop - block.start, _LARGEST_BLOCK):
-        own = slice(block.start + part.start, block.start + part.stop)
-        started = KeptStarts(kept.constants[part], kept.states[part])
-        settings.judge(settings.method, cases.of_run(own, settings, started), here[part])
-
-
-def _columns_run(
-    engine: Engine,
-    cases: Cases,
-    settings: CaseSettings,
-    block: slice,
-    here: BlockResult,
-    share: int,
-    kept: KeptStarts,
-) -> CaseRun | None:
-    """Return the run of a block of cases that the engine makes itself, None where that is not its way.
-
-    The totals of the results are the reductions.
-    """
-    columns, watch, count = cases.columns(block, settings), settings.watch, len(here.y)
-    if watch is None and (settings.t_eval is None or len(kept.constants) or not cases.program.projects):
-        return engine.sweeper(columns, settings.method, here, kept, share)
-    reduces = watch is not None and bool(watch.plan)
-    if (reduces or watch is None) and not len(kept.constants):
-        kept = kept._replace(constants=np.empty((count, cases.program.layout.constants)))
-    done = here
-    if watch is not None:
-        happened, totals = BlockResult.at_start(count, len(watch.events), watch.kinds)
-        done = BlockResult(here.y, here.ends, here.samples, happened, totals)
-    run = engine.sweeper(columns, settings.method, done, kept, share)
-    if run is None or watch is None:
-        return run
-
-    def finish() -> None:
-        run.finish()
-        here.happened[:] = done.happened[:, : 3 * watch.reported]
-        if reduces:
-            along = columns.constants_at
-            c = kept.constants if along is None else along(done.ends[:, :1])
-            first = done.happened[:, 1::3]
-            here.totals[:] = watch.reduced(columns.spans[0], done.ends, done.y, c, done.totals, first)
-        watch.conclude(done.ends, done.happened)
-
-    return replace(run, finish=finish)
 
 
 Each = Callable[[Callable[[slice], int], list[slice]], Iterable[int]]

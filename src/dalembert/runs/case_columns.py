@@ -9,7 +9,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Column, FloatArray
+from ..arrays import Column, FloatArray, arrays_of
 from ..errors import UnknownNameError, ValueInputError, unknown_name
 from ..ir.program import Layout
 from ..starts.symbol_assumptions import ROUNDING, contradicts, excluded, limits_of, refuse_contradictions
@@ -50,6 +50,29 @@ def columns_of(
     if wrong:
         raise ValueInputError("; ".join(wrong))
     return columns
+
+
+def common_length(
+    layout: Layout, lengths: set[int], parameters: Columns, initial: Columns, span: Mapping[str, FloatArray]
+) -> int:
+    """Return the number of cases: the length of all arrays that hold more than one number, whose `lengths` are given.
+
+    Raises
+    ------
+    ValueInputError
+        Where they have several.
+    """
+    if len(lengths) > 1:
+        known = {*layout.given, *initial, *span}  # others are parameters of inputs
+        found = {
+            f"{kind} {name}" if name in known else f"input {name.rpartition(' of ')[2]}": len(values)
+            for kind, table in (("parameter", parameters), ("initial", initial), ("t_span", span))
+            for name, values in arrays_of(table).items()
+            if len(values) != 1
+        }
+        listed = "; ".join(f"{name}: {length}" for name, length in found.items())
+        raise ValueInputError(f"the arrays of a sweep must have one length, that of its cases; given are {listed}")
+    return lengths.pop() if lengths else 1
 
 
 _MOST_KEPT = 64
@@ -148,6 +171,16 @@ class CaseReaders:
         self.layout = layout
         self.initial = ColumnReader("initial value", layout.initial, layout, ROUNDING)
         self.parameters = ColumnReader("parameter", layout.parameters, layout, 0.0)
+
+    def refused(self, initial: Columns, parameters: Columns) -> NDArray[np.bool_] | None:
+        """Return which cases (k,) have values that their symbols exclude, None where there are none.
+
+        Values for all cases are rejected at once.
+        """
+        by_parameters, by_initial = self.parameters.refused(parameters), self.initial.refused(initial)
+        if by_parameters is None or by_initial is None:
+            return by_initial if by_parameters is None else by_parameters
+        return by_parameters | by_initial
 
 
 _READERS: dict[int, CaseReaders] = {}

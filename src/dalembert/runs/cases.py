@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Column, FloatArray, arrays_of, part_of
-from ..errors import UnknownNameError, ValueInputError, list_names
+from ..arrays import Column, FloatArray, arrays_of, finite_rows, part_of
+from ..errors import UnknownNameError, list_names
 from ..ir.interpret import interpret, interpret_rows
 from ..ir.program import DIRECTION, Program, directed_rates
 from ..lanes.cases import CaseBlock, CaseColumns
@@ -23,7 +23,7 @@ from ..starts.input_values import GivenInputs
 from ..steps.problem import IntegrationProblem
 from ..stops.breakpoints import CaseBreaks
 from ..stops.input_records import InputRecords
-from .case_columns import CaseReaders, Columns, case_readers
+from .case_columns import Columns, case_readers, common_length
 from .case_settings import CaseSettings, spans_of
 
 if TYPE_CHECKING:
@@ -71,8 +71,8 @@ class Cases:
         self.span = {"start": first, "end": last}
         self._whole: tuple[CaseSettings, CaseColumns] | None = None
         lengths.update([len(times) for times in (first, last) if times.size != 1])
-        self.count = self._count(lengths)
-        self.refused = self._refused(readers)
+        self.count = common_length(layout, lengths, self._parameters, self._initial, self.span)
+        self.refused = readers.refused(self._initial, self._parameters)
         self._begin = first if self.refused is None else np.where(self.refused, np.nan, first)  # NaN is not run
         self._values: Columns = self._initial
         one = first.shape == last.shape == (1,)
@@ -102,31 +102,6 @@ class Cases:
         """Initial values and parameters."""
         return self._initial, self._parameters
 
-    def _count(self, counts: set[int]) -> int:
-        if len(counts) > 1:
-            tables = (("parameter", self.parameters), ("initial", self.initial), ("t_span", self.span))
-            known = {*self.program.layout.given, *self.initial, *self.span}  # others are parameters of inputs
-            lengths = {
-                f"{kind} {name}" if name in known else f"input {name.rpartition(' of ')[2]}": len(values)
-                for kind, table in tables
-                for name, values in table.items()
-                if len(values) != 1
-            }
-            listed = "; ".join(f"{name}: {length}" for name, length in lengths.items())
-            raise ValueInputError(f"the arrays of a sweep must have one length, that of its cases; given are {listed}")
-        return counts.pop() if counts else 1
-
-    def _refused(self, readers: CaseReaders) -> NDArray[np.bool_] | None:
-        """Return which cases (k,) have values that their symbols exclude, None where there are none.
-
-        Values for all cases are rejected at once.
-        """
-        by_parameters = readers.parameters.refused(self._parameters)
-        by_initial = readers.initial.refused(self._initial)
-        if by_parameters is None or by_initial is None:
-            return by_initial if by_parameters is None else by_parameters
-        return by_parameters | by_initial
-
     def constants(self, block: slice) -> FloatArray:
         """Return the constants c (k, n_c) of a block of cases."""
         count = len(range(*block.indices(self.count)))
@@ -146,11 +121,9 @@ class Cases:
         columns = self._parts(map(self._parameters.__getitem__, layout.parameters), block)
         if layout.decay_rate is None:
             return columns
-        place, backward = layout.parameters.index(layout.decay_rate), self._backward(block)
+        place = layout.parameters.index(layout.decay_rate)
+        backward = part_of(self.span["end"], block) < part_of(self.span["start"], block)
         return (*columns[:place], directed_rates(columns[place], backward), *columns[place + 1 :])
-
-    def _backward(self, block: slice) -> NDArray[np.bool_]:
-        return part_of(self.span["end"], block) < part_of(self.span["start"], block)
 
     def _decide(self, p: FloatArray, block: slice) -> None:
         """Set conditions in parameters p (k, n_p) to those of the first segment of each case."""
@@ -245,11 +218,11 @@ class Cases:
         spans = self._spans(block, count)
         given = self._given(block, count)
         out = interpret_rows(self.start.kernel, spans[:, 0], given, c)
-        finite = _finite_rows(c) & _finite_rows(spans) & _finite_rows(given)
+        finite = finite_rows(c) & finite_rows(spans) & finite_rows(given)
         if exact:
-            self._refine(c, spans[:, 0], given, out, np.flatnonzero(finite & _finite_rows(out)))
+            self._refine(c, spans[:, 0], given, out, np.flatnonzero(finite & finite_rows(out)))
         checks = out[:, size:]
-        started = _finite_rows(out)
+        started = finite_rows(out)
         for residual, tolerance in zip(checks.T[::2], checks.T[1::2], strict=True):
             started &= np.abs(residual) <= tolerance
         status = np.where(started, -1.0, float(Status.INITIAL_STATE))
@@ -288,8 +261,8 @@ class Cases:
             return None
         block = slice(number, number + 1)
         spans = self._spans(block, 1)
-        values = {name: _number(part_of(column, block)) for name, column in self._values.items()}
-        p = np.array([_number(column) for column in self._parameter_columns(block)])
+        values = {name: float(np.ravel(part_of(column, block))[0]) for name, column in self._values.items()}
+        p = np.array([np.ravel(column)[0] for column in self._parameter_columns(block)])
         found = quick_start(self._values)(float(spans[0, 0]), values, p) if np.all(np.isfinite(spans)) else None
         return None if found is None else self._started(block, settings, found[0][np.newaxis], found[1][np.newaxis])
 
@@ -321,9 +294,8 @@ class Cases:
         """Return in which cases of a block (k,) the formulation divides a constraint by something that vanishes."""
         c = self.constants(block)
         t = np.broadcast_to(part_of(self._begin, block), (len(c),))
-        checks = interpret_rows(self.start.kernel, t, self._given(block, len(c)), c)[
-            :, len(self.program.layout.state) :
-        ]
+        out = interpret_rows(self.start.kernel, t, self._given(block, len(c)), c)
+        checks = out[:, len(self.program.layout.state) :]
         lost = np.zeros(len(c), bool)
         for i, (kind, _) in enumerate(self.start.labels):
             if kind == "pivots":
@@ -336,20 +308,6 @@ class Cases:
         for i in some:
             c[i] = interpret(self.program.kernel("prepare"), {"p": c[i, :parameters].tolist()})
             out[i] = interpret(self.start.kernel, {"t": float(t[i]), "y": given[i].tolist(), "c": c[i].tolist()})
-
-
-def _finite_rows(values: FloatArray) -> NDArray[np.bool_]:
-    """Return which rows hold nothing but finite numbers; a product does that much faster than sums of short rows."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        finite = np.isfinite(values @ np.ones(values.shape[1]))
-    large = np.flatnonzero(~finite)  # or a sum of finite numbers that is not
-    finite[large] = np.isfinite(values[large]).all(axis=1)
-    return np.asarray(finite)
-
-
-def _number(values: Column) -> float:
-    """Return the first of some values."""
-    return values if isinstance(values, float) else float(values[0])
 
 
 def single_problem(

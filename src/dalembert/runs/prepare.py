@@ -19,8 +19,8 @@ from ..methods.status import Status
 from ..once import derived_once
 from ..options import PrepareOptions, SimulateOptions
 from ..reduction.invariant_projection import refuse_formulation
-from ..reduction.starting import Start
 from ..starts import inputs
+from ..starts.constraint_choice import dependent_at_start
 from ..starts.first_integrals import keeping_model, kept_values, refuse_unknown
 from ..starts.input_values import GivenInputs
 from ..starts.inputs import span_of
@@ -84,7 +84,7 @@ class PreparedRun:
         except AttributeError:
             fits = False
         if not fits:
-            state, p = self._arrays(state, p)
+            state, p = self._array("state", state, self._state), self._array("p", p, self._parameters)
         if self._places or inputs is not None:
             p = self._with_inputs(p, inputs)
         return self._run(state, p)
@@ -119,12 +119,8 @@ class PreparedRun:
         """The status of the last run of this thread."""
         return self._run.status()
 
-    @nesting_named
-    def _arrays(self, state: object, p: object) -> tuple[FloatArray, FloatArray]:
-        """Return values as arrays."""
-        return self._array("state", state, self._state), self._array("p", p, self._parameters)
-
     @staticmethod
+    @nesting_named
     def _array(kind: str, given: object, names: tuple[str, ...]) -> FloatArray:
         """Return values as an array of the required shape."""
         try:
@@ -161,20 +157,11 @@ def runs_from_dependent(
         return None
 
     def run(state: FloatArray, p: FloatArray) -> Final | None:
-        if not dependent_at_start(model, start, t_span, state, p):
+        if not dependent_at_start(model.stages.program, start, t_span, state, p):
             return None
         return simulated(model, t_span, state, p, method, options)
 
     return run
-
-
-def dependent_at_start(
-    model: CompiledModel, start: Start, t_span: tuple[float, float], state: FloatArray, p: FloatArray
-) -> bool:
-    """Return whether constraints depend on each other at a state (n_y,), at the start of a span."""
-    program = model.stages.program
-    c = starting_constants(program, inputs.constants(program, p), *t_span)
-    return bool(interpret_rows(start.kernel, np.array(t_span[:1]), state[np.newaxis], c)[0, 0])
 
 
 def simulated(

@@ -8,8 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arrays import FloatArray
+from ..ir.interpret import interpret_rows
+from ..ir.program import Program
 from ..methods.status import Status
 from ..reduction.dependent_rows import Redundancy
+from ..reduction.starting import Start
 from ..results.parts import Part
 from ..results.statistics import RunStatistics
 from ..results.trajectory import Trajectory
@@ -18,6 +22,7 @@ from . import inputs
 from .branches import branches
 from .constraint_rank import StartRows
 from .initial_states import initial_state, pivots_vanish, vanishing_pivots
+from .segment_constants import starting_constants
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
@@ -113,3 +118,11 @@ def divisible_model(
     if not follow:
         raise pivots_vanish(model.stages.program, p, labels)
     return fewer
+
+
+def dependent_at_start(
+    program: Program, start: Start, t_span: tuple[float, float], state: FloatArray, p: FloatArray
+) -> bool:
+    """Return whether constraints depend on each other at a state (n_y,), at the start of a span."""
+    c = starting_constants(program, inputs.constants(program, p), *t_span)
+    return bool(interpret_rows(start.kernel, np.array(t_span[:1]), state[np.newaxis], c)[0, 0])

@@ -249,23 +249,6 @@ def has_functions(given: Any) -> bool:
     return isinstance(given, Mapping) and any(_is_function(value) for value in given.values())
 
 
-def with_inputs(
-    layout: Layout,
-    symbols: Sequence[InputSymbol],
-    given: Mapping[Any, Any] | None,
-    parameters: Mapping[Any, Any],
-    t: float,
-) -> Mapping[Any, Any]:
-    """Return parameters with those of inputs that have the values given, at one instant; errors as `read_inputs`.
-
-    Parameters that have those of inputs already are returned as they are, where no values are given.
-    """
-    if given is None and any(hidden_parameters(each.name)[0] in parameters for each in symbols):
-        return parameters
-    found = read_inputs(layout, symbols, given, np.array([t]))
-    return parameters if found is None else found.parameters(parameters, t)
-
-
 def _value(name: str, value: Any, many: bool) -> float | FloatArray | Samples:
     if isinstance(value, Samples):
         value = checked_samples(name, value)

@@ -21,11 +21,12 @@ from ..errors import (
 from ..ir.graph import Graph
 from ..ir.interpret import ARRAY_OPERATIONS, interpret, interpret_rows, rows_of_columns
 from ..ir.node import Node
-from ..ir.program import Layout, Program
+from ..ir.program import Layout, Program, hidden_parameters
 from ..once import deriving
-from ..scene.symbol_table import Entry, chosen_entries
+from ..scene.symbol_table import Entry, InputSymbol, chosen_entries
 from ..transforms.lower_kernels import lower_kernel
 from ..values import listed, number, traced_note
+from .input_values import read_inputs
 from .symbol_assumptions import ROUNDING, refuse_contradictions
 
 if TYPE_CHECKING:
@@ -295,3 +296,20 @@ def guessed_values(layout: Layout, entries: Sequence[Entry], guess: Mapping[Any,
         found = interpret(kernel, {"y": [values[name] for name in read]})
         values |= dict(zip(entry.targets, found, strict=True))
     return {name: value for name, value in values.items() if name in layout.variables}
+
+
+def with_inputs(
+    layout: Layout,
+    symbols: Sequence[InputSymbol],
+    given: Mapping[Any, Any] | None,
+    parameters: Mapping[Any, Any],
+    t: float,
+) -> Mapping[Any, Any]:
+    """Return parameters with those of inputs that have the values given, at one instant; errors as `read_inputs`.
+
+    Parameters that have those of inputs already are returned as they are, where no values are given.
+    """
+    if given is None and any(hidden_parameters(each.name)[0] in parameters for each in symbols):
+        return parameters
+    found = read_inputs(layout, symbols, given, np.array([t]))
+    return parameters if found is None else found.parameters(parameters, t)
