@@ -1,4 +1,4 @@
-"""The mode and the method that calls of a model take."""
+"""The mode and the method that calls of a model take, and the functions that its backend offers."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from types import MethodType
 from typing import TYPE_CHECKING, Any, cast, final
 
 from ..codegen import backend_named
-from ..errors import OptionError, list_names, unknown_name
+from ..codegen.base import Capability
+from ..errors import CapabilityError, OptionError, list_names, unknown_name
 from ..options import tolerances
+from ..runs.capabilities import require
 from ..runs.component_tolerances import with_names
 
 if TYPE_CHECKING:
+    from ..codegen.engine import FunctionEngine, TracedEngine
     from ..contacts.equations.contact_laws import Mode
     from .model import CompiledModel
 
@@ -121,3 +124,36 @@ def choose_method(self: CompiledModel, method: Any, rtol: float, atol: float, *,
     raise OptionError(
         unknown_name("method", str(method), ["auto", *self.methods]) + f" (of the backend {self.backend!r})"
     )
+
+
+def kernels(self: CompiledModel) -> Any:
+    """Return the generated kernels as functions of numba, by name, for people's own compiled code (backend "numba").
+
+    ``prepare(p, c)`` computes constants c (``layout.constants``,) from parameters p (n_p,), ``rhs(t, y, c, out)``
+    the rate of the state, and so on: see `source`. numba compiles each when it is first called.
+
+    Raises
+    ------
+    CapabilityError
+        For another backend, for scenes whose functions of time a run takes piece by piece, and for several modes.
+    """
+    if self.modes is not None:
+        raise CapabilityError(f"{self.name!r} has kernels for each mode of its contacts: see mode(...).kernels")
+    require(self.backend, self.stages.program, Capability.KERNEL_FUNCTIONS)
+    return cast("FunctionEngine", self.engine).functions
+
+
+def functions(self: CompiledModel) -> Any:
+    """Return pure functions of (t, y, p) that JAX traces, vectorises and differentiates, for the backend "jax".
+
+    They are `expand`, `outputs`, `energy`, `mass_matrix`, `forcing`, `constraint_jacobian`, `accelerations` and
+    `project`; t is a time, y (n_y,) a state, p a mapping of parameters and inputs to scalars, or an array as of
+    `parameter_vector`.
+
+    Raises
+    ------
+    CapabilityError
+        For a backend other than "jax".
+    """
+    require(self.backend, self.stages.program, Capability.STATE_FUNCTIONS)
+    return cast("TracedEngine", self.engine).state_functions

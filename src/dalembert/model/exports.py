@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import CapabilityError, OptionError, list_names, nesting_named, unknown_name
-from ..events.event_code import Event, event_list
-from ..ir.program import hidden_parameters
-from ..options import DEFAULT_TOLERANCES, TIGHTER, NamedTolerances, tolerances
-from ..runs.events import moving_events, with_event_parameters
-from ..starts.inputs import resolve_names, span_of
+from ..options import DEFAULT_TOLERANCES, TIGHTER
 
 if TYPE_CHECKING:
     from .model import CompiledModel
@@ -78,18 +73,8 @@ KINDS: dict[str, Callable[[CompiledModel, Mapping[str, Any]], dict[str, Any]]] =
 }
 """Kinds of exports: from a model and what was asked for to the contents of files by their names."""
 
-PRECISIONS = ("double", "single")
-"""Precisions of the numbers of exported code, the one by default first."""
-
-INSTEAD = {("jax", "auto"): "dop853", ("jax", "taylor"): "dop853"}
-"""Methods of kinds in place of those that "auto" finds."""
-
 ENDINGS = {"fmu": ".fmu", "page": ".html", "numba": ".py", "jax": ".py"}
 """Kinds that are one file, and how its name ends; others are folders."""
-
-
-FMI_VERSIONS = ("2.0", "3.0")
-"""Versions of the standard of units, the one by default first."""
 
 
 @nesting_named
@@ -184,7 +169,7 @@ def export(
         model.export("pendulum", initial={theta: 1, theta.diff(): 0}, parameters={m: 1, l: 1, g: 9.81})
     """
     from ..export.folder import path_of, refuse_other_files, refuse_others, write_archive, write_file, write_folder
-    from ..export.kinds import FIXED, refuse_kind
+    from ..export.requests import ExportOptions, export_request
 
     asked: Any = kind
     if not isinstance(asked, str) or asked not in KINDS:
@@ -196,91 +181,27 @@ def export(
         raise OptionError(f"the path of this kind of export ends in {ending!r}: give {str(place) + ending!r}")
     else:
         refuse_other_files(place)
-    if fmi not in FMI_VERSIONS:
-        raise OptionError(f"fmi is {fmi!r}: exports are units of FMI {list_names(map(repr, FMI_VERSIONS))}")
-    rtol, atol = tolerances(rtol, atol)
-    if isinstance(atol, NamedTolerances):
-        raise OptionError("exports take one atol for the whole state, and not tolerances by name: give a number")
-    if method == FIXED or step is not None:
-        step = _step(kind, method, (rtol, atol), step)
-    if precision not in PRECISIONS:
-        raise OptionError(
-            f"precision is {precision!r}: exports have the precisions {list_names(map(repr, PRECISIONS))}"
-        )
-    if precision != PRECISIONS[0] and method != FIXED:
-        raise OptionError(
-            f"precision={precision!r} is one of method={FIXED!r}, not of {method!r}: other methods compare errors with"
-            " tolerances, which the rounding of float (6e-8 of a value) hides. Give method='rk4' and step=, or leave"
-            " precision out"
-        )
-    if rtol == atol == 0.0:
-        raise OptionError("rtol and atol must not both be 0: set one of them above 0")
-    if not isinstance(events, tuple) or events:
-        events = event_list(events, self.layout.aliases)
-        self = with_event_parameters(self, parameters or {}, events)
-        events = moving_events(self.layout, events)
-    refuse_kind(self, kind, method, events)
-    given = None if initial is None else dict(self.read_initial(initial))
-    numbers = dict(given or {})
-    if parameters is not None:
-        numbers |= self.read_parameters({**dict.fromkeys(_hidden(self), 0.0), **parameters})
-    numbers |= _input_values(self, inputs)
-    span, complete = span_of(t_span), _complete(self, numbers, given)
-    if complete and not self.layout.inputs:
-        from ..export.refusals import refuse_dependent
-
-        state = self.state(initial or {}, parameters or {}, t=span[0])
-        refuse_dependent(self, state, self.parameter_vector(parameters or {}), span)
-    if method == "auto":
-        if complete:
-            method = _method_of_example(self, (initial, parameters, inputs), t_span, rtol, atol, events)
-        method = INSTEAD.get((kind, method), method)
-    request: dict[str, Any] = {
-        "initial": given,
-        "numbers": numbers,
-        "method": method,
-        "tolerances": (rtol, atol),
-        "span": span,
-        **({} if step is None else {"step": step, "precision": precision}),
-        **({"events": events} if events else {}),
-    }
-    if kind == "page":
-        request["sliders"] = _sliders(self, given, sliders)
-    elif sliders is not None:
-        raise OptionError(f"sliders are those of the kind 'page', not of {kind!r}: leave them out")
-    if kind == "fmu":
-        request |= {"platforms": platforms, "fmi": fmi}
-    elif platforms is not None:
-        raise OptionError(f"platforms are those of the kind 'fmu', not of {kind!r}: leave them out")
-    elif fmi != FMI_VERSIONS[0]:
-        raise OptionError(f"fmi is the version of the kind 'fmu', not of {kind!r}: leave it out")
-    files = KINDS[kind](self, request)
+    asked_for = ExportOptions(
+        kind=kind,
+        initial=initial,
+        parameters=parameters,
+        inputs=inputs,
+        t_span=t_span,
+        method=method,
+        rtol=rtol,
+        atol=atol,
+        step=step,
+        precision=precision,
+        fmi=fmi,
+        platforms=platforms,
+        sliders=sliders,
+        events=events,
+    )
+    model, request = export_request(self, asked_for)
+    files = KINDS[kind](model, request)
     if "file" in files:
         return write_file(place, files["file"])
     return write_folder(place, files) if ending is None else write_archive(place, files)
-
-
-def _step(kind: str, method: str, tolerances: tuple[float, float], step: Any) -> float:
-    """Return the size of the steps of an export whose steps have a fixed one.
-
-    Raises
-    ------
-    OptionError
-        For another kind or method, tolerances that nothing uses, and a size that is none.
-    """
-    from ..export.kinds import FIXED
-
-    if method != FIXED:
-        raise OptionError(f"step is the size of steps of method={FIXED!r}, and not of {method!r}: leave it out")
-    if kind != "c":
-        raise OptionError(f"method={FIXED!r} is one of the kind 'c', not of {kind!r}: give kind='c', or another method")
-    if tolerances != DEFAULT_TOLERANCES:
-        raise OptionError(f"steps of method={FIXED!r} have no tolerances: leave rtol and atol out, and give step=")
-    if step is None:
-        raise OptionError(f"method={FIXED!r} needs the size of its steps in seconds: give step=, such as step=0.001")
-    if isinstance(step, bool) or not isinstance(step, int | float) or not 0.0 < step < math.inf:
-        raise OptionError(f"step must be a finite number of seconds above 0, not {step!r}")
-    return float(step)
 
 
 def to_casadi(self: CompiledModel) -> dict[str, Any]:
@@ -321,73 +242,3 @@ def to_casadi(self: CompiledModel) -> dict[str, Any]:
     from ..interop.casadi_functions import casadi_functions
 
     return casadi_functions(self.stages.program)
-
-
-def _sliders(
-    model: CompiledModel, given: Mapping[str, float] | None, sliders: Any
-) -> dict[str, tuple[float, float]] | None:
-    """Return the ends of sliders by name, None where all values get one."""
-    if sliders is None:
-        return None
-    layout = model.layout
-    if not isinstance(sliders, Mapping):
-        raise OptionError(f"sliders must be a mapping of names or symbols to (low, high), not {sliders!r}")
-    known = [name for name in (*(given or ()), *layout.parameters, *layout.inputs) if name not in _hidden(model)]
-    names = resolve_names("slider", sliders, known, layout.aliases)
-    found = {}
-    for name, ends in zip(names, sliders.values(), strict=True):
-        numbers = isinstance(ends, list | tuple) and all(
-            isinstance(end, int | float) and math.isfinite(end) for end in ends
-        )
-        if not numbers or len(ends) != 2 or not ends[0] < ends[1]:
-            raise OptionError(f"the slider {name!r} needs two finite numbers (low, high), not {ends!r}")
-        found[name] = (float(ends[0]), float(ends[1]))
-    return found
-
-
-def _hidden(model: CompiledModel) -> set[str]:
-    """Return the parameters that stand for inputs."""
-    return {name for u in model.layout.inputs for name in hidden_parameters(u)}
-
-
-def _complete(model: CompiledModel, numbers: Mapping[str, float], given: Mapping[str, float] | None) -> bool:
-    """Return whether an example has all of its numbers."""
-    wanted = {*model.layout.parameters, *model.layout.inputs} - _hidden(model)
-    return given is not None and model.modes is None and wanted <= set(numbers)
-
-
-def _method_of_example(
-    model: CompiledModel,
-    example: tuple[Any, Any, Any],
-    t_span: tuple[float, float],
-    rtol: float,
-    atol: float,
-    events: Sequence[Event],
-) -> str:
-    """Return the method that a run of the example takes, "auto" where it takes several."""
-    initial, parameters, inputs = example
-    run = model.simulate(
-        t_span,
-        initial,
-        parameters or {},
-        inputs=inputs,
-        events=events,
-        rtol=rtol,
-        atol=atol,
-        t_eval=t_span,
-        dense=False,
-    )
-    return run.stats.method if run.stats.method in model.methods else "auto"
-
-
-def _input_values(model: CompiledModel, inputs: Mapping[Any, Any] | None) -> dict[str, float]:
-    """Return the values of constant inputs by name."""
-    found: dict[str, float] = {}
-    for symbol, value in (inputs or {}).items():
-        name = symbol if isinstance(symbol, str) else getattr(getattr(symbol, "func", None), "__name__", str(symbol))
-        if name not in model.layout.inputs:
-            raise OptionError(unknown_name("input", name, model.layout.inputs))
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise OptionError(f"the input {name!r} of the example must be a finite number, not {value!r}")
-        found[name] = float(value)
-    return found

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast, final
 
 from ..codegen.base import Capability
 from ..codegen.engine import Engine
-from ..errors import CapabilityError, list_names
+from ..errors import list_names
 from ..ir.program import Layout, representative
 from ..mechanics.equations import EquationsOfMotion
 from ..once import BoundedTable, derived_once, derived_property, once_property
@@ -18,9 +18,7 @@ from ..pipeline import Compiled, SeveralModes, Stages, compile_scene
 from ..runs.capabilities import require
 from ..runs.engines import engine_of
 from ..scene import Scene
-from ..starts import inputs as run_input
-from ..starts.symbol_assumptions import ROUNDING, ValueReader
-from . import choices, derivatives, evaluation, exports, inverse, motions, states, sweeps, traced
+from . import choices, derivatives, evaluation, exports, inverse, motions, rows, states, sweeps, traced
 from .choices import OfOneMode
 from .derived import Derived, Variants
 
@@ -28,7 +26,7 @@ if TYPE_CHECKING:
     from ..analysis.inverse_dynamics import InverseKernel
     from ..analysis.rate_jacobians import JacobianKernel
     from ..analysis.regressor import RegressorKernel
-    from ..codegen.engine import FunctionEngine, TracedEngine
+    from ..codegen.engine import TracedEngine
     from ..contacts.equations.contact_laws import Mode
     from ..phases.mode_models import ModeModels
     from ..runs.run_check import RunCheck
@@ -122,6 +120,10 @@ class CompiledModel:
     linearize = derivatives.linearize
     trim = derivatives.trim
     solve_fn = traced.solve_fn
+    kernels = property(choices.kernels)
+    functions = property(choices.functions)
+    read_parameters = once_property(rows.read_parameters)
+    read_initial = once_property(rows.read_initial)
 
     def __init__(self, source: Stages | ModeModels, variants: Variants, **of_one_mode: Any) -> None:
         """Initialise a model of modes, or of stages with `engine`, `method_descriptions`, `dropped` and `derived`."""
@@ -217,23 +219,6 @@ class CompiledModel:
         return "\n\n".join(f"# mode {self.modes.named(mode)}\n\n{model.source}" for mode, model in every)
 
     @property
-    def kernels(self) -> Any:
-        """The generated kernels as functions of numba, by name, for people's own compiled code (backend "numba").
-
-        ``prepare(p, c)`` computes constants c (``layout.constants``,) from parameters p (n_p,), ``rhs(t, y, c, out)``
-        the rate of the state, and so on: see `source`. numba compiles each when it is first called.
-
-        Raises
-        ------
-        CapabilityError
-            For another backend, for scenes whose functions of time a run takes piece by piece, and for several modes.
-        """
-        if self.modes is not None:
-            raise CapabilityError(f"{self.name!r} has kernels for each mode of its contacts: see mode(...).kernels")
-        require(self.backend, self.stages.program, Capability.KERNEL_FUNCTIONS)
-        return cast("FunctionEngine", self.engine).functions
-
-    @property
     def vector_field(self) -> Callable[[Any, Any, Any], Any]:
         """``vector_field(t, y, args)``: dy/dt (n_y,) of the state y (n_y,) at parameters args (n_p,), for JAX programs.
 
@@ -249,22 +234,6 @@ class CompiledModel:
         """
         require(self.backend, self.stages.program, Capability.VECTOR_FIELD)
         return cast("TracedEngine", self.engine).vector_field
-
-    @property
-    def functions(self) -> Any:
-        """Pure functions of (t, y, p) that JAX traces, vectorises and differentiates, for the backend "jax".
-
-        They are `expand`, `outputs`, `energy`, `mass_matrix`, `forcing`, `constraint_jacobian`, `accelerations` and
-        `project`; t is a time, y (n_y,) a state, p a mapping of parameters and inputs to scalars, or an array as of
-        `parameter_vector`.
-
-        Raises
-        ------
-        CapabilityError
-            For a backend other than "jax".
-        """
-        require(self.backend, self.stages.program, Capability.STATE_FUNCTIONS)
-        return cast("TracedEngine", self.engine).state_functions
 
     def explain(self, *, passes: bool = False, formulations: bool = False) -> str:
         """Return, in a few lines, what was chosen and why, what was left out, and operation counts.
@@ -340,20 +309,6 @@ class CompiledModel:
     @once_property
     def _regressor_kernels(self) -> BoundedTable[tuple[tuple[str, ...], tuple[str, ...]], RegressorKernel]:
         return BoundedTable(_MOST_INVERSE)
-
-    @once_property
-    def read_parameters(self) -> ValueReader:
-        """The reader of parameters by name."""
-        layout = self.layout
-        return ValueReader(lambda given: run_input.parameter_values(layout, given), layout.aliases, layout.assumptions)
-
-    @once_property
-    def read_initial(self) -> ValueReader:
-        """The reader of initial values by name."""
-        layout = self.layout
-        return ValueReader(
-            lambda given: run_input.given_values(layout, given), layout.aliases, layout.assumptions, ROUNDING
-        )
 
 
 def _compiled_again(

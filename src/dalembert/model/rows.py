@@ -12,7 +12,7 @@ from ..errors import UnknownNameError, ValueInputError, list_names
 from ..ir.program import coefficient_places
 from ..starts import inputs as run_input
 from ..starts.input_values import read_inputs
-from ..starts.symbol_assumptions import ROUNDING, refuse_contradictions, rows_that_contradict
+from ..starts.symbol_assumptions import ROUNDING, ValueReader, refuse_contradictions, rows_that_contradict
 from ..stops.samples import Samples
 from ..values import array_of, common_rows, times_of
 
@@ -137,3 +137,17 @@ def rows_of(name: str, values: Any, size: int) -> FloatArray:
     if array.ndim not in (1, 2) or array.shape[-1] != size:
         raise ValueInputError(f"{name} must have shape ({size},) or (k, {size}), not {array.shape}")
     return array
+
+
+def read_parameters(self: CompiledModel) -> ValueReader:
+    """Return the reader of parameters by name."""
+    layout = self.layout
+    return ValueReader(lambda given: run_input.parameter_values(layout, given), layout.aliases, layout.assumptions)
+
+
+def read_initial(self: CompiledModel) -> ValueReader:
+    """Return the reader of initial values by name."""
+    layout = self.layout
+    return ValueReader(
+        lambda given: run_input.given_values(layout, given), layout.aliases, layout.assumptions, ROUNDING
+    )
