@@ -24,11 +24,11 @@ from peak import flops_of_step, multiply_adds
 from sweeps import CASES
 
 import dalembert as da
+from dalembert.arrays import aligned
 from dalembert.codegen.llvm.assembly import compile_object, instructions, load_object
 from dalembert.codegen.llvm.target import native_lanes
 from dalembert.codegen.subset import loop_assembly
 from dalembert.ir.kernel import Kernel
-from dalembert.lanes.workspace import aligned
 from dalembert.starts.inputs import constants
 from dalembert.subset.arguments import Address, Matrix
 from dalembert.subset.compiled_subset import call_code, compiled_subset, row

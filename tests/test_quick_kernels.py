@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import dalembert as da
+from dalembert.arrays import aligned
 from dalembert.codegen.llvm import assembly, backend
 from dalembert.codegen.llvm.assembly import load_object
 from dalembert.codegen.llvm.target import target
-from dalembert.lanes.workspace import aligned
 from hard_cases import hard_case
 from quick_kernels import compiled_quickly
 

@@ -1,9 +1,9 @@
-"""Types of NumPy arrays, and of columns of values of many cases."""
+"""Types of NumPy arrays, columns of values of many cases, and memory for lanes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypeAlias, TypeVar, cast
+from typing import Any, TypeAlias, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,3 +35,14 @@ def finite_rows(values: FloatArray) -> NDArray[np.bool_]:
     large = np.flatnonzero(~finite)  # or a sum of finite numbers that is not
     finite[large] = np.isfinite(values[large]).all(axis=1)
     return np.asarray(finite)
+
+
+_LINE = 64
+
+
+def aligned(rows: int, columns: int, dtype: type = np.float64) -> NDArray[Any]:
+    """Return zeros (rows, columns) that begin with a cache line, so that no pack lies across two."""
+    size = rows * columns * np.dtype(dtype).itemsize
+    memory = np.zeros(size + _LINE, np.uint8)
+    first = -memory.__array_interface__["data"][0] % _LINE
+    return memory[first : first + size].view(dtype).reshape(rows, columns)

@@ -7,10 +7,10 @@ from functools import partial
 import numpy as np
 import pytest
 
+from dalembert.arrays import aligned
 from dalembert.codegen.llvm import assembly
 from dalembert.ir.interpret import interpret
 from dalembert.ir.kernel import verify
-from dalembert.lanes.workspace import aligned
 from dalembert.lowering.programs import lower
 from dalembert.mechanics.derive import derive
 from dalembert.reduction import reduce

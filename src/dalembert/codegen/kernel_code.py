@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, final
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, aligned
 from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseBlock
-from ..lanes.workspace import aligned
 from ..once import BoundedTable, computed_once
 from ..options import NamedTolerances
 from ..steps.problem import IntegrationProblem

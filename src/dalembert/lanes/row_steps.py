@@ -7,7 +7,7 @@ from typing import NamedTuple, final
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, aligned
 from ..frozen import frozen
 from ..methods.step_constants import SMALLEST_SCALE
 from ..once import once
@@ -19,7 +19,6 @@ from ..stops.stops import no_stops
 from ..subset.addresses import NO_CODE
 from ..subset.arguments import IntVector
 from ..subset.packing import constant_group
-from .workspace import aligned
 
 
 class RowSteps(NamedTuple):

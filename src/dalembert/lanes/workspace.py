@@ -6,8 +6,8 @@ from itertools import accumulate
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import aligned
 from ..methods.step_constants import DEEPEST
 from ..once import once
 from ..subset.addresses import NO_CODE, AddressTable
@@ -39,16 +39,6 @@ MADE = 2
 
 IDLE = -2
 """Status of a lane without a case."""
-
-_LINE = 64
-
-
-def aligned(rows: int, columns: int, dtype: type = np.float64) -> NDArray[Any]:
-    """Return zeros (rows, columns) that begin with a cache line, so that no pack lies across two."""
-    size = rows * columns * np.dtype(dtype).itemsize
-    memory = np.zeros(size + _LINE, np.uint8)
-    first = -memory.__array_interface__["data"][0] % _LINE
-    return memory[first : first + size].view(dtype).reshape(rows, columns)
 
 
 class LaneNumbers(NamedTuple):

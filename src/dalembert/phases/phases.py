@@ -11,6 +11,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import aligned
 from ..codegen.host_code import raise_failure
 from ..codegen.llvm.loops import Loop, loop_named
 from ..codegen.runs import CaseRun, LoopCall
@@ -21,7 +22,6 @@ from ..contacts.phase_stops import PhaseStops, no_phase_stops
 from ..contacts.phase_tables import NO_RUNNER, CaseTable, PhasePlan, PhaseProgress, RunnerTable, ThreadWorkspace
 from ..frozen import frozen
 from ..lanes.sweep_arguments import SweepArguments
-from ..lanes.workspace import aligned
 from ..methods.status import RUNNING
 from ..runs.case_blocks import run_shared
 from ..subset.addresses import AddressTable

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, aligned
 from ..contacts.equations.contact_laws import OPEN, STICK, Mode
 from ..contacts.phase_maps import AT_TIME, DEFAULT, EventMaps
 from ..errors import CapabilityError, list_names
@@ -17,7 +17,6 @@ from ..events.event_code import Event
 from ..frozen import frozen
 from ..ir.conditions import CONDITION_TIME
 from ..ir.interpret import interpret_rows
-from ..lanes.workspace import aligned
 from ..methods.status import Status
 from ..runs.impulses import Impulses
 from ..starts import inputs

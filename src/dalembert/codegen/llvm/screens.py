@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import numpy as np
 
+from ...arrays import aligned
 from ...ir.kernel import Kernel
 from ...lanes.cases import BlockResult, CaseBlock, CaseColumns
 from ...lanes.sweep_arguments import no_columns
-from ...lanes.workspace import aligned
 from ...loops.rank_screen import RankArguments
 from ...loops.screened_starts import ScreenedStarts, StartKernels
 from ...loops.sign_screen import SignArguments

@@ -10,6 +10,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import aligned
 from ...frozen import frozen
 from ...lanes.cases import BlockResult, CaseColumns
 from ...lanes.row_steps import RowSteps, no_row_steps
@@ -29,7 +30,6 @@ from ...lanes.workspace import (
     EventWorkspace,
     LaneState,
     LoopProgress,
-    aligned,
     event_workspace,
     lane_state,
     no_event_workspace,
