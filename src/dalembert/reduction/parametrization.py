@@ -137,8 +137,8 @@ def _solve_holonomic(equations: EquationsOfMotion) -> _Holonomic:
         known = {q[i]: value for i, value in solved.items()}
         residual = _without_rounding(graph, graph.substitute([row.position], known)[0], q)
         turning = {i for group in equations.groups if group.norm for i in group.coordinates}
-        candidates = {i: x for i, x in enumerate(q) if i not in solved and i not in turning}
-        pivot = _pivot(graph, residual, candidates, equations.moving)
+        free = {i: x for i, x in enumerate(q) if residual.deps & x.deps and i not in solved and i not in turning}
+        pivot = _pivot(graph, residual, free, equations.moving)
         if pivot is None:
             _refuse_dependent(equations, row, residual, q)
             raise NoRegularBasis(f"{row.label} gives no coordinate in closed form")
