@@ -8,7 +8,8 @@ case. Where each step or case has an event or a sample more, the rest of the tab
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -21,7 +22,7 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import dalembert as da
 
-CASES, SHORT, LONG, ROUNDS, RTOL = 1024, 10.0, 40.0, 15, 1e-9
+CASES, SHORT, LONG, ROUNDS, RTOL = 1024, 10.0, 40.0, 100, 1e-9
 SCENES = ("sphere", "unequal sphere")
 MANY = 201
 PAGE = Path(__file__).parents[1] / "docs" / "speed.md"
@@ -34,14 +35,15 @@ WORK: dict[str, Mapping[str, Any]] = {
 }
 
 
-def least(call: Any) -> float:
-    """Return the least processor time of a call [s]."""
-    best = np.inf
+def least(calls: Mapping[Any, Callable[[], Any]]) -> dict[Any, float]:
+    """Return the least processor time of each call [s]; they are made in turn."""
+    best = dict.fromkeys(calls, np.inf)
     for _ in range(ROUNDS):
-        begin = process_time()
-        call()
-        best = min(best, process_time() - begin)
-    return float(best)
+        for name, call in calls.items():
+            begin = process_time()
+            call()
+            best[name] = min(best[name], process_time() - begin)
+    return best
 
 
 def costs(scene: str) -> dict[str, tuple[float, float]]:
@@ -49,18 +51,19 @@ def costs(scene: str) -> dict[str, tuple[float, float]]:
     batch = BATCHES[scene](CASES)
     model = da.compile_model(batch.problem.build())
 
-    def sweep(end: float, **options: Any) -> da.Sweep:
-        options = {"rtol": RTOL, "atol": RTOL / 100, "threads": 1, "method": "taylor"} | options
-        return model.sweep((0.0, end), batch.initial, batch.parameters, **options)
+    def sweep(end: float, options: Mapping[str, Any]) -> da.Sweep:
+        given = {"rtol": RTOL, "atol": RTOL / 100, "threads": 1, "method": "taylor", **options}
+        return model.sweep((0.0, end), batch.initial, batch.parameters, **given)
 
+    work = {(name, end): partial(sweep, end, options) for name, options in WORK.items() for end in (SHORT, LONG)}
+    work |= {n: partial(sweep, SHORT, {"t_eval": np.linspace(0.0, SHORT, n)}) for n in (2, MANY)}
+    steps = {key: float(np.mean(call().steps)) for key, call in work.items()}
+    times = {key: time / CASES * 1e9 for key, time in least(work).items()}
     found = {}
-    for name, work in WORK.items():
-        steps = [float(np.mean(sweep(end, **work).steps)) for end in (SHORT, LONG)]
-        short, long = (least(lambda end=end, work=work: sweep(end, **work)) / CASES * 1e9 for end in (SHORT, LONG))
-        step = (long - short) / (steps[1] - steps[0])
-        found[name] = step, short - step * steps[0]
-    few, many = (least(lambda n=n: sweep(SHORT, t_eval=np.linspace(0.0, SHORT, n))) for n in (2, MANY))
-    found["a sample"] = (many - few) / CASES / (MANY - 2) * 1e9, 0.0
+    for name in WORK:
+        step = (times[name, LONG] - times[name, SHORT]) / (steps[name, LONG] - steps[name, SHORT])
+        found[name] = step, times[name, SHORT] - step * steps[name, SHORT]
+    found["a sample"] = (times[MANY] - times[2]) / (MANY - 2), 0.0
     return found
 
 
