@@ -13,7 +13,7 @@ from ..methods.status import Status
 from ..methods.step_constants import EPSILON
 from ..subset.arguments import IntVector, Matrix
 from ..subset.compiled_subset import compiled_subset, sqrt
-from .contact_cases import ADDED, REST, SIDE, UNDECIDED, ContactCases, set_mode, slip_speed, slip_terms, slow_terms
+from .contact_cases import ADDED, SIDE, UNDECIDED, ContactCases, set_mode, slip_speed
 from .contact_impacts import close_gaps, hold, moves_in_mode, strike
 from .contact_kinds import (
     approaches,
@@ -30,14 +30,10 @@ from .contact_kinds import (
 )
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, dot, inertial_terms, opening_power, terms
 from .equations.points_of_one_link import point_across
-from .selection.contact_forces import compliance, load_accelerations, solve_mode
+from .selection.contact_forces import load_accelerations, solve_mode
 from .selection.mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, Candidates
 from .selection.past_modes import select_at
-from .slow_slip import REST_SHARE, begins_anew, jam, rest_share, slides_slowly, take_as_rest
-
-_REST_OF_SPAN, _LEAST_REST = 1e-7, 1e-8
-"""Rest speed in a plane where there was no slip so far: a share of what friction and the motion do within the span; and
-of the least terms of a slip velocity."""
+from .slow_slip import begins_anew, choose_rest_speeds, jam, slides_slowly, take_as_rest
 
 _ENORMOUS = 1e300
 _LOADS = 1024.0 * EPSILON
@@ -254,30 +250,6 @@ def _enter(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
 
 
 @compiled_subset
-def _rest_speeds(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int, tolerance: float) -> None:
-    """Choose the slip speeds below which contacts that slip in a plane count as at rest."""
-    solved = False
-    for i in range(system.contacts):
-        if pick.best.mode[i] != SLIP or system.width[i] < 2:
-            continue
-        if not solved:
-            solve_mode(system, pick.best)
-        solved, change, moved, force = True, 0.0, 0.0, 0.0
-        for r in range(system.first[i], system.first[i] + 2):
-            change = max(change, abs(compliance(system, r, r)))
-            force += abs(system.forces[r, 0])
-            moved += abs(system.slip[r])
-        speed = max(cases.speeds[case, i], change * force * abs(cases.passed[case]))
-        rest = rest_share(tolerance) * speed
-        if rest == 0.0:
-            rest = max(
-                REST_SHARE * slip_terms(system, i), _REST_OF_SPAN * (change * force + moved) * abs(cases.span[case])
-            )
-        rest = max(rest, _LEAST_REST * slow_terms(system, cases.x[case], system.row[i]))
-        cases.added[case, ADDED * i + REST] = rest if pick.kind[i] == GRIPPED else -rest
-
-
-@compiled_subset
 def decide(arguments: DecisionArguments, case: int) -> bool:
     """Select the next mode of a case, whose numbers are in ``system``; return whether there was an impact.
 
@@ -317,7 +289,7 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
         return cases.status[case] == _SUCCESS
     anew = slow or begins_anew(system, pick, cases, case)
     sticking = _enter(system, pick, cases, case, arguments.rtol, arguments.atol)
-    _rest_speeds(system, pick, cases, case, arguments.rtol)
+    choose_rest_speeds(system, pick, cases, case, arguments.rtol)
     if anew or ((closing or sticking) and moves_in_mode(system, pick, cases, case)):
         hold(system, pick, cases, case)
     if pick.given.mode[0] != UNDECIDED:

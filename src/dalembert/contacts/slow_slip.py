@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from ..methods.status import Status
 from ..subset.compiled_subset import compiled_subset
-from .contact_cases import NOISE, ContactCases, slip_speed
+from .contact_cases import ADDED, NOISE, REST, ContactCases, slip_speed, slip_terms, slow_terms
 from .contact_impacts import strike
 from .contact_system import SLIP, STICK, ContactSystem
+from .selection.contact_forces import compliance, solve_mode
 from .selection.mode_candidates import GRIPPED, JAMS, LIFT, LIFTING, SLIDING, TOUCHING, Candidates
 
 REST_SHARE, _REST_TOLERANCES = 1e-6, 10.0
 """Rest speed in a plane: a share of the slip speeds so far, at least so many relative tolerances of the run."""
+
+_REST_OF_SPAN, _LEAST_REST = 1e-7, 1e-8
+"""Rest speed in a plane where there was no slip so far: a share of what friction and the motion do within the span; and
+of the least terms of a slip velocity."""
 
 _SLOW = 1e-3
 """Share of the slip speeds so far up to which slip in a plane is slow: reactions without bound stop it at once."""
@@ -22,6 +27,32 @@ _IMPOSSIBLE = int(Status.CONTACT_IMPOSSIBLE)
 def rest_share(tolerance: float) -> float:
     """Return the share of the slip speeds so far below which slip in a plane counts as rest."""
     return max(REST_SHARE, _REST_TOLERANCES * tolerance)
+
+
+@compiled_subset
+def choose_rest_speeds(
+    system: ContactSystem, pick: Candidates, cases: ContactCases, case: int, tolerance: float
+) -> None:
+    """Choose the slip speeds below which contacts that slip in a plane count as at rest."""
+    solved = False
+    for i in range(system.contacts):
+        if pick.best.mode[i] != SLIP or system.width[i] < 2:
+            continue
+        if not solved:
+            solve_mode(system, pick.best)
+        solved, change, moved, force = True, 0.0, 0.0, 0.0
+        for r in range(system.first[i], system.first[i] + 2):
+            change = max(change, abs(compliance(system, r, r)))
+            force += abs(system.forces[r, 0])
+            moved += abs(system.slip[r])
+        speed = max(cases.speeds[case, i], change * force * abs(cases.passed[case]))
+        rest = rest_share(tolerance) * speed
+        if rest == 0.0:
+            rest = max(
+                REST_SHARE * slip_terms(system, i), _REST_OF_SPAN * (change * force + moved) * abs(cases.span[case])
+            )
+        rest = max(rest, _LEAST_REST * slow_terms(system, cases.x[case], system.row[i]))
+        cases.added[case, ADDED * i + REST] = rest if pick.kind[i] == GRIPPED else -rest
 
 
 @compiled_subset

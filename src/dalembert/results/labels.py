@@ -12,6 +12,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..errors import MissingExtraError, OptionError, UnknownNameError, unknown_name
 from ..ir.program import Layout
+from ..methods.status import Status
 from ..naming import acceleration_name
 from ..options import atol_attribute
 from ..stops.segments import Segments, constants_at
@@ -78,6 +79,76 @@ def to_xarray(self: Trajectory, units: Mapping[Any, str] | None = None) -> xarra
     times = {"time": ("time", self.t, {"units": "s"})}
     dataset: xarray.Dataset = xarray_package().Dataset(named, coords=times, attrs=attrs)
     return with_units(dataset, units, layout.aliases, given)
+
+
+def cases_to_xarray(self: Sweep, units: Mapping[Any, str] | None = None) -> xarray.Dataset:
+    """Return the sweep as an ``xarray.Dataset`` over ``case`` or the axes of its grid, and ``time`` if sampled.
+
+    With contacts there are ``phases``, and ``name_mode`` of each contact as a number, whose meaning is in its
+    attributes ``flag_values`` and ``flag_meanings``; names that are taken have ``_of_contacts`` behind them.
+
+    Values are those at the samples, or final ones. Where x is an axis or a case's own initial value and a result,
+    too, each has a name of its own: the axis is ``x`` and the result ``x_value``; along ``case``, the result is
+    ``x`` and the initial value ``x_given``. A result called ``time``, ``case``, ``status``, ``steps`` or ``t_end``
+    is ``time_value``, and an axis or given values ``time_given``: the data set has these itself. A reduction whose
+    name is taken is ``name_reduced``. Of an event there are ``name_count``, ``name_first`` and ``name_last``, with
+    ``_of_event`` behind a name that is taken. The attributes ``flag_values`` and ``flag_meanings`` of
+    ``status`` have the meaning of its numbers. Other attributes are as for a trajectory.
+
+    Parameters
+    ----------
+    units : mapping of symbols or names to str, optional
+        Units of what the data set holds, and of parameters.
+
+    Raises
+    ------
+    MissingExtraError
+        Without the package.
+    UnknownNameError, OptionError
+        For units of what is not there, or that are no texts.
+    """
+    layout = self._layout
+    shape = tuple(len(values) for values in self.axes.values()) or (len(self),)
+    dims: tuple[str, ...] = tuple(map(given_name, self.axes)) or ("case",)
+    coords: dict[str, Any] = {dim: (dim, values) for dim, values in zip(dims, self.axes.values(), strict=False)}
+    times: tuple[str, ...] = ()
+    if self.t_eval is not None:
+        times, coords["time"] = ("time",), ("time", self.t_eval, {"units": "s"})
+    if not self.axes:
+        varied = {name: v for name, v in {**self.initial, **self.parameters}.items() if len(v) > 1}
+        coords |= {given_name(name, self._names()): ("case", v) for name, v in varied.items()}
+    data: dict[str, Any] = {}
+    for name, values in self._by_name(dict.fromkeys((*layout.variables, *layout.outputs, "energy"))).items():
+        data[value_name(name, {*coords, *data})] = ((*dims, *times), values.reshape(*shape, *values.shape[1:]))
+    data["status"] = (dims, self.status.reshape(shape), flags([status.name for status in Status]))
+    data |= {name: (dims, counts.reshape(shape)) for name, counts in (("steps", self.steps), ("t_end", self.t))}
+    others = {*coords, *dims}
+    for name, values in self.reduced.items():
+        data[distinct(name, others | data.keys(), "_reduced")] = (dims, values.reshape(shape))
+    for name, happened in self.events.items():
+        for part in ("count", "first", "last"):
+            key = distinct(f"{name}_{part}", others | data.keys(), "_of_event")
+            data[key] = (dims, getattr(happened, part).reshape(shape))
+    for name, column in _of_contacts(self, shape, dims, times).items():
+        data[distinct(name, others | data.keys(), "_of_contacts")] = column
+    fixed = {name: float(v[0]) for name, v in self.parameters.items() if len(v) == 1 and np.ndim(v) == 1}
+    attrs = attributes(self._name, self._formulation, self.stats, fixed)
+    dataset: xarray.Dataset = xarray_package().Dataset(data, coords=coords, attrs=attrs)
+    return with_units(dataset, units, layout.aliases, fixed)
+
+
+def _of_contacts(self: Sweep, shape: tuple[int, ...], dims: tuple[str, ...], times: tuple[str, ...]) -> dict[str, Any]:
+    """Return the columns of a data set that say what contacts do; none where they do not change."""
+    if not self.modes:
+        return {}
+    from ..contacts.equations.contact_laws import STATES
+
+    names, columns = ("none", *STATES), dict[str, Any]()
+    for contact, found in self.modes.items():
+        words, places = np.unique(found, return_inverse=True)
+        codes = np.array([names.index(word) for word in words], np.int8)[places]
+        columns[f"{contact}_mode"] = ((*dims, *times), codes.reshape(*shape, *found.shape[1:]), flags(names))
+    return {"phases": (dims, self.phases.reshape(shape))} | columns
 
 
 def to_dataframe(self: Trajectory | Sweep) -> Any:

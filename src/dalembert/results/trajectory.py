@@ -113,15 +113,8 @@ class Trajectory(Estimated):
     def counted_from(self, start: float, t: FloatArray | None = None, note: str | None = None) -> Self:
         """Return this motion with its times, which are counted from its start, counted as `start` is.
 
-        Parameters
-        ----------
-        start : float
-            Time of the start [s].
-        t : ndarray (k,), optional
-            The requested times [s], of which the run reached the first ``len(elapsed)``; they are recorded without
-            rounding.
-        note : str, optional
-            Note of the statistics, in place of the present one.
+        Requested times `t` (k,), of which the run reached the first, are recorded without rounding; `note` takes the
+        place of the note of the statistics.
         """
         self._begin = start
         self.t = start + self.elapsed if t is None else t[: len(self.elapsed)].copy()
@@ -248,9 +241,8 @@ class Trajectory(Estimated):
         """First integrals along the motion (n_t,) by name, to see how well they are kept.
 
         - "energy", where no force, constraint or motion of the scene does work
-        - "jacobi", Jacobi's integral T2 - T0 + V with the parts of T of second and zeroth degree in the rates, where
-          bodies move by prescribed functions of time on which nothing depends but the speeds, as on a hoop that turns
-          at a constant rate
+        - "jacobi", Jacobi's integral T2 - T0 + V (parts of T of degree 2 and 0 in the rates), where what is prescribed
+          changes nothing but speeds, as on a hoop that turns at a constant rate
         - "p_x" = dT/dx_dot, for each coordinate x whose momentum nothing changes
         - "p_omega_S_z" and "p_omega_N_z", angular momenta of what a unit quaternion turns, about axes of its frame S
           and of the frame N that it turns in
@@ -331,11 +323,10 @@ class Trajectory(Estimated):
 
     def _repr_html_(self) -> str:
         facts = [("status", f"{self.status.name}. {self.message}")]
-        if len(self.t):
-            facts.append(("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} times"))
-        facts.append(("method", f"{self.stats.method}, {self.stats.steps} steps, {self.stats.rejected} rejected"))
-        names = dict.fromkeys((*self._layout.variables, *self._layout.outputs))
-        rows = ranges(names, (self[name] for name in names)) if len(self.t) else []
+        facts += [("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} times")] if len(self.t) else []
+        facts += [("method", f"{self.stats.method}, {self.stats.steps} steps, {self.stats.rejected} rejected")]
+        names = dict.fromkeys((*self._layout.variables, *self._layout.outputs)) if len(self.t) else {}
+        rows = ranges(names, (self[name] for name in names))
         return summary(repr(self)[1:-1], facts, ("name", "least", "largest", "last"), rows)
 
     def _ipython_key_completions_(self) -> list[str]:
