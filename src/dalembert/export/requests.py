@@ -1,4 +1,4 @@
-"""What an export is asked for: its example, its method, and the options of its kind, read and checked."""
+"""Requests for exports: the example, the method and the options of a kind, read and checked."""
 
 from __future__ import annotations
 

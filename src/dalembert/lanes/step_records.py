@@ -164,7 +164,7 @@ def refuse_record(arguments: SweepArguments, i: int, t: float, place: int) -> No
 
 
 @compiled_subset
-def advance(states: FloatArray, old: int, new: int, h: float, low: FloatArray) -> None:
+def move_compensated(states: FloatArray, old: int, new: int, h: float, low: FloatArray) -> None:
     """Write to ``states[new, :n]`` the state ``states[old, :n]`` moved by the series in that row, with compensation."""
     n = low.size - 1
     width = (states.shape[1] - n - 2) // n

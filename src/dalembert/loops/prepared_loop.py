@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import FloatArray
-from ..lanes.step_records import advance, exact_sum
+from ..lanes.step_records import exact_sum, move_compensated
 from ..methods.status import RUNNING, Status
 from ..steps.projection import project_row
 from ..steps.step_control import ACCEPTED, REJECTED, attempt_test, blind_retry, end_of_step, largest_step, status_after
@@ -235,7 +235,7 @@ def _attempting(recorded: bool) -> Callable[[PreparedArguments], int]:
             end = end_of_step(t, progress.end, settings[0, 1], size, rest)
             if recorded:
                 h = settings[0, 1] * size
-                advance(states, old, new, h, low)
+                move_compensated(states, old, new, h, low)
                 moved, left = exact_sum(t, h + low[n])
                 low[n] = left
                 if size == rest:

@@ -1,4 +1,4 @@
-"""Which functions of coordinates and rates are first integrals: rates of change, and where these vanish.
+"""First integrals among functions of coordinates and rates: rates of change, and where these vanish.
 
 With p = M q_dot + a(q, t), a momentum I = p . xi has the rate (dI/dq . q_dot + dI/dt + xi . forcing) + xi . J^T lam
 along every motion. With xi = q_dot this is the rate of the energy and of Jacobi's integral, where J q_dot = -drift.

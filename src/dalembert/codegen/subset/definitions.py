@@ -1,4 +1,4 @@
-"""What a parsed definition of a function of the subset says: what it calls, its result, its names."""
+"""Parsed definitions of functions of the subset: their calls, their results and the names in them."""
 
 from __future__ import annotations
 

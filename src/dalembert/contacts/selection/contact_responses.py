@@ -1,4 +1,4 @@
-"""How motion and normal reactions respond to friction forces while some contacts are open."""
+"""Responses of motion and normal reactions to friction forces while some contacts are open."""
 
 from __future__ import annotations
 
