@@ -28,16 +28,8 @@ from ..mechanics.virtual_power import given_powers
 from ..naming import acceleration_input
 from ..transforms.derivatives import GUARDED, tangents
 from ..transforms.lower_kernels import lower_kernel
-from .inverse_dynamics import (
-    DEPENDENT,
-    InverseKernel,
-    Terms,
-    at_times,
-    equations_of,
-    friction_sizes,
-    inverse_of,
-    terms_at,
-)
+from .inverse_dynamics import at_times, inverse_of, terms_at
+from .inverse_kernel import DEPENDENT, InverseKernel, Terms, equations_of, friction_sizes
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel

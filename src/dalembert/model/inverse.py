@@ -13,7 +13,7 @@ from ..starts import inputs as run_input
 from .rows import parameters_with_inputs, require_states_given, rows_at, rows_of, traced
 
 if TYPE_CHECKING:
-    from ..analysis.inverse_dynamics import InverseKernel
+    from ..analysis.inverse_kernel import InverseKernel
     from ..analysis.regressor import RegressorKernel
     from .model import CompiledModel
 

@@ -23,7 +23,7 @@ from .choices import OfOneMode
 from .derived import Derived, Variants
 
 if TYPE_CHECKING:
-    from ..analysis.inverse_dynamics import InverseKernel
+    from ..analysis.inverse_kernel import InverseKernel
     from ..analysis.rate_jacobians import JacobianKernel
     from ..analysis.regressor import RegressorKernel
     from ..codegen.engine import TracedEngine
@@ -284,7 +284,7 @@ class CompiledModel:
 
     def inverse_kernel(self, given: Sequence[str]) -> InverseKernel:
         """Return the kernel of inverse dynamics for some given inputs, derived once for each set of them."""
-        from ..analysis.inverse_dynamics import inverse_kernel
+        from ..analysis.inverse_kernel import inverse_kernel
 
         return derived_once(self._inverse_kernels, tuple(sorted(given)), lambda: inverse_kernel(self, given))
 

@@ -166,8 +166,6 @@ class Trajectory(Estimated):
         """Names of the coordinates."""
         return self._layout.coordinates
 
-    # -- what it holds ---------------------------------------------------------------------
-
     @cached_property
     def variables(self) -> FloatArray:
         """Coordinates, rates and first-order states (n_t, 2 n_q + n_z)."""
@@ -254,8 +252,6 @@ class Trajectory(Estimated):
         common = [name for name in every[id(self.parts[0])] if all(name in found for found in every.values())]
         return {name: self._joined(lambda part, name=name: every[id(part)][name]) for name in common}  # type: ignore[misc]
 
-    # -- the motion at other times ---------------------------------------------------------
-
     @property
     def _lasting(self) -> Sequence[Part]:
         """Phases that take time, of which there is something to evaluate; where there are none, all."""
@@ -308,8 +304,6 @@ class Trajectory(Estimated):
 
     def _compared(self, twin: Trajectory) -> NamedArrays:
         return SamePhases(self, twin) if self.phases else twin
-
-    # -- how it is shown -------------------------------------------------------------------
 
     plot = plots.plot
     animate = plots.animate

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import FloatArray
-from ..errors import InitialStateError, OptionError, ValueInputError
+from ..errors import OptionError, ValueInputError
 from ..lanes.cases import BlockResult
 from ..methods.status import Status
 from ..options import SweepOptions, tighter
@@ -20,14 +20,13 @@ from ..results.statistics import SweepStatistics
 from ..results.sweep import Sweep
 from ..results.sweep_states import NO_MODE, ProgramStates
 from ..starts import inputs
-from ..starts.constraint_choice import divisible_model, independent_model
-from ..starts.constraint_rank import unlike
 from ..starts.first_integrals import keeping_model, kept_values, refuse_jumps
 from ..starts.symbol_assumptions import warn_of_motion
 from ..threads import available_threads
 from .case_blocks import fitted, run_cases
+from .case_constraints import divisible_cases, independent_cases, surely_independent, unlike_left_out
 from .case_settings import CaseSettings, check_settings, common_settings, spans_of, with_grid
-from .cases import Cases, single_problem
+from .cases import Cases
 from .elapsed import begins_elsewhere, elapsed_times, far, in_elapsed_time, offset_columns
 from .events import with_event_parameters
 from .gains import give_gains
@@ -138,7 +137,7 @@ def sweep_in_own_time(
     give_gains(model.engine, cases, settings, parameters)
     axes = {} if options.grid is None else options.grid.axes
     if not independent:
-        settings = _unlike_left_out(model, cases, settings)
+        settings = unlike_left_out(model, cases, settings)
     run = _results(model, cases, settings, run_cases(model.engine, cases, settings), axes, begin)
     if not options.error_estimate:
         return run
@@ -196,12 +195,12 @@ def _model_and_cases(
         method = options.method_chosen(NO_MODE, method)
         inputs.warn_below_floor(options.rtol, options.atol, model.stages.program, method)
         cases = Cases(model.stages.program, model.derived.start, t_span, initial, parameters, options.inputs)
-        able = _divisible_cases(model, cases)
+        able = divisible_cases(model, cases)
         if able is model:
             settings = _settings(model, cases, options, method)
-            independent = _surely_independent(model, cases, settings)
+            independent = surely_independent(model, cases, settings)
             if not independent:
-                able = _independent_cases(model, cases, settings, begin)
+                able = independent_cases(model, cases, settings, begin)
             if able is model:
                 return model, cases, settings, independent
         model = able
@@ -242,67 +241,6 @@ def _guarded(model: CompiledModel, cases: Cases, settings: CaseSettings, options
         return settings
     watch = model.derived.events(options.events, options.reduce, ranks=cases.duration)
     return replace(settings, watch=watch)
-
-
-def _divisible_cases(model: CompiledModel, cases: Cases) -> CompiledModel:
-    """Return the model without the constraints whose pivots vanish in every case.
-
-    Where it vanishes in some cases only, those have a status.
-    """
-    if not model.stages.reduced.pivots or not np.any(cases.lost_pivots(slice(0, 1))):
-        return model
-    if not np.all(cases.lost_pivots(slice(0, cases.count))):
-        return model
-    initial, parameters = ({n: float(v[0]) for n, v in t.items()} for t in (cases.initial, cases.parameters))
-    try:
-        return divisible_model(model, float(cases.span["start"][0]), initial, parameters)
-    except (InitialStateError, ValueInputError):
-        return model
-
-
-def _surely_independent(model: CompiledModel, cases: Cases, settings: CaseSettings) -> bool:
-    """Return whether all cases can start, and their constraints are independent by far."""
-    enforced, reduced = model.derived.enforced, model.stages.reduced
-    if not enforced or model.dropped or reduced.redundancy is not None or not cases.plain:
-        return False
-    rows = sorted({*enforced, *reduced.unproven})
-    return model.engine.surely_independent(cases.columns(slice(0, cases.count), settings), rows)
-
-
-def _independent_cases(model: CompiledModel, cases: Cases, settings: CaseSettings, begin: float) -> CompiledModel:
-    """Return the model that enforces no constraint which follows from others around the first start."""
-    if not model.derived.enforced:
-        return model
-    tried = (single_problem(cases, settings, i, model.derived.quick_start) for i in range(cases.count))
-    first = next((problem for problem in tried if problem is not None), None)
-    able = model if first is None else independent_model(model, first, settings.method, begin)
-    return able if isinstance(able, type(model)) else model
-
-
-def _unlike_left_out(model: CompiledModel, cases: Cases, settings: CaseSettings) -> CaseSettings:
-    """Return settings that do not run cases in which other constraints follow from others than in the first."""
-    enforced, dropped, redundancy = model.derived.enforced, model.dropped, model.stages.reduced.redundancy
-    if not enforced and not dropped:
-        return settings
-    rows = sorted({*enforced, *dropped})
-    if dropped and not enforced:  # `minimal` enforces all others
-        rows = list(range(len(model.layout.constraints)))
-    if cases.count < 2 or len(rows) < 2 or not model.layout.state:
-        return settings
-    block, status = cases.block(slice(0, cases.count), settings)
-    rank = None if redundancy is None else redundancy.ranks
-    starts = block.spans[:, 0], block.y, block.c
-    different = unlike(model.stages.program, *starts, rows, lost=bool(dropped), rank=rank)
-    different &= status < 0
-    count = int(np.sum(different))
-    if not count:
-        return settings
-    cases.leave_out(different)
-    note = (
-        f"in {count} of {cases.count} cases other constraints follow from each other around the start than in the"
-        " first: these were not run; give them a sweep of their own"
-    )
-    return replace(settings, apart=different, note="; ".join(text for text in (settings.note, note) if text))
 
 
 def _results(
