@@ -80,6 +80,7 @@ lint: $(VENV)/.installed-dev
 
 test: lint
 	@echo "==> pytest"
+	@$(BIN)/python tests/compile_loops.py
 	@$(BIN)/python -m pytest -n 2
 	@$(BIN)/python tests/targets.py least -n 2 -k "$(OTHERS)" $(SUBSET)
 	@$(BIN)/python tests/targets.py between -n 2 -k "$(OTHERS)" $(LANES)
@@ -112,7 +113,7 @@ test-newest: install-newest
 	else \
 	    echo "==> pytest with the newest releases:" \
 	         "$$($(NEWEST)/bin/python --version)" $$($(NEWEST)/bin/python -m pip freeze | grep -E $(RELEASES)) && \
-	    $(NEWEST)/bin/python -m pytest -q -n 2 $(PART); \
+	    $(NEWEST)/bin/python tests/compile_loops.py && $(NEWEST)/bin/python -m pytest -q -n 2 $(PART); \
 	fi
 
 test-browser: $(VENV)/.installed-dev

@@ -305,6 +305,38 @@ REPEATED = (
     ("export/test_fmu.py", "test_sources_have_no_warnings[[]2.0]"),
     ("export/test_fmu_exchange.py", "test_rates_that_jump_are_for_co_simulation_alone[[]2.0]"),
     ("export/test_fmu_exchange.py", "test_angles_that_lock_end_a_run[[]2.0]"),
+    # what exports do beside events, breaks and inputs: one method each, in turn; by every method events alone
+    ("export/test_contact_simulators.py", "test_inputs_are_set_at_the_ends_of_runs_and_between_steps[[]radau-*"),
+    ("export/test_events_beside_contacts.py", "test_events_are_counted_and_map_the_state_between_impacts[[]taylor]"),
+    ("export/test_events.py", "test_an_event_where_a_run_ends_occurs_once[[][!t]*"),
+    ("export/test_events.py", "test_inputs_are_set_beside_events_where_runs_end[[][!d]*"),
+    ("export/test_events.py", "test_inputs_are_set_beside_events_between_steps[[][!r]*"),
+    ("export/test_events.py", "test_states_stay_on_constraints_behind_a_map[[]dop853]"),
+    ("export/test_time_conditions.py", "test_events_beside_breaks[[][!t]*"),
+    ("export/test_time_conditions.py", "test_controllers_beside_breaks[[][!r]*"),
+    ("export/test_time_conditions.py", "test_runs_that_continue_find_the_breaks_that_follow[[][!d]*"),
+    ("export/test_controllers.py", "test_controllers_act_beside_events[[][!r]*"),
+    ("export/test_c_simulators.py", "test_elementary_functions_are_those_of_simulate_to_the_last_bit[[]dop853]"),
+    # units of FMI 2.0 with events, contacts and controllers: those of 3.0 stay
+    ("export/test_fmu_contacts.py", "test_the_description_says_what_contacts_do[[]2.0]"),
+    ("export/test_fmu_controllers.py", "test_sources_have_no_warnings[[]2.0]"),
+    ("export/test_fmu_events.py", "test_events_happen_where_inputs_jump[[]2.0]"),
+    ("export/test_fmu_events.py", "test_an_event_ends_the_simulation[[]2.0]"),
+    # random scenes of families of which another one stays, and those that take longest
+    *(
+        ("fuzz/contacts/test_random_contacts.py", f"test_a_random_scene_agrees_with_the_reference[[]{scene}]")
+        for scene in ("puck-9917", "rod in corner-2")
+    ),
+    ("fuzz/test_fuzz.py", "test_a_random_scene_agrees_with_the_reference[[]8959]"),
+    # traced runs by pairs of which another one stays
+    ("jax_backend/test_jax_plain.py", "test_steps_dense_output_and_t_eval_agree[[]1.0-dopri8]"),
+    ("jax_backend/test_jax_backend.py", "test_finite_time_blow_up[[]tsit5]"),
+    ("jax_backend/test_jax_foreign_batches.py", "test_a_case_has_the_bits_of_its_run_alone[[]dopri8-*"),
+    ("jax_backend/test_jax_times.py", "test_what_was_reached_keeps_its_derivatives[[]tsit5-reverse]"),
+    ("system/test_constant_operands.py", "test_jax[[]atan2]"),
+    ("system/test_steep.py", "test_numbers_of_jax_are_right[[]high power*"),
+    # the same windows at the other tolerances stay
+    ("hard_cases/test_published.py", "test_forty_windows_pass_a_singular_position*[[]1e-06-1.0]"),
 )
 
 

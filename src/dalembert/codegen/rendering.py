@@ -19,6 +19,7 @@ from ..version import __version__
 from .printers import Printer
 
 
+@cache
 def template_directory() -> Path:
     """Return the folder of templates: the packaged one, or else the checkout's."""
     packaged = Path(__file__).parent / "templates"
