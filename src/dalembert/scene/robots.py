@@ -209,7 +209,7 @@ def from_mjcf(
     Parameters
     ----------
     path : path-like
-        The file, without includes.
+        The file. Files that it includes are looked for beside it.
     parameters, joint_loads, limits, gravity
         As for `from_urdf`; gravity is that of the file by default, and springs are among the damping.
     actuated : bool or sequence of str
