@@ -8,7 +8,7 @@ from sympy import symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.methods.fixed_steps import CORRECTIONS
+from dalembert.methods.names import CORRECTIONS
 from dalembert.methods.status import Status
 from dalembert.methods.step_constants import LINEAR_CHANGE, LINEAR_CORRECTIONS, SMALL_COMPONENT
 from dalembert.steps.projection import FAILED, add_correction, correction_test, largest_change

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..ir.program import Program
-from ..methods.pairs import PAIRS
+from ..methods.names import PAIRS
 from .base import Backend, RenderedModule
 from .cache import digest_of, module_folder
 from .compiled_engine import CompiledEngine, default_source

@@ -13,7 +13,7 @@ from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..lanes.row_steps import ImplicitSteps
 from ..lanes.workspace import POINT_LANES, SLOPE_LANES, EventKernels, no_events
-from ..methods.pairs import PAIRS
+from ..methods.names import PAIRS
 from ..methods.step_constants import SMALLEST_SCALE
 from ..once import BoundedTable, computed_once
 from ..options import component_tolerances

@@ -13,8 +13,7 @@ from ..codegen.rendering import render
 from ..errors import OptionError
 from ..ir.kernel import Kernel, describe_counts
 from ..ir.program import coefficient_places
-from ..methods.fixed_steps import CORRECTIONS
-from ..methods.pairs import PAIRS
+from ..methods.names import CORRECTIONS, PAIRS
 from ..methods.status import Status
 from ..methods.step_constants import (
     LARGEST_GROWTH,

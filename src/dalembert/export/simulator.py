@@ -12,7 +12,7 @@ from ..codegen.c.single import start_in_single
 from ..errors import OptionError, unknown_name
 from ..events.event_code import Event
 from ..ir.conditions import CONDITION_TIME
-from ..methods.pairs import PAIRS
+from ..methods.names import PAIRS
 from ..reduction.admission import admission_of_state
 from ..reduction.jumps import has_jumps
 from ..reduction.sampling_kernels import sampling_kernels

@@ -18,7 +18,7 @@ from ..ir.calls import function_of
 from ..ir.kernel import calls_in
 from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseBlock
-from ..methods.traced import TRACED
+from ..methods.names import TRACED
 from ..once import computed_once, once_property
 from ..options import NamedTolerances, SolveOptions
 from ..steps.problem import IntegrationProblem, Solution

@@ -30,8 +30,8 @@ from ..codegen.llvm.foreign_batch import Interface
 from ..codegen.llvm.loops import debugging
 from ..frozen import frozen
 from ..ir.program import Program
+from ..methods.names import TRACED
 from ..methods.step_constants import ANY_START
-from ..methods.traced import TRACED
 from ..once import computed_once, once
 from ..threads import available_threads
 from .runs.derivatives import StepsRecord

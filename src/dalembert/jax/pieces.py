@@ -13,11 +13,10 @@ import jax.numpy as jnp
 from ..codegen.printers import JAX, JAX_SERIES
 from ..ir.kernel import Kernel
 from ..ir.program import Program
-from ..methods import pairs
-from ..methods.fixed_steps import CORRECTIONS
+from ..methods import names
+from ..methods.names import CORRECTIONS, TRACED
 from ..methods.tableau import Tableau
 from ..methods.tableaus import KVAERNO5
-from ..methods.traced import TRACED
 from ..once import once
 from ..transforms.taylor.nonsmooth import decisions, only_in_branches
 from ..transforms.taylor.recurrences import recurrences
@@ -36,7 +35,7 @@ from .runs.run_data import RunPieces
 from .runs.step_rules import Projections, Rows
 from .step_derivatives import PairSteps, WholeSteps, implicit_ends, series_ends
 
-EXPLICIT = {name: pairs.PAIRS[m.compiled].tableau for name, m in TRACED.items() if m.compiled in pairs.PAIRS}
+EXPLICIT = {name: names.PAIRS[m.compiled].tableau for name, m in TRACED.items() if m.compiled in names.PAIRS}
 PAIRS = {**EXPLICIT, "kvaerno5": KVAERNO5}
 """The pairs by their names here."""
 

@@ -12,7 +12,7 @@ from ..codegen.printers import JAX
 from ..errors import OptionError, unknown_name
 from ..frozen import frozen
 from ..ir.program import Program
-from ..methods.fixed_steps import CLASSICAL, EULER, FixedTableau
+from ..methods.names import CLASSICAL, EULER, FixedTableau
 from .modules import compile_kernel
 from .pieces import EXPLICIT, corrections_on_rows, place_of
 from .runs.mesh_axes import stack, varying_like

@@ -1,4 +1,4 @@
-"""Tableaus of Runge-Kutta pairs; `dalembert.methods.pairs` names the explicit ones."""
+"""Tableaus of Runge-Kutta pairs; `dalembert.methods.names` names the explicit ones."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from dalembert.methods.tableau import Tableau, matrix_from_rows
 
 from ..arrays import FloatArray
 from ..once import once
-from .pairs import PAIRS
+from .names import PAIRS
 
 
 def _dop853_dense() -> FloatArray:

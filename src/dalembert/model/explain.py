@@ -15,7 +15,7 @@ from ..ir.kernel import describe_counts
 from ..ir.program import Program
 from ..lowering.programs import lower
 from ..mechanics.equations import copied
-from ..methods.fixed_steps import CORRECTIONS
+from ..methods.names import CORRECTIONS
 from ..once import deriving
 from ..reduction import FORMULATIONS, reduce
 from ..transforms.taylor.nonsmooth import nonanalytic_operations

@@ -14,9 +14,9 @@ from ..errors import InitialStateError, OptionError, list_names, unknown_name
 from ..events.event_code import Event, event_list
 from ..frozen import frozen
 from ..ir.program import coefficient_places
+from ..methods.names import TRACED
 from ..methods.status import Status
 from ..methods.step_constants import SMALLEST_OF_TIME
-from ..methods.traced import TRACED
 from ..options import SolveOptions
 from ..scene.expressions.identity import symbols_called
 from ..scene.symbol_table import InputSymbol

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import final
 
 from ..ir.kernel import Assignment, Kernel, Lines, Load, Operand
-from ..methods.fixed_steps import FixedTableau
+from ..methods.names import FixedTableau
 from ..methods.step_constants import LINEAR_CHANGE, SMALL_COMPONENT
 from .pipelines import STEP_PASSES
 from .runge_kutta import AttemptPieces, pieces_of

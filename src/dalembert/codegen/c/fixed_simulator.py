@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any, ClassVar, final
 
 from ...ir.kernel import Kernel
-from ...methods.fixed_steps import CLASSICAL, CORRECTIONS
+from ...methods.names import CLASSICAL, CORRECTIONS
 from ...methods.status import Status
 from ...transforms.fixed_steps import corrected_kernel, excess_kernel, finite_kernel, fixed_step_pieces
 from ...transforms.taylor.nonsmooth import nonanalytic_operations, nonsmooth_values

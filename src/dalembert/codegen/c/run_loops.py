@@ -37,7 +37,7 @@ from ...loops.steps_at_instants import (
     taylor_resume,
     taylor_settle,
 )
-from ...methods.pairs import PAIRS
+from ...methods.names import PAIRS
 from ...methods.step_constants import SMALLEST_SCALE
 from ...steps.explicit_loop import ExplicitArguments
 from ...steps.explicit_stages import LANES

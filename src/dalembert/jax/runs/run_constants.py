@@ -15,7 +15,7 @@ from jax import lax
 
 from ...frozen import frozen
 from ...ir.program import Program
-from ...methods.fixed_steps import CORRECTIONS
+from ...methods.names import CORRECTIONS
 from .mesh_axes import stack
 from .step_rules import Projections, Rows, Tolerances, project
 
