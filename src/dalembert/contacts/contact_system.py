@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..arrays import FloatArray
-from ..options.compilation import IMPACTS
+from ..options.other_calls import IMPACTS
 from ..subset.arguments import IntMatrix, IntVector, Matrix, Record, Vector
 from ..subset.compiled_subset import compiled_subset, sqrt
 from .equations.contact_laws import STATES
@@ -20,7 +20,7 @@ OPEN, CLOSED, SLIP, STICK, SMOOTH = range(len(STATES))
 """States of a contact, by their places in `dalembert.contacts.equations.modes.STATES`."""
 
 NEWTON, POISSON, SEQUENCE = range(len(IMPACTS))
-"""Laws of impacts, by their places in `dalembert.options.compilation.IMPACTS`."""
+"""Laws of impacts, by their places in `dalembert.options.other_calls.IMPACTS`."""
 
 
 class Combination(NamedTuple):

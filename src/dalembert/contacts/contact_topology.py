@@ -10,7 +10,7 @@ from ..arrays import FloatArray
 from ..ir.conditions import CONDITION_TIME
 from ..ir.graph import Graph
 from ..ir.node import Node
-from ..options.compilation import IMPACTS
+from ..options.other_calls import IMPACTS
 from ..subset.arguments import IntVector
 from ..transforms.linear import dependence
 from .contact_system import ContactSystem, Solved

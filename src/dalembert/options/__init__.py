@@ -1,8 +1,7 @@
 """Options of compilation and of all kinds of runs: names, defaults and checks."""
 
 from .checked_once import simulate_options, sweep_options
-from .compilation import ORIENTATIONS, CompileOptions
-from .derivatives import SensitivityOptions, TrimOptions
+from .other_calls import ORIENTATIONS, CompileOptions, SensitivityOptions, StoreOptions, TrimOptions
 from .runs import (
     MAX_STEPS,
     TIGHTER,
@@ -15,7 +14,6 @@ from .runs import (
     SweepOptions,
     tighter,
 )
-from .stores import StoreOptions
 from .tolerances import (
     DEFAULT_TOLERANCES,
     NamedTolerances,
