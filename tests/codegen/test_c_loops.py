@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from codegen.c_programs import OPTIMISED, built, output
-from dalembert.codegen.c.preludes import source_of
+from dalembert.codegen.c.kernels import source_of
 from dalembert.codegen.c.source import LoopSource
 from dalembert.codegen.c.workspace import workspace_of
 from dalembert.subset.arguments import Matrix, Record, Vector, kind_of

@@ -8,7 +8,7 @@ import pytest
 
 import dalembert as da
 from codegen.c_programs import WARNINGS, built, output
-from dalembert.codegen.c.single import in_single, kernel_in_single, single
+from dalembert.codegen.c.fixed_simulator import in_single, kernel_in_single, single
 from dalembert.errors import CapabilityError, OptionError
 from dalembert.ir.interpret import interpret
 from dalembert.ir.kernel import Kernel

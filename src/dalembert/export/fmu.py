@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
-from ..codegen.c.contact_unit import ContactUnitSimulator
+from ..codegen.c.contact_simulator import ContactUnitSimulator
 from ..codegen.c.descriptions import CSource
 from ..codegen.c.event_simulator import EventUnitSimulator
 from ..codegen.c.printing import double, rows_of

@@ -10,8 +10,7 @@ from typing import Any
 from ..codegen.c.descriptions import CSource, plain, readme_variables
 from ..codegen.c.run_loops import RunLoop, explicit_loop_of, taylor_loop_of
 from ..codegen.numba import texts
-from ..codegen.numba.run_memory import RunMemory
-from ..codegen.numba.specialised_loops import SpecialisedLoops
+from ..codegen.numba.specialised_loops import RunMemory, SpecialisedLoops
 from ..codegen.rendering import render
 from ..errors import CapabilityError, OptionError
 from ..ir.kernel import Kernel

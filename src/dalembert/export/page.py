@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..codegen.c.contact_simulator import simulator_of
 from ..codegen.c.descriptions import CSource, plain
-from ..codegen.c.kernels import kernel_variables
-from ..codegen.c.preludes import source_of
+from ..codegen.c.kernels import kernel_variables, source_of
 from ..codegen.rendering import banner_lines, render
 from ..contacts.equations.contact_laws import STATES
 from ..version import __version__

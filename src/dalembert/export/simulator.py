@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..codegen.c.descriptions import CSource
-from ..codegen.c.single import start_in_single
+from ..codegen.c.fixed_simulator import start_in_single
 from ..errors import OptionError, unknown_name
 from ..events.event_code import Event
 from ..ir.conditions import CONDITION_TIME

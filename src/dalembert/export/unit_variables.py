@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from html import escape
 from typing import Any, final
 
-from ..codegen.c.contact_unit import ContactUnitSimulator
+from ..codegen.c.contact_simulator import ContactUnitSimulator
 from ..codegen.c.unit_simulator import UnitSimulator
 from ..contacts.equations.contact_laws import STATES
 from ..frozen import frozen

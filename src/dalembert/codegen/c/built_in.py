@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...subset import compiled_subset as code
 from ...subset.compiled_subset import FLAG, INTEGER, MATRIX, NUMBER, Array, Group
-from ..subset.values import Value
+from ..subset.target import Value
 from .printing import Loop, bare, element_of
 
 if TYPE_CHECKING:

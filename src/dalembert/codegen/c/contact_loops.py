@@ -35,7 +35,7 @@ from ...stops.instants import InstantTable
 from ...subset.addresses import AddressTable, OwnedAddress
 from ...subset.arguments import Vector, kind_of
 from ...subset.compiled_subset import INTEGER, NUMBER, Group
-from ..subset.values import Value
+from ..subset.target import Value
 from .library import CFunctions
 from .printing import Known, Loop
 from .source import LoopSource

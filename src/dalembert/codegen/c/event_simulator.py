@@ -30,7 +30,7 @@ from ...methods.status import Status
 from ...subset.arguments import kind_of
 from ...subset.compiled_subset import NUMBER
 from ..rendering import render
-from ..subset.values import Value
+from ..subset.target import Value
 from .contact_loops import CHECK, CONSTANT_OF_LANE
 from .printing import Known, double
 from .simulator import Simulator

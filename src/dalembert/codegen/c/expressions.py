@@ -14,8 +14,8 @@ from typing import Any, Protocol
 
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
 from ..subset.definitions import called_in
+from ..subset.target import Value, unified
 from ..subset.translation import UNKNOWN, Translation
-from ..subset.values import Value, unified
 from .built_in import BUILT_IN, PURE
 from .printing import Code, Constant, Fixed, Kernel, Pointer, bare, double, element_of
 

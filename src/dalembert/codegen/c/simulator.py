@@ -18,10 +18,9 @@ from ...transforms.taylor.step import STEP_ARGUMENTS, step_kernel
 from ..library import derivative_of
 from ..rendering import banner_lines, render
 from .descriptions import CSource, plain
-from .kernels import kernel_variables
+from .kernels import kernel_variables, source_of
 from .library import LARGEST_STRAIGHT
 from .order_loops import order_loop_variables
-from .preludes import source_of
 from .printing import double
 from .run_loops import RunLoop, explicit_loop_of, implicit_loop_of, taylor_loop_of
 from .run_stops import LAW, PREPARE, SCHEDULE, RunStops

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...subset.arguments import kind_of
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Group, Kind
-from ..subset.values import Value
+from ..subset.target import Value
 from .expressions import TYPES, Arguments
 from .printing import Constant, double, rows_of
 from .statements import Function, is_static, translated

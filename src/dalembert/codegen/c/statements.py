@@ -8,8 +8,8 @@ from typing import Any, final
 
 from ...subset.compiled_subset import INTEGER, NUMBER, Array, Fields, Group, Kind, Scalar
 from ..subset.definitions import Names, definition_of, leaves_of, names_of, result_of
+from ..subset.target import Value, by_reference
 from ..subset.translation import UNKNOWN
-from ..subset.values import Value, by_reference
 from .expressions import TYPES, Expressions, Functions, is_atom, literal_of
 from .printing import NAME, Code, Fixed, Known, Pointer, bare, c_name, tidied
 

@@ -23,7 +23,7 @@ from ...subset.arguments import arguments_of, kind_of
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Kind
 from .assembly import rounded
 from .statements import translated
-from .values import Value
+from .target import Value
 
 __all__ = ["ENTRY", "loop_assembly"]
 

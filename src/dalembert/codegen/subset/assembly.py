@@ -9,8 +9,8 @@ from typing import Any, Protocol
 
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Kind
 from .built_in import BUILT_IN
+from .target import Value, unified
 from .translation import UNKNOWN, Translation
-from .values import Value, unified
 
 _WHOLE = {
     ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.LShift: "shl", ast.RShift: "ashr", ast.BitAnd: "and"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...subset import compiled_subset as code
 from ...subset.compiled_subset import FLAG, INT_VECTOR, INTEGER, MATRIX, NUMBER, VECTOR, Array, Group, Kind
-from .values import Value
+from .target import Value
 
 if TYPE_CHECKING:
     from .assembly import Expressions

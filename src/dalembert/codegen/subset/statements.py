@@ -8,8 +8,8 @@ from typing import Any, final
 from ...subset.compiled_subset import INTEGER, Group, Kind
 from .assembly import Expressions, Functions
 from .definitions import definition_of, result_of
+from .target import Value, by_reference
 from .translation import UNKNOWN
-from .values import Value, by_reference
 
 
 def translated(module: Functions, function: Any, name: str, kinds: tuple[Kind, ...]) -> tuple[list[str], Kind]:

@@ -17,8 +17,7 @@ import numpy as np
 
 from ...subset.compiled_subset import INTEGER, NUMBER, Array, Fields, Group, Kind, lanes
 from .definitions import SCALARS
-from .target import Arrays, Target
-from .values import Value, parts, unified
+from .target import Arrays, Target, Value, parts, unified
 
 UNKNOWN: Any = object()
 """Placeholder of a value that is not known before the loop runs."""
