@@ -8,7 +8,7 @@ import sympy as sp
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
-from dalembert.contacts.equations.coupled_slips import coupled_slips
+from dalembert.contacts.equations.dependent_slips import coupled_slips
 from dalembert.contacts.equations.switched_modes import why_unswitched
 from dalembert.methods.status import Status
 from dalembert.phases import mode_models

@@ -17,8 +17,7 @@ from ..ir.kernel import Kernel
 from ..mechanics.equations import ContactRow, EquationsOfMotion
 from ..mechanics.manifold import outside_span_on_manifold
 from ..mechanics.power_checks import parallel
-from .equations.contact_data import contact_data
-from .equations.contact_laws import CLOSED, OPEN, SLIP, SMOOTH, STATES, STICK, Mode
+from .equations.contact_laws import CLOSED, OPEN, SLIP, SMOOTH, STATES, STICK, Mode, contact_data
 from .equations.modes import mode_equations
 
 # Check that the normal reactions of contacts that open act along their gaps.

@@ -29,10 +29,10 @@ from .contact_kinds import (
     way_of_slip,
 )
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, dot, inertial_terms, opening_power, terms
-from .equations.points_of_one_link import point_across
+from .equations.dependent_slips import point_across
 from .selection.contact_forces import load_accelerations, solve_mode
 from .selection.mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, Candidates
-from .selection.past_modes import select_at
+from .selection.mode_selection import select_at
 from .slow_slip import begins_anew, choose_rest_speeds, jam, slides_slowly, take_as_rest
 
 _ENORMOUS = 1e300

@@ -14,8 +14,7 @@ from ..options.other_calls import IMPACTS
 from ..subset.arguments import IntVector
 from ..transforms.linear import dependence
 from .contact_system import ContactSystem, Solved
-from .equations.contact_data import NUMBERS
-from .equations.contact_laws import STATES
+from .equations.contact_laws import NUMBERS, STATES
 from .selection.dense_solve import dense_workspace
 
 if TYPE_CHECKING:

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..contacts.equations.contact_data import NUMBERS
-from ..contacts.equations.contact_laws import OPEN, STICK, Mode
-from ..contacts.equations.coupled_slips import DEPENDENT, coupled_slips, dependences, jacobians, slip_rows
+from ..contacts.equations.contact_laws import NUMBERS, OPEN, STICK, Mode
+from ..contacts.equations.dependent_slips import DEPENDENT, coupled_slips, dependences, jacobians, slip_rows
 from ..contacts.equations.switched_modes import unit_lengths, why_unswitched
 from ..contacts.selection.mode_candidates import FEW_CONTACTS
 from ..frozen import frozen
@@ -48,7 +47,7 @@ class CommonProgram:
     """The program of all modes, and the modes that it serves.
 
     Its matrix is regular where the rows that hold in a mode are independent. Rows of contacts that slip together do
-    not hold (`dalembert.contacts.equations.coupled_slips`); modes with other dependences have programs of their own.
+    not hold (`dalembert.contacts.equations.dependent_slips`); modes with other dependences have programs of their own.
 
     Attributes
     ----------

@@ -1,4 +1,7 @@
-"""Laws of one contact as values on the graph: friction factors, guards, and the parameters that they add."""
+"""Laws of one contact as values on the graph: friction factors, guards, the parameters that they add, and a kernel.
+
+Mode selection and impacts are computed from the numbers of this kernel (`dalembert.contacts.contact_system`).
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,10 @@ from collections.abc import Callable, Sequence
 from typing import final
 
 from ...ir.graph import Graph
+from ...ir.kernel import Kernel
 from ...ir.node import Node
 from ...mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Guard
+from ...transforms.lower_kernels import lower_kernel
 
 OPEN, CLOSED, SLIP, STICK, SMOOTH = "open", "closed", "slip", "stick", "smooth"
 
@@ -168,3 +173,36 @@ class ContactLaws:
             rest = most * most - graph.sum(f * f for f in forces)
             return [(Guard(f"hold of {contact.name}", i, "break"), rest)]
         return [(Guard(f"hold of {contact.name} against {s:+d}", i, "break", s), most + s * forces[0]) for s in (1, -1)]
+
+
+NUMBERS = "gap", "mu", "mu_static", "restitution", "regularization", "normal_load"
+"""Numbers of each contact, in the order of the outputs."""
+
+
+def contact_data(equations: EquationsOfMotion) -> Kernel:
+    """Return a kernel of (t, (q, q_dot), c), c beginning with the parameters of the scene.
+
+    Its outputs are M (n_q, n_q) and the forcing (n_q,); of the constraints and, behind them, the slip velocities the
+    Jacobians (n_rows, n_q), the biases of their accelerations (n_rows,) and their values on the rates (n_rows,); the
+    power coefficients of the reactions (n_reactions, n_q); and of the contacts gaps, mu, mu_static, restitutions,
+    regularizations and given normal loads (n_contacts,), zero where they have none.
+    """
+    graph = Graph()  # a graph of its own, so that the kernel depends on the equations alone
+    rows = [*equations.constraints, *(row for contact in equations.contacts for row in contact.slips)]
+    nodes: list[Node] = [entry for row in equations.mass_matrix for entry in row]
+    nodes += equations.forcing
+    nodes += [entry for row in rows for entry in row.jacobian]
+    nodes += [row.bias for row in rows]
+    for row in rows:
+        terms = (a * b for a, b in zip(row.jacobian, equations.qdot, strict=True))
+        nodes.append(equations.graph.sum(terms) + row.drift)
+    nodes += [row[i] for i in range(len(equations.symbols.unknowns)) for row in equations.reactions]
+    now = [ContactLaws(equations).coefficients_now(contact) for contact in equations.contacts]
+    coefficients = {"mu": [mu for mu, _ in now], "mu_static": [static for _, static in now]}
+    for name in NUMBERS:
+        numbers = coefficients.get(name) or [getattr(contact, name) for contact in equations.contacts]
+        nodes += [equations.graph.zero if node is None else node for node in numbers]
+    inputs: dict[Node, tuple[str, int | None]] = {graph.input(equations.symbols.time): ("t", None)}
+    inputs |= {graph.input(name): ("c", i) for i, name in enumerate(equations.symbols.parameters)}
+    inputs |= {graph.input(name): ("y", i) for i, name in enumerate(equations.symbols.variables)}
+    return lower_kernel(graph, "contact_data", graph.adopt(nodes), inputs, arguments=("t", "y", "c"))

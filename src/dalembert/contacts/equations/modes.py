@@ -19,11 +19,10 @@ from ...ir.node import Node
 from ...mechanics.equations import ConstraintRow, ContactRow, EquationsOfMotion, Guard
 from ...reduction.reaction_columns import independent_columns
 from .contact_laws import OPEN, SLIP, SMOOTH, STICK, ContactLaws, Mode, mode_parameters
-from .points_of_one_link import pairs_of_one_link
+from .dependent_slips import pairs_of_one_link
 from .shared_loads import Direction, SharedLaw, lawful_sums, undetermined_directions
 from .sliding_friction import SlidingContact, SlidingFriction, sliding_friction
-from .sticking_pairs import StickingPair, with_pairs
-from .sticking_rows import StickingRows, along_lines
+from .sticking_rows import StickingPair, StickingRows, along_lines, with_pairs
 
 
 def only_mode(contacts: Sequence[ContactRow]) -> Mode | None:

@@ -13,7 +13,7 @@ matrix are guarded, as those of constraints are (`dalembert.reduction.saddle`). 
 that grow without bound there stop what slips, and the motion ends in a jam.
 
 Where a contact sticks whose slip velocity follows from the rows that hold, its own row does not, and it shares the
-friction force of another (`dalembert.contacts.equations.coupled_slips`).
+friction force of another (`dalembert.contacts.equations.dependent_slips`).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from ...reduction.first_order_states import with_states
 from ...reduction.saddle import Projected, SaddlePoint
 from ...transforms.linear import Elimination, Matrix, guarded_pivot
 from .contact_laws import OPEN, SLIP, STICK, ContactLaws, Mode, mode_parameters
-from .coupled_slips import coupled_slips
+from .dependent_slips import coupled_slips
 
 
 def any_mode(count: int) -> Mode:

@@ -89,7 +89,7 @@ class Candidates(NamedTuple):
     guessed : (n_slips + n_contacts,)
         Friction forces and normal reactions as iterations, or pivots, find them.
     table, basis : (m, 2 m + 2), (m,)
-        Memory of `complementary_forces`, m = n_contacts + 3 n_slips; none for few contacts.
+        Memory of `guessed_forces`, m = n_contacts + 3 n_slips; none for few contacts.
     lawful, sizes : (1 + 2 n_slips + n_contacts + 2 n_slips, 2 + n_slips), (n_slips,)
         Columns of the linear program of `load_shares`, and the sizes of the directions in which forces are not
         determined.

@@ -5,17 +5,16 @@ opens, one that approaches closes, one that friction cannot hold slips, one that
 change at once as long as fewer and fewer laws are violated; where that does not help, the first of them alone, so that
 no cycle arises where the laws have one solution (J. J. Judice and F. M. Pires, Computers and Operations Research 21
 (1994) 587-596; K. G. Murty, Linear Algebra and its Applications 9 (1974) 65-108). Where that ends nowhere, iterations
-on the forces suggest a combination to begin from (`guessed_forces`), and then complementary pivots do
-(`complementary_forces`). A combination counts only where it obeys the laws of `mode_laws`.
+on the forces suggest a combination to begin from, and then complementary pivots do (`guessed_forces`). A combination
+counts only where it obeys the laws of `mode_laws`.
 """
 
 from __future__ import annotations
 
 from ...subset.compiled_subset import compiled_subset
 from ..contact_system import OPEN, SLIP, STICK, ContactSystem, inertial_size
-from .complementary_forces import choose_complementary
 from .contact_forces import compliance, gap_compliance, solve_mode
-from .guessed_forces import guess_forces
+from .guessed_forces import choose_complementary, guess_forces
 from .mode_candidates import RELEASED, TOUCHING, Candidates, choose_all, combine, find_option, list_options
 from .mode_laws import ROUNDING, all_forces, contact_margin, push_margin, slips_in_vain, splits, unchanged
 from .mode_trials import take, try_combination
