@@ -8,7 +8,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, 
 import dalembert as da
 from corpus.named_scenes import READY
 from dalembert.errors import CapabilityError, MissingExtraError, OptionError, UnknownNameError
-from dalembert.export import compilers, page, pictures
+from dalembert.export import compilers, page
 from dalembert.mechanics.skeleton import skeleton
 from dalembert.methods.status import Status
 from export.pages import need_pages, parts, run_of
@@ -128,7 +128,7 @@ def test_meshes_have_their_triangles():
     still = da.Mesh(triangle, offset=[0, 0, 2], fixed=True)
     scene.add_shapes({"coin": da.Mesh(triangle, scale=0.5, color="red"), "wall": still})
     layout = da.compile_model(scene, backend="numpy").layout
-    described = pictures.picture_of(scene, {"m": 1, "r": 0.2, "k": 3}, layout).description["shapes"]
+    described = page.picture_of(scene, {"m": 1, "r": 0.2, "k": 3}, layout).description["shapes"]
     turned, wall = (shape for shape in described if shape["kind"] == "mesh")
     assert turned["vertices"] == [[0, 0, 0], [0.5, 0, 0], [0, 0.5, 0]] and turned["faces"] == [[0, 1, 2]]
     assert (turned["body"], turned["point"], turned["frame"], turned["color"]) == (0, 0, 0, "red")
@@ -256,4 +256,4 @@ def test_shapes_that_are_wrong(shapes, message):
     scene.add_shapes(shapes)
     layout = da.compile_model(driven()).layout
     with pytest.raises(OptionError, match=message):
-        pictures.picture_of(scene, {"m": 1.0}, layout)
+        page.picture_of(scene, {"m": 1.0}, layout)

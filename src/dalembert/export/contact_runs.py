@@ -44,7 +44,7 @@ from ..subset.addresses import NO_CODE
 from ..transforms.passes import EliminateDeadCode
 from ..transforms.taylor.periodic import angles_of
 from .event_runs import exported_workspace, stops_of_controllers
-from .refusals import refuse_contact_scene, refuse_inputs, refuse_program
+from .kinds import refuse_contact_scene, refuse_inputs, refuse_program
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel

@@ -18,8 +18,7 @@ from ..errors import CapabilityError, OptionError, list_names, unknown_name
 from ..values import listed
 from ..version import __version__
 from .compilers import c_compiler, foreign_library, shared_library
-from .unit_functions import absent_functions
-from .unit_variables import AnyUnit, UnitVariable, UnitVariables, nominal_of, unit_variables
+from .unit_variables import AnyUnit, UnitVariable, UnitVariables, absent_functions, nominal_of, unit_variables
 
 _TARGETS = {
     "linux64": ("x86_64-linux-gnu.2.17", "so", "x86_64-linux"),

@@ -13,8 +13,7 @@ from ..ir.program import hidden_parameters
 from ..options import DEFAULT_TOLERANCES, NamedTolerances, tolerances
 from ..runs.events import moving_events, with_event_parameters
 from ..starts.inputs import resolve_names, span_of
-from .kinds import FIXED, refuse_kind
-from .refusals import refuse_dependent
+from .kinds import FIXED, refuse_dependent, refuse_kind
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel

@@ -23,7 +23,7 @@ from ..starts.inputs import constants
 from ..starts.segment_constants import starting_constants
 from ..starts.symbol_assumptions import ROUNDING
 from .event_runs import event_run
-from .refusals import refuse_inputs, refuse_scene
+from .kinds import refuse_inputs, refuse_scene
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
