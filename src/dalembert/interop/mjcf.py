@@ -21,8 +21,8 @@ from .mjcf_settings import LIMITED, Settings, check_attributes
 from .mjcf_values import Defaults, inertia_of_geoms, visual_of
 from .robot_description import Description, Inertia, JointItem, Placement, in_tree_order
 from .robot_files import Element, FileReader
-from .robot_options import RobotOptions
 from .robot_scenes import scene_of
+from .robot_values import RobotOptions
 from .robot_visuals import Visual
 
 if TYPE_CHECKING:

@@ -21,11 +21,11 @@ from ..scene.robots import RobotJoint, RobotLink, RobotParts
 from ..scene.scene import Scene
 from .robot_description import ROUNDING, Description, Inertia, JointItem, Placement, cleaned, merged, to_axis
 from .robot_loads import add_gravity, add_joint_loads
-from .robot_options import RobotOptions
 from .robot_values import (
     SIMPLE,
     Drive,
     LinkPlace,
+    RobotOptions,
     coordinate,
     coordinate_names,
     free_coordinates,

@@ -16,8 +16,8 @@ import numpy as np
 from ..arrays import FloatArray
 from .robot_description import Description, Inertia, JointItem, Mimic, Placement, from_angles, in_tree_order
 from .robot_files import Element, FileReader
-from .robot_options import RobotOptions
 from .robot_scenes import scene_of
+from .robot_values import RobotOptions
 from .robot_visuals import Visual, color_of, mesh_finder
 
 if TYPE_CHECKING:
