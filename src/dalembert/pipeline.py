@@ -27,8 +27,8 @@ from .once import deriving
 from .options import CompileOptions
 from .progress import enter_stage
 from .reduction import ReducedSystem, reduce
-from .reduction.baumgarte import with_fixed_gains
 from .reduction.dependent_rows import Redundancy
+from .reduction.stabilised import with_fixed_gains
 from .scene import Scene
 from .scene.model import SceneModel
 from .scene.reading import read

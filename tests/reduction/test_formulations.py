@@ -11,7 +11,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 import dalembert as da
 from dalembert.errors import FormulationError, MissingExtraError, OptionError
 from dalembert.reduction import FORMULATIONS
-from dalembert.reduction.baumgarte import DEFAULT_GAIN, GAINS
+from dalembert.reduction.stabilised import DEFAULT_GAIN, GAINS
 from dalembert.starts.inputs import constants
 from dalembert.steps.problem import IntegrationProblem
 from scene.builders import cartesian_pendulum, double_pendulum, four_bar, quaternion_body

@@ -23,7 +23,7 @@ from ..ir.random_points import values_of
 from ..methods.status import RUNNING, Status
 from ..options import PrepareOptions, SimulateOptions, SweepOptions, tighter
 from ..progress import meter
-from ..reduction.baumgarte import GAINS, Baumgarte
+from ..reduction.stabilised import GAINS, Baumgarte
 from ..results.statistics import SweepStatistics
 from ..results.sweep import Sweep
 from ..results.sweep_states import ContactStates

@@ -8,13 +8,12 @@ from dataclasses import replace
 from ..errors import ConstraintError, FormulationError, OptionError, unknown_name
 from ..mechanics.equations import EquationsOfMotion
 from .base import Formulation, Projection, ReducedSystem, ReductionSettings
-from .baumgarte import Baumgarte
 from .dependent_rows import Redundancy
 from .first_order_states import with_states
-from .ggl import GearGuptaLeimkuhler
 from .minimal import Minimal, prescribed
 from .redundancy import independent_constraints
 from .saddle import Augmented, Projected
+from .stabilised import Baumgarte, GearGuptaLeimkuhler
 
 __all__ = ["FORMULATIONS", "Formulation", "Projection", "ReducedSystem", "reduce"]
 
