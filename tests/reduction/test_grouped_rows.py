@@ -6,7 +6,7 @@ import pytest
 from dalembert.ir.graph import Graph
 from dalembert.reduction.dependent_rows import RankSolver, Redundancy
 from dalembert.reduction.grouped_rows import GroupSolver, solver_of
-from dalembert.starts.constraint_groups import group_shares, groups_of_rows, left_of_groups, rank_of
+from dalembert.starts.constraint_rows import group_shares, groups_of_rows, left_of_groups, rank_of
 
 LARGEST = 1e-12
 SIZES = (2, 3, 1, 2, 4)

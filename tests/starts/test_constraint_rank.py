@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dalembert.starts import constraint_rank
-from dalembert.starts.constraint_groups import LOST
+from dalembert.starts.constraint_rows import LOST
 
 
 def _rows(count, seed, share=None):

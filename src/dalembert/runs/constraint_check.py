@@ -19,9 +19,8 @@ from ..methods.status import Status
 from ..options import NamedTolerances
 from ..reduction.base import ReducedSystem
 from ..reduction.dependent_rows import Groups
-from ..starts.constraint_groups import rank_of
 from ..starts.constraint_rank import indeterminate
-from ..starts.constraint_rows import jacobians_at, lengths_along
+from ..starts.constraint_rows import jacobians_at, lengths_along, rank_of
 from ..starts.state_sizes import coordinate_sizes
 from ..steps.problem import IntegrationProblem, Solution
 from ..stops.segments import Constants, constants_at

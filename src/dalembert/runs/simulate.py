@@ -23,10 +23,9 @@ from ..starts.initial_states import directed, initial_state
 from ..starts.segment_constants import starting_constants
 from ..starts.symbol_assumptions import warn_of_motion
 from ..steps.problem import IntegrationProblem
-from .gains import with_gains
 from .run_checks import checked
 from .run_notes import lost_directions, lost_reactions, slid_along
-from .special_runs import special_run
+from .special_runs import special_run, with_gains
 
 if TYPE_CHECKING:
     from ..events.event_code import EventCode

@@ -13,9 +13,8 @@ from ..ir.program import Program
 from ..methods.status import Status
 from ..reduction.dependent_rows import Groups
 from ..starts.branches import branches
-from ..starts.constraint_groups import shares
 from ..starts.constraint_rank import where_dependent
-from ..starts.constraint_rows import correction_turns, jacobians_at, kept_shares, lengths_along
+from ..starts.constraint_rows import correction_turns, jacobians_at, kept_shares, lengths_along, shares
 from ..steps.dense_output import DenseOutput, JoinedOutput
 from ..steps.problem import Solution
 from ..stops.segments import Constants, constants_at

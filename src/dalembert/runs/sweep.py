@@ -29,11 +29,11 @@ from .case_settings import CaseSettings, check_settings, common_settings, spans_
 from .cases import Cases
 from .elapsed import begins_elsewhere, elapsed_times, far, in_elapsed_time, offset_columns
 from .events import with_event_parameters
-from .gains import give_gains
 from .reductions import reduction_table
 from .run_checks import checked_cases
 from .simulate import NO_ESTIMATE
 from .small_motions import sweep_at_scale
+from .special_runs import give_gains
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel

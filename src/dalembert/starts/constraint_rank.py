@@ -14,8 +14,18 @@ from ..ir.program import Program
 from ..once import once_property
 from ..reduction.dependent_rows import MOST_RANK, Groups, Redundancy, amplified_rounding
 from ..stops.segments import Constants, constants_at
-from .constraint_groups import LOST, group_shares, groups_of_rows, left_of_groups, rank_of, shares
-from .constraint_rows import jacobians, jacobians_at, lengths_along, row_lengths
+from .constraint_rows import (
+    LOST,
+    group_shares,
+    groups_of_rows,
+    jacobians,
+    jacobians_at,
+    left_of_groups,
+    lengths_along,
+    rank_of,
+    row_lengths,
+    shares,
+)
 from .state_sizes import distance_sizes, gyration_sizes
 
 _ROUNDED = 1e-11
