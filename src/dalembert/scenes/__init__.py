@@ -3,14 +3,8 @@
 from collections.abc import Callable
 
 from dalembert.scene import Scene
-from dalembert.scenes.belt_oscillator import belt_oscillator
-from dalembert.scenes.billiard_ball import billiard_ball
-from dalembert.scenes.bouncing_ball import bouncing_ball
-from dalembert.scenes.chaplygin_sleigh import chaplygin_sleigh
-from dalembert.scenes.corner_plate import corner_plate
-from dalembert.scenes.edge_plate import edge_plate
-from dalembert.scenes.rolling_sphere import rolling_sphere
-from dalembert.scenes.sliding_rod import sliding_rod
+from dalembert.scenes.contacts import belt_oscillator, billiard_ball, bouncing_ball, sliding_rod
+from dalembert.scenes.examples import chaplygin_sleigh, corner_plate, edge_plate, rolling_sphere
 
 #: Every example of section 13.4 by the name of its builder; tests are parametrised over it.
 ALL: dict[str, Callable[[], Scene]] = {
