@@ -37,7 +37,7 @@ from dalembert.ir.kernel import Assignment, Kernel, Load
 from dalembert.lanes.sweep_arguments import SweepKernels
 from dalembert.loops.foreign_batch_loop import BatchCode
 from dalembert.methods.tableaus import TABLEAUS
-from dalembert.subset.addresses import OwnedAddress
+from dalembert.subset.arguments import OwnedAddress
 from dalembert.transforms.taylor.recurrences import recurrences
 from table_cases import spring
 

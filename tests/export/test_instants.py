@@ -8,7 +8,7 @@ import pytest
 from dalembert.runs.sampling import Sampling
 from dalembert.stops.input_records import no_inputs
 from dalembert.stops.instants import instants_of, list_instants, stops_at_instants
-from dalembert.subset.addresses import NO_CODE
+from dalembert.subset.arguments import NO_CODE
 
 
 def listed(schedule, t0, ends):

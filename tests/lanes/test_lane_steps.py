@@ -34,7 +34,7 @@ from dalembert.lanes.workspace import (
 from dalembert.methods.status import RUNNING, Status
 from dalembert.steps.projection import FAILED, NONE, PENDING
 from dalembert.stops.stops import no_stops
-from dalembert.subset.addresses import NO_CODE, AddressTable
+from dalembert.subset.arguments import NO_CODE, AddressTable
 from dalembert.transforms.runge_kutta_parts import GROWTH_AT, PROPOSAL_AT
 
 N, DEGREE, MEMORY = 1, 3, 3

@@ -11,7 +11,7 @@ from dalembert.codegen.llvm.foreign_batch import BatchSizes, Interface, batch_ar
 from dalembert.codegen.llvm.loops import Loop
 from dalembert.lanes.sweep_arguments import SweepArguments, SweepKernels
 from dalembert.loops.foreign_batch_loop import HEAD, BatchCode, task_slots
-from dalembert.subset.addresses import NO_CODE, OwnedAddress
+from dalembert.subset.arguments import NO_CODE, OwnedAddress
 from dalembert.subset.packing import pack, unpack
 
 CASES, N, CONTEXT, ERROR = 1000, 2, 77, 99

@@ -12,7 +12,7 @@ from dalembert.steps import explicit_loop as explicit
 from dalembert.steps import implicit_loop as implicit
 from dalembert.steps.problem import IntegrationProblem, Kernels, Solution
 from dalembert.steps.recorded_runs import RunCodes
-from dalembert.subset.addresses import NO_CODE, OwnedAddress
+from dalembert.subset.arguments import NO_CODE, OwnedAddress
 
 NO_CONSTANTS = np.zeros(0)
 NUMBA_METHODS = tuple(tableau.name for tableau in TABLEAUS)

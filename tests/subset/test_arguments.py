@@ -8,8 +8,19 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from dalembert.subset.addresses import NO_CODE, AddressTable, OwnedAddress
-from dalembert.subset.arguments import Address, AddressVector, FlagMatrix, IntVector, Matrix, Record, kind_of, place_of
+from dalembert.subset.arguments import (
+    NO_CODE,
+    Address,
+    AddressTable,
+    AddressVector,
+    FlagMatrix,
+    IntVector,
+    Matrix,
+    OwnedAddress,
+    Record,
+    kind_of,
+    place_of,
+)
 from dalembert.subset.packing import pack, unpack
 
 

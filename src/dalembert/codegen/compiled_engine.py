@@ -16,7 +16,7 @@ from ..options import DEFAULT_TOLERANCES, NamedTolerances
 from ..steps.method_choice import runge_kutta_pays
 from ..steps.problem import IntegrationProblem, Solution
 from ..stops.segments import constants_at
-from ..subset.addresses import NO_CODE, OwnedAddress
+from ..subset.arguments import NO_CODE, OwnedAddress
 from ..transforms.taylor.step import clipped_tolerance, order_at, order_for
 from .engine import Engine
 from .host_code import raise_failure

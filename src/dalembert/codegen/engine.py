@@ -19,7 +19,7 @@ from ..once import BoundedTable, computed_once, once_property
 from ..steps.problem import IntegrationProblem, Solution
 from ..steps.projection import projected
 from ..stops.segments import Segments
-from ..subset.addresses import OwnedAddress
+from ..subset.arguments import OwnedAddress
 from .host_code import HOST_LANES, interpreted_code
 from .library import MOST_FURTHER
 from .runs import CaseRun, Final, Prepared, PreparedStates, StartCode

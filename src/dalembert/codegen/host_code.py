@@ -12,7 +12,7 @@ from ..arrays import FloatArray
 from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..stops.stops import StopAction
-from ..subset.addresses import OwnedAddress
+from ..subset.arguments import OwnedAddress
 
 HOST_LANES = 8
 """Lanes of interpreted kernels: eight rows take about as long as one."""

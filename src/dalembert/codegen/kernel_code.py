@@ -17,7 +17,7 @@ from ..options import NamedTolerances
 from ..steps.problem import IntegrationProblem
 from ..steps.row_loops import KernelRowsArguments
 from ..stops.stops import CaseStops, StopAction
-from ..subset.addresses import OwnedAddress
+from ..subset.arguments import OwnedAddress
 from .host_code import landing_code, raise_failure
 from .library import MOST_FURTHER, KernelLibrary
 from .llvm.loops import loop_named

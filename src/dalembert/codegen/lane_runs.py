@@ -19,7 +19,7 @@ from ..once import BoundedTable, computed_once, once
 from ..options import DEFAULT_TOLERANCES
 from ..steps.method_choice import EXPLICIT_STEPS
 from ..steps.problem import IntegrationProblem
-from ..subset.addresses import NO_CODE, OwnedAddress
+from ..subset.arguments import NO_CODE, OwnedAddress
 from .kernel_code import INTERPRETED, KernelCode
 from .library import KernelLibrary
 from .llvm.assembly import LoadedCode

@@ -14,7 +14,7 @@ from ..ir.program import Program
 from ..methods.tableau import Tableau
 from ..once import BoundedTable, computed_once, once_property
 from ..reduction.starting import Start
-from ..subset.addresses import NO_CODE, OwnedAddress
+from ..subset.arguments import NO_CODE, OwnedAddress
 from ..transforms.partials import jacobian_kernel, tangent_kernel
 from ..transforms.taylor.periodic import angles_of
 from ..transforms.taylor.recurrences import Recurrences, recurrences

@@ -20,7 +20,7 @@ from ..stops.samples import Samples
 if TYPE_CHECKING:
     from ..lanes.workspace import LoopProgress
     from ..scene.symbol_table import InputSymbol
-    from ..subset.addresses import OwnedAddress
+    from ..subset.arguments import OwnedAddress
     from .llvm.prepared import Admission
 
 

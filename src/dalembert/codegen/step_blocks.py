@@ -15,7 +15,7 @@ from ..methods.status import Status
 from ..once import computed_once
 from ..steps.problem import IntegrationProblem, Solution, prescribed_blocks
 from ..steps.projection import projected
-from ..subset.addresses import NO_CODE
+from ..subset.arguments import NO_CODE
 from .host_code import interpreted_code, raise_failure
 from .steppers import event_kernels
 

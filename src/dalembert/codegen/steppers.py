@@ -18,7 +18,7 @@ from ..methods.step_constants import SMALLEST_SCALE
 from ..once import BoundedTable, computed_once
 from ..options import component_tolerances
 from ..steps.recorded_runs import RunCodes
-from ..subset.addresses import NO_CODE, AddressTable, OwnedAddress
+from ..subset.arguments import NO_CODE, AddressTable, OwnedAddress
 from ..transforms.runge_kutta_parts import CONTROLS, memory_size
 from ..transforms.taylor.step import order_at, scale_floor
 from .host_code import interpreted_code

@@ -13,8 +13,7 @@ import numpy as np
 
 from ..events.event_rules import accumulates
 from ..methods.status import RUNNING, Status
-from ..subset.addresses import NO_CODE, AddressTable
-from ..subset.arguments import Address, AddressVector, IntVector, Matrix, Vector
+from ..subset.arguments import NO_CODE, Address, AddressTable, AddressVector, IntVector, Matrix, Vector
 from ..subset.compiled_subset import call_code, compiled_subset, row
 from .contact_cases import UNDECIDED
 from .phase_tables import JUMPS, NOT_STARTED, CaseTable

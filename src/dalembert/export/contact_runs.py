@@ -40,7 +40,7 @@ from ..runs.run_checks import GimbalCheck
 from ..starts.symbol_assumptions import ROUNDING
 from ..stops.input_records import no_inputs
 from ..stops.instants import InstantTable, no_instants
-from ..subset.addresses import NO_CODE
+from ..subset.arguments import NO_CODE
 from ..transforms.passes import EliminateDeadCode
 from ..transforms.taylor.periodic import angles_of
 from .event_runs import exported_workspace, stops_of_controllers

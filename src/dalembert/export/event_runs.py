@@ -25,7 +25,7 @@ from ..stops.break_tables import BreakTable, break_kernels, breaks_of
 from ..stops.input_records import InputTable, no_inputs
 from ..stops.instants import InstantTable, instants_of, no_instants, stops_at_instants
 from ..stops.stops import StopTable, no_stops
-from ..subset.addresses import NO_CODE, OwnedAddress
+from ..subset.arguments import NO_CODE, OwnedAddress
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel

@@ -16,8 +16,7 @@ from ..steps.newton import ROWS, NewtonWorkspace, newton_workspace
 from ..steps.packed_tableaus import ALLOWED
 from ..steps.recorded_runs import Progress, Run, RunCodes, RunSettings
 from ..stops.stops import no_stops
-from ..subset.addresses import NO_CODE
-from ..subset.arguments import IntVector
+from ..subset.arguments import NO_CODE, IntVector
 from ..subset.packing import constant_group
 
 

@@ -11,8 +11,7 @@ import numpy as np
 from ..arrays import Column
 from ..once import once
 from ..stops.stops import StopTable
-from ..subset.addresses import NO_CODE, AddressTable
-from ..subset.arguments import Address, AddressVector, FlagMatrix, IntVector, Matrix, Vector
+from ..subset.arguments import NO_CODE, Address, AddressTable, AddressVector, FlagMatrix, IntVector, Matrix, Vector
 from ..subset.packing import address_of, constant_group
 from .row_steps import RowSteps
 from .workspace import EventKernels, EventWorkspace, LaneState

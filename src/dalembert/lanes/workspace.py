@@ -10,8 +10,7 @@ import numpy as np
 from ..arrays import aligned
 from ..methods.step_constants import DEEPEST
 from ..once import once
-from ..subset.addresses import NO_CODE, AddressTable
-from ..subset.arguments import Address, AddressVector, IntVector, Matrix, Record
+from ..subset.arguments import NO_CODE, Address, AddressTable, AddressVector, IntVector, Matrix, Record
 from ..subset.packing import constant_group
 
 POINT_LANES = 8

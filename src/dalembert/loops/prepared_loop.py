@@ -22,8 +22,7 @@ from ..methods.status import RUNNING, Status
 from ..steps.projection import project_row
 from ..steps.step_control import ACCEPTED, REJECTED, attempt_test, blind_retry, end_of_step, largest_step, status_after
 from ..stops.stops import StopTable, begin_stops, end_of_steps, is_due, pass_stops, take_stops
-from ..subset.addresses import NO_CODE
-from ..subset.arguments import Address, IntVector, Matrix, Record, Vector
+from ..subset.arguments import NO_CODE, Address, IntVector, Matrix, Record, Vector
 from ..subset.compiled_subset import call_code, compiled_subset, flat, row
 from ..transforms.runge_kutta_parts import CONTROLS, GROWTH_AT, PROPOSAL_AT
 

@@ -14,8 +14,7 @@ from ..methods.status import RUNNING, Status
 from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK
 from ..steps.problem import IntegrationProblem, Solution
 from ..stops.stops import no_stops, table_of
-from ..subset.addresses import NO_CODE, OwnedAddress
-from ..subset.arguments import place_of
+from ..subset.arguments import NO_CODE, OwnedAddress, place_of
 from ..subset.compiled_subset import compiled_subset
 from ..subset.packing import address_of, pack, replace_array
 from ..threads import check

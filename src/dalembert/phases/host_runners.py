@@ -29,8 +29,7 @@ from ..results.sweep import Sweep
 from ..results.trajectory import Trajectory
 from ..runs.simulate import simulate_in_own_time
 from ..runs.sweep import sweep_in_own_time
-from ..subset.addresses import NO_CODE, OwnedAddress
-from ..subset.arguments import kind_of, place_of
+from ..subset.arguments import NO_CODE, OwnedAddress, kind_of, place_of
 from .mode_models import ModeModels
 from .mode_runners import GatheredRows
 from .output_values import PhaseReductions

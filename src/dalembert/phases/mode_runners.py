@@ -20,7 +20,7 @@ from ..lanes.sweep_arguments import KeptStarts, PartSamples
 from ..mechanics.equations import ContactRow
 from ..options import StepOptions
 from ..runs.reductions import Reduction
-from ..subset.addresses import OwnedAddress
+from ..subset.arguments import OwnedAddress
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel

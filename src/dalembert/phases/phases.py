@@ -24,8 +24,7 @@ from ..frozen import frozen
 from ..lanes.sweep_arguments import SweepArguments
 from ..methods.status import RUNNING
 from ..runs.case_blocks import run_shared
-from ..subset.addresses import AddressTable
-from ..subset.arguments import kind_of
+from ..subset.arguments import AddressTable, kind_of
 from ..subset.packing import address_of, pack
 from ..threads import STOPPED, check, stopped_by
 from .decisions import LOOP

@@ -19,7 +19,7 @@ from ..starts.input_values import GivenInputs
 from ..stops.breakpoints import CaseBreaks
 from ..stops.input_records import no_inputs
 from ..stops.stops import CaseStops, StopAction
-from ..subset.addresses import OwnedAddress
+from ..subset.arguments import OwnedAddress
 from .mode_models import ModeModels
 
 

@@ -20,7 +20,7 @@ from ..ir.interpret import interpret_rows
 from ..methods.status import Status
 from ..runs.impulses import Impulses
 from ..starts import inputs
-from ..subset.addresses import NO_CODE, AddressTable
+from ..subset.arguments import NO_CODE, AddressTable
 from .mode_models import ModeModels
 
 if TYPE_CHECKING:

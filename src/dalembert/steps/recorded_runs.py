@@ -10,8 +10,7 @@ from typing import NamedTuple
 from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
 from ..stops.stops import StopTable, begin_stops, end_of_steps, is_due, pass_stops, take_stops
-from ..subset.addresses import NO_CODE
-from ..subset.arguments import Address, IntVector, Matrix, Record, Vector
+from ..subset.arguments import NO_CODE, Address, IntVector, Matrix, Record, Vector
 from ..subset.compiled_subset import call_code, compiled_subset, flat, fma, row
 from .packed_tableaus import POINT
 from .projection import project_row

@@ -10,7 +10,7 @@ from ..arrays import FloatArray
 from ..methods.status import RUNNING, Status
 from ..methods.step_constants import FIRST_BLOCK, LARGEST_BLOCK, SMALLEST_SCALE
 from ..stops.stops import table_of
-from ..subset.addresses import NO_CODE
+from ..subset.arguments import NO_CODE
 from ..threads import check, is_observed
 from .dense_output import PiecewisePolynomial
 from .problem import IntegrationProblem, Solution

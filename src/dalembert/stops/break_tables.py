@@ -10,8 +10,7 @@ import numpy as np
 
 from ..ir.conditions import NARROW, WHOLE, ZERO, Conditions
 from ..ir.kernel import Kernel
-from ..subset.addresses import NO_CODE, AddressTable, OwnedAddress
-from ..subset.arguments import AddressVector, IntVector, Matrix, Record, Vector
+from ..subset.arguments import NO_CODE, AddressTable, AddressVector, IntVector, Matrix, OwnedAddress, Record, Vector
 from ..transforms.interval_kernels import interval_kernel, traced_kernel
 from .interval_roots import FIRST_PARTS, MOST_CUTS, kinds_of_numbers
 

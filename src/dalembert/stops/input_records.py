@@ -18,8 +18,7 @@ from ..frozen import frozen
 from ..ir.kernel import Kernel
 from ..ir.program import WIDTH, KnotSides
 from ..methods.step_constants import SMALLEST_OF_TIME
-from ..subset.addresses import NO_CODE, AddressTable, OwnedAddress
-from ..subset.arguments import Address, AddressVector, IntMatrix, IntVector, Matrix
+from ..subset.arguments import NO_CODE, Address, AddressTable, AddressVector, IntMatrix, IntVector, Matrix, OwnedAddress
 from ..subset.compiled_subset import call_code, compiled_subset, element, lowest, row
 from ..subset.packing import owned_address
 from .samples import KINDS, Samples

@@ -13,8 +13,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..methods.step_constants import SMALLEST_OF_TIME
-from ..subset.addresses import NO_CODE, OwnedAddress
-from ..subset.arguments import Address, IntVector, Matrix, Record
+from ..subset.arguments import NO_CODE, Address, IntVector, Matrix, OwnedAddress, Record
 from ..subset.compiled_subset import call_code, compiled_subset, row
 from .break_search import find_breaks, middle_of
 from .break_tables import BreakTable, no_breaks

@@ -18,8 +18,7 @@ from ..arrays import FloatArray
 from ..frozen import frozen
 from ..ir.kernel import Kernel
 from ..methods.step_constants import SMALLEST_OF_TIME
-from ..subset.addresses import NO_CODE, AddressTable, OwnedAddress
-from ..subset.arguments import AddressVector, IntVector, Matrix, Vector
+from ..subset.arguments import NO_CODE, AddressTable, AddressVector, IntVector, Matrix, OwnedAddress, Vector
 from ..subset.compiled_subset import call_code, compiled_subset, lowest, row
 from ..subset.packing import constant_group
 from .input_records import InputTable, begin_inputs, no_inputs, pass_knots, take_sides

@@ -11,8 +11,7 @@ from typing import Any, NoReturn, TypeVar, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from .addresses import AddressTable, OwnedAddress
-from .arguments import DTYPES, Record, kind_of
+from .arguments import DTYPES, AddressTable, OwnedAddress, Record, kind_of
 from .compiled_subset import INTEGER, NUMBER, Array, Fields, Group, Kind, Scalar
 
 T = TypeVar("T")

@@ -32,8 +32,7 @@ from ...ir.kernel import Kernel
 from ...ir.program import Program
 from ...lanes.sweep_arguments import SweepArguments
 from ...stops.instants import InstantTable
-from ...subset.addresses import AddressTable, OwnedAddress
-from ...subset.arguments import Vector, kind_of
+from ...subset.arguments import AddressTable, OwnedAddress, Vector, kind_of
 from ...subset.compiled_subset import INTEGER, NUMBER, Group
 from ..subset.target import Value
 from .library import CFunctions

@@ -13,7 +13,7 @@ from typing import ClassVar, final
 from ...ir.kernel import Kernel
 from ...ir.program import Program
 from ...methods.tableau import Tableau
-from ...subset.addresses import OwnedAddress
+from ...subset.arguments import OwnedAddress
 from ...transforms.runge_kutta import attempt_kernel, start_kernel
 from ...transforms.taylor.recurrences import Recurrences
 from ...transforms.taylor.step import step_kernel

@@ -46,7 +46,7 @@ from ...steps.newton import ROWS, newton_workspace
 from ...steps.packed_tableaus import packed_tableau
 from ...steps.recorded_runs import Progress, Run, RunCodes, RunSettings
 from ...stops.instants import InstantTable
-from ...subset.addresses import NO_CODE, OwnedAddress
+from ...subset.arguments import NO_CODE, OwnedAddress
 from ...transforms.taylor.step import scale_floor
 from .run_stops import NOWHERE, PREPARE, RunStops, kernel_addresses
 

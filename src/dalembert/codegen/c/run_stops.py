@@ -13,7 +13,7 @@ from ...stops.break_tables import breaks_of
 from ...stops.input_records import no_inputs
 from ...stops.instants import InstantTable, instants_of, no_instants, stops_at_instants
 from ...stops.stops import StopTable, no_stops
-from ...subset.addresses import NO_CODE, OwnedAddress
+from ...subset.arguments import NO_CODE, OwnedAddress
 
 
 def kernel_addresses(names: Mapping[str, bool]) -> dict[str, OwnedAddress]:

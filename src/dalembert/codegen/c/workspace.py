@@ -14,8 +14,7 @@ from typing import Any, final
 
 import numpy as np
 
-from ...subset.addresses import AddressTable
-from ...subset.arguments import kind_of
+from ...subset.arguments import AddressTable, kind_of
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
 from .expressions import TYPES
 from .printing import Code, Constant, Kernel, Known, Loop, Pointer, double, member_name

@@ -19,7 +19,7 @@ import llvmlite.binding as llvm
 from ...frozen import frozen
 from ...ir.kernel import Kernel
 from ...once import computed_once, once
-from ...subset.addresses import OwnedAddress
+from ...subset.arguments import OwnedAddress
 from ...transforms.kernel_pieces import pieces_of
 from ..cache import read_kept, write_kept
 from ..rendering import render

@@ -13,7 +13,7 @@ from typing import Any, final
 from ...ir.kernel import Kernel
 from ...ir.program import Program
 from ...methods.tableau import Tableau
-from ...subset.addresses import OwnedAddress
+from ...subset.arguments import OwnedAddress
 from ...transforms.runge_kutta import AttemptPieces, attempt_kernel, attempt_pieces, start_kernel, start_pieces
 from ...transforms.taylor.order_pass import LEAST_ORDER
 from ...transforms.taylor.recurrences import Recurrences

@@ -28,8 +28,7 @@ from ...lanes.workspace import LaneNumbers, LaneState, lane_state, no_event_work
 from ...loops.foreign_batch_loop import HEAD, BatchArguments, BatchCode, PoolFunctions, TaskSlots, task_slots
 from ...once import once
 from ...stops.stops import no_stops
-from ...subset.addresses import AddressTable, OwnedAddress
-from ...subset.arguments import place_of
+from ...subset.arguments import AddressTable, OwnedAddress, place_of
 from ...subset.packing import pack
 from ..rendering import render
 from .assembly import compile_object, load_object

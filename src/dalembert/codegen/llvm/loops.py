@@ -20,8 +20,7 @@ import numpy as np
 
 from ...errors import OptionError
 from ...once import once, once_property
-from ...subset.addresses import OwnedAddress
-from ...subset.arguments import arguments_of, kind_of
+from ...subset.arguments import OwnedAddress, arguments_of, kind_of
 from ...subset.compiled_subset import PLAIN_LOOPS, CheckedArray, lanes_of, tell_target
 from ...subset.packing import address_of, pack, unpack
 from ...version import __version__

@@ -28,8 +28,7 @@ from ...once import once_property
 from ...reduction.start_limits import TOLERANCE
 from ...steps.problem import IntegrationProblem
 from ...stops.stops import no_stops
-from ...subset.addresses import OwnedAddress
-from ...subset.arguments import place_of
+from ...subset.arguments import OwnedAddress, place_of
 from ...subset.packing import address_of, pack
 from ...threads import check
 from ...transforms.taylor.step import STEP_ARGUMENTS

@@ -16,7 +16,7 @@ from ...lanes.sweep_arguments import CaseRows, KeptStarts, SweepKernels
 from ...lanes.workspace import LONG_ENDS, OCCURRENCE, EventKernels
 from ...methods.status import Status
 from ...steps.problem import IntegrationProblem
-from ...subset.addresses import OwnedAddress
+from ...subset.arguments import OwnedAddress
 from ...subset.compiled_subset import call_code
 from ...subset.packing import address_of, pack
 from ...threads import check, is_observed

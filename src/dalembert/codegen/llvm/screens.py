@@ -21,8 +21,7 @@ from ...loops.screened_starts import ScreenedStarts, StartKernels
 from ...loops.sign_screen import SignArguments
 from ...loops.stiffness_screen import ScreenArguments
 from ...steps.method_choice import TIME_SCALES
-from ...subset.addresses import OwnedAddress
-from ...subset.arguments import place_of
+from ...subset.arguments import OwnedAddress, place_of
 from ...subset.packing import pack, words_of
 from .loops import loop_named
 

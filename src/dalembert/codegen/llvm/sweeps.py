@@ -36,7 +36,7 @@ from ...lanes.workspace import (
 )
 from ...steps.row_loops import SampleArguments
 from ...stops.stops import StopTable, no_stops
-from ...subset.addresses import AddressTable
+from ...subset.arguments import AddressTable
 from ...subset.packing import owned_address, pack
 from ...threads import STOPPED, check
 from ..host_code import raise_failure
