@@ -228,7 +228,7 @@ def _origin(bodies: Sequence[Any], frame: ReferenceFrame, still: dict[Any, Any])
 
 def _with_derived_velocities(scene: Scene) -> Scene:
     """Return a scene without its velocities where they follow from the positions, and with gravity as gravity."""
-    from ..mechanics.kane import velocities_agree
+    from ..mechanics.virtual_power import velocities_agree
     from ..scene.reading import read
 
     if not velocities_agree(read(scene)):

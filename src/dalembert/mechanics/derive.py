@@ -15,12 +15,11 @@ from ..transforms.derivatives import cotangents, jacobian, tangents
 from ..transforms.linear import Matrix
 from ..transforms.taylor.nonsmooth import nonanalytic
 from .equations import ConstraintRow, ContactRow, EquationsOfMotion
-from .kane import kane_powers, load_powers
 from .kinematics import Kinematics
 from .load_energy import load_energy, warn_of_silent_potential
 from .power_checks import require_conjugate_slip, require_reactions_of_constraints
 from .quasi_velocities import VelocityChoice, VelocityGroup, quaternion_groups, velocity_groups
-from .virtual_power import Powers, powers
+from .virtual_power import Powers, kane_powers, load_powers, powers
 
 # Coordinates without a unit: angles, and components of quaternions.
 #

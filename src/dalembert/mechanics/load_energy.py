@@ -15,11 +15,10 @@ from ..ir.node import Node
 from ..ir.random_points import match
 from ..ir.zero_tests import agree
 from ..transforms.derivatives import tangents
-from .kane import load_powers
 from .kinematics import Kinematics
 from .load_potentials import LoadPart, given_parts, load_parts
 from .manifold import agree_on_manifold
-from .virtual_power import Powers
+from .virtual_power import Powers, load_powers
 
 if TYPE_CHECKING:
     from .equations import ConstraintRow
