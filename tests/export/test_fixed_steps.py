@@ -14,7 +14,7 @@ from dalembert.codegen.c.fixed_simulator import operation_rows
 from dalembert.errors import CapabilityError, OptionError
 from dalembert.ir.interpret import interpret
 from dalembert.ir.kernel import Kernel
-from dalembert.transforms.fixed_steps import corrected_kernel, excess_kernel
+from dalembert.transforms.runge_kutta import corrected_kernel, excess_kernel
 from export.fixed_runs import HARD, compilers, example, oscillator, states
 from hard_cases import hard_case
 

@@ -16,8 +16,8 @@ from ...ir.kernel import Assignment, Kernel
 from ...methods.names import CLASSICAL, CORRECTIONS
 from ...methods.status import Status
 from ...reduction.starting import Start
-from ...transforms.fixed_steps import corrected_kernel, excess_kernel, finite_kernel, fixed_step_pieces
 from ...transforms.linear import SET_ASIDE
+from ...transforms.runge_kutta import corrected_kernel, excess_kernel, finite_kernel, fixed_step_pieces
 from ...transforms.taylor.nonsmooth import nonanalytic_operations, nonsmooth_values, pivot_comparisons
 from ...transforms.taylor.step import STEP_ARGUMENTS
 from ..rendering import render
