@@ -14,12 +14,11 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody
 from sympy.physics.vector import Vector
 
 from ..errors import SceneError, nesting_named
-from .added_shapes import add_shapes
+from .additions import add_connection, add_joints, add_shapes
 from .contacts.geometry import GeometricContact
 from .contacts.laws import CoulombFriction, UnilateralContact
 from .controllers import Controller
 from .joints.compliances import add_compliances
-from .joints.connections import add_connection, add_joints
 from .joints.joints import Joint
 from .joints.reactions import Connection, reaction
 from .orientation import FreeOrientation

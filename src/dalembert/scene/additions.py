@@ -1,8 +1,11 @@
-"""`Scene.add_shapes`: shapes for pictures, checked when they are added."""
+"""What is added to scenes beside bodies and loads: joints, by their classes, and shapes for pictures.
+
+Arguments of shapes are checked when they are added.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -10,13 +13,71 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from sympy import Expr
 from sympy.physics.mechanics import Point
+from sympy.physics.mechanics.joint import Joint as SympyJoint
 from sympy.physics.vector import Vector
 
-from ..errors import OptionError
-from .shapes import Mesh, Shape
+from ..errors import OptionError, nesting_named
+from .joints.closures import Closure, add_closure
+from .joints.couplings import Gear, Rope, add_gear, add_rod, add_rope
+from .joints.joints import Joint
+from .joints.limits import Stop, add_stop
+from .joints.reactions import require_new_name
+from .joints.rolling_bodies import RollingDisc, RollingSphere, add_rolling
+from .joints.sympy_joints import add_sympy_joint
+from .shapes import Mesh, Rod, Shape
 
 if TYPE_CHECKING:
     from .scene import Scene
+
+ADDING: dict[type, Callable[[Scene, Any], None]] = {
+    SympyJoint: add_sympy_joint,
+    Closure: add_closure,
+    Rod: add_rod,
+    Rope: add_rope,
+    Gear: add_gear,
+    RollingDisc: add_rolling,
+    RollingSphere: add_rolling,
+    Stop: add_stop,
+}
+"""Classes of joints that constrain, each with the function that adds one to a scene."""
+
+
+def add_connection(scene: Scene, joint: Any) -> bool:
+    """Add a joint that constrains; return whether it is one."""
+    for kind, add in ADDING.items():
+        if isinstance(joint, kind):
+            add(scene, joint)
+            return True
+    return False
+
+
+@nesting_named
+def add_joints(self: Scene, *joints: Any) -> None:
+    """Add joints: those of ``sympy.physics.mechanics``, those that constrain, or a `Joint` with unknown reactions.
+
+    `PinJoint`, `PrismaticJoint`, `CylindricalJoint`, `PlanarJoint`, `SphericalJoint` and `WeldJoint` build a tree.
+    Each adds its bodies and coordinates, unless the scene has them, and its speeds. A parent at rest is the fixed
+    frame. `Closure`, `Rod`, `Gear`, `RollingDisc` and `RollingSphere` add constraints, `Rope` and `Stop` contacts.
+    The reaction of a joint "elbow" is an output by name: "elbow.force_x", ..., "elbow.torque_z" act on the child at
+    the joint's ``child_point``, with axes of its ``parent_interframe``. See `reaction` for other axes.
+
+    A reaction need not have power on the coordinates. It is computed where it is the same whatever connections of
+    bodies carry that no joint declares; otherwise the error names the bodies.
+
+    Raises
+    ------
+    SceneError
+        For a second joint of the same name, and for arguments that contradict the scene, such as a SymPy joint that
+        closes a loop.
+    """
+    for joint in joints:
+        if isinstance(joint, Joint):
+            if any(joint.name == item.name for item in self.connections):
+                require_new_name(self, joint.name)
+            self.joints += (joint,)
+        elif not add_connection(self, joint):
+            self.joints += (joint,)
+
 
 _POINTS, _VECTORS, _OTHER = (
     ("at", "start", "end", "point"),
