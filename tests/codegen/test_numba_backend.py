@@ -24,7 +24,8 @@ from dalembert.codegen.llvm import assembly as printer
 from dalembert.codegen.llvm.assembly import compile_object, load_object
 from dalembert.codegen.llvm.backend import LLVMLibrary
 from dalembert.codegen.llvm.definitions import with_definitions
-from dalembert.codegen.numba import objects, texts
+from dalembert.codegen.numba import backend as numba_backend
+from dalembert.codegen.numba import texts
 from dalembert.codegen.printers import NUMBA
 from dalembert.codegen.rendering import template_directory
 from dalembert.errors import OptionError
@@ -124,7 +125,7 @@ def test_every_operation_means_what_it_means_to_llvm():
     kernel = Kernel("k", ("t", "y", "c", "s"), loads, body, tuple(line.target for line in body))
     codes = (
         load_object(compile_object(with_definitions(printer.assembly([("k", kernel)], 1)))),
-        objects.load_functions(None, "k", lambda: texts.kernel("k", kernel), ("k",)),
+        numba_backend.load_functions(None, "k", lambda: texts.kernel("k", kernel), ("k",)),
     )
     calls = [ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 5)(code.address("k")) for code in codes]
     for op in operations:
@@ -170,8 +171,10 @@ def test_a_changed_template_changes_what_runs(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("method", ["taylor", "radau"])
 def test_every_function_of_a_run_stands_in_the_source(method, monkeypatch):
-    compiled, make = [], objects._compiled
-    monkeypatch.setattr(objects, "_compiled", lambda text, functions: (compiled.append(text), make(text, functions))[1])
+    compiled, make = [], numba_backend._compiled
+    monkeypatch.setattr(
+        numba_backend, "_compiled", lambda text, functions: (compiled.append(text), make(text, functions))[1]
+    )
     model = sleigh()
     assert model.simulate((0, 1), START, P, method=method, rtol=1e-6).success
     model.accelerations(0.0, [0, 0, 0.2], [1, 0.2, 0.4], P)

@@ -59,7 +59,7 @@ def test_every_form_of_a_step_is_the_same(kind):
 
 def test_loops_of_numba_are_the_same():
     from dalembert.codegen.numba import texts
-    from dalembert.codegen.numba.objects import load_functions
+    from dalembert.codegen.numba.backend import load_functions
     from dalembert.codegen.numba.taylor_loops import taylor_loop
     from dalembert.codegen.rendering import render
 
