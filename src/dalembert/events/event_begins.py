@@ -1,7 +1,7 @@
 """Values, rates and rounding errors of watched expressions at one state of a case.
 
 One kernel gives them where it is short. Else the partial derivatives that the rounding errors follow from
-(`dalembert.reduction.state_noise`) are derivatives along one component of the state at a time, by a kernel that is as
+(`dalembert.reduction.state_reader`) are derivatives along one component of the state at a time, by a kernel that is as
 long whatever their number, for as many components in a call as it has lanes.
 """
 

@@ -19,8 +19,7 @@ from ..scene.scene import Scene
 from ..scene.symbol_table import Entry
 from ..transforms.derivatives import tangents
 from .base import ReducedSystem
-from .state_noise import slopes, summands, terms
-from .state_reader import StateReader
+from .state_reader import StateReader, slopes, summands, terms
 
 ROUNDINGS = 64 * EPSILON
 _AT_LIMIT = 1024 * EPSILON
