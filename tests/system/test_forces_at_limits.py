@@ -95,6 +95,19 @@ def test_a_contact_sticks_at_its_limit(force, kind):
         assert slips(model, cases(1 - 1e-9), method) == 0, method
 
 
+@pytest.mark.parametrize("kind", ["line", "plane"])
+@pytest.mark.parametrize("ratio", [0.7, 1.0])
+def test_polynomials_that_overshoot_the_limit_move_nothing(ratio, kind):
+    """A force that just reaches its limit lies within the errors of loose steps of it, and never beyond it.
+
+    With a coefficient of slip below that of stick the block would slip on, else phases followed each other without end.
+    """
+    model = da.compile_model(block(FORCES["there and back"], kind))
+    p = cases() | {"mu": ratio * cases()["mu_s"]}
+    for rtol in (1e-3, 1e-4, 1e-6):
+        assert slips(model, p, "taylor", rtol=rtol, atol=rtol) == 0, rtol
+
+
 @pytest.mark.parametrize("reach", [1, 2])
 @pytest.mark.parametrize("force", ["minimum", "piecewise", "from a preload", "jump"])
 def test_two_feet_stick_where_one_does(force, reach):

@@ -18,7 +18,6 @@ from .contact_impacts import close_gaps, hold, moves_in_mode, strike
 from .contact_kinds import (
     approaches,
     arrives,
-    began_to_slip,
     gap_allowance,
     kind_at_end,
     meets_at_end,
@@ -26,13 +25,13 @@ from .contact_kinds import (
     sign,
     strikes,
     touching,
-    way_of_slip,
 )
 from .contact_system import OPEN, SLIP, STICK, ContactSystem, dot, inertial_terms, opening_power, terms
 from .equations.dependent_slips import point_across
 from .selection.contact_forces import load_accelerations, solve_mode
 from .selection.mode_candidates import FREE, GRIPPED, HOVERING, TOUCHING, Candidates
 from .selection.mode_selection import select_at
+from .slip_begins import began_to_slip, forget_early_breaks, way_of_slip
 from .slow_slip import begins_anew, choose_rest_speeds, jam, slides_slowly, take_as_rest
 
 _ENORMOUS = 1e300
@@ -271,6 +270,8 @@ def decide(arguments: DecisionArguments, case: int) -> bool:
         return cases.status[case] == _SUCCESS
     known, meets, closing = _what_is_known(pick, cases, case, begins)
     load_accelerations(system)
+    if begins:
+        forget_early_breaks(system, pick, cases, case)
     _weigh(system, pick, cases, case)
     if cases.status[case] != _IMPOSSIBLE:  # else the last mode has lost its reactions
         cases.status[case] = select_at(system, pick, cases, case, known, meets, arguments.rtol)

@@ -18,9 +18,8 @@ from .contact_cases import (
     slip_speed,
     slip_terms,
 )
-from .contact_system import OPEN, SLIP, STICK, ContactSystem, drift, inertial_size, opening_power, terms
-from .selection.dead_centres import motionless
-from .selection.mode_candidates import BREAK_DOWN, BREAK_UP, FREE, LIFT, LIFTING, MEET, STOP, closed_kind
+from .contact_system import OPEN, STICK, ContactSystem, drift, inertial_size, opening_power, terms
+from .selection.mode_candidates import BREAK_UP, FREE, LIFT, LIFTING, MEET, STOP, closed_kind
 
 RESTING = 1e-7
 """Share of the largest approach speed of a contact so far, below which an impact has no restitution.
@@ -43,9 +42,6 @@ contact with a restitution below 1 rests that hops."""
 
 _SPARE = 1e-3
 """Share of the tolerances by which the gap of a contact that touches and stays open may fall below zero."""
-
-_ENOUGH_STOPS = 16
-"""Number of phases in a row that may end too soon, after which slip at a dead centre goes the other way."""
 
 _JUMPED = 1e-4
 """Share of the slip speeds so far above which slip has not ended: its velocity has jumped through zero."""
@@ -242,41 +238,6 @@ def kind_at_end(system: ContactSystem, cases: ContactCases, case: int, i: int) -
     if free or (gap_rate(system, i) > noise and (before == UNDECIDED or not _unresolved(system, cases, case, i))):
         return FREE
     return _closed_at_end(system, cases, case, i)
-
-
-@compiled_subset
-def began_to_slip(system: ContactSystem, cases: ContactCases, case: int, i: int) -> bool:
-    """Return whether a contact along a line began to slip at this instant, and no guard but the end of slip has fired.
-
-    It does not stick again because another contact breaks away, too: bodies that are alike would take turns.
-    """
-    began = cases.passed[case] == 0.0 and cases.modes[case, i] == SLIP and system.width[i] == 1
-    return began and (cases.fired[case, i] == 0 or cases.fired[case, i] == STOP)
-
-
-@compiled_subset
-def way_of_slip(system: ContactSystem, cases: ContactCases, case: int, i: int) -> int:
-    """Return the guards of a contact that began to slip at this instant, by which it slips on.
-
-    At a dead centre it may turn back. Where it misses that by rounding, its slip ends where it begins, again and again:
-    then it goes the other way, whatever the slip acceleration is there.
-    """
-    up = cases.added[case, ADDED * i] > 0.0
-    if cases.fired[case, i] == STOP and cases.soon[case] >= _ENOUGH_STOPS:
-        return STOP + (BREAK_DOWN if up else BREAK_UP)
-    if motionless(system, system.constraints + system.first[i]):
-        return cases.fired[case, i]
-    return BREAK_UP if up else BREAK_DOWN
-
-
-@compiled_subset
-def forget_breaks(cases: ContactCases, case: int) -> None:
-    """Forget the guards that say that friction fails to hold, where a force has a kink: it may stay at its limit there.
-
-    A contact sticks on where that breaks no law, and its guard fires again at once where the force continues to grow.
-    """
-    for i in range(cases.fired.shape[1]):
-        cases.fired[case, i] %= BREAK_UP
 
 
 @compiled_subset

@@ -19,10 +19,10 @@ from ..subset.arguments import Record, Vector
 from ..subset.compiled_subset import call_code, compiled_subset, row
 from .contact_decisions import LOOP as DECISIONS
 from .contact_decisions import DecisionArguments
-from .contact_kinds import forget_breaks
 from .phase_loop import LOOP, PhaseArguments
 from .phase_maps import EventMaps, map_state, refuse_map
 from .phase_tables import JUMPS
+from .slip_begins import forget_breaks
 
 CHANGES = 2
 """Value of ``ContactPlace.pending``."""

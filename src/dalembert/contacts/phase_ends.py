@@ -5,9 +5,10 @@ from __future__ import annotations
 from ..events.event_rules import happens_together
 from ..methods.status import Status
 from ..subset.compiled_subset import compiled_subset
-from .contact_kinds import SOON, SOON_IN_A_ROW, forget_breaks
+from .contact_kinds import SOON, SOON_IN_A_ROW
 from .contact_system import OPEN
 from .phase_tables import JUMPS, NO_RUNNER, CaseTable, PhasePlan, ThreadWorkspace
+from .slip_begins import forget_breaks
 
 _SUCCESS, _EVENT = int(Status.SUCCESS), int(Status.EVENT)
 _IMPOSSIBLE, _ACCUMULATE = int(Status.CONTACT_IMPOSSIBLE), int(Status.EVENTS_ACCUMULATE)

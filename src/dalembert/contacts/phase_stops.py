@@ -17,7 +17,7 @@ from ..stops.input_records import begin_inputs, pass_knots
 from ..stops.stops import StopTable, end_of_steps, is_due, no_stops
 from ..subset.arguments import Matrix, Vector
 from ..subset.compiled_subset import call_code, compiled_subset, row
-from .contact_kinds import forget_breaks
+from .slip_begins import forget_breaks
 
 if TYPE_CHECKING:
     from .phase_tables import CaseTable, ThreadWorkspace
