@@ -15,8 +15,8 @@ from dalembert.errors import MissingExtraError, OptionError, StoredSweepError, S
 from dalembert.store import cluster as on_cluster
 from dalembert.store import sweep as stored_sweep
 from dalembert.store.chunks import ChunkJob
-from dalembert.store.cluster import device_of
 from dalembert.store.description import difference, machine
+from dalembert.store.jax_device import device_of
 
 zarr = pytest.importorskip("zarr")
 xarray = pytest.importorskip("xarray")
@@ -258,7 +258,7 @@ DEVICES = """
 from types import SimpleNamespace
 import distributed
 distributed.get_worker = lambda: SimpleNamespace(name=1)
-from dalembert.store.cluster import take_own_device
+from dalembert.store.jax_device import take_own_device
 take_own_device()
 import jax.numpy as jnp
 print(*(device.id for device in jnp.zeros(3).devices()))

@@ -2,7 +2,7 @@
 
 The program of the model is kept in the store while the sweep runs, and each process reads it once: data that workers
 hold is lost with them, and a task that carried it would burden the scheduler. A task has the options of the sweep, a
-few kilobytes, and the arrays of its chunk. A process that runs JAX computes on a device of its own.
+few kilobytes, and the arrays of its chunk.
 """
 
 from __future__ import annotations
@@ -10,13 +10,12 @@ from __future__ import annotations
 import copyreg
 import io
 import pickle
-import re
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Any, TypeVar, final
+from typing import TYPE_CHECKING, Any, final
 from uuid import uuid4
 
 from ..codegen import backend_named
@@ -130,6 +129,8 @@ class _SentJob:
                 f"this worker does not see the store {str(self.where)!r}, or another one; all machines must share it"
             )
         if self.backend == "jax":
+            from .jax_device import take_own_device
+
             take_own_device()
         model = derived_once(_MODELS, self.program, lambda: unpacked(program or b""))
         return ChunkJob(model, self.options, self.request, self.leaders, store)
@@ -229,28 +230,3 @@ def _job_of(text: bytes) -> ChunkJob:
 def _received(text: bytes) -> ChunkJob:
     sent: _SentJob = pickle.loads(text)
     return sent.received()
-
-
-D = TypeVar("D")
-
-
-def device_of(worker: Any, devices: Sequence[D]) -> D:
-    """Return which of the devices that a worker sees is its own: they go round by the last number in its name.
-
-    Workers are numbered from 0 by the clusters of dask; one that sees a single device, as those of dask-cuda do, has
-    that one.
-    """
-    numbers = re.findall(r"\d+", str(worker))
-    return devices[int(numbers[-1]) % len(devices) if numbers else 0]
-
-
-def take_own_device() -> None:
-    """Let this process of a cluster compute on a device of its own."""
-    import jax
-    from distributed import get_worker
-
-    devices = jax.local_devices()
-    if len(devices) > 1:
-        jax.config.update(  # type: ignore[no-untyped-call]
-            "jax_default_device", device_of(get_worker().name, devices)
-        )
