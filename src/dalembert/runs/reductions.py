@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Mapping
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
 
 from ..errors import OptionError
 from ..events.event_code import Event
 from ..frozen import frozen
-
-if TYPE_CHECKING:
-    pass
 
 
 @final
