@@ -271,7 +271,7 @@ def test_starts_with_independent_constraints_are_screened(name, monkeypatch):
     def interpret(*_):
         raise AssertionError("the starts are interpreted")
 
-    monkeypatch.setattr(sweeps, "_independent_cases", interpret)
+    monkeypatch.setattr(sweeps, "independent_cases", interpret)
     for array, value in zip(sweep(), cold, strict=True):
         np.testing.assert_array_equal(array, value)
 
