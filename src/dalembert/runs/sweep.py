@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import FloatArray
-from ..errors import OptionError, ValueInputError
+from ..errors import OptionError
 from ..lanes.cases import BlockResult
 from ..methods.status import Status
 from ..options import SweepOptions, tighter
@@ -20,11 +20,11 @@ from ..results.statistics import SweepStatistics
 from ..results.sweep import Sweep
 from ..results.sweep_states import NO_MODE, ProgramStates
 from ..starts import inputs
-from ..starts.first_integrals import keeping_model, kept_values, refuse_jumps
+from ..starts.first_integrals import refuse_jumps
 from ..starts.symbol_assumptions import warn_of_motion
 from ..threads import available_threads
 from .case_blocks import fitted, run_cases
-from .case_constraints import divisible_cases, independent_cases, surely_independent, unlike_left_out
+from .case_models import divisible_cases, independent_cases, keeping_cases, surely_independent, unlike_left_out
 from .case_settings import CaseSettings, check_settings, common_settings, spans_of, with_grid
 from .cases import Cases
 from .elapsed import begins_elsewhere, elapsed_times, far, in_elapsed_time, offset_columns
@@ -120,7 +120,7 @@ def sweep_in_own_time(
     """
     if options.project_invariants is not False:
         refuse_jumps(options.events, model.layout.aliases)
-        model, further = _keeping_cases(model, options.project_invariants, t_span, initial, parameters, options.grid)
+        model, further = keeping_cases(model, options.project_invariants, t_span, initial, parameters, options.grid)
         options, parameters = replace(options, project_invariants=False), {**parameters, **further}
     begin = time.perf_counter()
     if options.grid is not None:
@@ -149,28 +149,6 @@ def sweep_in_own_time(
         finer = fitted(model.engine, cases, finer, model.derived.quick_start)
     begin, stop = time.perf_counter(), bool(np.any(run.status == Status.INTERRUPTED))
     return run.with_twin(_results(model, cases, finer, run_cases(model.engine, cases, finer, stop), axes, begin))
-
-
-def _keeping_cases(
-    model: CompiledModel,
-    requested: Any,
-    t_span: tuple[Any, Any],
-    initial: Given,
-    parameters: Given,
-    grid: CaseSet | None,
-) -> tuple[CompiledModel, dict[str, FloatArray]]:
-    """Return the model that keeps first integrals after every step, and its further parameters for all cases."""
-    if grid is not None:
-        initial, parameters = with_grid(model.layout, grid, initial, parameters)
-    program = model.stages.program
-    cases = Cases(program, model.derived.start, t_span, initial, parameters)
-    y, c, t, status = cases.starts()
-    able = np.flatnonzero(status < 0)
-    if not len(able):
-        raise ValueInputError("project_invariants: no case of the sweep can start, so that nothing is to be kept")
-    first = able[0]
-    keeper, names = keeping_model(model, requested, c[first], float(t[first]), y[first])
-    return keeper, kept_values(names, program, model.derived.invariants, c, t, y)
 
 
 def _model_and_cases(

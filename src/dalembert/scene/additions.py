@@ -1,4 +1,4 @@
-"""What is added to scenes beside bodies and loads: joints, by their classes, and shapes for pictures.
+"""Joints and shapes for pictures, added to a scene by their classes.
 
 Arguments of shapes are checked when they are added.
 """

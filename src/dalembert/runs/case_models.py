@@ -1,20 +1,46 @@
-"""Choice of the constraints that the cases of a sweep enforce, and of cases that would need another choice."""
+"""Choice of the model that the cases of a sweep run: which constraints it enforces, which first integrals it keeps."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arrays import FloatArray
 from ..errors import InitialStateError, ValueInputError
+from ..results.cases import CaseSet
 from ..starts.constraint_choice import divisible_model, independent_model
 from ..starts.constraint_rank import unlike
-from .case_settings import CaseSettings
+from ..starts.first_integrals import keeping_model, kept_values
+from .case_settings import CaseSettings, with_grid
 from .cases import Cases, single_problem
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
+
+
+def keeping_cases(
+    model: CompiledModel,
+    requested: Any,
+    t_span: tuple[Any, Any],
+    initial: Mapping[Any, Any],
+    parameters: Mapping[Any, Any],
+    grid: CaseSet | None,
+) -> tuple[CompiledModel, dict[str, FloatArray]]:
+    """Return the model that keeps first integrals after every step, and its further parameters for all cases."""
+    if grid is not None:
+        initial, parameters = with_grid(model.layout, grid, initial, parameters)
+    program = model.stages.program
+    cases = Cases(program, model.derived.start, t_span, initial, parameters)
+    y, c, t, status = cases.starts()
+    able = np.flatnonzero(status < 0)
+    if not len(able):
+        raise ValueInputError("project_invariants: no case of the sweep can start, so that nothing is to be kept")
+    first = able[0]
+    keeper, names = keeping_model(model, requested, c[first], float(t[first]), y[first])
+    return keeper, kept_values(names, program, model.derived.invariants, c, t, y)
 
 
 def divisible_cases(model: CompiledModel, cases: Cases) -> CompiledModel:
