@@ -1,7 +1,8 @@
 """The pages of the hard cases, from the data of a run: ``python benchmarks/hard_case_pages.py`` writes them.
 
-[benchmarks/results/hard_cases.json] -> docs/hard_cases.md (a line a case), docs/hard_cases_details.md (all errors)
-and docs/hard_cases_errors.png. `report_hard_cases` and `report_contacts` write the data.
+[benchmarks/results/hard_cases.json] -> docs/hard_cases.md (worst error and best method of each case),
+docs/hard_cases_details.md (errors by method) and docs/hard_cases_errors.png. `report_hard_cases` and
+`report_contacts` write the data.
 """
 
 from __future__ import annotations
@@ -60,10 +61,6 @@ def table(text: str) -> Record:
     return {"head": head, "rows": rows}
 
 
-def _milliseconds(value: float) -> str:
-    return f"{value:.3g}" if value < 1000 else f"{value:,.0f}"
-
-
 def default_runs(case: Record) -> Iterator[tuple[str, str, Record]]:
     """Yield formulation, method and figures of the runs in formulations that "auto" chooses from."""
     for formulation, found in case["formulations"].items():
@@ -79,19 +76,25 @@ def _line(name: str, case: Record) -> list[str]:
         (entry["error"], entry["ms"], method, formulation) for formulation, method, entry in runs if "error" in entry
     ]
     if not measured:
-        return [f"{name}: {case['hard']}", " or ".join(statuses), "-", "", ""]
-    error, ms, method, formulation = min(measured)
+        return [f"{name}: {case['hard']}", " or ".join(statuses), "-"]
+    error, _, method, formulation = min(measured)
     used = f"`{method}`" + ("" if formulation == "all" else f", `{formulation}`")
     worst = number(max(measured)[0]) + ("; other runs fail with a status" if statuses else "")
-    return [f"{name}: {case['hard']}", worst, used, number(error), _milliseconds(ms)]
+    return [f"{name}: {case['hard']}", worst, f"{number(error)} ({used})"]
 
 
 def _rows(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-def _table(table: Record) -> str:
-    return f"| {' | '.join(table['head'])} |\n|{'---|' * len(table['head'])}\n{_rows(table['rows'])}"
+def _table(table: Record, *columns: str, only: str = "") -> str:
+    """Return columns of a table; `only` leaves the rows with a cell that ends with it."""
+    places, rows, last = [table["head"].index(column) for column in columns], [], ""
+    for row in table["rows"]:
+        last = row[0] or last
+        if any(cell.endswith(only) for cell in row):
+            rows.append([last if place == 0 else row[place] for place in places])
+    return f"| {' | '.join(columns)} |\n|{'---|' * len(columns)}\n{_rows(rows)}"
 
 
 def overview(data: Record) -> str:
@@ -110,41 +113,35 @@ def overview(data: Record) -> str:
     )
 
 
-def _cell(entry: Record | None) -> str:
-    if entry is None:
-        return "-"
-    return entry.get("why") or number(entry["error"])
-
-
-def _figures(data: Record) -> Iterator[list[str]]:
-    for name, case in data["cases"].items():
-        shown = name
-        for formulation, found in case["formulations"].items():
-            if "why" not in found:
-                yield [shown, formulation, *(_cell(found.get(method)) for method in data["tolerances"])]
-                shown = ""
+def _worst(case: Record, method: str) -> str:
+    """Return the largest error of a method in formulations that "auto" chooses from, or how its runs end."""
+    runs = [entry for _, used, entry in default_runs(case) if used == method]
+    errors = [number(max(entry["error"] for entry in runs))] if all("error" in entry for entry in runs) else []
+    return ", ".join(errors or sorted({entry["why"] for entry in runs if "why" in entry}))
 
 
 def details(data: Record) -> str:
-    """Return the page with all errors and times, the references, and what else was measured."""
-    refused: dict[str, list[str]] = {}
-    for name, case in data["cases"].items():
-        for formulation, found in case["formulations"].items():
-            if "why" in found:
-                refused.setdefault(f"`{formulation}`: {found['why'].split(' = 0 ')[-1]}", []).append(name)
-    references = [
-        [name, case["quantity"], ", ".join(f"{t:g}" for t in case["times"]), case["source"]]
-        for name, case in data["cases"].items()
-    ]
+    """Return the page with the errors of each method, and what else was measured."""
+    cases = [[name, *(_worst(case, method) for method in data["tolerances"])] for name, case in data["cases"].items()]
+    long = data["table_long"]
     return DETAILS.format(
-        machine=data["machine"],
         methods=" | ".join(data["tolerances"]),
         rule="|".join("---:" for _ in data["tolerances"]),
-        references=_rows(references),
-        figures=_rows(list(_figures(data))),
-        refused="\n".join(f"- {reason}: {', '.join(names)}" for reason, names in refused.items()),
+        cases=_rows(cases),
         checks=data["checks"],
-        **{name: _table(data[f"table_{name}"]) for name in ("smooth", "long", "stiff", "symmetric", "kept")},
+        smooth=_table(data["table_smooth"], "eps, m/s", "error at 8 s", "steps", 'method of "auto"'),
+        ends=", ".join(sorted({row[long["head"].index("status")] for row in long["rows"]})),
+        long=_table(long, "case", "formulation", "time", "energy", "other integrals", "positions"),
+        stiff=_table(data["table_stiff"], "case", "method", "error", "evaluations", "ms", only="1e-08"),
+        kept=_table(
+            data["table_kept"],
+            "scene",
+            "method, rtol",
+            "error at the end",
+            "change of energy",
+            "time, with over without",
+            only="1e-06",
+        ),
     )
 
 
