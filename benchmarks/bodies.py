@@ -2,7 +2,7 @@
 
     pip install pin mujoco drake exudyn
     python benchmarks/bodies.py                                    # prints tables of chains and of closed loops
-    python benchmarks/bodies.py --write                           # writes docs/many_bodies_measured.md, and a picture
+    python benchmarks/bodies.py --write                           # writes many_bodies_*.csv, and a picture
     python benchmarks/bodies.py --sizes 10 30 --chains planar --loops --limit 30
     python benchmarks/bodies.py --only-growth                      # without evaluations
 
@@ -35,7 +35,7 @@ from measure import interleaved
 from mechanism_peers import installed
 from numba import cfunc
 from numpy.typing import NDArray
-from report import fill_page
+from saved_tables import save
 
 import dalembert as da
 from dalembert.codegen.compiled_engine import CompiledEngine
@@ -43,7 +43,7 @@ from dalembert.model.model import CompiledModel
 from loops import LOOPS
 from mechanics.bodies import Link, torques
 
-PAGE, PICTURE = ROOT / "docs" / "many_bodies_measured.md", ROOT / "docs" / "pictures" / "many_bodies.png"
+PICTURE = ROOT / "docs" / "pictures" / "many_bodies.png"
 Vector = NDArray[np.float64]
 SIZES = (2, 7, 12, 30, 50, 100, 300, 1000)
 SPAN = 1.0
@@ -243,20 +243,15 @@ def residual_table(found: Sequence[Growth]) -> str:
     return "\n".join(lines)
 
 
-def marks(table: str) -> tuple[str, str]:
-    """Return the comments of the page between which a table lies."""
-    return f"<!-- table of {table}: benchmarks/bodies.py --write -->", f"<!-- end of the table of {table} -->"
-
-
 def main() -> None:
-    """Print the tables, or write them to the page."""
+    """Print the tables, or save them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
     parser.add_argument("--chains", nargs="*", choices=CHAINS, default=list(CHAINS))
     parser.add_argument("--loops", nargs="*", choices=LOOPS, default=list(LOOP_SIZES))
     parser.add_argument("--limit", type=float, default=60.0)
     parser.add_argument("--only-growth", action="store_true", help="of chains, without evaluations")
-    parser.add_argument("--write", action="store_true", help="write the tables of what was measured to the page")
+    parser.add_argument("--write", action="store_true", help="save the tables, for docs/many_bodies_measured.md")
     given = parser.parse_args()
     chains = measured({name: given.sizes for name in given.chains}, given.limit, evaluated=not given.only_growth)
     loops = measured({name: LOOP_SIZES[name] for name in given.loops}, given.limit)
@@ -270,7 +265,7 @@ def main() -> None:
     for name, table in tables.items():
         print(f"\n{table}")
         if given.write:
-            fill_page(PAGE, marks(name), table)
+            save(f"many_bodies_{name}", table)
     if "evaluations" in tables and given.write:
         growth_picture(chains, PICTURE)
 

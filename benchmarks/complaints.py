@@ -1,7 +1,7 @@
 """Three mechanisms that users of other programs complained about, from an empty process to the first trajectory.
 
     python benchmarks/complaints.py           # prints the table
-    python benchmarks/complaints.py --write   # writes it to docs/many_bodies_measured.md
+    python benchmarks/complaints.py --write   # saves it: slow_cases.csv, for docs/many_bodies_measured.md
 
 Sixty links on a cart took SymPy 1,596 s by a user's report; a Furuta pendulum took Multibody.jl over three minutes, and
 a quadrotor had not begun to move after ten. Each runs in a process of its own with no cache; seconds are those of
@@ -19,7 +19,6 @@ from time import process_time
 from typing import Any
 
 PROCESSES = 3
-MARKS = "<!-- table of complaints: benchmarks/complaints.py --write -->", "<!-- end of the table of complaints -->"
 Mechanism = tuple[Any, dict[Any, float], dict[Any, float], dict[str, float]]
 """Scene, parameters, start, inputs of the timed run."""
 
@@ -155,9 +154,8 @@ def row(name: str, found: Mapping[str, Any]) -> str:
 
 
 def main(*, write: bool) -> None:
-    """Print the table, or write it to the page."""
-    from bodies import PAGE  # here, since it imports what processes are to import in their own time
-    from report import fill_page
+    """Print the table, or save it."""
+    from saved_tables import save  # here, since processes are to import everything in their own time
 
     heads = ", s | ".join(STAGES)
     lines = [f"| mechanism | coordinates | {heads}, s | in all, s | next run, ms | change of energy | reported |"]
@@ -175,7 +173,7 @@ def main(*, write: bool) -> None:
     table = "\n".join(lines)
     print(table)
     if write:
-        fill_page(PAGE, MARKS, table)
+        save("slow_cases", table)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Exported simulators beside the default backend: time of a run, steps to the bit, sizes of code and binary.
 
-``python benchmarks/exports.py`` prints; ``--save`` writes the table of docs/export_measured.md. It needs a C compiler,
-numba and JAX, and ziglang. Kinds other than C with chosen steps are measured by `export_kinds`.
+``python benchmarks/exports.py`` prints; ``--save`` writes exports.csv, and parts of it to docs/export_measured.md. It
+needs a C compiler, numba and JAX, and ziglang. Kinds other than C with chosen steps are measured by `export_kinds`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, final
 
 import numpy as np
-from report import fill_page
+from saved_tables import save
 
 import dalembert as da
 
@@ -30,8 +30,6 @@ from corpus.named_scenes import READY  # noqa: E402
 from hard_cases import hard_case  # noqa: E402
 from hard_cases.machines import bicycle_parameters, bicycle_scene, upright_bicycle  # noqa: E402
 
-PAGE = ROOT / "docs" / "export_measured.md"
-MARKERS = ("<!-- exports: begin (written by benchmarks/exports.py) -->", "<!-- exports: end -->")
 RTOL, ATOL = 1e-10, 1e-12
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-O2", "-march=native")
 HARD = (
@@ -268,7 +266,7 @@ def _number(value: float | None, unit: float = 1.0) -> str:
 def main() -> None:
     """Measure, and print or save the table."""
     reader = argparse.ArgumentParser(description=__doc__)
-    reader.add_argument("--save", action="store_true", help="write the table of docs/export_measured.md")
+    reader.add_argument("--save", action="store_true", help="write exports.csv, and docs/export_measured.md")
     reader.add_argument("--quick", action="store_true", help="two hard cases")
     options = reader.parse_args()
     from export_kinds import further  # which imports this file
@@ -282,7 +280,7 @@ def main() -> None:
             rows.append(measure(motion, Path(folder)))
         print(table(rows[-1:]).splitlines()[-1], flush=True)
     if options.save:
-        fill_page(PAGE, MARKERS, table(rows))
+        save("exports", table(rows))
 
 
 if __name__ == "__main__":

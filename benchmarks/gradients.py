@@ -2,7 +2,7 @@
 
     pip install pin example-robot-data
     python benchmarks/gradients.py           # prints the table
-    python benchmarks/gradients.py --write   # writes it to docs/many_bodies_measured.md
+    python benchmarks/gradients.py --write   # saves it: gradients.csv, for docs/many_bodies_measured.md
 
 Robots of example-robot-data are read without loads of joints, with a motor in each joint. At a random state the
 derivatives of the second rates of the joints, by their coordinates, rates and torques, are compared with Pinocchio's
@@ -22,6 +22,7 @@ from time import process_time
 import numpy as np
 from bodies import least
 from robots import Reference, files
+from saved_tables import save
 
 import dalembert as da
 from dalembert.model.model import CompiledModel
@@ -32,8 +33,6 @@ ROBOTS = (
     ("hyq_description/robots/hyq_no_sensors.urdf", True),
     ("simple_humanoid_description/urdf/simple_humanoid.urdf", True),
 )
-PAGE = Path(__file__).parents[1] / "docs" / "many_bodies_measured.md"
-BEGIN, END = "<!-- table of gradients: benchmarks/gradients.py --write -->", "<!-- end of the table of gradients -->"
 HEADER = (
     "| robot | base | speeds | operations | derived, s | compiled, s | one state, us | of 1,000 states, us |"
     " Pinocchio, us | apart |\n|---|---|--:|--:|--:|--:|--:|--:|--:|--:|"
@@ -104,7 +103,7 @@ def row(path: Path, *, floating: bool) -> str:
 
 
 def main(*, write: bool) -> None:
-    """Print the table, or write it to the page."""
+    """Print the table, or save it."""
     known = {str(path): path for path in files()}
     lines = [HEADER]
     for name, floating in ROBOTS:
@@ -112,9 +111,7 @@ def main(*, write: bool) -> None:
         lines.append(row(path, floating=floating))
         print(lines[-1], flush=True)
     if write:
-        text = PAGE.read_text()
-        before, rest = text.split(BEGIN)
-        PAGE.write_text(f"{before}{BEGIN}\n\n" + "\n".join(lines) + f"\n\n{END}{rest.split(END)[1]}")
+        save("gradients", "\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Pages that simulate beside the export in C: sizes, and the time of a run as WebAssembly and as machine code.
 
-``python benchmarks/pages.py`` prints; ``--save`` writes the table of docs/export_measured.md. It needs a C compiler,
-ziglang and Node.js.
+``python benchmarks/pages.py`` prints; ``--save`` writes pages.csv, and a part of it to docs/export_measured.md. It
+needs a C compiler, ziglang and Node.js.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 import exports
 from export_kinds import changing
 from exports import ATOL, CLOCK, LEAST, PROGRAM, ROOT, RTOL, Motion, compiled, method_of, motions, ran
-from report import fill_page
+from saved_tables import save
 
 from export.pages import parts  # of the tests, whose folder `exports` makes known
 
@@ -26,7 +26,6 @@ sys.path.insert(0, str(ROOT / "docs"))
 
 from live_pages import PAGES
 
-MARKERS = ("<!-- pages: begin (written by benchmarks/pages.py) -->", "<!-- pages: end -->")
 TIMED = """
 const fs = require("fs"), zlib = require("zlib");
 const { code, given, span } = JSON.parse(fs.readFileSync(0, "utf8"));
@@ -79,7 +78,7 @@ def row(motion: Motion, folder: Path) -> str:
 def main() -> None:
     """Measure, and print or save the table."""
     reader = argparse.ArgumentParser(description=__doc__)
-    reader.add_argument("--save", action="store_true", help="write the table of docs/export_measured.md")
+    reader.add_argument("--save", action="store_true", help="write pages.csv, and docs/export_measured.md")
     reader.add_argument("--quick", action="store_true", help="two hard cases")
     options = reader.parse_args()
     warnings.simplefilter("ignore")
@@ -89,7 +88,7 @@ def main() -> None:
             lines.append(row(motion, Path(folder)))
         print(lines[-1], flush=True)
     if options.save:
-        fill_page(exports.PAGE, MARKERS, "\n".join(lines))
+        save("pages", "\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ Needs the packages pin and example-robot-data, which the library's own environme
 
     pip install pin example-robot-data
     python benchmarks/robots.py            # prints the table
-    python benchmarks/robots.py --write    # writes it to docs/robots_measured.md
+    python benchmarks/robots.py --write    # saves it: robots.csv, from which docs/robots_measured.md is written
     python benchmarks/robots.py panda ur5  # some robots
     python benchmarks/robots.py --all      # larger robots with a floating base, too, which takes half an hour
 
@@ -23,14 +23,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from saved_tables import save
 
 import dalembert as da
 
 STATES = 5
 MOST = 23
 """Coordinates of robots that are measured with a floating base, without --all."""
-PAGE = Path(__file__).parents[1] / "docs" / "robots_measured.md"
-BEGIN, END = "<!-- table of robots: benchmarks/robots.py --write -->", "<!-- end of the table -->"
 
 
 def files() -> list[Path]:
@@ -163,30 +162,22 @@ def cells(fixed: dict[str, Any] | None, floating: dict[str, Any] | None) -> list
     return [*(str(sizes[key]) for key in ("links", "bodies", "coordinates")), *map(", ".join, pairs)]
 
 
+HEAD = "| robot | links | bodies | coordinates | read [s] | compile [s] | error | residual | raised |"
+
+
 def table(rows: list[dict[str, Any]]) -> str:
-    """Return the rows as a table, with counts above it."""
-    loaded = [row for row in rows if "refused" not in row]
-    names = dict.fromkeys(row["name"] for row in rows)
-    refused = names.keys() - {row["name"] for row in loaded}
-    worst = [max(row[what] for row in loaded) for what in ("error", "residual")]
-    count = len(names)
-    lines = [
-        f"{count} files: {count - len(refused)} load and compile, {len(refused)} raise an error with the reason."
-        f" The largest difference from Pinocchio is {worst[0]:.0e} relative to the largest acceleration,"
-        f" {worst[1]:.0e} by residual.",
-        "",
-        "| robot | links | bodies | coordinates | read [s] | compile [s] | error | residual |",
-        "|---|--:|--:|--:|--:|--:|--:|--:|",
-    ]
-    for name in names:
-        bases = {row["floating"]: row for row in loaded if row["name"] == name}
-        if bases:
-            lines.append(f"| {name} | {' | '.join(cells(bases.get(False), bases.get(True)))} |")
-    lines.append("")
-    for row in rows:
-        if "refused" in row:
-            base = "floating" if row["floating"] else "fixed"
-            lines.append(f"- {row['name']} ({base} base): " + first_fault(row["refused"]))
+    """Return the rows as a table, a line a robot; `raised` has the errors that it raises."""
+    lines = [HEAD, "|---|--:|--:|--:|--:|--:|--:|--:|---|"]
+    for name in dict.fromkeys(row["name"] for row in rows):
+        own = {row["floating"]: row for row in rows if row["name"] == name}
+        loaded = [own[base] if "refused" not in own.get(base, {"refused": 0}) else None for base in (False, True)]
+        raised: dict[str, list[str]] = {}
+        for floating, row in own.items():
+            if "refused" in row:
+                raised.setdefault(first_fault(row["refused"]), []).append("floating" if floating else "fixed")
+        figures = cells(*loaded) if any(loaded) else [""] * 7
+        told = "; ".join(f"{' and '.join(bases)} base: {fault}" for fault, bases in raised.items())
+        lines.append(f"| {name} | {' | '.join(figures)} | {told} |")
     return "\n".join(lines)
 
 
@@ -204,9 +195,7 @@ def main(arguments: list[str]) -> None:
     text = table(rows)
     print(text)
     if "--write" in arguments:
-        page = PAGE.read_text()
-        head, _, rest = page.partition(BEGIN)
-        PAGE.write_text(f"{head}{BEGIN}\n\n{text}\n\n{END}{rest.partition(END)[2]}")
+        save("robots", text)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ Needs the package mujoco, which the library's own environments do not have:
     python benchmarks/robots_mujoco.py model.xml ...       # others; what a scene has no part for is skipped
     python benchmarks/robots_mujoco.py --references        # writes what the tests compare with
     pip install --no-deps dm_control gymnasium robosuite
-    python benchmarks/robots_mujoco.py --packages --write  # their models; to docs/robots_measured.md
+    python benchmarks/robots_mujoco.py --packages --write  # their models; to robots_mujoco.csv
     python benchmarks/robots_mujoco.py --packages --menagerie FOLDER --write  # with a copy of mujoco_menagerie
 
 Equalities are among the forces of neither, nor is what a scene has no part for: tendons, a fluid, other actuators.
@@ -21,12 +21,12 @@ import json
 import re
 import sys
 import tempfile
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from exact import ROOT  # puts tests/ on the path
+from saved_tables import save
 
 import dalembert as da
 from dalembert.interop.mjcf import SKIPPABLE
@@ -35,11 +35,6 @@ from interop.robot_texts import CRANE, PUCK
 MODELS = {"crane": CRANE, "puck": PUCK}
 STATES = 5
 MOST = 45
-PAGE = ROOT / "docs" / "robots_measured.md"
-BEGIN, END = (
-    "<!-- table of models: benchmarks/robots_mujoco.py --packages --write -->",
-    "<!-- end of the table of models -->",
-)
 PACKAGES = {
     "dm_control": ("suite", "locomotion/walkers/assets", "third_party"),
     "gymnasium": ("envs/mujoco/assets",),
@@ -193,26 +188,16 @@ def read_and_compared(path: Path) -> tuple[int, str]:
 
 
 def table(rows: dict[str, tuple[int, str]]) -> str:
-    """Return models as a table, and why the others are refused, with counts."""
-    read = {name: row for name, row in rows.items() if row[0]}
-    compared = {name: float(text) for name, (_, text) in read.items() if text[:1].isdigit()}
-    reasons = Counter(text.replace("'", "`") for count, text in rows.values() if not count)
-    lines = [
-        f"{len(rows)} models: {len(read)} are read, {len(rows) - len(read)} raise an error with the reason. Of"
-        f" {len(compared)} the accelerations were compared: the largest difference is"
-        f" {max(compared.values()):.0e} of the largest acceleration.",
-        "",
-        "| model | coordinates | difference |",
-        "|---|--:|--:|",
-        *(f"| {name} | {count} | {text if text[:1].isdigit() else ''} |" for name, (count, text) in read.items()),
-        "",
-        *(f"- {count} {'models' if count > 1 else 'model'}: {text}" for text, count in reasons.most_common()),
-    ]
+    """Return models as a table; `raised` has the error that a model raises."""
+    lines = ["| model | coordinates | difference | raised |", "|---|--:|--:|---|"]
+    for name, (count, text) in rows.items():
+        figures = (count, text if text[:1].isdigit() else "", "") if count else ("", "", text.replace("'", "`"))
+        lines.append(f"| {name} | {' | '.join(map(str, figures))} |")
     return "\n".join(lines)
 
 
 def measure_packages(menagerie: Path | None, write: bool) -> None:
-    """Print the table of models of packages; write it to its page."""
+    """Print the table of models of packages; save it, and write its part of docs/robots_measured.md."""
     rows = {}
     for name, path in packaged(menagerie).items():
         rows[name] = read_and_compared(path)
@@ -220,9 +205,7 @@ def measure_packages(menagerie: Path | None, write: bool) -> None:
     text = table(rows)
     print(text)
     if write:
-        before, _, rest = PAGE.read_text().partition(BEGIN)
-        after = rest.partition(END)[2]
-        PAGE.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{after}")
+        save("robots_mujoco", text)
 
 
 def main(arguments: list[str]) -> None:

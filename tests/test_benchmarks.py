@@ -19,7 +19,7 @@ import overhead  # noqa: E402
 import published_peers  # noqa: E402
 import report  # noqa: E402
 import robots  # noqa: E402
-import robots_mujoco  # noqa: E402
+import saved_tables  # noqa: E402
 import sweeps  # noqa: E402
 import tables  # noqa: E402
 from batches import BATCHES, SAMPLE, sample_states  # noqa: E402
@@ -108,17 +108,26 @@ def test_a_robot_is_one_line_with_pairs_of_a_fixed_and_a_floating_base():
     fixed |= {"error": 1e-15, "residual": 2e-16}
     floating = fixed | {"floating": True, "bodies": 3, "coordinates": 9, "compile": 2.0, "error": 3e-15}
     alone = floating | {"name": "b", "bodies": 1, "coordinates": 7}
-    refused = {"name": "b", "floating": False, "refused": "nothing moves"}
-    count, *lines = robots.table([fixed, floating, refused, alone]).splitlines()
-    assert count.startswith("2 files: 2 load and compile, 0 raise") and "3e-15 relative" in count
-    assert lines[3:] == [
-        "| a | 4 | 2 | 2 | 0.10, 0.10 | 1.00, 2.00 | 1e-15, 3e-15 | 2e-16, 2e-16 |",
-        "| b | 4 | 0 | 0 | -, 0.10 | -, 2.00 | -, 3e-15 | -, 2e-16 |",
-        "",
-        "- b (fixed base): nothing moves",
+    refused = [{"name": "b", "floating": False, "refused": "nothing moves"}]
+    refused += [{"name": "c", "floating": base, "refused": "no links"} for base in (False, True)]
+    _, *rows = saved_tables.cells(robots.table([fixed, floating, refused[0], alone, *refused[1:]]))
+    assert rows == [
+        ["a", "4", "2", "2", "0.10, 0.10", "1.00, 2.00", "1e-15, 3e-15", "2e-16, 2e-16", ""],
+        ["b", "4", "0", "0", "-, 0.10", "-, 2.00", "-, 3e-15", "-, 2e-16", "fixed base: nothing moves"],
+        ["c", "", "", "", "", "", "", "", "fixed and floating base: no links"],
     ]
-    for script in (robots, robots_mujoco):
-        assert all(script.PAGE.read_text().count(marker) == 1 for marker in (script.BEGIN, script.END))
+    count, names, faults = saved_tables.robots(rows).split("\n\n")
+    assert count.startswith("3 files: 2 load and compile, 1 raise") and "3e-15 relative" in count
+    assert names == "Read: a, b."
+    assert faults == "- b, fixed base: nothing moves\n- c, fixed and floating base: no links"
+
+
+@pytest.mark.parametrize("name", saved_tables.SHOWN)
+def test_parts_of_pages_are_those_of_their_tables(name):
+    """If one is not: ``python benchmarks/saved_tables.py``."""
+    begin, end = saved_tables.markers(name)
+    _, found = (ROOT / "docs" / f"{saved_tables.SHOWN[name].page}.md").read_text().split(begin)
+    assert found.split(end)[0].strip() == saved_tables.part(name)
 
 
 def test_before_and_after_are_one_line_with_medians_minima_and_ratios():
