@@ -276,14 +276,18 @@ def section(result: Record) -> str:
 
 
 def _rows(records: Sequence[Record]) -> Iterator[list[str]]:
+    """Yield a row for each setting that is chosen, or the fastest one of its program in a column."""
     for peer, setting, chosen in dict.fromkeys((r["peer"], r["setting"], r["chosen"]) for r in records):
-        cells = {
-            (r["scene"], r["rtol"]): f"{r['us']['low']:.3g} ({r['error']:.0e})"
-            for r in records
-            if (r["peer"], r["setting"]) == (peer, setting)
-        }
-        name = f"{peer}: {setting}"
-        yield [f"**{name}**" if chosen else name, *(cells.get(column, "-") for column in SHOWN)]
+        own = {(r["scene"], r["rtol"]): r for r in records if (r["peer"], r["setting"]) == (peer, setting)}
+        cells = {key: f"{r['us']['low']:.3g} ({r['error']:.0e})" for key, r in own.items()}
+        if chosen or any(column in own and own[column] is _fastest(records, peer, column) for column in SHOWN):
+            name = f"{peer}: {setting}"
+            yield [f"**{name}**" if chosen else name, *(cells.get(column, "-") for column in SHOWN)]
+
+
+def _fastest(records: Sequence[Record], peer: str, column: tuple[str, float]) -> Record:
+    own = (r for r in records if r["peer"] == peer and (r["scene"], r["rtol"]) == column)
+    return min(own, key=lambda r: float(r["us"]["low"]))
 
 
 def main() -> None:

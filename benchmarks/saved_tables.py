@@ -139,6 +139,21 @@ SHOWN = {
         "many_bodies_measured",
         ("robot", "base", "compiled, s", "one state, us", "of 1,000 states, us", "Pinocchio, us", "apart"),
     ),
+    "stored_throughput": Shown(
+        "stored_measured",
+        ("", "us of CPU a case", "million cases a second", "of the plain sweep, CPU", "by the clock"),
+        tuple(
+            (f"{scene}: {way}",)
+            for scene in ("sleigh", "double pendulum")
+            for way in ("plain sweep, 2 threads", "stored, 2 threads", "cluster, 2 workers", "cluster, 4 workers")
+        ),
+    ),
+    "stored_starts": Shown("stored_measured", ("", "imports", "from the program", "empty cache", "cached")),
+    "stored_plan": Shown(
+        "stored_measured",
+        ("", "computing", "scheduler", "store", "bottleneck"),
+        tuple((f"{cases} cases, {nodes} nodes",) for cases, nodes in (("1e+09", 10), ("1e+12", 100), ("1e+12", 1000))),
+    ),
     "exports": Shown(
         "export_measured",
         ("motion", "kind", "method", "run [us]", "`prepare` [us]", "`simulate` [us]", "size [kB]", "compiled in [s]"),
@@ -207,7 +222,7 @@ def part(name: str) -> str:
     if shown.columns:
         chosen = [row for row in rows if not shown.rows or any(tuple(row[: len(few)]) == few for few in shown.rows)]
         columns = [[row[head.index(column)] for row in chosen] for column in shown.columns]
-        rule = ["--:" if all(not cell or cell[0].isdigit() for cell in column) else "---" for column in columns]
+        rule = ["---", *("--:" if all(not x or x[0].isdigit() for x in column) else "---" for column in columns[1:])]
         lines = (shown.columns, rule, *zip(*columns, strict=True))
         texts.append("\n".join(f"| {' | '.join(line)} |" for line in lines))
     return "\n\n".join(texts)

@@ -1,8 +1,8 @@
 """Stored sweeps: throughput by workers against a plain sweep, cost of a task, ten million cases, and a plan.
 
-``python benchmarks/stored_sweeps.py`` prints; ``--save`` writes docs/stored_measured.md, ``--quick`` takes
-fewer cases. Workers are processes of a LocalCluster on this machine. With ``--repeat 3`` it takes some five minutes on
-two free cores.
+``python benchmarks/stored_sweeps.py`` prints; ``--save`` writes stored_*.csv and docs/stored_measured.md, ``--quick``
+takes fewer cases. Workers are processes of a LocalCluster on this machine. With ``--repeat 3`` it takes some five
+minutes on two free cores.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 from measure import machine
 from report import fill_page
-from stored_many import PAGE, SLEIGH, many, told
+from saved_tables import save
+from stored_many import PAGE, SLEIGH, many
 from stored_start import start_rows
 from sympy import cos, sin, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
@@ -260,54 +261,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
         large = many(count, folder)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-    text = written(rows, costs, works, task, checks, starts, count, large)
-    print(text)
+    a_case = case_cost(PENDULUM, works, costs, task)
+    text = written(a_case, task, checks)
+    heads = {
+        "stored_throughput": "|us of CPU a case|million cases a second|of the plain sweep, CPU|by the clock",
+        "stored_starts": "|program [kB]|imports|from the program|from the scene|empty cache|cached",
+        "stored_checks": "|planned|measured|ratio",
+        "stored_plan": "|computing|scheduler|store|workers between tasks|bottleneck",
+    }
+    found = rows, starts, checks, plan(a_case, large["size"] / count, task.wall)
+    tables = {name: markdown_table(heads[name].split("|"), each) for name, each in zip(heads, found, strict=True)}
+    print(text, *tables.values(), sep="\n\n")
     if options.save:
         fill_page(PAGE, MARKERS, text)
+        for name, table in tables.items():
+            save(name, table)
     return 0
 
 
-def written(
-    rows: Rows,
-    costs: Mapping[str, Cost],
-    works: Mapping[str, tuple[Work, int]],
-    task: Cost,
-    checks: Rows,
-    starts: Rows,
-    count: int,
-    large: Mapping[str, float],
-) -> str:
-    """Return the text of the page."""
-    a_case = case_cost(PENDULUM, works, costs, task)
-    return "\n\n".join(
-        [
-            f"Measured on {describe_machine(machine())}. CPU times include all processes, the scheduler and the client"
-            " among them. Each stored run is compared with a plain sweep by the same number of threads,"
-            f" {CORES_HERE} at most, that ran just before; the percentages are medians. If other programs ran, only the"
-            " percentages of CPU time are meaningful. Each run needs some 0.1 s to lay out the store and to time a"
-            " case.",
-            markdown_table(
-                ["", "us of CPU a case", "million cases a second", "of the plain sweep, CPU", "by the clock"], rows
-            ),
-            f"A task of one case takes {1e3 * task.cpu:.1f} ms of CPU, {1e3 * task.wall:.1f} ms by the clock with one"
-            " worker: it is sent, swept, and written to a dozen files. With chunks of seconds this is less than 1 %.",
-            "CPU seconds of a new worker: imports, the model from its program (and, for comparison, from the scene),"
-            " and a first sweep with an empty and with a filled cache:",
-            markdown_table(
-                ["", "program [kB]", "imports", "from the program", "from the scene", "empty cache", "cached"], starts
-            ),
-            told(count, large),
-            "The plan below is the number of cases times the cost of a case by one worker, plus the number of tasks"
-            " times the cost of a task. Checked against runs with smaller chunks, in CPU seconds:",
-            markdown_table(["", "planned", "measured", "ratio"], checks),
-            f"Planned, not measured: seconds for double pendulums of {1e6 * a_case:.0f} us on nodes with {CORES} cores"
-            f" like these, with {1e3 * SCHEDULER:g} ms a task in the scheduler and a store that takes"
-            f" {BANDWIDTH / 1e9:g} GB/s:",
-            markdown_table(
-                ["", "computing", "scheduler", "store", "workers between tasks", "bottleneck"],
-                plan(a_case, large["size"] / count, task.wall),
-            ),
-        ]
+def written(a_case: float, task: Cost, checks: Rows) -> str:
+    """Return the sentences of the page."""
+    ratios = [float(row[-1]) for row in checks]
+    return (
+        f"Measured on {describe_machine(machine())}.\n\n"
+        f"A task of one case takes {1e3 * task.cpu:.1f} ms of CPU, {1e3 * task.wall:.1f} ms by the clock with one"
+        " worker: it is sent, swept, and written to a dozen files. With chunks of seconds this is less than 1 %.\n\n"
+        "Predict the CPU time of a sweep: the number of cases times the cost of a case, plus the number of tasks times"
+        f" the cost of a task. This gave {min(ratios):.2f} to {max(ratios):.2f} of what runs with smaller chunks took."
+        f" The plan below is for double pendulums of {1e6 * a_case:.0f} us on nodes with {CORES} cores like these, with"
+        f" {1e3 * SCHEDULER:g} ms a task in the scheduler and a store that takes {BANDWIDTH / 1e9:g} GB/s."
     )
 
 
