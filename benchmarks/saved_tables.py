@@ -94,6 +94,7 @@ MOTIONS = (
     "Whipple bicycle",
     "plate pushed and pulled",
 )
+JAX = (("sleigh, 10 s",), ("unequal sphere, 10 s",), ("planar chain of 2, 1 s",), ("planar chain of 6, 1 s",))
 SHOWN = {
     "robots": Shown(
         "robots_measured",
@@ -154,6 +155,8 @@ SHOWN = {
         ("", "computing", "scheduler", "store", "bottleneck"),
         tuple((f"{cases} cases, {nodes} nodes",) for cases, nodes in (("1e+09", 10), ("1e+12", 100), ("1e+12", 1000))),
     ),
+    "jax_singles": Shown("jax_measurements", ("scene", "dalembert, 1e-9", "diffrax, 1e-9"), JAX),
+    "jax_batches": Shown("jax_measurements", ("scene", "dalembert, 1e-9", "diffrax, 1e-9", "ratio, 1e-9"), JAX),
     "exports": Shown(
         "export_measured",
         ("motion", "kind", "method", "run [us]", "`prepare` [us]", "`simulate` [us]", "size [kB]", "compiled in [s]"),

@@ -1,7 +1,7 @@
 """Write the generated parts of docs/limits.md: ``python docs/generate_limits.py``.
 
 What backends support is what their `serving` and `capabilities` declare, for a small scene in every formulation. The
-list of errors is read from the source: every CapabilityError and FormulationError, with its reason and its remedy.
+list of errors is read from the source: every CapabilityError and FormulationError, with its reason.
 """
 
 from __future__ import annotations
@@ -120,18 +120,20 @@ def split(message: str) -> tuple[str, str]:
 
 
 def errors() -> str:
-    """Return every error that says that something is not supported, a row an error."""
-    found: dict[tuple[str, str, str], None] = {}
+    """Return every error that says that something is not supported, a row an error, without its remedy."""
+    found: dict[tuple[str, str], None] = {}
     for path in sorted((ROOT / "src" / "dalembert").rglob("*.py")):
         text = path.read_text(encoding="utf-8")
         if any(name in text for name in UNSUPPORTED):
             folder = path.relative_to(ROOT / "src" / "dalembert").parts[0]
             for message in (found for found in _messages(ast.parse(text)) if found.strip("…")):
-                found[TOPICS[folder], *split(message)] = None
+                reason, remedy = split(message)
+                found[TOPICS[folder], reason if reason.strip("…") else remedy] = None
     for capability in Capability:
-        found["backends", *split(capability.value)] = None
+        if capability not in CALLS:  # which the table of backends has
+            found["backends", split(capability.value)[0]] = None
     rows = [[cell.replace("|", "\\|") for cell in row] for row in sorted(found)]
-    return table(["topic", "the message says", "what you can do"], rows)
+    return table(["topic", "the message says"], rows)
 
 
 def generated() -> Mapping[str, str]:
