@@ -38,6 +38,8 @@ view.equation(z)
 FRICTION = """
 scene.add_friction(da.CoulombFriction(N_Q, F_Q, mu=mu, name="corner"))
 """
+LONGEST = 600
+"""Characters of a displayed equation whose right-hand side is shown."""
 BANNER = "<!-- Written by docs/generate_examples.py; do not edit. -->\n"
 
 
@@ -77,7 +79,11 @@ def equations(view: da.LagrangeView, *coordinates: object) -> str:
 def derivation(view: da.LagrangeView, build: Callable[[], da.Scene]) -> str:
     """Return the code of a scene and its whole derivation."""
     first = f"import dalembert as da\n\nview = da.lagrange(da.scenes.{build.__name__}())\nview.report()"
-    return f"{scene_code(build)}\n{code(first)}\n{view.report().markdown()}"
+    lines = view.report().markdown().split("\n")
+    long = [line for line in lines if len(line) > LONGEST]
+    note = "Right-hand sides that are dots are long: ``view.reactions`` and ``view.equations_of_motion`` have them.\n\n"
+    shown = "\n".join(line.split(" = ")[0] + r" = \ldots$$" if line in long else line for line in lines)
+    return f"{scene_code(build)}\n{code(first)}\n{note if long else ''}{shown}"
 
 
 def friction_table() -> str:
@@ -116,8 +122,9 @@ def corner_plate() -> str:
     slip = view.geometry.components(view.slip_velocity("corner"), frame(scene, "S"))[0]
     return f"""# Example 13.4.2: a plate on the ground and a corner
 
-The end A of a plate slides on the ground, and the plate leans on a corner Q at height h. The origin is the foot of the
-corner, so that the constant of the text's equation (3) is zero.
+Compare the text's derivation with that of the code, and add friction. The end A of a plate slides on the ground, and
+the plate leans on a corner Q at height h. The origin is the foot of the corner, so that the constant of the text's
+equation (3) is zero.
 
 {derivation(view, da.scenes.corner_plate)}
 ## Friction, equation (4)
@@ -130,8 +137,8 @@ $F_Q$: friction opposes the slip velocity, so $F_Q$ has the sign of
 
 $$-\\left({latex(slip)}\\right).$$
 
-Without friction the corner is an ideal joint, which makes $F_Q = 0$. Equation (4) is one line of the scene, in which
-the sign is not written but found ([friction.md](../friction.md)); ``da.scenes.corner_plate(friction=True)`` has it:
+Without friction the corner is an ideal joint, which makes $F_Q = 0$. With friction, equation (4) is one line of the
+scene, which needs no sign ([friction.md](../friction.md)); ``da.scenes.corner_plate(friction=True)`` has it:
 
 {code(FRICTION)}
 Pushed up with $\\dot\\theta = 1$ from $\\theta = 0.6$ (m = l = 1, h = 0.5, g = 9.81, F_A = 0), the plate
@@ -156,21 +163,14 @@ With y = 0 imposed, it gives
 
 {show("N_A", sp.collect(sp.expand(N_A), m * l))}
 The text prints $N_A = mg - N_Q\\cos\\theta - F_Q\\sin\\theta$ at this place: it drops the term
-$ml\\,\\frac{{d}}{{dt}}(\\dot\\theta\\cos\\theta)$. The proof is one line. The left-hand side of the equation for y is
-$m\\frac{{d}}{{dt}}(\\dot y + l\\dot\\theta\\cos\\theta)$; $y = 0$ for all time makes $\\dot y = \\ddot y = 0$, but not
-$\\dot\\theta$, so what is left is
-
-$$ml\\,\\frac{{d}}{{dt}}(\\dot\\theta\\cos\\theta) = N_A + N_Q\\cos\\theta + F_Q\\sin\\theta - mg .$$
-
-It is the vertical acceleration of G, $\\frac{{d^2}}{{dt^2}}(l\\sin\\theta)$, times m: G does not stay at one height
-while the plate turns. Without that term the vertical forces would be in balance, which holds at rest only. The
-generated derivation confirms it: $N_A - ml\\,\\frac{{d}}{{dt}}(\\dot\\theta\\cos\\theta)$ simplifies to
+$ml\\,\\frac{{d}}{{dt}}(\\dot\\theta\\cos\\theta)$, the vertical acceleration of G times m. The left-hand side of the
+equation for y is $m\\frac{{d}}{{dt}}(\\dot y + l\\dot\\theta\\cos\\theta)$; $y = 0$ for all time makes
+$\\dot y = \\ddot y = 0$, but not $\\dot\\theta$. Without that term the vertical forces would be in balance, which
+holds at rest only. By the code, $N_A - ml\\,\\frac{{d}}{{dt}}(\\dot\\theta\\cos\\theta)$ simplifies to
 
 $${latex(rest)}.$$
 
-As a function of the state, without friction:
-
-{show("N_A", wider.reactions["N_A"])}"""
+``da.lagrange(scene.release(y, A, N.y)).reactions["N_A"]`` is N_A as a function of the state, without friction."""
 
 
 def rolling_sphere() -> str:
@@ -180,6 +180,8 @@ def rolling_sphere() -> str:
     z = dynamicsymbols("z")
     wider = da.lagrange(scene.release(z, point(scene, "G"), scene.frame.z))
     return f"""# Example 13.4.3: a sphere that rolls without slip
+
+Compare the text's derivation with that of the code, and find the normal force.
 
 {derivation(view, da.scenes.rolling_sphere)}
 ## The coordinate z released
@@ -211,6 +213,8 @@ def edge_plate() -> str:
     numbers = ", ".join(f"{k} = {v}" for k, v in parameters.items())
     return f"""# Example 13.4.4: a plate that slides on its edge
 
+Compare the text's derivation with that of the code, with five coordinates and with four.
+
 {derivation(view, da.scenes.edge_plate)}
 ## Equations (2) to (6), with the ideal joint
 
@@ -218,7 +222,7 @@ With X = Y = L = N = 0, ``view.equation(q, ideal=True)``:
 
 {ideal}
 Z and the motion are determined; the moment M is not. It holds the edge in the plane, a rotation about A.y that
-the two angles exclude: ``scene.release(phi, A, A.y)`` gives that rotation back and determines M.
+the two angles exclude: ``scene.release(phi, A, A.y)`` adds that rotation and determines M.
 
 ## Four coordinates
 
@@ -255,6 +259,8 @@ def chaplygin_sleigh() -> str:
     (value,) = view.multipliers.values()
     return f"""# Example 13.4.6: the Chaplygin sleigh
 
+Compare the text's derivation with that of the code, and see which wrong equations the remarks warn of.
+
 {derivation(view, da.scenes.chaplygin_sleigh)}
 The text writes the first two equations of motion with $\\dot y = \\dot x\\tan\\theta$ from the constraint, which
 divides by cos(theta); those above hold for every theta.
@@ -262,7 +268,7 @@ divides by cos(theta); those above hold for every theta.
 ## Remark 13.4.8
 
 The kinetic energy with the constraint used in it, ${latex(2 * wrong)} = 2T$, has the right value and the wrong
-derivatives. Given as ``da.lagrange(scene, kinetic_energy=...)`` it is refused:
+derivatives. ``da.lagrange(scene, kinetic_energy=...)`` raises an error:
 
 ```text
 {chr(10).join(textwrap.wrap(message, 110))}
