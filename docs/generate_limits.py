@@ -120,7 +120,7 @@ def split(message: str) -> tuple[str, str]:
 
 
 def errors() -> str:
-    """Return every error that says that something is not supported, a row an error, without its remedy."""
+    """Return every error that says that something is not supported, a line an error, without its remedy."""
     found: dict[tuple[str, str], None] = {}
     for path in sorted((ROOT / "src" / "dalembert").rglob("*.py")):
         text = path.read_text(encoding="utf-8")
@@ -132,8 +132,9 @@ def errors() -> str:
     for capability in Capability:
         if capability not in CALLS:  # which the table of backends has
             found["backends", split(capability.value)[0]] = None
-    rows = [[cell.replace("|", "\\|") for cell in row] for row in sorted(found)]
-    return table(["topic", "the message says"], rows)
+    topics = dict.fromkeys(topic for topic, _ in sorted(found))
+    lists = ("\n".join(f"- {text}" for own, text in sorted(found) if own == topic) for topic in topics)
+    return "\n\n".join(f"**{topic}**\n\n{lines}" for topic, lines in zip(topics, lists, strict=True))
 
 
 def generated() -> Mapping[str, str]:
