@@ -1,7 +1,6 @@
-"""Check pages, docstrings and messages for phrases that docs/glossary.md lists: ``python tests/prose.py``.
+"""Check pages, docstrings and messages for phrases that tests/phrases.md lists: ``python tests/prose.py``.
 
-It prints one line a finding and exits with 1 if there are any. Code, names in backticks and the glossary are not
-checked.
+It prints one line a finding and exits with 1 if there are any. Code and names in backticks are not checked.
 """
 
 import ast
@@ -10,7 +9,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-GLOSSARY = ROOT / "docs" / "glossary.md"
+PHRASES = Path(__file__).with_name("phrases.md")
 LATER = ()
 """Pages that are not checked yet."""
 
@@ -18,9 +17,9 @@ ROW = re.compile(r"^\| `(.+)` \| (.+) \|$", re.M)
 CODE = re.compile(r"^( *)```.*?^\1```|`[^`\n]*`|\]\([^)\n]*\)|^    [^\n]*$|^\|[-: |]+\|$", re.M | re.S)
 
 
-def phrases(page=GLOSSARY):
+def phrases(page=PHRASES):
     """Return pairs of a regular expression and what to write instead."""
-    rows = ROW.findall(page.read_text(encoding="utf-8").split("## Phrases to avoid\n")[1])
+    rows = ROW.findall(page.read_text(encoding="utf-8"))
     return [(re.compile(r"\b" + phrase.replace("\\|", "|"), re.I), instead) for phrase, instead in rows]
 
 
@@ -71,7 +70,7 @@ def main():
     known = phrases()
     pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]
     pages += (ROOT / "docs" / "inside").glob("*.md")
-    kept = [page for page in sorted(pages) if page != GLOSSARY and page.name not in LATER]
+    kept = [page for page in sorted(pages) if page.name not in LATER]
     found = []
     for path in [*kept, *sorted((ROOT / "src").rglob("*.py"))]:
         text = path.read_text(encoding="utf-8")

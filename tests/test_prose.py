@@ -1,4 +1,4 @@
-"""The check of prose finds phrases of the glossary where readers meet them, and nothing in code."""
+"""The check of prose finds phrases of tests/phrases.md where readers meet them, and nothing in code."""
 
 import pytest
 
