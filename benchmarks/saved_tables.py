@@ -85,7 +85,7 @@ def _together(folder: str, names: list[str]) -> str:
     return folder if names[0] in ("", folder) else f"{folder}/{names[0]}"
 
 
-CHAINS = tuple((chain, bodies) for chain in ("planar", "spatial") for bodies in ("7", "30", "100", "300", "1,000"))
+CHAINS = tuple((chain, bodies) for chain in ("planar", "spatial") for bodies in ("7", "100", "300", "1,000"))
 MOTIONS = (
     "chaplygin sleigh",
     "rolling disk",
