@@ -55,8 +55,8 @@ and times that are compared; all rows of the tables below.
 
 ## Errors
 
-An error is the larger of those in the formulations `minimal` and `projected`, at the tightest tolerance of the method. A
-run that fails has its status instead.
+An error is the larger of those in the formulations `minimal` and `projected`, at the tightest tolerance of the method.
+A run that fails has its status instead.
 
 | case | {methods} |
 | --- |{rule}|
