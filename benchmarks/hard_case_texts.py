@@ -49,9 +49,9 @@ Measured on {machine}, by `python benchmarks/report_hard_cases.py` in some ten m
 
 DETAILS = """# Hard cases in detail
 
-Compare methods on the [hard cases](hard_cases.md). `benchmarks/results/hard_cases.json` has the rest: every run in
-every formulation with its error, time and change of first integrals; the source of each reference, and the quantities
-and times that are compared; all rows of the tables below.
+Compare methods on the [hard cases](hard_cases.md). [hard_cases.json](../benchmarks/results/hard_cases.json) has the
+rest: every run in every formulation with its error, time and change of first integrals; the source of each reference,
+and the quantities and times that are compared; all rows of the tables below.
 
 ## Errors
 
@@ -79,10 +79,9 @@ push of 4 N or of 4 + 2 sin(t) N moves by {checks[stuck]}.
 
 ## Whipple bicycle
 
-The nine accelerations of the full model (9 coordinates, 6 constraints) at the state of Basu-Mandal et al. (Proc. R.
-Soc. A 463 (2007) 1983, table 1) differ from 20-digit values by {checks[bicycle_accelerations]}. The 44 eigenvalues
-at 0 to 10 m/s (Meijaard et al., the same volume, table 2), by `model.linearize`, differ by
-{checks[bicycle_eigenvalues]}.
+The nine accelerations of the full model at the state of Basu-Mandal et al. (Proc. R. Soc. A 463 (2007) 1983, table 1)
+differ from 20-digit values by {checks[bicycle_accelerations]}. The 44 eigenvalues at 0 to 10 m/s (Meijaard et al., the
+same volume, table 2), by `model.linearize`, differ by {checks[bicycle_eigenvalues]}.
 
 ## Long runs
 
@@ -99,18 +98,16 @@ just below 1. Single Taylor runs sum time and state with compensation; sweeps, p
 not: over 1e4 time units the energy of the double pendulum in angles is off by 4e-14 in a single run and by 3e-12 in a
 sweep. `projected` keeps the constraints to rounding; `augmented` drifts.
 
+RATTLE and a leapfrog of d'Alembert bound the change of the energy for any length of time, but at an error of their
+order and step. Taylor steps at a tight tolerance bound it at the level of rounding, with fewer evaluations and a phase
+that is three decades better, so the library has no symmetric methods.
+
 ## Stiff methods
 
 The compiled `radau` (numba) beside SciPy's BDF and Radau IIA and RODAS (Rosenbrock, order 4), on the same equations at
 rtol 1e-8. RODAS is not in the library; the numpy backend offers BDF. "J" counts Jacobians.
 
 {stiff}
-
-## Symmetric and variational methods
-
-RATTLE and a leapfrog of d'Alembert are not part of the library. They bound the change of the energy for any length of
-time, but at an error of their order and step. Taylor steps at a tight tolerance bound it at the level of rounding, with
-fewer evaluations and a phase that is three decades better.
 
 ## Projection onto first integrals
 

@@ -47,7 +47,7 @@ def generic():
 
 
 def through_theta_0_in_angles():
-    """theta = 1 - t: the mass matrix of the angles is singular at t = 1."""
+    """The mass matrix of the angles is singular at t = 1."""
     return _euler("through_theta_0", 1e-12, may_fail="3-1-3 angles are singular at theta = 0")
 
 
@@ -115,7 +115,7 @@ def ball_scene(moments, *, at=None, surface=None, frame_gravity=None):
 
 
 def chaplygin_sphere(times=(1.0, 10.0, 50.0)):
-    """Energy and the angular momentum about the contact, a vector fixed in space, are conserved."""
+    """Energy and the angular momentum about the contact are conserved."""
     entry = reference("chaplygin_sphere")
     I1, I2, I3, m, R = symbols("I1 I2 I3 m R", positive=True)
     scene = ball_scene((I1, I2, I3))

@@ -81,7 +81,7 @@ def _free(times, bound):
 
 
 def free_asymmetric_long():
-    """The same over 1000 s, some hundred half turns: the angular velocity by Jacobi's functions."""
+    """The same over 1000 s, some hundred half turns."""
     case = _free((100.0,), 1e-9)
     times = (100.0, 1000.0)
     values = {t: _jacobi(t, (1, 2, 3), (mp.mpf(0.01), 2, mp.mpf(0.02))) for t in times}
@@ -138,7 +138,7 @@ def fast_precession():
 
 
 def fast_top():
-    """Spin 300 rad/s: 480 turns in 10 s, precession at the slow root of A Om^2 cos(tilt) - C w3 Om + mgl = 0."""
+    """Spin 300 rad/s: 480 turns in 10 s."""
     tilt, spin_rate, t = math.pi / 3, 300.0, 10
     with mp.workdps(40):
         A, C, weight, angle = mp.mpf("0.5"), mp.mpf("0.2"), mp.mpf(2), mp.mpf(tilt)
@@ -157,7 +157,7 @@ def fast_top():
 
 
 def upright_top():
-    """Starts exactly upright, where three angles would lock, and passes there again every 2.8 s."""
+    """Starts upright, where three angles would lock, and passes there every 2.8 s."""
     entry = reference("heavy_top_upright")
     return replace(
         _tabled_top("b_slow", 1e-12),
@@ -168,7 +168,7 @@ def upright_top():
 
 
 def suslov():
-    """A body with omega . S.z = 0: a constraint in the body's frame, and a motion that is not reversible."""
+    """A constraint in the body's frame, omega . S.z = 0; the motion is not reversible."""
     entry = reference("suslov_attitude")
     I11, I22, I33, I13 = symbols("I11 I22 I33 I13", positive=True)
     scene = _fixed_point_scene("suslov", (I11, I22, I33, 0, 0, I13))
@@ -258,7 +258,7 @@ def vertical_disk():
 
 
 def edge_plate():
-    """Falls flat from rest at theta = 1.2; F couples the fall to a turn, with a first integral and no friction."""
+    """From rest at theta = 1.2; F couples the fall to a turn."""
     entry = reference("edge_plate_flat")
     psi, theta = dynamicsymbols("psi theta")
     B, C = symbols("B C", positive=True)

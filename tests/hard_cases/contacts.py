@@ -94,7 +94,7 @@ def table_oscillator(load=None, **law):
 
 
 def push_pull():
-    """Pushed and pulled by F_A = 4 + 7 sin(3 t): slips eight times, and sticks in between, each time elsewhere."""
+    """F_A = 4 + 7 sin(3 t): slips eight times, and sticks in between."""
     case = "plate_push_pull"
     start = {"x": -0.5 / math.tan(0.5), "theta": 0.5, "x_dot": 0.0, "theta_dot": 0.0}
     scene = corner_plate(4 + 7 * sin(3 * TIME))
@@ -102,7 +102,7 @@ def push_pull():
 
 
 def upright():
-    """Slip reverses as the plate passes the upright position, where it cannot stick; then it leaves the corner."""
+    """Slip reverses at the upright position, where it cannot stick; then the plate leaves the corner."""
     start = {"x": -0.8 / math.tan(1.3), "theta": 1.3, "theta_dot": 2.0}
     scene = corner_plate(4, contact=True)
     names = ["x", "theta", "x_dot", "theta_dot"]
@@ -129,7 +129,7 @@ def slides_back():
 
 
 def sticks():
-    """Friction at both ends: slides up, stops and sticks; how the ends share the load is then not determined."""
+    """Friction at both ends: slides up and sticks; how the ends share the load is not determined."""
     return _both("plate_sticks")
 
 
@@ -141,14 +141,14 @@ def rod_stops():
 
 
 def rod_lifts():
-    """A rod that spins so fast that its end leaves the ground, grazing it."""
+    """Spins so fast that its end leaves the ground, grazing it."""
     start = {"x": 0.0, "y": 0.0, "theta": 0.5, "x_dot": -3.0, "y_dot": 0.0, "theta_dot": 3.5}
     names = ["x", "theta", "x_dot", "theta_dot", "y"]
     return contact_case("rod_lifts", da.scenes.sliding_rod(), start, names, bound=1e-11)
 
 
 def rod_falls():
-    """A rod that falls on the ground: an impact with friction that stops its end, which then slides and sticks."""
+    """An impact with friction that stops its end, which then slides and sticks."""
     start = {"x": 0.0, "y": 0.5, "theta": 1.0, "x_dot": 1.0, "y_dot": 0.0, "theta_dot": 0.0}
     names = ["x", "theta", "x_dot", "theta_dot"]
     return contact_case("rod_falls", da.scenes.sliding_rod(), start, names, bound=1e-11)

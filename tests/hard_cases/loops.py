@@ -126,7 +126,7 @@ ANDREWS_START = {
 
 
 def andrews():
-    """Three loops, six constraints, 2.5 turns in 30 ms, rates of 1e3 and accelerations of 5e5."""
+    """Three loops, six constraints, accelerations of 5e5."""
     entry = reference("andrews_squeezer")
     names = list(ANDREWS_START)
     rows = entry["values"]["own_24_digits"]

@@ -11,7 +11,7 @@ from hard_cases.case import HardCase, reference
 
 
 def governor():
-    """IFToMM A05: a damped spring of 8e5 N/m and 4e4 N s/m, rates of 1e4 1/s upon a motion of seconds."""
+    """IFToMM A05: a damped stiff spring, rates of 1e4 1/s upon a motion of seconds."""
     entry = reference("iftomm_A05_stiff_flyball")
     phi, al, s = dynamicsymbols("phi alpha s")
     K, c, l0, e, g = symbols("K c l0 e g", positive=True)

@@ -93,7 +93,7 @@ def cartesian_pendulum():
 
 
 def spherical_pendulum():
-    """Passes the lower pole at 6e-3 of angular momentum: spherical angles are nearly singular there."""
+    """Passes the lower pole, where spherical angles are nearly singular."""
     entry = reference("spherical_pendulum_near_poles")
     scene, (x, y, z) = _point("spherical_pendulum", "x y z")
     scene.apply_uniform_gravity(-symbols("g", positive=True) * scene.frame.z)
