@@ -1,7 +1,8 @@
 """Measured tables as CSV files in benchmarks/results, and the parts of them that pages show.
 
 [benchmarks/results/NAME.csv] -> the part of a page between the markers of NAME. Scripts that measure call `save`;
-``python benchmarks/saved_tables.py`` writes all parts anew, as after a change of `SHOWN`.
+``python benchmarks/saved_tables.py`` writes all parts anew, as after a change of `SHOWN`. The files of `jax_singles`,
+`jax_batches`, `contact_counts` and `smooth_contacts` are filled by hand from what the scripts print.
 """
 
 from __future__ import annotations
@@ -154,6 +155,22 @@ SHOWN = {
         "stored_measured",
         ("", "computing", "scheduler", "store", "bottleneck"),
         tuple((f"{cases} cases, {nodes} nodes",) for cases, nodes in (("1e+09", 10), ("1e+12", 100), ("1e+12", 1000))),
+    ),
+    "contact_counts": Shown(
+        "contacts_measured",
+        ("scene", "contacts", "phases", "first run", "second run"),
+        (
+            *(("point on sprung legs", n) for n in ("1", "2", "4", "8", "12")),
+            *(("trunk on legs of three joints", n) for n in ("1", "4")),
+        ),
+    ),
+    "smooth_contacts": Shown(
+        "contacts_measured",
+        ("contact", "rtol", "method", "time", "error"),
+        (
+            *(("rigid, Coulomb's law", rtol) for rtol in ("1e-6", "1e-8")),
+            *((f"k = 1e{k} N/m, eps = 1e-{eps} m/s",) for k, eps in ((4, 2), (6, 3), (8, 4), (12, 6))),
+        ),
     ),
     "jax_singles": Shown("jax_measurements", ("scene", "dalembert, 1e-9", "diffrax, 1e-9"), JAX),
     "jax_batches": Shown("jax_measurements", ("scene", "dalembert, 1e-9", "diffrax, 1e-9", "ratio, 1e-9"), JAX),
