@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hard_case_texts import DETAILS, PAGE
+from saved_tables import cells
 
 __all__ = ["DATA", "details", "dump", "load", "number", "overview", "rounded", "table", "write"]
 
@@ -56,8 +57,7 @@ def rounded(value: float) -> float:
 
 def table(text: str) -> Record:
     """Return head and rows of the first table of a Markdown text."""
-    lines = [line.strip().removeprefix("|").removesuffix("|") for line in text.splitlines() if line.startswith("|")]
-    head, _, *rows = [[cell.strip() for cell in line.split(" | ")] for line in lines]
+    head, *rows = cells(text)
     return {"head": head, "rows": rows}
 
 
