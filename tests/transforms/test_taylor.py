@@ -7,20 +7,23 @@ import mpmath
 import numpy as np
 import pytest
 
+import dalembert as da
 from dalembert.codegen.llvm import target as lane_types
 from dalembert.codegen.llvm.assembly import assembly, compile_object, load_object
 from dalembert.codegen.llvm.definitions import with_definitions
 from dalembert.codegen.llvm.order_loops import order_loop_assembly
+from dalembert.codegen.llvm.pair_printer import in_order
 from dalembert.codegen.llvm.series_loops import series_loop_assembly
 from dalembert.codegen.llvm.target import native_lanes
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
+from dalembert.ir.kernel import Assignment
 from dalembert.ir.ops import OPERATIONS
 from dalembert.transforms.lower_kernels import lower_kernel
 from dalembert.transforms.taylor.expansion import FAITHFUL_ORDER
 from dalembert.transforms.taylor.order_pass import LEAST_ORDER
 from dalembert.transforms.taylor.recurrences import recurrences
-from dalembert.transforms.taylor.step import order_for, series_kernel, step_kernel
+from dalembert.transforms.taylor.step import order_for, paired_step, series_kernel, step_kernel
 from ir.trees import EXTENDED
 
 ORDER = 9
@@ -213,6 +216,34 @@ def test_a_loop_over_the_orders_gives_the_bits_of_unrolled_code(name, order, lan
     loop = order_loop_assembly("step", known, order, lanes, width, dense=True)
     (unrolled, looped), *_ = outcomes((assembly([("step", step)], lanes), loop), len(step.outputs), lanes)
     np.testing.assert_array_equal(looped, unrolled)
+
+
+@pytest.mark.parametrize("name", [*FUNCTIONS, "constants", "poles", "lengths", "everything"])
+@pytest.mark.parametrize("order", ORDERS)
+def test_pairs_of_operations_give_the_bits_of_operations_one_by_one(name, order):
+    known = recurrences(kernel_of(SCENES[name]))
+    step, pairs = paired_step(known, order, dense=True)
+    assert pairs
+    texts = [assembly([("step", step)], 1, pairs=each) for each in (None, pairs)]
+    (alone, together), *_ = outcomes(texts, len(step.outputs), 1)
+    np.testing.assert_array_equal(together, alone)
+
+
+def test_most_operations_of_a_step_go_in_pairs():
+    """Rows of a sphere: a third of the operations is in pairs of sines and cosines, another in those of products."""
+    known = recurrences(da.compile_model(da.scenes.rolling_sphere()).stages.program.kernel("rhs"))
+    step, pairs = paired_step(known, 19, dense=False)
+    assert len(pairs) > 0.75 * len(step.body)
+    text = assembly([("step", step)], 1, pairs=pairs)
+    assert text.count(" = call <2 x double> @llvm.fm") > 0.35 * sum(line.op == "fma" for line in step.body)
+
+
+def test_pairs_that_need_each_other_are_an_error():
+    lines = [Assignment(name, "neg", (of,)) for name, of in (("a", "x"), ("b", "a"), ("c", "x"), ("d", "c"))]
+    pairs = {"a": ("a", "d"), "d": ("a", "d"), "b": ("b", "c"), "c": ("b", "c")}
+    with pytest.raises(AssertionError, match="need each other"):
+        in_order(lines, pairs)
+    assert [line.target for line in in_order(lines, {"a": ("a", "c"), "c": ("a", "c")})] == ["a", "c", "b", "d"]
 
 
 @pytest.mark.parametrize("order", [4, 5, ORDER])

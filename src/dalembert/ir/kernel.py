@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from typing import NoReturn, final
 
@@ -176,11 +176,24 @@ def describe_counts(kernel: Kernel) -> str:
 
 @final
 class Lines:
-    """Assignments in the order of the calls; each operation is written once, trivial ones never."""
+    """Assignments in the order of the calls; each operation is written once, trivial ones never.
+
+    Attributes
+    ----------
+    body : list of Assignment
+    parts : dict
+        Assignments that were noted as a part, under its key.
+    """
 
     def __init__(self) -> None:
         self.body: list[Assignment] = []
+        self.parts: dict[Hashable, list[Assignment]] = {}
         self._known: dict[tuple[str, tuple[Operand, ...]], str] = {}
+        self._negated: dict[Operand, Operand] = {}
+
+    def note(self, key: Hashable, begin: int) -> None:
+        """Note what was written from line `begin` on as the part `key`."""
+        self.parts[key] = self.body[begin:]
 
     def op(self, name: str, *args: Operand) -> Operand:
         """Return the value of an operation."""
@@ -210,17 +223,33 @@ class Lines:
             return 0.0 if a == 0.0 else b
         if b in (0.0, 1.0):
             return 0.0 if b == 0.0 else a
+        if isinstance(a, str) != isinstance(b, str):
+            a, b = self._with_sign(a, b)
         return self.op("mul", a, b)
 
     def neg(self, a: Operand) -> Operand:
         """Return -a."""
-        return self.op("neg", a) if isinstance(a, str) else -a
+        if not isinstance(a, str):
+            return -a
+        negative = self.op("neg", a)
+        self._negated[negative] = a
+        return negative
+
+    def _with_sign(self, a: Operand, b: Operand) -> tuple[Operand, Operand]:
+        """Return the factors of a product, where one is a number with the sign of the other: (-x) 2 is x (-2)."""
+        if isinstance(a, str):
+            return (self._negated[a], -float(b)) if a in self._negated else (a, b)
+        return (-a, self._negated[b]) if b in self._negated else (a, b)
 
     def fma(self, a: Operand, b: Operand, c: Operand) -> Operand:
         """Return a * b + c, rounded once where the target can."""
         if a == 0.0 or b == 0.0:
             return c
-        return self.mul(a, b) if c == 0.0 else self.op("fma", a, b, c)
+        if c == 0.0:
+            return self.mul(a, b)
+        if isinstance(a, str) != isinstance(b, str):
+            a, b = self._with_sign(a, b)
+        return self.op("fma", a, b, c)
 
 
 # The verifier of kernels, run after every pass.

@@ -21,9 +21,11 @@ from ...ir.kernel import Kernel
 from ...once import computed_once, once
 from ...subset.arguments import OwnedAddress
 from ...transforms.kernel_pieces import pieces_of
+from ...transforms.taylor.pairs import Pairs
 from ..cache import read_kept, write_kept
 from ..rendering import render
 from .lane_printer import LanePrinter
+from .pair_printer import PairPrinter
 from .target import memory_of_call, target, vector
 from .vector_functions import LIBRARY, prelude_variables
 
@@ -31,9 +33,14 @@ _ENTERED = threading.RLock()
 """Held by the thread that LLVM works for; nothing is waited for under it."""
 
 
-def assembly(kernels: Sequence[tuple[str, Kernel]], lanes: int, *, exact: bool = False) -> str:
-    """Return a module of LLVM assembly with each kernel under the name given; for `exact`, see `LanePrinter`."""
-    printed = [kernel_functions(name, kernel, lanes, exact=exact) for name, kernel in kernels]
+def assembly(
+    kernels: Sequence[tuple[str, Kernel]], lanes: int, *, exact: bool = False, pairs: Pairs | None = None
+) -> str:
+    """Return a module of LLVM assembly with each kernel under the name given.
+
+    For `exact`, see `LanePrinter`; for `pairs`, which are those of kernels on one lane, `PairPrinter`.
+    """
+    printed = [kernel_functions(name, kernel, lanes, exact=exact, pairs=pairs) for name, kernel in kernels]
     variables = {
         "prelude": prelude_variables(lanes),
         "kernels": [function for functions in printed for function in functions.straight],
@@ -59,11 +66,13 @@ class KernelFunctions:
     calls: dict[str, Any] | None = None
 
 
-def kernel_functions(name: str, kernel: Kernel, lanes: int, *, exact: bool = False) -> KernelFunctions:
-    """Return the functions of a kernel."""
+def kernel_functions(
+    name: str, kernel: Kernel, lanes: int, *, exact: bool = False, pairs: Pairs | None = None
+) -> KernelFunctions:
+    """Return the functions of a kernel; one in pieces has no pairs."""
 
     def function(name: str, kernel: Kernel, places: Sequence[int]) -> dict[str, Any]:
-        printer = LanePrinter(lanes, exact=exact)
+        printer = PairPrinter(pairs) if pairs and not pieces else LanePrinter(lanes, exact=exact)
         for load in kernel.loads:
             printer.load(load.target, load.array, load.index or 0)
         printer.body(kernel.body)

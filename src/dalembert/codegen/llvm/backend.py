@@ -17,7 +17,7 @@ from ...subset.arguments import OwnedAddress
 from ...transforms.runge_kutta import AttemptPieces, attempt_kernel, attempt_pieces, start_kernel, start_pieces
 from ...transforms.taylor.order_pass import LEAST_ORDER
 from ...transforms.taylor.recurrences import Recurrences
-from ...transforms.taylor.step import step_kernel
+from ...transforms.taylor.step import paired_step
 from ..compiled_backend import CompiledBackend
 from ..library import Code, KernelLibrary
 from ..rendering import banner_lines, render
@@ -95,10 +95,10 @@ def _chain_variables(pieces: AttemptPieces, n: int) -> dict[str, Any]:
 
 # Kernels and steps of one program as LLVM assembly and machine code.
 
-_LARGEST_STRAIGHT = 2000
-"""Lines up to which a step is unrolled. Longer code outgrows the cache of instructions: the loop over the orders is up
-to 2.5 times as fast, and is compiled in a third of the time or less. From 1,000 to 2,000 lines it takes 0.9 to 1.3
-times as long as unrolled steps, mostly more (measured on eleven hard cases)."""
+_LARGEST_STRAIGHT, _LARGEST_PAIRED = 2000, 3600
+"""Lines up to which a step is unrolled: in lanes, and on one lane, where operations go in pairs. Longer code outgrows
+the cache of instructions: the loop over the orders is up to 2.8 times as fast, and is compiled in a third of the time
+or less. Below, steps in pairs take 0.55 to 0.95 of its time (measured on forty hard cases, `benchmarks/paired.py`)."""
 _LARGEST_PASS = 500
 """Values up to which one pass of the loop over the orders is straight-line code: it takes a second to compile there,
 and ever more beyond, and is twice as fast as loops throughout (measured on chains of pendulums)."""
@@ -141,8 +141,10 @@ class LLVMLibrary(KernelLibrary):
         return with_definitions(self._step_text(name, known, order, lanes, dense))
 
     def _step_text(self, name: str, known: Recurrences, order: int, lanes: int, dense: bool) -> str:
-        if known.unrolled_lines(order) <= _LARGEST_STRAIGHT or order < LEAST_ORDER:
-            return assembly([(name, step_kernel(known, order, dense=dense))], lanes)
+        largest = _LARGEST_PAIRED if lanes == 1 else _LARGEST_STRAIGHT
+        if known.unrolled_lines(order) <= largest or order < LEAST_ORDER:
+            kernel, pairs = paired_step(known, order, dense=dense)
+            return assembly([(name, kernel)], lanes, pairs=pairs if lanes == 1 else None)
         if len(known.items) <= _LARGEST_PASS:
             return order_loop_assembly(name, known, order, lanes, native_lanes(), dense=dense)
         return series_loop_assembly(name, known, order, lanes, dense=dense)

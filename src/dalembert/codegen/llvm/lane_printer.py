@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import final
 
 from ...ir.calls import CALLS, SYMBOL
 from ...ir.kernel import Assignment, Operand
@@ -43,7 +42,6 @@ def gathered(lanes: int, target: str, at: str) -> list[str]:
 _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 
 
-@final
 class LanePrinter:
     """Prints the body of one kernel for one number of lanes.
 
@@ -58,7 +56,7 @@ class LanePrinter:
         self.fma = fma_name(lanes)
         self._elementary = () if exact else tuple(name for name in ELEMENTARY if name != "pow" or is_fused())
         self.lines: list[str] = []
-        self._pairs: dict[Operand, tuple[str, str, int]] = {}
+        self._turned: dict[Operand, tuple[str, str, int]] = {}
         self._ahead: list[Assignment] = []
 
     def operand(self, operand: Operand) -> str:
@@ -134,9 +132,9 @@ class LanePrinter:
 
     def _sincos(self, line: Assignment) -> None:
         """Compute sine and cosine of an argument together; on one lane also of others that are known by now."""
-        if line.args[0] not in self._pairs:
+        if line.args[0] not in self._turned:
             self._angles(line)
-        pair, kind, slot = self._pairs[line.args[0]]
+        pair, kind, slot = self._turned[line.args[0]]
         half = f"extractvalue {{{kind}, {kind}}} %{pair}, {0 if line.op == 'sin' else 1}"
         if self.lanes > 1:
             self._set(line.target, half)
@@ -152,17 +150,17 @@ class LanePrinter:
         """
         pair = f"{line.target}.pair"
         if self.lanes > 1:
-            self._pairs[line.args[0]] = pair, self.v, 0
+            self._turned[line.args[0]] = pair, self.v, 0
             self._set(pair, f"call {{{self.v}, {self.v}}} @sincos{self.lanes}({self.v} {self.operand(line.args[0])})")
             return
         later = {other.target for other in self._ahead} | {line.target}
         wanted = [other.args[0] for other in reversed(self._ahead) if other.op in ("sin", "cos")]
-        angles = list(dict.fromkeys(a for a in (line.args[0], *wanted) if a not in later and a not in self._pairs))[:4]
+        angles = list(dict.fromkeys(a for a in (line.args[0], *wanted) if a not in later and a not in self._turned))[:4]
         lanes = 2 if len(angles) <= 2 else 4
         kind, pack = vector(lanes), "undef"
         for slot in range(lanes):
             angle = angles[min(slot, len(angles) - 1)]
-            self._pairs.setdefault(angle, (pair, kind, slot))
+            self._turned.setdefault(angle, (pair, kind, slot))
             self._set(f"{pair}.{slot}", f"insertelement {kind} {pack}, double {self.operand(angle)}, i32 {slot}")
             pack = f"%{pair}.{slot}"
         self._set(pair, f"call {{{kind}, {kind}}} @sincos{lanes}({kind} {pack})")

@@ -109,12 +109,16 @@ class Extension(ABC):
             self._append(clock, 1.0 if len(self.series[clock]) == 1 else 0.0, k)
         inner = self._inner(k)
         for item, line in self.moving:
+            begin = len(self.lines.body)
             self._append(line.target, self._next(item, line, inner, k), k)
+            self.lines.note((line.target, k), begin)
         self._move(k)
 
     def _move(self, k: int) -> None:
         for state, rate in self.rate.items():
+            begin = len(self.lines.body)
             self._append(state, self._over(coefficient(self.of(rate), k), k + 1), k + 1)
+            self.lines.note((state, k + 1), begin)
 
     def _append(self, target: str, value: Operand, k: int) -> None:
         self.series[target].append(value)
@@ -127,8 +131,11 @@ class Extension(ABC):
         """Return a product with a constant: its name, and that of the other factor with the constant."""
         if item is not line or line.op != "mul":
             return None
-        moving, fixed = sorted(line.args, key=lambda a: a not in self.recurrences.varying)
-        return None if fixed in self.recurrences.varying else (line.target, (str(moving), fixed))
+        moving, fixed = sorted(line.args, key=self._is_fixed)
+        return (line.target, (str(moving), fixed)) if self._is_fixed(fixed) else None
+
+    def _is_fixed(self, value: Operand) -> bool:
+        return value not in self.recurrences.varying or self.rate.get(str(value)) == 0.0
 
     def _whole(self, s: Sum, inner: Operand, m: int) -> Operand:
         """Return a sum with all of its pairs."""
@@ -256,10 +263,12 @@ class Expansion(Extension):
         total: dict[Sum, Operand] = {}
         for item, line in self.moving:
             for s in self.sums[line.target]:
+                begin = len(self.lines.body)
                 part: Operand = 0.0
                 for i, j in s.inner(k - 1 if isinstance(item, Integrated) else k):
                     part = self.lines.fma(coefficient(s.a, i), coefficient(s.b, j), part)
                 total[s] = part
+                self.lines.note((s, k), begin)
         return total
 
     def _middle(self, series: Series, k: int) -> Operand:

@@ -23,6 +23,7 @@ from ...methods.step_constants import SMALLEST_NORMAL
 from ..pipelines import STEP_PASSES
 from .expansion import FAITHFUL_ORDER, Expansion, Series, coefficient, over
 from .nonsmooth import largest_degree
+from .pairs import Pairs, pairs_of
 from .recurrences import Integrated, Recurrences
 from .residual_control import PREVIOUS, grown, reached
 from .singular_steps import beside, passing
@@ -88,6 +89,11 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
     Its outputs are the new state (n_y), the size of the step, a zero that is NaN where the new state is not finite,
     and, where `dense`, the coefficients of orders 0 to `order` of each component in turn, in powers of the signed time.
     """
+    return paired_step(recurrences, order, dense=dense)[0]
+
+
+def paired_step(recurrences: Recurrences, order: int, *, dense: bool) -> tuple[Kernel, Pairs]:
+    """Return the kernel of a step, and pairs of its operations that one instruction on two numbers can do."""
     expansion = Expansion(recurrences, order)
     expansion.extend(order)
     lines = expansion.lines
@@ -97,8 +103,8 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
     if dense:
         outputs += [a for state in recurrences.states for a in expansion.series[state]]
     loads = (*_loads(recurrences), *closing_loads(recurrences))
-    kernel = Kernel("step", STEP_ARGUMENTS, loads, tuple(lines.body), tuple(outputs))
-    return STEP_PASSES(kernel)
+    kernel = STEP_PASSES(Kernel("step", STEP_ARGUMENTS, loads, tuple(lines.body), tuple(outputs)))
+    return kernel, pairs_of(expansion, kernel)
 
 
 _TURNS = 4.0 * math.pi
@@ -168,7 +174,10 @@ def closing(
         powers.append(lines.op("mul", powers[-1], powers[-1]))
     own = len(recurrences.states) - recurrences.events_with_series
     for state, rate in zip(recurrences.states[:own], rates[:own], strict=True):
-        moved = _polynomial(lines, [over(lines, coefficient(rate, k), k + 1, faithful) for k in range(order)], powers)
+        terms = [over(lines, coefficient(rate, k), k + 1, faithful) for k in range(order)]
+        begin = len(lines.body)
+        moved = _polynomial(lines, terms, powers)
+        lines.note(state, begin)
         new.append(lines.add(state, lines.mul(moved, h)))
         check = lines.op("fma", new[-1], 0.0, check)
     return [*new, *recurrences.states[own:], size, check]
@@ -312,8 +321,9 @@ def _share_of_itself(lines: Lines, series: Series, order: int) -> list[Operand]:
 
 
 def _norm(lines: Lines, values: Sequence[Operand], least: Operand) -> Operand:
-    total = least
-    for value in values:
-        if value != 0.0:
-            total = lines.op("max", total, lines.op("abs", value) if isinstance(value, str) else abs(value))
-    return total
+    """Return the largest size, at least `least`, by comparisons that wait for few others."""
+    sizes = [least, *(lines.op("abs", v) if isinstance(v, str) else abs(v) for v in values if v != 0.0)]
+    while len(sizes) > 1:
+        larger = [lines.op("max", *sizes[i : i + 2]) for i in range(0, len(sizes) - 1, 2)]
+        sizes = larger + sizes[2 * len(larger) :]
+    return sizes[0]
