@@ -149,8 +149,8 @@ def measured(name: str, rtol: float) -> tuple[list[str], list[str]]:
     made += [str(counts["sincos"]), str(rest), str(slots_of(counts)), f"{chain(kernel):.0f}"]
     made += [str(code[key]) if code else "loop" for key in ("vector", "with a load", "stack")]
 
-    parameters = {key: float(np.mean(value)) for key, value in batch.parameters.items()}
-    start = {key: float(np.mean(value)) for key, value in batch.initial.items()}
+    parameters = {key: float(np.ravel(value)[0]) for key, value in batch.parameters.items()}
+    start = {key: float(np.ravel(value)[0]) for key, value in batch.initial.items()}
     y, c = model.state(start, parameters), constants(program, model.parameter_vector(parameters))
     address = steps.taylor(order, native_lanes(), dense=False)
     options = {"method": "taylor", "rtol": rtol, "atol": absolute(rtol), "threads": 1}
