@@ -1,6 +1,7 @@
-"""What bounds a Taylor sweep: operations of a step that are no multiply-adds, its chain of waiting ones, its code.
+"""What bounds Taylor steps: operations that are no multiply-adds, the chain of waiting ones, code, and calls.
 
-    python benchmarks/bound.py      prints the tables that docs/speed.md is about
+    python benchmarks/bound.py             prints the tables that docs/speed.md is about
+    python benchmarks/bound.py --write     writes that of single runs into docs/speed.md
 
 Times are in slots: a slot is the time of one multiply-add of a pack at the machine's measured peak, so that a step of F
 operations a lane that takes S slots reaches the share F / (2 S) of the peak.
@@ -8,19 +9,23 @@ operations a lane that takes S slots reaches the share F / (2 S) of the peak.
 
 from __future__ import annotations
 
+import argparse
 import ctypes
 import math
 import re
 import time
 from collections import Counter
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from batches import BATCHES
+from batches import BATCHES, Batch
 from cases import END, PROBLEMS
 from contenders import absolute
+from measure import machine
 from peak import flops_of_step, multiply_adds
+from report import describe_machine, fill_page
 from sweeps import CASES
 
 import dalembert as da
@@ -34,9 +39,11 @@ from dalembert.subset.arguments import Address, Matrix
 from dalembert.subset.compiled_subset import call_code, compiled_subset, row
 from dalembert.subset.packing import address_of, pack
 from dalembert.transforms.taylor.recurrences import recurrences
-from dalembert.transforms.taylor.step import order_at, step_kernel
+from dalembert.transforms.taylor.step import order_at, paired_step, step_kernel
 
 TOLERANCES, ROUNDS = (1e-6, 1e-9, 1e-12), 40
+PAGE = Path(__file__).parents[1] / "docs" / "speed.md"
+MARKS = ("<!-- single runs: benchmarks/bound.py --write -->", "<!-- end of single runs -->")
 
 # Slots of what is no instruction itself, and how many cycles it waits: counted in what `vector_functions` prints and,
 # for divisions, from Intel's tables for 512-bit packs (a division keeps its unit busy for 16 cycles).
@@ -103,9 +110,9 @@ def apart(arguments: Stepping) -> None:
         take_step(arguments, 0, half)
 
 
-def stepping(loop: Any, step: int, y: Any, c: Any, rtol: float) -> Callable[[], float]:
+def stepping(loop: Any, step: int, y: Any, c: Any, rtol: float, lanes: int) -> Callable[[], float]:
     """Return what gives the seconds of a step of a pack."""
-    lanes, count = native_lanes(), 1000
+    count = 1000
     code = load_object(compile_object(loop_assembly(loop), "loops"))
     n = len(y)
     clock, states, constants, settings = (aligned(k, lanes) for k in (1, 2 * (n + 2), len(c), 3))
@@ -132,6 +139,13 @@ def code_of(text: str) -> dict[str, int]:
     return {"vector": len(lines), "arithmetic": len(arithmetic), "stack": len(spills), "with a load": len(loads)}
 
 
+def first_case(batch: Batch, model: da.CompiledModel) -> tuple[Any, Any]:
+    """Return the start and the constants of the first case of a batch."""
+    parameters = {key: float(np.ravel(value)[0]) for key, value in batch.parameters.items()}
+    start = {key: float(np.ravel(value)[0]) for key, value in batch.initial.items()}
+    return model.state(start, parameters), constants(model.stages.program, model.parameter_vector(parameters))
+
+
 def measured(name: str, rtol: float) -> tuple[list[str], list[str]]:
     """Return two rows: what a step consists of, and how long it takes."""
     batch = BATCHES[name](CASES[0])
@@ -149,9 +163,7 @@ def measured(name: str, rtol: float) -> tuple[list[str], list[str]]:
     made += [str(counts["sincos"]), str(rest), str(slots_of(counts)), f"{chain(kernel):.0f}"]
     made += [str(code[key]) if code else "loop" for key in ("vector", "with a load", "stack")]
 
-    parameters = {key: float(np.ravel(value)[0]) for key, value in batch.parameters.items()}
-    start = {key: float(np.ravel(value)[0]) for key, value in batch.initial.items()}
-    y, c = model.state(start, parameters), constants(program, model.parameter_vector(parameters))
+    y, c = first_case(batch, model)
     address = steps.taylor(order, native_lanes(), dense=False)
     options = {"method": "taylor", "rtol": rtol, "atol": absolute(rtol), "threads": 1}
 
@@ -160,7 +172,11 @@ def measured(name: str, rtol: float) -> tuple[list[str], list[str]]:
         done = model.sweep((0.0, END), batch.initial, batch.parameters, **options)
         return (time.process_time() - begin) * native_lanes() / int(done.steps.sum())
 
-    tasks = [sweep, *(stepping(loop, address, y, c, rtol) for loop in (chained, apart)), *map(multiply_adds, (12, 1))]
+    tasks = [
+        sweep,
+        *(stepping(loop, address, y, c, rtol, native_lanes()) for loop in (chained, apart)),
+        *map(multiply_adds, (12, 1)),
+    ]
     least = [math.inf] * len(tasks)
     for _ in range(ROUNDS):  # the least of many: what others do on the machine only adds
         least = [min(known, task()) for known, task in zip(least, tasks, strict=True)]
@@ -170,13 +186,55 @@ def measured(name: str, rtol: float) -> tuple[list[str], list[str]]:
     return made, [f"{name}, {rtol:.0e}", *(f"{100 * share:.0f} %" for share in shares)]
 
 
+def alone(name: str, rtol: float) -> list[str]:
+    """Return what a step of one case consists of, how long it takes, and what a call takes besides its steps."""
+    model = da.compile_model(PROBLEMS[name].build())
+    batch, steps = BATCHES[name](CASES[0]), model.engine.steps
+    order = order_at(rtol, absolute(rtol))
+    kernel, pairs = paired_step(recurrences(model.stages.program.kernel("rhs")), order, dense=False)
+    y, c = first_case(batch, model)
+    code = steps.taylor(order, 1, dense=False)
+    packed = model.parameter_vector({key: float(np.ravel(value)[0]) for key, value in batch.parameters.items()})
+    options: dict[str, Any] = {"method": "taylor", "rtol": rtol, "atol": absolute(rtol)}
+    runs = [model.prepare((0.0, end), **options) for end in (END, 1e-6)]
+
+    def call(run: Callable[..., Any]) -> Callable[[], float]:
+        def timed() -> float:
+            begin = time.perf_counter()
+            for _ in range(100):
+                run(y, packed)
+            return (time.perf_counter() - begin) / 100
+
+        return timed
+
+    tasks = [*(stepping(loop, code, y, c, rtol, 1) for loop in (chained, apart)), *map(call, runs), multiply_adds(1)]
+    least = [math.inf] * len(tasks)
+    for _ in range(ROUNDS):
+        least = [min(known, task()) for known, task in zip(least, tasks, strict=True)]
+    turn, independent, whole, short, wait = least
+    joined = len(kernel.body) - len(pairs) // 2
+    row = [f"{name}, {rtol:.0e}", *map(str, (order, len(kernel.body), joined)), f"{chain(kernel):.0f}"]
+    row += [f"{4 * seconds / wait:.0f}" for seconds in (turn, independent)]
+    return [*row, f"{1e6 * whole:.1f}", f"{1e6 * (short - turn):.1f}"]
+
+
 def table(head: list[str], rows: list[list[str]]) -> str:
     """Return a table in Markdown."""
     return "\n".join("| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows))
 
 
 def main() -> None:
-    """Print the tables."""
+    """Print the tables, or write that of single runs."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true", help="write the table of single runs into docs/speed.md")
+    write = parser.parse_args().write
+    head = ["single run", "order", "operations", "with pairs as one", "longest chain, cycles", "step, cycles"]
+    head += ["if steps were independent", "10 s, us", "of these, the call"]
+    single = table(head, [alone(name, rtol) for name in BATCHES for rtol in TOLERANCES])
+    print(single, end="\n\n")
+    if write:
+        fill_page(PAGE, MARKS, f"{single}\n\n{describe_machine(machine())}")
+        return
     found = [measured(name, rtol) for name in BATCHES for rtol in TOLERANCES]
     head = ["step of", "order", "flops", "multiply-adds", "sums and products alone", "divisions", "sine pairs", "other"]
     head += ["slots", "chain, cycles", "vector instructions", "with a load", "stack moves"]
