@@ -227,14 +227,61 @@ define internal double @rough_exp2(double %x) alwaysinline nounwind {
 declare ptr @malloc(i64)
 declare void @free(ptr)
 
-; The sum of a[j] b[-j] for j = 0 .. count - 1, newest terms last.
+; The sum of a[j] b[-j] for j = 0 .. count - 1: four sums at a time, which need not wait for each other, then the rest.
 define internal double @convolve(ptr %a, ptr %b, i64 %count) nounwind noinline {
 entry:
-  %none = icmp eq i64 %count, 0
+  %fours = and i64 %count, -4
+  %few = icmp eq i64 %fours, 0
+  br i1 %few, label %rest, label %four
+four:
+  %i = phi i64 [0, %entry], [%i.next, %four]
+  %sum.0 = phi double [0x0000000000000000, %entry], [%more.0, %four]
+  %sum.1 = phi double [0x0000000000000000, %entry], [%more.1, %four]
+  %sum.2 = phi double [0x0000000000000000, %entry], [%more.2, %four]
+  %sum.3 = phi double [0x0000000000000000, %entry], [%more.3, %four]
+  %j.0 = add i64 %i, 0
+  %back.0 = sub i64 0, %j.0
+  %a.at.0 = getelementptr double, ptr %a, i64 %j.0
+  %b.at.0 = getelementptr double, ptr %b, i64 %back.0
+  %x.0 = load double, ptr %a.at.0, align 8
+  %z.0 = load double, ptr %b.at.0, align 8
+  %more.0 = call double @llvm.fma.f64(double %x.0, double %z.0, double %sum.0)
+  %j.1 = add i64 %i, 1
+  %back.1 = sub i64 0, %j.1
+  %a.at.1 = getelementptr double, ptr %a, i64 %j.1
+  %b.at.1 = getelementptr double, ptr %b, i64 %back.1
+  %x.1 = load double, ptr %a.at.1, align 8
+  %z.1 = load double, ptr %b.at.1, align 8
+  %more.1 = call double @llvm.fma.f64(double %x.1, double %z.1, double %sum.1)
+  %j.2 = add i64 %i, 2
+  %back.2 = sub i64 0, %j.2
+  %a.at.2 = getelementptr double, ptr %a, i64 %j.2
+  %b.at.2 = getelementptr double, ptr %b, i64 %back.2
+  %x.2 = load double, ptr %a.at.2, align 8
+  %z.2 = load double, ptr %b.at.2, align 8
+  %more.2 = call double @llvm.fma.f64(double %x.2, double %z.2, double %sum.2)
+  %j.3 = add i64 %i, 3
+  %back.3 = sub i64 0, %j.3
+  %a.at.3 = getelementptr double, ptr %a, i64 %j.3
+  %b.at.3 = getelementptr double, ptr %b, i64 %back.3
+  %x.3 = load double, ptr %a.at.3, align 8
+  %z.3 = load double, ptr %b.at.3, align 8
+  %more.3 = call double @llvm.fma.f64(double %x.3, double %z.3, double %sum.3)
+  %i.next = add i64 %i, 4
+  %full = icmp eq i64 %i.next, %fours
+  br i1 %full, label %joined, label %four
+joined:
+  %low = fadd double %more.0, %more.1
+  %high = fadd double %more.2, %more.3
+  %both = fadd double %low, %high
+  br label %rest
+rest:
+  %known = phi double [0x0000000000000000, %entry], [%both, %joined]
+  %none = icmp eq i64 %fours, %count
   br i1 %none, label %done, label %loop
 loop:
-  %j = phi i64 [0, %entry], [%next, %loop]
-  %sum = phi double [0x0000000000000000, %entry], [%more, %loop]
+  %j = phi i64 [%fours, %rest], [%next, %loop]
+  %sum = phi double [%known, %rest], [%more, %loop]
   %back = sub i64 0, %j
   %a.at = getelementptr double, ptr %a, i64 %j
   %b.at = getelementptr double, ptr %b, i64 %back
@@ -245,7 +292,7 @@ loop:
   %last = icmp eq i64 %next, %count
   br i1 %last, label %done, label %loop
 done:
-  %result = phi double [0x0000000000000000, %entry], [%more, %loop]
+  %result = phi double [%known, %rest], [%more, %loop]
   ret double %result
 }
 
