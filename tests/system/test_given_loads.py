@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from sympy import Piecewise, exp, sin, symbols
+from sympy import Piecewise, exp, sin, sqrt, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
@@ -173,6 +173,7 @@ def test_the_smooth_law_has_the_load_and_the_curve():
         ({"normal": -1}, ["normal load of friction 'bearing' is -1", "not be negative"]),
         ({"normal": T}, ["normal and tangential reactions must be different"]),
         ({"normal": da.unknowns("Z")}, ["Z", "no unknown of a joint"]),
+        ({"normal": sqrt(k**2 + da.unknowns("Z") ** 2)}, ["'bearing' contains Z", "size by hand"]),
         ({"normal": x}, ["x(t)", "coordinates of the scene"]),
         ({"mu": lambda v: undefined + v}, ["mu of friction 'bearing' as a function", "NameError"]),  # noqa: F821
         ({"mu": lambda v: 1 + v, "mu_static": 0.5}, ["mu_static is 0.5, less than mu = 1"]),
@@ -192,3 +193,30 @@ def test_two_laws_of_one_slip_are_refused_as_one_with_a_given_load():
     scene.add_friction(da.CoulombFriction(normal=k, tangential=other, mu=1, name="brake"))
     with pytest.raises(ConstraintError, match="the sum of the loads"):
         da.compile_model(scene, backend="numpy").simulate((0, 1), STILL, {m: 1, J: 1, T_0: 1, k: 1})
+
+
+@pytest.mark.parametrize("given", [True, False], ids=["clamp", "weight"])
+def test_other_reactions_of_a_joint_with_friction(given):
+    """A block slides in its one coordinate under a side load k, with friction at the arm r below its centre."""
+    Y, Z, M = da.unknowns("Y Z M")
+    scene = da.Scene("guided", frame=N, origin=O, coordinates=[x])
+    S, G = N.orientnew("S", "Axis", (0, N.z)), O.locatenew("G", x * N.x)
+    scene.add_bodies(RigidBody("block", G, S, m, (inertia(S, J, J, J), G)))
+    scene.apply_uniform_gravity(-g * N.z)
+    scene.add_loads((G, -k * N.y))
+    foot = G.locatenew("foot", -r * N.z)
+    L, K = da.unknowns("L K")
+    force, torque = T * N.x + Y * N.y + Z * N.z, L * N.x + M * N.y + K * N.z
+    scene.add_joints(da.Joint("guide", body="block", at=foot, force=force, torque=torque))
+    scene.add_friction(da.CoulombFriction(T_0 if given else Z, T, mu=mu, name="guide"))
+    model = da.compile_model(scene, backend="numpy", outputs=["T", "Y", "Z", "L", "M", "K"])
+    p = {m: 2, J: 1, g: 10, k: 3, r: 0.4, mu: 0.25} | ({T_0: 8} if given else {})
+    run = model.simulate((0, 2), {x: 0, x.diff(): 1}, p)
+    size = 0.25 * (8 if given else 20)
+    assert [phase.modes["guide"] for phase in run.phases] == ["slip", "stick"]
+    assert run.phases[1].t0 == pytest.approx(2 / size, rel=1e-9)
+    slip = run.t < 2 / size - 1e-9
+    for name, value in {"T": -size, "Y": 3, "Z": 20, "L": -0.4 * 3, "M": -0.4 * size, "K": 0}.items():
+        np.testing.assert_allclose(run[name][slip], value, rtol=1e-12, atol=1e-12)
+        held = 0 if name in "TM" else value
+        np.testing.assert_allclose(run[name][-1], held, rtol=1e-12, atol=1e-12)

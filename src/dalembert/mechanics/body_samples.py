@@ -27,6 +27,7 @@ from .equations import EquationsOfMotion
 from .manifold import places_on_manifold
 
 _SMALL = 1e-8
+_ROUNDING = 1e-13
 
 
 @final
@@ -37,7 +38,7 @@ class BodySample:
     Attributes
     ----------
     demand : array (6 n_bodies,)
-        Rates of momentum less loads, along the motion.
+        Rates of momentum less loads, and less reactions that the mode gives as loads, along the motion.
     unknowns : array (6 n_bodies, n_unknown)
         Wrenches of all unknowns of the scene.
     mode : array (n_unknown, k)
@@ -66,13 +67,12 @@ def body_samples(equations: EquationsOfMotion, balances: BodyBalances) -> list[B
     slopes = [tangents(graph, gone, {x: graph.one}) for x in equations.unknowns] if gone else []
     jacobian = [x for row in rows for x in row.jacobian]
     others = [x for row in rows for x in (row.drift, row.bias)] + [x for column in slopes for x in column]
-    others += [*equations.forcing, *equations.inertia]  # finite, as of bodies
+    others += [*equations.forcing, *equations.inertia, *gone]  # finite, as of bodies
     positions = [row.position for row in rows if row.position is not None]
     found = []
     for number, (_, values) in enumerate(places_on_manifold(equations.q, others, positions, jacobian)):
         moving = _rates_on_constraints(equations, values, number)
-        mode = _mode_matrix(equations, slopes, moving)
-        found.append(_sample(equations, balances, moving, mode, number))
+        found.append(_sample(equations, balances, moving, _mode_of(equations, slopes, moving), number))
     return found
 
 
@@ -93,23 +93,31 @@ def _jacobian(equations: EquationsOfMotion, values: Mapping[Node, float]) -> Flo
     return np.array(flat).reshape(-1, len(equations.q))
 
 
-def _mode_matrix(
+def _mode_of(
     equations: EquationsOfMotion, slopes: Sequence[Sequence[Node]], values: Mapping[Node, float]
-) -> FloatArray:
-    """Return the matrix from the unknowns that a mode leaves to all unknowns of the scene."""
+) -> tuple[FloatArray, FloatArray]:
+    """Return all unknowns of the scene by those that a mode leaves: a matrix, and their values where these are zero.
+
+    The latter are those of friction under given loads.
+    """
     assert equations.scene is not None
     names, kept = equations.scene.symbols.unknowns, equations.symbols.unknowns
-    matrix = np.zeros((len(names), len(kept)))
+    matrix, given = np.zeros((len(names), len(kept))), np.zeros(len(names))
+    gone, nodes = [names.index(name) for name in equations.mode_reactions], list(equations.mode_reactions.values())
+    given[gone] = values_of(nodes, {**values, **dict.fromkeys(equations.unknowns, 0.0)})
     for j, name in enumerate(kept):
         matrix[names.index(name), j] = 1.0
     for j, column in enumerate(slopes):
-        for name, value in zip(equations.mode_reactions, values_of(column, values), strict=True):
-            matrix[names.index(name), j] = value
-    return matrix
+        matrix[gone, j] = values_of(column, values)
+    return matrix, given
 
 
 def _sample(
-    equations: EquationsOfMotion, balances: BodyBalances, state: Mapping[Node, float], mode: FloatArray, seed: int
+    equations: EquationsOfMotion,
+    balances: BodyBalances,
+    state: Mapping[Node, float],
+    mode: tuple[FloatArray, FloatArray],
+    seed: int,
 ) -> BodySample:
     symbols, graph, size = balances.model.symbols, balances.graph, len(balances.poses)
     names = {str(node.payload): value for node, value in state.items() if node.op == "input"}
@@ -152,9 +160,12 @@ def _sample(
     bias = np.array(values_of([row.bias for row in equations.constraints], state))
     whole = np.block([[mass, constraints.T], [constraints, np.zeros((len(bias), len(bias)))]])
     accelerations = np.linalg.lstsq(whole, np.concatenate([rest, bias]), rcond=1e-12)[0][:n_q]
-    demand = wrenches[:, 0] + inertia @ accelerations
+    matrix, given = mode
+    terms = np.hstack([wrenches[:, :1], inertia * accelerations, -forces * given])
+    demand = terms.sum(axis=1)
+    demand[np.abs(demand) <= _ROUNDING * np.abs(terms).sum(axis=1)] = 0.0  # of loads that balance
     known = {node: float(value[0]) for node, value in inputs.items()}
-    return BodySample(demand, forces, mode, along, constraints, places, known)
+    return BodySample(demand, forces, matrix, along, constraints, places, known)
 
 
 def _nodes(balances: BodyBalances) -> list[Node]:

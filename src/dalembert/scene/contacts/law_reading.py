@@ -55,6 +55,12 @@ class _Reading:
         e, where = self.sympified(law.normal), f"the normal load of friction {law.label!r}"
         if e is None or isinstance(e, Unknown) or str(e) in self.forces:
             return self.unknown(law.normal, f"the normal reaction of friction {law.label!r}"), None
+        if reactions := sorted(x.name for x in e.atoms(Unknown)):
+            self.faults.append(
+                f"{where} contains {list_names(reactions)}, and may contain no unknown unless it is one. A normal force"
+                " with two components, as of a ring on a wire, has its size by hand, in coordinates, rates and time"
+            )
+            return law.label, None
         if law.name is None:
             self.faults.append(f"friction with the normal load {short(e)} has no name; give it one, name=")
         if e.is_negative:
