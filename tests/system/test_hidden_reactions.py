@@ -480,7 +480,7 @@ def test_wheel_on_a_table_that_moves_may_hang_from_the_fixed_frame():
         start = {z: 0, x: 0, phi: 0, z.diff(): 0.1, x.diff(): 1} | ({y: 0.5} if kind == "height" else {})
         return model.simulate((0, 0.1), start, {m: 1.0, M: 2.0, J: 0.1, l: 0.5, g: 9.81})["floor.normal"][-1]
 
-    remedy = "If nothing but 'floor' holds 'wheel', locate its points from a point of 'table', or make .* a coordinate"
+    remedy = "If nothing but 'floor' holds 'wheel', locate its points along the axes of 'table' or from .* a coordinate"
     with pytest.raises(ConstraintError, match=remedy):
         normal("located from the origin")
     assert normal("located from the table") == pytest.approx(9.81, rel=1e-14)

@@ -268,8 +268,9 @@ class _Search:
         """
         by_pair, actions = self.system.connections[0].by_pair, self.system.balances.model.actions
         found = [
-            f". If nothing but {joint.name!r} holds {self._body(b)}, locate its points from a point of"
-            f" {self._body(other)}, or make what they leave out a coordinate, such as a height, with its constraint"
+            f". If nothing but {joint.name!r} holds {self._body(b)}, locate its points along the axes of"
+            f" {self._body(other)} or from a point that moves with it, or make what they leave out a coordinate,"
+            " such as a height, with its constraint"
             for a, b in pairs
             for joint in (joint for joints in by_pair.values() for joint in joints)
             if a is None and actions[joint.action].target == b and (other := actions[joint.action].other) is not None
