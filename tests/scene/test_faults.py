@@ -150,7 +150,7 @@ def test_coordinates_are_a_sequence(stage, wrong):
 
 def test_constraints_that_are_no_expressions(stage):
     stage.scene.add_holonomic_constraints([stage.x - 1], sp.Eq(stage.x, 1))
-    first, second = faults(stage.scene)
+    _, first, second = faults(stage.scene)
     assert "not a SymPy expression" in first and "left side minus right side" in second
 
 
@@ -384,6 +384,14 @@ def test_no_bodies(stage):
 def test_not_a_body(stage):
     stage.scene.add_bodies("brick")
     assert any("'brick' is not a RigidBody or Particle" in fault for fault in faults(stage.scene))
+
+
+@pytest.mark.parametrize(
+    "method", ["bodies", "joints", "loads", "holonomic_constraints", "nonholonomic_constraints", "inputs", "contacts"]
+)
+def test_lists_are_to_be_unpacked(stage, method):
+    getattr(stage.scene, f"add_{method}")([stage.x])
+    assert f"add_{method} was given a list: unpack it, add_{method}(*items)" in faults(stage.scene)
 
 
 def test_two_bodies_with_one_name(stage):

@@ -103,6 +103,10 @@ def names_as_nodes(reader: GeometryReader, symbols: SymbolTable, outputs: Sequen
     return found
 
 
+_SEVERAL = "bodies", "joints", "loads", "holonomic_constraints", "nonholonomic_constraints", "inputs", "contacts"
+"""What a scene has several of, by the ends of the names of the methods that add them."""
+
+
 def read(scene: Scene, outputs: Sequence[Any] = ()) -> SceneModel:
     """Return `scene` on the expression graph.
 
@@ -131,6 +135,8 @@ class _SceneReader(ContentReader):
     def read(self, outputs: Sequence[Any]) -> SceneModel:
         """Read everything, then raise the faults or return the model."""
         scene = self.scene
+        lists = [name for name in _SEVERAL if any(isinstance(item, list) for item in getattr(scene, name))]
+        self.faults += [f"add_{name} was given a list: unpack it, add_{name}(*items)" for name in lists]
         self.faults += _unwritable_names(scene)
         state_rates = self._state_rates()
         given, lagrangian = self._given()
