@@ -2,6 +2,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from sympy import cos, sin, symbols
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.errors import CapabilityError, OptionError, UnknownNameError
@@ -162,3 +164,26 @@ def test_no_nan_where_a_root_has_no_derivative():
     parameters = MOTIONS["chaplygin_sleigh"][0]
     run = model.sensitivity((0.0, 1.0), start, parameters, wrt=["b", "x_dot"], of=[speed])
     assert np.isfinite(run.jacobians).all() and (run.jacobians == 0.0).all()
+
+
+def test_coordinates_of_a_loop_move_to_the_nearest_closed_state_unless_another_follows():
+    """Of a slider crank, by the length of the crank: with the slider's own change added, the angle stays."""
+    N, O = ReferenceFrame("N"), Point("O")
+    (a, b), (l, r) = dynamicsymbols("a b"), symbols("l r", positive=True)
+    scene = da.Scene("slider_crank", frame=N, origin=O, coordinates=[a, b])
+    pin, slider = l * cos(a) * N.x + l * sin(a) * N.y, b * N.x
+    scene.add_bodies(Particle("pin", O.locatenew("A", pin), 1), Particle("slider", O.locatenew("B", slider), 2))
+    scene.add_holonomic_constraints((pin - slider).dot(pin - slider) - r**2)
+    model, p = da.compile_model(scene, backend="numpy"), {l: 0.5, r: 1.2}
+    span, step = (0, 0.5), 1e-5
+    start = model.assemble({a: 0.7, b: 1.5}, p, fixed=[a]) | {a.diff(): 1}
+    found = model.sensitivity(span, start, p, wrt=[l, b], of=[a], rtol=1e-11)
+    sides = [model.assemble({a: 0.7, b: 1.5}, p | {l: 0.5 + h}, fixed=[a]) | {a.diff(): 1} for h in (step, -step)]
+    ends = [
+        model.simulate(span, side, p | {l: 0.5 + h}, rtol=1e-12)["a"][-1]
+        for side, h in zip(sides, (step, -step), strict=True)
+    ]
+    slider_rate = (sides[0]["b"] - sides[1]["b"]) / (2 * step)
+    by_l = found.jacobian(a, l) + found.jacobian(a, b) * slider_rate
+    assert abs(found.jacobian(a, l)[0]) > 0.5 and abs(by_l[0]) < 1e-8
+    assert by_l[-1] == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-5)
