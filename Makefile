@@ -17,7 +17,8 @@ SINGULAR  := projected_runs_pass_through_on_their_branch projected_runs_pass_on_
              runs_past_lost_ranks_that_succeed_keep_their_energy_in_all_units \
              neighbours_of_cases_that_end_there_keep_their_bits \
              cases_of_a_sweep_that_are_redundant_otherwise_than_the_first_are_not_run
-TAYLOR    := loops_and_unrolled_code_agree a_loop_over_the_orders_gives_the_bits_of_unrolled_code
+TAYLOR    := loops_and_unrolled_code_agree a_loop_over_the_orders_gives_the_bits_of_unrolled_code \
+             pairs_of_operations_give_the_bits_of_operations_one_by_one
 SUBSET    := $(LANES) tests/methods/test_methods.py tests/steps/test_radau.py \
              $(addprefix tests/system/test_singular.py::test_,$(SINGULAR)) \
              tests/system/test_contact_rounding.py tests/system/test_kinks.py \
