@@ -6,6 +6,7 @@ beside the rows that stay. Patterns are those of `fnmatch`, of a file and the na
 
 from collections import Counter
 from fnmatch import fnmatchcase
+from functools import cache
 
 ROWS_OF_BACKENDS = {"numba": ("codegen", "jax_backend"), "jax": ("codegen", "jax_backend", "system")}
 """Folders whose rows of a backend stay: numba runs the loops of llvm, and JAX its own on the same kernels."""
@@ -344,7 +345,16 @@ def repeats(path, name, values):
     """Return whether a test is a repetition, by its file below `tests`, its name, and the values of its parameters."""
     if any(backend in values and not path.startswith(folders) for backend, folders in ROWS_OF_BACKENDS.items()):
         return True
-    return any(path == file and fnmatchcase(name, pattern) for file, pattern in REPEATED)
+    return any(fnmatchcase(name, pattern) for pattern in _patterns().get(path, ()))
+
+
+@cache
+def _patterns():
+    """Return the patterns of `REPEATED` by file."""
+    found = {}
+    for file, pattern in REPEATED:
+        found.setdefault(file, []).append(pattern)
+    return found
 
 
 def repeated_in_products(rows):

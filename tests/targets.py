@@ -36,7 +36,7 @@ def main(which: str, *arguments: str) -> int:
     fewer = [name for name, target in known.items() if target.lanes < known["native"].lanes]
     for name in {"all": list(known), "least": fewer[:1], "between": fewer[1:]}[which]:
         print(f"==> pytest: what the processor decides, for {name} ({known[name].lanes} lanes)", flush=True)
-        for command in (["tests/compile_loops.py"], ["-m", "pytest", "-q", *arguments]):
+        for command in (["tests/compile_once.py"], ["-m", "pytest", "-q", *arguments]):
             if status := subprocess.run([sys.executable, *command], env=os.environ | environment(name)).returncode:
                 return status
     return 0

@@ -268,10 +268,12 @@ def source_of(template):
     return (FOLDER / template).read_text(encoding="utf-8")
 
 
+@functools.cache
 def syntax_of(template):
     return jinja2.Environment().parse(source_of(template))
 
 
+@functools.cache
 def imported(template):
     """Return the templates whose macros a template uses, directly or not."""
     direct = set(jinja2.meta.find_referenced_templates(syntax_of(template)))

@@ -22,6 +22,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from decimal import Decimal
 from fractions import Fraction
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -101,15 +102,13 @@ TEXTS = (
 )
 
 
+@cache
 def deep(levels: int) -> Any:
     """Return functions in one another."""
     e = dynamicsymbols("x")
     for _ in range(levels):
         e = sp.sin(e) + sp.Symbol("k")
     return e
-
-
-DEEP = deep(600)
 
 
 def things(rng: random.Random) -> Any:
@@ -141,7 +140,9 @@ def things(rng: random.Random) -> Any:
             [dynamicsymbols("x"), dynamicsymbols("unknown"), dynamicsymbols("x").diff(), sp.Matrix([1, 2])]
         ),
         lambda: rng.choice([ReferenceFrame("F").x, ReferenceFrame("F"), Point("P"), sp.Eq(sp.Symbol("a"), 1)]),
-        lambda: rng.choice([sp.Integer(10) ** 400, sp.Float("1e400"), DEEP, sp.Symbol("x" * 1200), sp.Symbol("a\nb")]),
+        lambda: rng.choice(
+            [sp.Integer(10) ** 400, sp.Float("1e400"), deep(600), sp.Symbol("x" * 1200), sp.Symbol("a\nb")]
+        ),
         lambda: (i for i in range(3)),
         lambda: rng.choice([lambda *a: 0, lambda *a: 1 / 0, print, math.sin]),
     ]
