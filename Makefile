@@ -79,15 +79,17 @@ lint: $(VENV)/.installed-dev
 	@echo "==> prose"
 	@$(BIN)/python tests/prose.py
 
-# mypy and prose leave half of a processor idle: meanwhile what both processes of pytest need is compiled.
+# mypy and prose leave half of a processor idle: meanwhile what both processes of pytest need is compiled. The parts for
+# other instruction sets run in one process each, which compiles the few loops that it needs.
 test: $(VENV)/.installed-dev
 	@$(BIN)/python tests/compile_once.py tests & compiling=$$!; \
 	$(MAKE) --no-print-directory lint; linted=$$?; \
 	wait $$compiling && exit $$linted
 	@echo "==> pytest"
 	@$(BIN)/python -m pytest -n 2
-	@$(BIN)/python tests/targets.py least -n 2 -k "$(OTHERS)" $(SUBSET)
-	@$(BIN)/python tests/targets.py between -n 2 -k "$(OTHERS)" $(LANES)
+	@mkdir -p build; $(BIN)/python tests/targets.py between -k "$(OTHERS)" $(LANES) >build/between.log 2>&1 & between=$$!; \
+	$(BIN)/python tests/targets.py least -k "$(OTHERS)" $(SUBSET); least=$$?; \
+	wait $$between; between=$$?; cat build/between.log; exit $$((least | between))
 
 test-all: test
 	@echo "==> pytest: more random scenes, and the whole matrix of scenes"
@@ -117,14 +119,14 @@ test-newest: install-newest
 	else \
 	    echo "==> pytest with the newest releases:" \
 	         "$$($(NEWEST)/bin/python --version)" $$($(NEWEST)/bin/python -m pip freeze | grep -E $(RELEASES)) && \
-	    $(NEWEST)/bin/python tests/compile_once.py $(PART) && $(NEWEST)/bin/python -m pytest -q -n 2 $(PART); \
+	    $(NEWEST)/bin/python -m pytest -q -n 0 $(PART); \
 	fi
 
 test-browser: $(VENV)/.installed-dev
 	@$(BIN)/python -m pytest -q -n 0 tests/browser
 
 test-targets: $(VENV)/.installed-dev
-	@$(BIN)/python tests/targets.py all -n 2 $(NUMERICAL)
+	@$(BIN)/python tests/targets.py all $(NUMERICAL)
 
 bench: $(VENV)/.installed-bench
 	@$(BIN)/python benchmarks/run.py --full

@@ -1,8 +1,8 @@
 """Run tests for other instruction sets: ``python tests/targets.py all``, and arguments of pytest.
 
-``all`` are all targets of this processor; ``least`` is the first one, where its lanes are fewer than those of the
-processor, and ``between`` are the others that have fewer. NumPy and OpenBLAS, which read that when they are loaded,
-are limited to the same instructions.
+``all`` are all targets of this processor, by two processes; ``least`` is the first one, where its lanes are fewer than
+those of the processor, and ``between`` are the others that have fewer, by one process, which compiles only the loops
+that its tests need. NumPy and OpenBLAS, which read that when they are loaded, are limited to the same instructions.
 """
 
 import os
@@ -36,7 +36,10 @@ def main(which: str, *arguments: str) -> int:
     fewer = [name for name, target in known.items() if target.lanes < known["native"].lanes]
     for name in {"all": list(known), "least": fewer[:1], "between": fewer[1:]}[which]:
         print(f"==> pytest: what the processor decides, for {name} ({known[name].lanes} lanes)", flush=True)
-        for command in (["tests/compile_once.py"], ["-m", "pytest", "-q", *arguments]):
+        commands = [["-m", "pytest", "-q", "-n", "0", *arguments]]
+        if which == "all":
+            commands = [["tests/compile_once.py"], ["-m", "pytest", "-q", "-n", "2", *arguments]]
+        for command in commands:
             if status := subprocess.run([sys.executable, *command], env=os.environ | environment(name)).returncode:
                 return status
     return 0
