@@ -1,10 +1,11 @@
 """Sweeps of 1,024, 16,384 and 262,144 cases on one and two threads, beside heyoka's fastest batches.
 
 ``python benchmarks/cells.py [--write]`` prints a table in Markdown, or writes it into docs/benchmarks.md. A cell says
-how many times as long heyoka takes at errors of 1e-6, 1e-9 and 1e-12, by the least of the times measured in turn. For
-up to 16,384 cases heyoka's batches are the fastest of `peer_sweeps.HEYOKA_LANES`; for more, those that are fastest
-there. Rows with a target run a process that compiles dalembert for a lesser processor (``DALEMBERT_TARGET``); heyoka
-compiles for the processor at hand all the same.
+how many times as long heyoka takes at errors of 1e-6, 1e-9 and 1e-12, by the least of the times measured in turn, after
+20 sweeps of each model: the first 16 check their cases by code that is not compiled, which takes some 0.5 ms. heyoka's
+batches are the fastest of `peer_sweeps.HEYOKA_LANES` for up to 16,384 cases; for more, those that are fastest there.
+Rows with a target run a process that compiles dalembert for a lesser processor (``DALEMBERT_TARGET``); heyoka compiles
+for the processor at hand all the same.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from report import describe_machine, fill_page
 from sweeps import own_sweep
 
 SIZES, LARGE = (1_024, 16_384), 262_144
-TOLERANCES = (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13)
+TOLERANCES, WARM = (1e-5, 1e-6, 1e-7, 1e-9, 1e-10, 1e-12, 1e-13), 20
 LESSER = ("x86-64-v2", "x86-64-v3")
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"
 MARKS = ("<!-- cells: benchmarks/cells.py --write -->", "<!-- end of cells -->")
@@ -45,6 +46,9 @@ def times(name: str, count: int, threads: int, lanes: Sequence[int], rounds: int
     for rtol in TOLERANCES:
         solvers[0, rtol] = own_sweep(batch, "auto", threads, rtol)
         solvers |= {(k, rtol): heyoka_sweep(heyoka, batch, threads, rtol, k) for k in lanes}
+    for run, _, steps in solvers.values():
+        for _ in range(WARM if count == SIZES[0] and steps is not None else 0):
+            run()
     found = interleaved({key: run for key, (run, _, _) in solvers.items()}, rounds=rounds, seconds_each=5.0)
     return {
         key: (float(np.abs(state() - exact).max()), 1e6 * found[key].least / count)
@@ -74,17 +78,14 @@ def best_lanes(found: Times) -> int:
     return min(sizes, key=lambda k: time_at([v for key, v in found.items() if key[0] == k], TARGETS[1]) or np.inf)
 
 
-def row(name: str, threads: int, *, large: bool = True) -> list[str]:
-    """Return the cells of a scene."""
-    cells, best = [], HEYOKA_LANES[:1]
-    for count in SIZES if large else SIZES[1:]:
-        found = times(name, count, threads, HEYOKA_LANES, rounds=9)
-        cells.append(cell(found))
-        best = (best_lanes(found),)
-    return [*cells, cell(times(name, LARGE, threads, best, rounds=2))] if large else cells
+def row(name: str, threads: int) -> list[str]:
+    """Return the cells of a scene; the largest for two threads alone."""
+    found = [times(name, count, threads, HEYOKA_LANES, rounds=5) for count in SIZES]
+    last = cell(times(name, LARGE, threads, (best_lanes(found[-1]),), rounds=2)) if threads > 1 else ""
+    return [*map(cell, found), last]
 
 
-def on_target(target: str) -> dict[str, list[str]]:
+def on_target(target: str) -> dict[str, str]:
     """Return cells of 16,384 cases on one thread, of a process for a target."""
     done = subprocess.run(
         [sys.executable, __file__, "--rows"],
@@ -93,7 +94,7 @@ def on_target(target: str) -> dict[str, list[str]]:
         text=True,
         check=True,
     )
-    found: dict[str, list[str]] = json.loads(done.stdout.splitlines()[-1])
+    found: dict[str, str] = json.loads(done.stdout.splitlines()[-1])
     return found
 
 
@@ -104,7 +105,7 @@ def main() -> None:
     parser.add_argument("--rows", action="store_true", help="print the cells of 16,384 cases on one thread as JSON")
     options = parser.parse_args()
     if options.rows:
-        print(json.dumps({name: row(name, 1, large=False) for name in BATCHES}))
+        print(json.dumps({name: cell(times(name, SIZES[1], 1, HEYOKA_LANES[1:2], rounds=3)) for name in BATCHES}))
         return
     where: dict[str, Any] = machine()
     lines = [f"| cases | threads | {' | '.join(f'{count:,}' for count in (*SIZES, LARGE))} |", "|---|---|" + "---|" * 3]
@@ -115,7 +116,7 @@ def main() -> None:
     lines += ["", f"| 16,384 cases, one thread | {' | '.join(BATCHES)} |", "|---|" + "---|" * len(BATCHES)]
     for target in LESSER:
         cells = on_target(target)
-        lines.append(f"| compiled for {target} | {' | '.join(cells[name][0] for name in BATCHES)} |")
+        lines.append(f"| compiled for {target} | {' | '.join(cells[name] for name in BATCHES)} |")
         print(lines[-1], flush=True)
     lines += ["", f"{describe_machine(where)}"]
     if options.write:
