@@ -1,11 +1,12 @@
 """Sweeps of 1,024, 16,384 and 262,144 cases on one and two threads, beside heyoka's fastest batches.
 
-``python benchmarks/cells.py [--write]`` prints a table in Markdown, or writes it into docs/benchmarks.md. A cell says
-how many times as long heyoka takes at errors of 1e-6, 1e-9 and 1e-12, by the least of the times measured in turn, after
-20 sweeps of each model: the first 16 check their cases by code that is not compiled, which takes some 0.5 ms. heyoka's
-batches are the fastest of `peer_sweeps.HEYOKA_LANES` for up to 16,384 cases; for more, those that are fastest there.
-Rows with a target run a process that compiles dalembert for a lesser processor (``DALEMBERT_TARGET``); heyoka compiles
-for the processor at hand all the same.
+``python benchmarks/cells.py [PART ...]`` measures scenes or targets, saves them in benchmarks/results/cells.json, and
+writes the tables of all that is saved into docs/benchmarks.md. A cell says how many times as long heyoka takes at
+errors of 1e-6, 1e-9 and 1e-12, by the least of the times measured in turn, after 20 sweeps of each model: the first 16
+check their cases by code that is not compiled, which takes some 0.5 ms. heyoka's batches are the fastest of
+`peer_sweeps.HEYOKA_LANES` for up to 16,384 cases; for more, those that are fastest there. Rows with a target run a
+process that compiles dalembert for a lesser processor (``DALEMBERT_TARGET``); heyoka compiles for the processor at hand
+all the same.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from batches import BATCHES, sample_states
@@ -32,7 +32,8 @@ SIZES, LARGE = (1_024, 16_384), 262_144
 TOLERANCES, WARM = (1e-5, 1e-6, 1e-7, 1e-9, 1e-10, 1e-12, 1e-13), 20
 LESSER = ("x86-64-v2", "x86-64-v3")
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"
-MARKS = ("<!-- cells: benchmarks/cells.py --write -->", "<!-- end of cells -->")
+RESULTS = Path(__file__).parent / "results" / "cells.json"
+MARKS = ("<!-- cells: benchmarks/cells.py -->", "<!-- end of cells -->")
 Times = dict[tuple[int, float], tuple[float, float]]
 """(lanes of heyoka's batches or 0 for dalembert, rtol) -> (error, microseconds of a case)."""
 
@@ -98,29 +99,36 @@ def on_target(target: str) -> dict[str, str]:
     return found
 
 
+def page() -> str:
+    """Return the tables of what has been saved."""
+    saved = json.loads(RESULTS.read_text(encoding="utf-8"))
+    lines = [f"| cases | threads | {' | '.join(f'{count:,}' for count in (*SIZES, LARGE))} |", "|---|---|" + "---|" * 3]
+    lines += [f"| {name.replace(', ', ' | ')} | {' | '.join(cells)} |" for name, cells in saved["rows"].items()]
+    lines += ["", f"| 16,384 cases, one thread | {' | '.join(BATCHES)} |", "|---|" + "---|" * len(BATCHES)]
+    for target, cells in saved["targets"].items():
+        lines.append(f"| compiled for {target} | {' | '.join(cells[name] for name in BATCHES)} |")
+    return "\n".join([*lines, "", saved["machine"]])
+
+
 def main() -> None:
-    """Print the tables, or write them."""
+    """Measure what is asked for, save it, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true", help="write the tables into docs/benchmarks.md")
+    parser.add_argument("parts", nargs="*", help='names of scenes, or "targets"; all by default')
     parser.add_argument("--rows", action="store_true", help="print the cells of 16,384 cases on one thread as JSON")
     options = parser.parse_args()
     if options.rows:
         print(json.dumps({name: cell(times(name, SIZES[1], 1, HEYOKA_LANES[1:2], rounds=3)) for name in BATCHES}))
         return
-    where: dict[str, Any] = machine()
-    lines = [f"| cases | threads | {' | '.join(f'{count:,}' for count in (*SIZES, LARGE))} |", "|---|---|" + "---|" * 3]
-    for name in BATCHES:
-        for threads in (1, 2):
-            lines.append(f"| {name} | {threads} | {' | '.join(row(name, threads))} |")
-            print(lines[-1], flush=True)
-    lines += ["", f"| 16,384 cases, one thread | {' | '.join(BATCHES)} |", "|---|" + "---|" * len(BATCHES)]
-    for target in LESSER:
-        cells = on_target(target)
-        lines.append(f"| compiled for {target} | {' | '.join(cells[name] for name in BATCHES)} |")
-        print(lines[-1], flush=True)
-    lines += ["", f"{describe_machine(where)}"]
-    if options.write:
-        fill_page(PAGE, MARKS, "\n".join(lines))
+    known = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {"rows": {}, "targets": {}}
+    known["machine"] = describe_machine(machine())
+    parts = options.parts or [*BATCHES, "targets"]
+    for name in parts:
+        if name == "targets":
+            known["targets"] = {target: on_target(target) for target in LESSER}
+        else:
+            known["rows"] |= {f"{name}, {threads}": row(name, threads) for threads in (1, 2)}
+        RESULTS.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
+        fill_page(PAGE, MARKS, page())
 
 
 if __name__ == "__main__":

@@ -35,7 +35,7 @@ _LARGEST_PART = 1 << 13
 _INTERRUPTED = float(Status.INTERRUPTED)
 _BETWEEN_LOOKS = 0.1
 _MOST_THREADS = 4096
-_WORTH, _MANY = 1e-4, 2048
+_WORTH, _MANY = 1e-4, 512
 """Seconds of work that is left from which on other threads begin, twice what that takes; cases that take longer."""
 
 
