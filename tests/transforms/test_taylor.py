@@ -230,7 +230,6 @@ def test_pairs_of_operations_give_the_bits_of_operations_one_by_one(name, order)
 
 
 def test_most_operations_of_a_step_go_in_pairs():
-    """Rows of a sphere: a third of the operations is in pairs of sines and cosines, another in those of products."""
     known = recurrences(da.compile_model(da.scenes.rolling_sphere()).stages.program.kernel("rhs"))
     step, pairs = paired_step(known, 19, dense=False)
     assert len(pairs) > 0.75 * len(step.body)

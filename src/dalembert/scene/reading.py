@@ -104,7 +104,7 @@ def names_as_nodes(reader: GeometryReader, symbols: SymbolTable, outputs: Sequen
 
 
 _SEVERAL = "bodies", "joints", "loads", "holonomic_constraints", "nonholonomic_constraints", "inputs", "contacts"
-"""What a scene has several of, by the ends of the names of the methods that add them."""
+"""Lists of a scene; the methods that add to them are called ``add_`` and the name of the list."""
 
 
 def read(scene: Scene, outputs: Sequence[Any] = ()) -> SceneModel:

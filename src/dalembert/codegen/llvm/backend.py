@@ -17,7 +17,7 @@ from ...subset.arguments import OwnedAddress
 from ...transforms.runge_kutta import AttemptPieces, attempt_kernel, attempt_pieces, start_kernel, start_pieces
 from ...transforms.taylor.order_pass import LEAST_ORDER
 from ...transforms.taylor.recurrences import Recurrences
-from ...transforms.taylor.step import paired_step
+from ...transforms.taylor.step import paired_step, step_kernel
 from ..compiled_backend import CompiledBackend
 from ..library import Code, KernelLibrary
 from ..rendering import banner_lines, render
@@ -98,7 +98,7 @@ def _chain_variables(pieces: AttemptPieces, n: int) -> dict[str, Any]:
 _LARGEST_STRAIGHT, _LARGEST_PAIRED = 2000, 3600
 """Lines up to which a step is unrolled: in lanes, and on one lane, where operations go in pairs. Longer code outgrows
 the cache of instructions: the loop over the orders is up to 2.8 times as fast, and is compiled in a third of the time
-or less. Below, steps in pairs take 0.55 to 0.95 of its time (measured on forty hard cases, `benchmarks/paired.py`)."""
+or less. Below, steps in pairs take 0.75 of its time by the median, mostly 0.57 to 1.1 (`benchmarks/step_forms.py`)."""
 _LARGEST_PASS = 500
 """Values up to which one pass of the loop over the orders is straight-line code: it takes a second to compile there,
 and ever more beyond, and is twice as fast as loops throughout (measured on chains of pendulums)."""
@@ -143,8 +143,10 @@ class LLVMLibrary(KernelLibrary):
     def _step_text(self, name: str, known: Recurrences, order: int, lanes: int, dense: bool) -> str:
         largest = _LARGEST_PAIRED if lanes == 1 else _LARGEST_STRAIGHT
         if known.unrolled_lines(order) <= largest or order < LEAST_ORDER:
+            if lanes > 1:
+                return assembly([(name, step_kernel(known, order, dense=dense))], lanes)
             kernel, pairs = paired_step(known, order, dense=dense)
-            return assembly([(name, kernel)], lanes, pairs=pairs if lanes == 1 else None)
+            return assembly([(name, kernel)], lanes, pairs=pairs)
         if len(known.items) <= _LARGEST_PASS:
             return order_loop_assembly(name, known, order, lanes, native_lanes(), dense=dense)
         return series_loop_assembly(name, known, order, lanes, dense=dense)

@@ -39,7 +39,15 @@ def gathered(lanes: int, target: str, at: str) -> list[str]:
     return [f"%{target} = call {vector(lanes)} @llvm.masked.gather.{suffix(lanes)}.v{lanes}p0({given})"]
 
 
-_ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
+_ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv", "neg": "fneg"}
+
+
+def arithmetic(op: str, args: Sequence[str], lanes: int) -> str:
+    """Return the instruction of a sum, difference, product, quotient, negation or fused product and sum."""
+    v = vector(lanes)
+    if op == "fma":
+        return f"call {v} @{fma_name(lanes)}({', '.join(f'{v} {arg}' for arg in args)})"
+    return f"{_ARITHMETIC[op]} {v} {', '.join(args)}"
 
 
 class LanePrinter:
@@ -53,10 +61,9 @@ class LanePrinter:
         self.v = vector(lanes)
         self.suffix = suffix(lanes)
         self.flag = vector(lanes, "i1")
-        self.fma = fma_name(lanes)
         self._elementary = () if exact else tuple(name for name in ELEMENTARY if name != "pow" or is_fused())
         self.lines: list[str] = []
-        self._turned: dict[Operand, tuple[str, str, int]] = {}
+        self._sines: dict[Operand, tuple[str, str, int]] = {}
         self._ahead: list[Assignment] = []
 
     def operand(self, operand: Operand) -> str:
@@ -79,12 +86,8 @@ class LanePrinter:
         v, target, args = self.v, line.target, [self.operand(arg) for arg in line.args]
         typed = ", ".join(f"{v} {arg}" for arg in args)
         match line.op:
-            case "add" | "sub" | "mul" | "div":
-                self._set(target, f"{_ARITHMETIC[line.op]} {v} {args[0]}, {args[1]}")
-            case "neg":
-                self._set(target, f"fneg {v} {args[0]}")
-            case "fma":
-                self._set(target, f"call {v} @{self.fma}({typed})")
+            case "add" | "sub" | "mul" | "div" | "neg" | "fma":
+                self._set(target, arithmetic(line.op, args, self.lanes))
             case "sqrt" | "floor":
                 self._set(target, f"call {v} @llvm.{line.op}.{self.suffix}({typed})")
             case "abs":
@@ -132,9 +135,9 @@ class LanePrinter:
 
     def _sincos(self, line: Assignment) -> None:
         """Compute sine and cosine of an argument together; on one lane also of others that are known by now."""
-        if line.args[0] not in self._turned:
+        if line.args[0] not in self._sines:
             self._angles(line)
-        pair, kind, slot = self._turned[line.args[0]]
+        pair, kind, slot = self._sines[line.args[0]]
         half = f"extractvalue {{{kind}, {kind}}} %{pair}, {0 if line.op == 'sin' else 1}"
         if self.lanes > 1:
             self._set(line.target, half)
@@ -150,17 +153,17 @@ class LanePrinter:
         """
         pair = f"{line.target}.pair"
         if self.lanes > 1:
-            self._turned[line.args[0]] = pair, self.v, 0
+            self._sines[line.args[0]] = pair, self.v, 0
             self._set(pair, f"call {{{self.v}, {self.v}}} @sincos{self.lanes}({self.v} {self.operand(line.args[0])})")
             return
         later = {other.target for other in self._ahead} | {line.target}
         wanted = [other.args[0] for other in reversed(self._ahead) if other.op in ("sin", "cos")]
-        angles = list(dict.fromkeys(a for a in (line.args[0], *wanted) if a not in later and a not in self._turned))[:4]
+        angles = list(dict.fromkeys(a for a in (line.args[0], *wanted) if a not in later and a not in self._sines))[:4]
         lanes = 2 if len(angles) <= 2 else 4
         kind, pack = vector(lanes), "undef"
         for slot in range(lanes):
             angle = angles[min(slot, len(angles) - 1)]
-            self._turned.setdefault(angle, (pair, kind, slot))
+            self._sines.setdefault(angle, (pair, kind, slot))
             self._set(f"{pair}.{slot}", f"insertelement {kind} {pack}, double {self.operand(angle)}, i32 {slot}")
             pack = f"%{pair}.{slot}"
         self._set(pair, f"call {{{kind}, {kind}}} @sincos{lanes}({kind} {pack})")

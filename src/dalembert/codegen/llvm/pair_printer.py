@@ -7,11 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import final
 
 from ...ir.kernel import Assignment, Operand
-from .lane_printer import LanePrinter
-from .target import constant, fma_name, vector
+from .lane_printer import LanePrinter, arithmetic
+from .target import constant, vector
 
 _V = vector(2)
-_ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul"}
 
 
 @final
@@ -45,12 +44,7 @@ class PairPrinter(LanePrinter):
     def _print_pair(self, first: Assignment, second: Assignment) -> None:
         packs = [self._pack(a, b) for a, b in zip(first.args, second.args, strict=True)]
         name = f"{first.target}.and.{second.target}"
-        if first.op == "fma":
-            self._set(name, f"call {_V} @{fma_name(2)}({', '.join(f'{_V} {pack}' for pack in packs)})")
-        elif first.op == "neg":
-            self._set(name, f"fneg {_V} {packs[0]}")
-        else:
-            self._set(name, f"{_ARITHMETIC[first.op]} {_V} {packs[0]}, {packs[1]}")
+        self._set(name, arithmetic(first.op, packs, 2))
         self._packs[first.target, second.target] = f"%{name}"
 
     def _home(self, operand: str) -> tuple[str, int]:

@@ -135,6 +135,7 @@ class Extension(ABC):
         return (line.target, (str(moving), fixed)) if self._is_fixed(fixed) else None
 
     def _is_fixed(self, value: Operand) -> bool:
+        """Return whether a value is constant: one of no state, or a component of the state whose rate is zero."""
         return value not in self.recurrences.varying or self.rate.get(str(value)) == 0.0
 
     def _whole(self, s: Sum, inner: Operand, m: int) -> Operand:

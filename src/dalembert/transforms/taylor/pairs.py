@@ -19,13 +19,13 @@ from .recurrences import Integrated
 Pairs = Mapping[str, tuple[str, str]]
 """The pair that each line belongs to, by its target."""
 
-PAIRED = ("add", "sub", "mul", "fma", "neg")
+_PAIRED = ("add", "sub", "mul", "fma", "neg")
 """Operations that go in pairs."""
 
 _SAME, _TOGETHER, _OWN = 1.5, 3.0, 2.0
-"""What counts for a pair: a factor that both share, factors that are a pair themselves, the other member as factor."""
+"""Weights of reasons for a pair: both read the same value, both read the values of one pair, each reads the other."""
 _LEAST = 0.5
-"""What a pair of recurrences without sums has to count: with sums, it is read by many later orders."""
+"""Least sum of weights for a pair of recurrences without sums; with sums, any pair saves more than it costs."""
 
 Key = TypeVar("Key", bound=Hashable)
 
@@ -68,7 +68,7 @@ class _Pairing:
                 self.found[a.target] = self.found[b.target] = (a.target, b.target)
 
     def _is_free(self, line: Assignment) -> bool:
-        return line.op in PAIRED and line.target in self._written and line.target not in self.found
+        return line.op in _PAIRED and line.target in self._written and line.target not in self.found
 
     # -- what goes together ---------------------------------------------------------------
 

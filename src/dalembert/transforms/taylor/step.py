@@ -39,8 +39,7 @@ atol / own tolerance of the components follow: errors and magnitudes are compare
 """
 
 _GROWTH = 1.6
-"""Power of the order with which the time of a step grows. Any from 1.5 to 1.8 is as good at equal error, as measured on
-spheres and sleighs: fewer steps of a higher order, or the reverse."""
+"""Power of the order with which the time of a step grows; any from 1.5 to 1.8 is as good on spheres and sleighs."""
 
 _FLOOR, _FLOOR_ORDER = 1.04e-16, 20
 """Tolerance up to which a step is one for the floor, and its order, which no other tolerance takes."""
@@ -89,22 +88,25 @@ def step_kernel(recurrences: Recurrences, order: int, *, dense: bool) -> Kernel:
     Its outputs are the new state (n_y), the size of the step, a zero that is NaN where the new state is not finite,
     and, where `dense`, the coefficients of orders 0 to `order` of each component in turn, in powers of the signed time.
     """
-    return paired_step(recurrences, order, dense=dense)[0]
+    return _expanded_step(recurrences, order, dense)[1]
 
 
 def paired_step(recurrences: Recurrences, order: int, *, dense: bool) -> tuple[Kernel, Pairs]:
     """Return the kernel of a step, and pairs of its operations that one instruction on two numbers can do."""
+    expansion, kernel = _expanded_step(recurrences, order, dense)
+    return kernel, pairs_of(expansion, kernel)
+
+
+def _expanded_step(recurrences: Recurrences, order: int, dense: bool) -> tuple[Expansion, Kernel]:
     expansion = Expansion(recurrences, order)
     expansion.extend(order)
-    lines = expansion.lines
     rates = [expansion.of(rate) for rate in recurrences.rates]
-    poles, arguments = recurrences.poles, [expansion.of(value) for value in recurrences.watched]
-    outputs = closing(lines, recurrences, rates, [expansion.of(pole) for pole in poles], order, arguments)
+    poles, watched = ([expansion.of(value) for value in each] for each in (recurrences.poles, recurrences.watched))
+    outputs = closing(expansion.lines, recurrences, rates, poles, order, watched)
     if dense:
         outputs += [a for state in recurrences.states for a in expansion.series[state]]
     loads = (*_loads(recurrences), *closing_loads(recurrences))
-    kernel = STEP_PASSES(Kernel("step", STEP_ARGUMENTS, loads, tuple(lines.body), tuple(outputs)))
-    return kernel, pairs_of(expansion, kernel)
+    return expansion, STEP_PASSES(Kernel("step", STEP_ARGUMENTS, loads, tuple(expansion.lines.body), tuple(outputs)))
 
 
 _TURNS = 4.0 * math.pi
@@ -218,8 +220,7 @@ def ending(
     """
     lines = Lines()
     known: list[list[Series]] = [[list(names) for names in group] for group in (rates, poles, watched)]
-    outputs = closing(lines, recurrences, known[0], known[1], order, known[2])
-    return lines.body, outputs
+    return lines.body, closing(lines, recurrences, known[0], known[1], order, known[2])
 
 
 def series_kernel(recurrences: Recurrences, order: int) -> Kernel:
@@ -321,9 +322,9 @@ def _share_of_itself(lines: Lines, series: Series, order: int) -> list[Operand]:
 
 
 def _norm(lines: Lines, values: Sequence[Operand], least: Operand) -> Operand:
-    """Return the largest size, at least `least`, by comparisons that wait for few others."""
+    """Return the largest size, at least `least`."""
     sizes = [least, *(lines.op("abs", v) if isinstance(v, str) else abs(v) for v in values if v != 0.0)]
     while len(sizes) > 1:
-        larger = [lines.op("max", *sizes[i : i + 2]) for i in range(0, len(sizes) - 1, 2)]
+        larger = [lines.op("max", *pair) for pair in zip(sizes[::2], sizes[1::2], strict=False)]
         sizes = larger + sizes[2 * len(larger) :]
     return sizes[0]
