@@ -9,6 +9,7 @@ from dalembert.codegen.llvm import assembly as llvm_assembly
 from dalembert.codegen.llvm.assembly import assembly
 from dalembert.codegen.llvm.backend import LLVMLibrary, attempt_assembly
 from dalembert.codegen.llvm.definitions import with_definitions
+from dalembert.codegen.llvm.direct_call import direct_call_assembly
 from dalembert.codegen.llvm.order_loops import order_loop_assembly
 from dalembert.codegen.llvm.series_loops import series_loop_assembly
 from dalembert.methods.tableaus import TABLEAUS
@@ -51,6 +52,7 @@ TEXTS = {
     "pendulum_series_loop": lambda: _series_loop(1),
     "advance_lanes": lambda: advance_lanes_assembly(4),
     "check_inputs": lambda: check_inputs_assembly(4),
+    "direct_call": direct_call_assembly,
 }
 """What golden files hold, by their names."""
 

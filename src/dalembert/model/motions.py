@@ -24,7 +24,7 @@ from ..starts.inputs import span_of
 if TYPE_CHECKING:
     from ..results.analyses import Comparison
     from ..results.trajectory import Trajectory
-    from ..runs.prepare import PreparedRun
+    from ..runs.prepared_run import PreparedRun
     from .model import CompiledModel
 
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..arrays import FloatArray
 from ..codegen.llvm.prepared import Admission
 from ..codegen.runs import Final, Prepared, PreparedStates
-from ..errors import InitialStateError, ValueInputError, list_names, nesting_named
+from ..errors import InitialStateError, ValueInputError
 from ..ir.interpret import interpret, interpret_rows
-from ..ir.program import WIDTH, KnotSides, Layout, along_run, coefficient_places, decay_rate_among
+from ..ir.program import KnotSides, along_run, decay_rate_among
 from ..methods.status import Status
 from ..once import derived_once
 from ..options import PrepareOptions, SimulateOptions
@@ -22,124 +22,17 @@ from ..reduction.invariant_projection import refuse_formulation
 from ..starts import inputs
 from ..starts.constraint_choice import dependent_at_start
 from ..starts.first_integrals import keeping_model, kept_values, refuse_unknown
-from ..starts.input_values import GivenInputs
 from ..starts.inputs import span_of
 from ..starts.segment_constants import starting_constants
 from ..steps.problem import IntegrationProblem
-from ..values import array_of
 from .elapsed import begins_elsewhere, extension, in_elapsed_time
+from .prepared_run import PreparedRun
 from .run_check import FAILED
 from .sampling import diverged, free_places
 from .simulate import simulate_in_own_time
 
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
-
-
-# `PreparedRun`: the function that `prepare` returns.
-
-
-@final
-class PreparedRun:
-    """A run of fixed span, method and tolerances: ``run(state, p)`` or ``run(state, p, inputs)`` is the final state.
-
-    The arrays are made by ``model.state(initial, parameters)`` and ``model.parameter_vector(parameters)``, which check
-    what is in them; here only their shapes are checked. Threads may share a prepared run. `again` makes one more.
-
-    Attributes
-    ----------
-    method : str
-    """
-
-    def __init__(
-        self,
-        run: Prepared,
-        method: str,
-        layout: Layout,
-        again: Callable[[], PreparedRun],
-        given: GivenInputs | None = None,
-        span: tuple[float, float] = (0.0, 0.0),
-    ) -> None:
-        self._run, self._again = run, again
-        self._state, self._parameters = layout.state, layout.parameters
-        self._shapes = ((len(layout.state),), (len(layout.parameters),))
-        self.method = method
-        self._inputs = layout.inputs
-        self._given = None if given is None else given.rows(span[0], after=span[1] >= span[0])
-        self._places = coefficient_places(layout.parameters, layout.inputs)
-
-    def __call__(self, state: FloatArray, p: FloatArray, inputs: FloatArray | None = None) -> FloatArray:
-        """Return the final state (n_y,) from a state (n_y,), parameters (n_p,) and inputs (n_u,), held over the run.
-
-        Inputs have the order of ``layout.inputs``. Without them, they are those that `prepare` was given, or else those
-        of ``parameter_vector(parameters, inputs=...)``.
-
-        Raises
-        ------
-        ValueInputError
-            For arrays of other shapes, and for inputs without values.
-        """
-        try:
-            fits = (state.shape, p.shape) == self._shapes
-        except AttributeError:
-            fits = False
-        if not fits:
-            state, p = self._array("state", state, self._state), self._array("p", p, self._parameters)
-        if self._places or inputs is not None:
-            p = self._with_inputs(p, inputs)
-        return self._run(state, p)
-
-    @nesting_named
-    def _with_inputs(self, p: FloatArray, inputs: object) -> FloatArray:
-        """Return parameters (n_p,) with the values of inputs."""
-        if inputs is not None and not self._inputs:
-            raise ValueInputError("the scene has no inputs, and the run is given some; declare them with add_inputs")
-        if inputs is not None and self._given is not None:
-            raise ValueInputError("the inputs of this run were given to prepare; leave them out there or here")
-        p = p.copy()
-        if inputs is not None:
-            rows = np.zeros((len(self._inputs), WIDTH))
-            rows[:, 1] = self._array("inputs", inputs, self._inputs)
-        elif self._given is not None:
-            rows = self._given
-        else:
-            rows = np.array([p[place : place + WIDTH] for place in self._places])
-        for place, row in zip(self._places, rows, strict=True):
-            p[place : place + WIDTH] = row
-        lost = [name for name, row in zip(self._inputs, rows, strict=True) if not np.all(np.isfinite(row))]
-        if lost:
-            raise ValueInputError(
-                f"missing inputs: {list_names(lost)}. Call run(state, p, inputs) with finite numbers in the order"
-                f" {list_names(self._inputs)}, or give them to prepare(t_span, inputs=...)"
-            )
-        return p
-
-    @property
-    def status(self) -> Status:
-        """The status of the last run of this thread."""
-        return self._run.status()
-
-    @staticmethod
-    @nesting_named
-    def _array(kind: str, given: object, names: tuple[str, ...]) -> FloatArray:
-        """Return values as an array of the required shape."""
-        try:
-            array = array_of(given)
-        except ValueError as reason:
-            raise ValueInputError(f"{kind} = {given!r} {reason}") from None
-        if array.shape != (len(names),):
-            made = {"state": "state", "p": "parameter_vector"}.get(kind)
-            remedy = "" if made is None else f"; make it with model.{made}(...)"
-            raise ValueInputError(
-                f"{kind} must have shape ({len(names)},), for {list_names(names)}, not {array.shape}{remedy}"
-            )
-        return array
-
-    def __reduce__(self) -> tuple[Callable[[], PreparedRun], tuple[()]]:
-        return self._again, ()
-
-    def __repr__(self) -> str:
-        return f"<PreparedRun by {self.method}>"
 
 
 # Prepared runs of closed loops: those that start where constraints depend on each other are run as `simulate` does.
@@ -286,8 +179,7 @@ def _decaying(names: tuple[str, ...], run: Prepared) -> Prepared:
     """Return a prepared run backward in time whose violations of constraints decay."""
 
     def decaying(state: FloatArray, p: FloatArray) -> Final:
-        final = run(state, along_run(names, p, backward=True))
-        return final, run.status()
+        return run(state, along_run(names, p, backward=True)), run.status()
 
     return PreparedStates(decaying)
 

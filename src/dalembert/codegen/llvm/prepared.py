@@ -33,9 +33,10 @@ from ...subset.packing import address_of, pack
 from ...threads import check
 from ...transforms.taylor.step import STEP_ARGUMENTS
 from ..host_code import raise_failure
-from ..runs import Final, Prepared, StartCode
+from ..runs import Final, StartCode
 from .assembly import LoadedCode, assembly, load_object, object_code
 from .definitions import with_definitions
+from .direct_call import DirectCall
 from .loops import loop_named
 
 _DRIFT = 1e-4
@@ -148,16 +149,13 @@ class Admission:
         return np.full(state.shape, np.nan), status
 
 
+_PATIENCE_AT = place_of(PreparedArguments, "limits.patience")
 _PATIENCE, _MOST_PATIENCE, _QUICK = 1000, 1 << 24, 0.02
 """Attempts after which a run first returns to Python, and at most; seconds below which the next may take longer."""
 
-_PATIENCE_AT = place_of(PreparedArguments, "limits.patience")
-
-_REFUSED = int(Status.INITIAL_STATE)
-
-_Memory = tuple[FloatArray, FloatArray, ctypes.c_void_p, list[int], NDArray[np.int64], object]
-"""Start and final state (n_y,), parameters (n_p,), the address of the arguments, the last status, the arguments of a
-run that continues, and the owner of the memory."""
+_Memory = tuple[FloatArray, FloatArray, ctypes.c_void_p, NDArray[np.int64], object]
+"""Start and final state (n_y,), parameters (n_p,), the address of the arguments, the arguments of a run that continues,
+and the owner of the memory."""
 
 
 def _finished(code: Callable[[ctypes.c_void_p], int], going: NDArray[np.int64]) -> int:
@@ -211,7 +209,55 @@ def _memory(
     )
     begun = pack(arguments)
     going = pack(arguments._replace(limits=arguments.limits._replace(going=True)))
-    return states[0, :n], p[0], ctypes.c_void_p(address_of(begun)), [0], going, (begun, arguments)
+    return states[0, :n], p[0], ctypes.c_void_p(address_of(begun)), going, (begun, arguments)
+
+
+@final
+class CompiledRun:
+    """A prepared run by machine code; every thread that uses it has a memory of its own (see `Prepared`).
+
+    Attributes
+    ----------
+    direct : function of a state and parameters, or None
+        The same run as one call of machine code (`DirectCall`). Who gets a final state forgets what `ended` before.
+    ended : dict
+        Statuses of the last calls of this object, by thread.
+    """
+
+    def __init__(self, own_memory: Callable[[], _Memory], admission: Admission | None, *, calls: bool) -> None:
+        self._own_memory, self._admission, self._calls = own_memory, admission, calls
+        self._own, loop = {get_ident(): own_memory()}, loop_named("prepared_loop")
+        self._code, self.ended = loop.call, dict[int, int]()
+        self._direct: DirectCall | None = None
+        if not calls and not loop.plain:
+            start, given, pointer, *held = own_memory()
+            self._direct = DirectCall(loop.entry, pointer.value or 0, start, given, held)
+        self.direct = self._direct and self._direct.run
+
+    def __call__(self, state: FloatArray, parameters: FloatArray, /) -> FloatArray:
+        """See `Prepared`."""
+        thread = get_ident()
+        if thread not in self._own:
+            self._own[thread] = self._own_memory()
+        start, given, pointer, going, _ = self._own[thread]
+        start[...] = state
+        given[...] = parameters
+        self.ended[thread] = status = self._code(pointer)
+        if self._calls:
+            raise_failure()
+        if status < 0:
+            if self._direct is not None:
+                self._direct.end()
+            self.ended[thread] = _finished(self._code, going)
+        elif status == Status.INITIAL_STATE and self._admission is not None:
+            final, self.ended[thread] = self._admission.final_of_refused(Status.INITIAL_STATE, state, parameters)
+            return final
+        return start.copy()
+
+    def status(self) -> Status:
+        """See `Prepared`."""
+        last = self.ended.get(get_ident(), Status.SUCCESS)
+        return Status.INTERRUPTED if last < 0 else Status(last)
 
 
 def prepared_run(
@@ -221,7 +267,7 @@ def prepared_run(
     settings: Sequence[float],
     problem: IntegrationProblem,
     admission: Admission | None = None,
-) -> Prepared:
+) -> CompiledRun:
     """Return a prepared run; every thread that uses it has a memory of its own.
 
     Parameters
@@ -239,39 +285,12 @@ def prepared_run(
         Test of what the run is given, whose kernel is among `kernels`.
     """
     tests = (0, 1.0) if admission is None else (admission.code.count, admission.slack)
+    calls = problem.stops is not None and problem.stops.calls
 
     def own_memory() -> _Memory:
         return _memory(kernels, sizes, memory, settings, problem, tests)
 
-    calls = problem.stops is not None and problem.stops.calls
-    code, statuses = loop_named("prepared_loop").call, tuple(Status)
-    own = {get_ident(): own_memory()}
-
-    def run(state: FloatArray, parameters: FloatArray) -> FloatArray:
-        try:
-            held = own[get_ident()]
-        except KeyError:
-            held = own[get_ident()] = own_memory()
-        start, given, pointer, ended, going, _ = held
-        start[...] = state
-        given[...] = parameters
-        ended[0] = status = code(pointer)
-        if calls:
-            raise_failure()
-        if status < 0:
-            ended[0] = _finished(code, going)
-        elif status == _REFUSED and admission is not None:
-            final, ended[0] = admission.final_of_refused(Status.INITIAL_STATE, state, parameters)
-            return final
-        return start.copy()
-
-    def status() -> Status:
-        held = own.get(get_ident())
-        last = int(Status.SUCCESS) if held is None else held[3][0]
-        return Status.INTERRUPTED if last < 0 else statuses[last]
-
-    run.status = status  # type: ignore[attr-defined]
-    return cast(Prepared, run)
+    return CompiledRun(own_memory, admission, calls=calls)
 
 
 # Constants and state at the start of single runs, by compiled kernels of one case.

@@ -1,0 +1,108 @@
+"""Runs that Python calls without `ctypes`: half of the time of a short run is the call."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any, NamedTuple, final
+
+import llvmlite.binding as llvm
+import numpy as np
+
+from ...arrays import FloatArray
+from ...methods.status import Status
+from ...once import once
+from ...subset.packing import address_of
+from ..rendering import render
+from .assembly import LoadedCode
+from .loops import library_code
+
+_CALLED = (
+    *("PyCapsule_GetPointer", "PyObject_GetBuffer", "PyBuffer_Release", "PyEval_SaveThread", "PyEval_RestoreThread"),
+    *("PyObject_CallNoArgs", "PyErr_Clear", "Py_IncRef"),
+)
+"""Functions of Python's stable interface that the code calls."""
+
+_CONTIGUOUS, _FORMAT, _FAST_CALL = 0x38, 0x4, 0x80
+"""``PyBUF_C_CONTIGUOUS``, ``PyBUF_FORMAT`` and ``METH_FASTCALL`` of that interface."""
+
+_DOUBLES = ord("d")
+"""The format of an array of doubles: a letter and a zero."""
+
+_BUSY = 8
+"""Place in the memory of a function that says whether a run is under way."""
+
+
+def direct_call_assembly() -> str:
+    """Return a module that defines ``direct_call``, which `DirectCall` makes a function of Python."""
+    variables = {
+        "contiguous_with_format": _CONTIGUOUS | _FORMAT,
+        "doubles": _DOUBLES,
+        "success": int(Status.SUCCESS),
+    }
+    return render("llvm/direct_call.ll.j2", variables)
+
+
+class _Method(ctypes.Structure):
+    """``PyMethodDef`` of Python's interface."""
+
+    _fields_ = (
+        ("name", ctypes.c_char_p),
+        ("function", ctypes.c_void_p),
+        ("flags", ctypes.c_int),
+        ("text", ctypes.c_char_p),
+    )
+
+
+class _Interface(NamedTuple):
+    """Functions of Python's interface that make a function, and what every function made so calls."""
+
+    capsule: Callable[[int, None, None], Any]
+    function: Callable[[int, Any, None], Callable[[Any, Any], FloatArray | None]]
+    code: LoadedCode
+    method: _Method
+
+
+@once
+def _interface() -> _Interface:
+    api = ctypes.pythonapi
+    for name in _CALLED:
+        llvm.add_symbol(name, ctypes.cast(getattr(api, name), ctypes.c_void_p).value)
+    code = library_code("direct_call", direct_call_assembly)
+    address = ctypes.c_void_p
+    capsule = ctypes.PYFUNCTYPE(ctypes.py_object, address, address, address)(("PyCapsule_New", api))
+    function = ctypes.PYFUNCTYPE(ctypes.py_object, address, ctypes.py_object, address)(("PyCFunction_NewEx", api))
+    return _Interface(capsule, function, code, _Method(b"run", code.address("direct_call"), _FAST_CALL, None))
+
+
+@final
+class DirectCall:
+    """A run as a function of Python.
+
+    Parameters
+    ----------
+    loop, arguments : int
+        Addresses of the loop and of its arguments. It returns a status, or a negative number where it pauses.
+    start, parameters : ndarray
+        Where the loop reads them. It leaves the final state in the place of the start.
+    held : object
+        What must live as long as the loop runs.
+
+    Attributes
+    ----------
+    run : function
+        Of the state and the parameters, one-dimensional arrays of doubles: returns the final state. None where it did
+        not run or did not end with SUCCESS. Only one thread at a time runs; the others get None at once.
+    """
+
+    def __init__(self, loop: int, arguments: int, start: FloatArray, parameters: FloatArray, held: object) -> None:
+        made, copy = _interface(), start.copy
+        addresses = address_of(start), start.nbytes, address_of(parameters), parameters.nbytes
+        self._memory = np.array([loop, arguments, *addresses, id(copy), id(None), 0], np.int64)
+        self._held = copy, parameters, made, held
+        capsule = made.capsule(address_of(self._memory), None, None)
+        self.run = made.function(ctypes.addressof(made.method), capsule, None)
+
+    def end(self) -> None:
+        """Let the function return None from now on: its runs pause, and the call is a small part of their time."""
+        self._memory[_BUSY] = 1
