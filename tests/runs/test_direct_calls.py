@@ -142,11 +142,20 @@ def test_threads_that_share_a_run_have_the_same_bits(model, given, p):
             assert all(map(np.array_equal, found, expected))
 
 
-def test_a_run_outlives_its_model(given, p):
+def test_a_run_and_its_function_outlive_the_model(given, p):
     run = da.compile_model(da.scenes.chaplygin_sleigh()).prepare((0, 1))
-    expected = run(given, p)
+    expected, direct = run(given, p), run._direct
     gc.collect()
     assert np.array_equal(run(given, p), expected)
+    del run
+    gc.collect()
+    assert np.array_equal(direct(given, p), expected) and direct(given) is None and direct(given, given) is None
+
+
+def test_a_python_without_the_global_lock_has_the_runs_of_python(model, given, p, monkeypatch):
+    monkeypatch.setattr(sys, "_is_gil_enabled", lambda: False, raising=False)
+    run = model.prepare((0, 1))
+    assert run._direct is None and np.array_equal(run(given, p), in_python(run, given, p))
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple, final
 
@@ -43,6 +44,12 @@ def direct_call_assembly() -> str:
     return render("llvm/direct_call.ll.j2", variables)
 
 
+def can_call_directly() -> bool:
+    """Whether this Python is CPython with its global lock, under which the function looks at its memory."""
+    locked: Callable[[], bool] = getattr(sys, "_is_gil_enabled", lambda: True)
+    return sys.implementation.name == "cpython" and locked()
+
+
 class _Method(ctypes.Structure):
     """``PyMethodDef`` of Python's interface."""
 
@@ -58,7 +65,7 @@ class _Interface(NamedTuple):
     """Functions of Python's interface that make a function, and what every function made so calls."""
 
     capsule: Callable[[int, None, None], Any]
-    function: Callable[[int, Any, None], Callable[[Any, Any], FloatArray | None]]
+    function: Callable[[int, Any, object], Callable[[Any, Any], FloatArray | None]]
     code: LoadedCode
     method: _Method
 
@@ -69,9 +76,9 @@ def _interface() -> _Interface:
     for name in _CALLED:
         llvm.add_symbol(name, ctypes.cast(getattr(api, name), ctypes.c_void_p).value)
     code = library_code("direct_call", direct_call_assembly)
-    address = ctypes.c_void_p
-    capsule = ctypes.PYFUNCTYPE(ctypes.py_object, address, address, address)(("PyCapsule_New", api))
-    function = ctypes.PYFUNCTYPE(ctypes.py_object, address, ctypes.py_object, address)(("PyCFunction_NewEx", api))
+    address, owned = ctypes.c_void_p, ctypes.py_object
+    capsule = ctypes.PYFUNCTYPE(owned, address, address, address)(("PyCapsule_New", api))
+    function = ctypes.PYFUNCTYPE(owned, address, owned, owned)(("PyCFunction_NewEx", api))
     return _Interface(capsule, function, code, _Method(b"run", code.address("direct_call"), _FAST_CALL, None))
 
 
@@ -99,9 +106,9 @@ class DirectCall:
         made, copy = _interface(), start.copy
         addresses = address_of(start), start.nbytes, address_of(parameters), parameters.nbytes
         self._memory = np.array([loop, arguments, *addresses, id(copy), id(None), 0], np.int64)
-        self._held = copy, parameters, made, held
         capsule = made.capsule(address_of(self._memory), None, None)
-        self.run = made.function(ctypes.addressof(made.method), capsule, None)
+        lives_as_long = self._memory, copy, parameters, made, held  # in the place of the module of the function
+        self.run = made.function(ctypes.addressof(made.method), capsule, lives_as_long)
 
     def end(self) -> None:
         """Let the function return None from now on: its runs pause, and the call is a small part of their time."""

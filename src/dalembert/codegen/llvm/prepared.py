@@ -36,7 +36,7 @@ from ..host_code import raise_failure
 from ..runs import Final, StartCode
 from .assembly import LoadedCode, assembly, load_object, object_code
 from .definitions import with_definitions
-from .direct_call import DirectCall
+from .direct_call import DirectCall, can_call_directly
 from .loops import loop_named
 
 _DRIFT = 1e-4
@@ -229,7 +229,7 @@ class CompiledRun:
         self._own, loop = {get_ident(): own_memory()}, loop_named("prepared_loop")
         self._code, self.ended = loop.call, dict[int, int]()
         self._direct: DirectCall | None = None
-        if not calls and not loop.plain:
+        if can_call_directly() and not calls and not loop.plain:
             start, given, pointer, *held = own_memory()
             self._direct = DirectCall(loop.entry, pointer.value or 0, start, given, held)
         self.direct = self._direct and self._direct.run
