@@ -3,9 +3,9 @@
 ``python benchmarks/overhead.py [--rounds N]`` prints microseconds of a warm call at the default options, of the
 compiled loop that takes and records its steps, and of their difference, which is what Python adds: reading what is
 given, the consistent start, the choice of the method, and the results. Of sweeps it prints a call with two cases of one
-short step each, and what each further case adds, also with events, reductions and times to record; and how long after
-the first thread the second begins to take steps. Calls are measured by processor time. The least of many short samples
-counts, because other work of the machine only adds to it.
+short step each, and what each further case adds, also with events, reductions and times to record; prepared runs of
+one short step; and how long after the first thread the second begins to take steps. Calls are measured by processor
+time. The least of many short samples counts, because other work of the machine only adds to it.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from cases import END, PROBLEMS, Problem
+from sympy import Symbol
+from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
 from dalembert.codegen.llvm import sweep_memory
@@ -82,6 +84,25 @@ def sweep_overhead(name: str, problem: Problem, rounds: int, work: str = "") -> 
     two, few = (_least(_sweep(model, problem, count, **options), rounds) for count in (2, FEW))
     many = _least(_sweep(model, problem, MANY, **options), max(1, rounds // 10), calls=1)
     return SweepOverhead(f"{name} {work}".strip(), two, (many - few) / (MANY - FEW))
+
+
+def prepared_call(model: Any, initial: Any, parameters: Any, rounds: int, inputs: tuple[float, ...] = ()) -> float:
+    """Return the seconds of a prepared run of one short step, with values of inputs given in the call."""
+    held = {"inputs": dict.fromkeys(model.layout.inputs, 0.0)} if inputs else {}
+    state, p = model.state(initial, parameters, **held), model.parameter_vector(parameters, **held)
+    run, given = model.prepare((0.0, SHORT)), (np.array(inputs),) if inputs else ()
+    return _least(lambda: run(state, p, *given), rounds)
+
+
+def pushed_cart() -> tuple[Any, dict[str, float], dict[str, float]]:
+    """Return a cart that an input pushes, an initial state, and parameters."""
+    x, u, N, O = *dynamicsymbols("x u"), ReferenceFrame("N"), Point("O")
+    scene = da.Scene("cart", frame=N, origin=O, coordinates=[x])
+    P = O.locatenew("P", x * N.x)
+    scene.add_bodies(Particle("cart", P, Symbol("m")))
+    scene.add_inputs(u)
+    scene.add_loads((P, u * N.x))
+    return da.compile_model(scene), {"x": 0.0, "x_dot": 1.0}, {"m": 2.0}
 
 
 def loop_overhead(name: str, rounds: int) -> float:
@@ -184,6 +205,12 @@ def main() -> None:
     print()
     print(sweep_table([sweep_overhead(name, PROBLEMS[name], rounds, work) for name in SCENES for work in WORK]))
     print()
+    for name in SCENES:
+        problem = PROBLEMS[name]
+        seconds = prepared_call(da.compile_model(problem.build()), problem.initial, problem.parameters, rounds)
+        print(f"{name}: a prepared run of one short step takes {1e6 * seconds:.2f} us")
+    seconds = prepared_call(*pushed_cart(), rounds, inputs=(0.3,))
+    print(f"cart with an input: a prepared run of one short step takes {1e6 * seconds:.2f} us")
     for name in LOOPS:
         print(f"{name}: a sweep of two cases takes {1e6 * loop_overhead(name, rounds):.0f} us")
     for name in SCENES:
