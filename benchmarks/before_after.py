@@ -89,12 +89,12 @@ def _contacts() -> Iterator[tuple[str, Task]]:
 def _models() -> Iterator[tuple[str, Task]]:
     from cases import PROBLEMS
     from chains import planar_chain, spatial_chain
-    from sympy.core.cache import clear_cache
+    from measure import forget
 
     import dalembert as da
 
     def compiled(build: Callable[[], Any]) -> None:
-        clear_cache()
+        forget()
         da.compile_model(build(), cache=False)
 
     builds: dict[str, Callable[[], Any]] = {name: PROBLEMS[name].build for name in SINGLE}

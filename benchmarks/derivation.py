@@ -7,9 +7,8 @@ from functools import partial
 from typing import Any
 
 from chains import CHAINS, kane_planar_chain
-from measure import Watch, growth_exponent
+from measure import Watch, forget, growth_exponent
 from sympy import cse
-from sympy.core.cache import clear_cache
 
 from dalembert.ir.kernel import count_operations
 from dalembert.ir.program import Program
@@ -60,11 +59,11 @@ def _expected(done: Sequence[tuple[int, float]], n: int) -> float:
 def _median(measure: Callable[[], Record]) -> Record:
     """Return one of three records, the one with the median total; of a long one there is only one.
 
-    SymPy's cache is emptied before each, as in a new process.
+    What a process remembers is forgotten before each.
     """
     records: list[Record] = []
     while len(records) < 3 and sum(record["total"] for record in records) < _ENOUGH_SECONDS:
-        clear_cache()
+        forget()
         records.append(measure())
     return sorted(records, key=lambda record: record["total"])[len(records) // 2]
 

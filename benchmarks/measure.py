@@ -13,14 +13,24 @@ from importlib import metadata
 from typing import Any, TypeVar
 
 import numpy as np
+from sympy.core.cache import clear_cache
 
-__all__ = ["Timing", "Watch", "calls_of_sample", "growth_exponent", "interleaved", "machine", "sample"]
+from dalembert.transforms import lower_kernels
+
+__all__ = ["Timing", "Watch", "calls_of_sample", "forget", "growth_exponent", "interleaved", "machine", "sample"]
 
 K = TypeVar("K", bound=Hashable)
 
 _SAMPLE_SECONDS = 2e-3
 _MOST_CALLS = 1000
 _PACKAGES = ("dalembert", "llvmlite", "numba", "jax", "diffrax", "heyoka", "casadi", "numpy", "scipy", "sympy")
+
+
+def forget() -> None:
+    """Forget what SymPy and dalembert remember of scenes that were compiled, as in a new process."""
+    clear_cache()
+    remembered: dict[Any, Any] = vars(lower_kernels).get("LOWERED", {})  # earlier versions remember nothing
+    remembered.clear()
 
 
 @dataclass(frozen=True)

@@ -24,12 +24,11 @@ from cases import END, PROBLEMS, Problem
 from chains import kane_planar_chain, planar_chain
 from contenders import own
 from exact import ROOT
-from measure import interleaved, machine
+from measure import forget, interleaved, machine
 from peer_sweeps import heyoka_sweep
 from peers import heyoka_system, installed
 from startup import first_trajectory
 from sweeps import CASES, THREADS, own_sweep
-from sympy.core.cache import clear_cache
 
 import dalembert as da
 from contacts import WITH, WITHOUT, measure_contacts
@@ -95,7 +94,7 @@ def _contacts() -> Mapping[str, float]:
 
 
 def _seconds(task: Callable[[], Any]) -> float:
-    clear_cache()
+    forget()
     begin = time.perf_counter()
     task()
     return time.perf_counter() - begin

@@ -53,7 +53,7 @@ def loses(new: Probed, old: Probed) -> bool:
     """Return whether a form has lost digits, somewhere, that another form of the same value has."""
     with np.errstate(all="ignore"):
         larger = new[1] > LOSS * old[1]
-        if not larger.any():
+        if not np.count_nonzero(larger):  # in a fifth of the time of `any`
             return False
         size = np.minimum(np.abs(new[0]) + new[1], np.abs(old[0]) + old[1])
         return bool((larger & (new[1] > _HARMLESS * size)).any())

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from itertools import islice
 from typing import final
@@ -26,7 +27,9 @@ from ..ir.ops import GRAPH_OPERATIONS
 from ..ir.surfaces import surface_value
 from ..ir.tables import value as table_value
 from ..naming import Namer
+from ..once import BoundedTable
 from .forms import FormBuilder, Forms, UnsuitableForm, frequent
+from .kernel_keys import kernel_key
 from .pipelines import KERNEL_PASSES, PassRecord
 from .polynomial import Form, Polynomial, Polynomials, pythagorean
 from .table_lines import PieceLines
@@ -46,38 +49,43 @@ def rewritten(graph: Graph, nodes: Sequence[Node], fixed: Sequence[str]) -> tupl
     if len(order) > _LARGEST:
         return Forms(graph), list(nodes)
     best, found = math.inf, (Forms(graph), list(nodes))
-    for slack in _FIRST_SLACKS if len(order) <= _TWICE else _FIRST_SLACKS[:1]:
-        forms, outputs, work = _rewritten(order, nodes, fixed, slack)
+    slacks = _FIRST_SLACKS if len(order) <= _TWICE else _FIRST_SLACKS[:1]
+    copy, errors, moving = Graph(), dict[int, Probed](), 0
+    new: dict[int, Node] = {}
+    for node in order:
+        made = new[node.index] = copy.adopt_one(node, new)
+        if node.op == "input" and str(node.payload) not in fixed:
+            moving |= made.deps
+    for slack in slacks:
+        own = copy if slack == slacks[-1] else copy.copy()
+        copies = {node: own.nodes[new[node.index].index] for node in order}
+        forms, outputs, work = _rewritten(own, copies, nodes, moving, slack, errors)
         if work < best:
             best, found = work, (forms, outputs)
     return found
 
 
 def _rewritten(
-    order: Sequence[Node], nodes: Sequence[Node], fixed: Sequence[str], slack: float
+    graph: Graph, new: Mapping[Node, Node], nodes: Sequence[Node], moving: int, slack: float, errors: dict[int, Probed]
 ) -> tuple[Forms, list[Node], float]:
-    """Return forms, the nodes on their graph, and the cost, infinite where they are no cheaper or lose digits."""
-    copy = Graph()
-    new: dict[int, Node] = {}
-    forms = Forms(copy, 0)
-    for node in order:
-        made = copy.adopt_one(node, new)
-        new[node.index] = made
-        if node.op == "input" and str(node.payload) not in fixed:
-            forms.moving |= made.deps
-    for node in order:
-        forms.choose(new[node.index], (node.op, tuple(new[arg.index] for arg in node.args)))
-    outputs = [new[node.index] for node in nodes]
+    """Return forms, the nodes on their graph, and the cost, infinite where they are no cheaper or lose digits.
+
+    `new` are the nodes of the graph, operands first, by what they are copies of; `errors` of their forms are computed
+    where they are not known.
+    """
+    forms = Forms(graph, moving)
+    for node, copy in new.items():
+        forms.choose(copy, (node.op, tuple(new[arg] for arg in node.args)))
+    outputs = [new[node] for node in nodes]
     for output in outputs:
         if output.deps & forms.moving:
             forms.uses[output.index] += 1
             if forms.uses[output.index] == 1:
                 forms.acquire(output)
     before = forms.work(outputs)
-    errors: dict[int, Probed] = {}
     for output in outputs:
         probed(output, errors, forms.of)
-    _Rewriter(forms, [new[node.index] for node in order], errors, slack).run()
+    _Rewriter(forms, list(new.values()), errors, slack).run()
     after: dict[int, Probed] = {}
     work = forms.work(outputs)
     lost = any(loses(probed(n, after, forms.of), errors[n.index]) for n in outputs)
@@ -156,10 +164,13 @@ class _Rewriter:
 
     def _is_accurate(self, node: Node, form: Form) -> bool:
         """Return whether a form loses no digit that the original form of the value has."""
-        known = dict(self.errors)
+        known, count = self.errors, len(self.errors)
         for arg in form[1]:
             probed(arg, known, self.forms.of)
-        return not loses(probed_form(*form, known), self.errors[node.index])
+        lost = loses(probed_form(*form, known), known[node.index])
+        while len(known) > count:  # other values may have other forms later
+            known.popitem()
+        return not lost
 
     def _polynomials(self, node: Node) -> Iterator[Polynomial]:
         """Yield polynomials of a value, opened more and more deeply; what is in use elsewhere is opened late."""
@@ -201,7 +212,7 @@ def lower_kernel(
     """Return the kernel that computes `nodes` from `inputs` (node -> array and index), after all passes.
 
     With `fixed`, the inputs that stay the same along a motion, it has few products of the others. `records` gets a
-    record of each pass.
+    record of each pass. A kernel of equal values that is remembered is that one, and its passes took no time.
 
     Raises
     ------
@@ -209,22 +220,39 @@ def lower_kernel(
         When a node depends on an input that is not given, or a constant is not finite.
     """
     graph.heal(nodes, inputs.keys())
-    forms = Forms(graph)
+    key = kernel_key(graph, name, nodes, inputs, arguments, fixed)
+    known: tuple[Kernel, list[PassRecord]] | None = LOWERED.get(key)
+    if known is None:
+        known = kernel, own = _lowered(graph, name, nodes, inputs, arguments, fixed)
+        LOWERED[key] = kernel, [replace(record, seconds=0.0) for record in own]
+    if records is not None:
+        records += known[1]
+    return known[0]
+
+
+LOWERED: BoundedTable[Hashable, tuple[Kernel, list[PassRecord]]] = BoundedTable(256)
+"""Kernels with the records of their passes; those of usual scenes take 50 kB each."""
+
+
+def _lowered(
+    graph: Graph,
+    name: str,
+    nodes: Sequence[Node],
+    inputs: Mapping[Node, tuple[str, int | None]],
+    arguments: tuple[str, ...],
+    fixed: Sequence[Node] | None,
+) -> tuple[Kernel, list[PassRecord]]:
+    """Return a kernel, and a record of each pass."""
+    forms, records = Forms(graph), list[PassRecord]()
     if fixed is None:
-        return KERNEL_PASSES(_kernel(graph, forms, name, nodes, inputs, arguments), records)
-    before = 0 if records is None else _count(graph, nodes)
+        return KERNEL_PASSES(_kernel(graph, forms, name, nodes, inputs, arguments), records), records
+    before = sum(node.op != "input" and node.deps != 0 for node in graph.topological(nodes))
     start = time.perf_counter()
     forms, nodes = rewritten(graph, nodes, [str(node.payload) for node in fixed])
     seconds = time.perf_counter() - start
     kernel = _kernel(graph, forms, name, nodes, inputs, arguments)
-    if records is not None:
-        records.append(PassRecord("rewrite products", seconds, {name: before}, {name: len(kernel.body)}))
-    return KERNEL_PASSES(kernel, records)
-
-
-def _count(graph: Graph, nodes: Sequence[Node]) -> int:
-    """Return the number of operations of nodes in their present forms."""
-    return sum(node.op != "input" and node.deps != 0 for node in graph.topological(nodes))
+    records.append(PassRecord("rewrite products", seconds, {name: before}, {name: len(kernel.body)}))
+    return KERNEL_PASSES(kernel, records), records
 
 
 def _kernel(

@@ -1,0 +1,38 @@
+"""What a kernel is made of, as a key: nodes in the same forms, inputs at the same places and the same names.
+
+A scene is often compiled several times in a process: for backends, for outputs, for models that a run derives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+
+from ..ir.graph import Graph
+from ..ir.node import Node, UnitName
+
+
+def kernel_key(
+    graph: Graph,
+    name: str,
+    nodes: Sequence[Node],
+    inputs: Mapping[Node, tuple[str, int | None]],
+    arguments: tuple[str, ...],
+    fixed: Sequence[Node] | None,
+) -> Hashable:
+    """Return a key that is the same for the same kernel only; the arguments are those of `lower_kernel`."""
+    places = {str(node.payload): place for node, place in inputs.items()}
+    still = frozenset(str(node.payload) for node in fixed or ())
+    numbers: dict[int, int] = {}
+    rows: list[Hashable] = []
+    for node in graph.topological(nodes):
+        numbers[node.index] = len(rows)
+        if node.op == "input":
+            own = str(node.payload)
+            unit = (node.payload.quaternion, node.payload.place) if isinstance(node.payload, UnitName) else None
+            rows.append((own, places.get(own), own in still, unit))
+        elif node.op == "const":
+            value = node.payload if node.number is None else (node.number.numerator, node.number.denominator)
+            rows.append((node.fingerprint, value, graph.decimals.get(node.index)))
+        else:
+            rows.append((node.op, node.deps == 0, *[numbers[arg.index] for arg in node.args]))
+    return name, arguments, fixed is None, tuple(rows), tuple([numbers[node.index] for node in nodes])
