@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import hashlib
 from fractions import Fraction
+from functools import lru_cache
 
 from .node import Node
 
@@ -39,8 +40,9 @@ def hashed(*parts: object) -> int:
     return int.from_bytes(digest[:24], "big") % PRIME
 
 
+@lru_cache(maxsize=4096)
 def inverse(a: int) -> int:
-    """Return 1 / a in the field; ``ValueError`` for a = 0."""
+    """Return 1 / a in the field; ``ValueError`` for a = 0. A derivation divides by the same few values many times."""
     return pow(a, -1, PRIME)
 
 

@@ -51,23 +51,24 @@ class Graph(Algebra):
         return _graph_of, (rows, places, self.decimals, self.written, self.samples, self._errors)
 
     @staticmethod
-    def topological(
-        outputs: Sequence[Node], args: Callable[[Node], tuple[Node, ...]] = lambda node: node.args
-    ) -> Iterator[Node]:
+    def topological(outputs: Sequence[Node], args: Callable[[Node], tuple[Node, ...]] | None = None) -> Iterator[Node]:
         """Yield every node that `outputs` depend on, operands first, in an order fixed by the outputs."""
         seen: set[int] = set()
         for output in outputs:
             if output.index in seen:
                 continue
             seen.add(output.index)
-            stack = [(output, iter(args(output)))]
+            stack = [(output, iter(output.args if args is None else args(output)))]
             while stack:
                 node, waiting = stack[-1]
                 for arg in waiting:
                     if arg.index not in seen:
                         seen.add(arg.index)
-                        stack.append((arg, iter(args(arg))))
-                        break
+                        below = arg.args if args is None else args(arg)
+                        if below:
+                            stack.append((arg, iter(below)))
+                            break
+                        yield arg
                 else:
                     stack.pop()
                     yield node

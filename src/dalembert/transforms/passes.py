@@ -49,6 +49,8 @@ class EliminateDeadCode:
                 body.append(line)
                 live.update(arg for arg in line.args if isinstance(arg, str))
         loads = tuple(load for load in kernel.loads if load.target in live)
+        if len(body) == len(kernel.body) and len(loads) == len(kernel.loads):
+            return kernel
         return replace(kernel, body=tuple(reversed(body)), loads=loads)
 
 
@@ -164,6 +166,8 @@ class ShareReciprocals:
         divisors: Counter[Operand] = Counter(
             line.args[1] for line in kernel.body if line.op == "div" and isinstance(line.args[1], str)
         )
+        if max(divisors.values(), default=0) < self.uses:
+            return kernel
         namer = _namer(kernel)
         reciprocal: dict[Operand, str] = {}
         body: list[Assignment] = []
@@ -209,6 +213,8 @@ class ShareEqual:
                 same[line.target] = first
             else:
                 body.append(line if args is line.args else Assignment(line.target, line.op, args))
+        if not same:
+            return kernel
         return replace(kernel, body=tuple(body), outputs=tuple(same.get(o, o) for o in kernel.outputs))
 
 

@@ -83,7 +83,8 @@ class Pipeline(Generic[Code]):
             if records is not None:
                 seconds = time.perf_counter() - start
                 records.append(PassRecord(step.name, seconds, operation_counts(code), operation_counts(after)))
-            _verify(after)
+            if after is not code:
+                _verify(after)
             code = after
         return code
 
