@@ -16,8 +16,9 @@ import stat
 import sys
 import tempfile
 import warnings
+from functools import lru_cache
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 
 from ..errors import CacheWarning, OptionError
 from ..naming import Namer
@@ -248,10 +249,16 @@ def load_in_memory(digest: str, source: str, *, named: bool = False) -> ModuleTy
     filename = f"<dalembert generated {digest}>"
     module = ModuleType(f"dalembert_generated_{digest}")
     linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
-    exec(compile(source, filename, "exec"), module.__dict__)
+    exec(_code_of(source, filename), module.__dict__)
     if named:
         sys.modules[module.__name__] = module
     return module
+
+
+@lru_cache(maxsize=64)
+def _code_of(source: str, filename: str) -> CodeType:
+    """Return compiled source; models of one scene have the same."""
+    return compile(source, filename, "exec")
 
 
 def digest_of(*parts: str) -> str:

@@ -115,7 +115,7 @@ class GeometryReader(SymbolReader):
     def _state_rates(self) -> tuple[Node, ...]:
         """Return the rates of the first-order states; whatever is read later may contain them."""
         found = read_rates(self.scene, self.states, self.expressions, self._scalar)
-        derivatives = [z.diff(dynamicsymbols._t) for z in self.states]
+        derivatives = [sp.Derivative(z, dynamicsymbols._t) for z in self.states]
         for angles in self.angles if self.states else ():
             angles.reader.define({z: self.expressions.leaves[z] for z in derivatives})
         return found

@@ -53,7 +53,7 @@ def read_speeds(
     names = [str(u.func.__name__) for u in speeds]
     reader.define(dict(zip(speeds, map(reader.graph.input, names), strict=True)))
     rows = [reader.read(equation, f"kinematic equation {equation} = 0") for equation in equations]
-    rates = [reader.leaves[q.diff(time)] for q in coordinates]
+    rates = [reader.leaves[sp.Derivative(q, time)] for q in coordinates]
     inputs = [reader.leaves[u] for u in speeds]
     groups: list[SpeedGroup] = []
     entries: list[Entry] = []
@@ -208,7 +208,7 @@ def read_rates(
             reader.faults.append(f"{place}: it contains {list_names(used)}; write the expression of that rate instead")
             node = reader.graph.zero
         rates.append(node)
-    reader.define({z.diff(time): node for z, node in zip(symbols, rates, strict=True)})
+    reader.define({sp.Derivative(z, time): node for z, node in zip(symbols, rates, strict=True)})
     return tuple(rates)
 
 
