@@ -26,7 +26,7 @@ from ..cache import read_kept, write_kept
 from ..rendering import render
 from .lane_printer import LanePrinter
 from .pair_printer import PairPrinter
-from .target import memory_of_call, target, vector
+from .target import Target, memory_of_call, target, vector
 from .vector_functions import LIBRARY, prelude_variables
 
 _ENTERED = threading.RLock()
@@ -119,11 +119,14 @@ def _processor() -> Any:
     return llvm.Target.from_default_triple()
 
 
-def _machine(level: int) -> Any:
-    cpu, features = target().cpu, target().features
+def _machine(level: int, of: Target) -> Any:
     return _processor().create_target_machine(
-        cpu=cpu, features=features, opt=level, jit=True, reloc="default", codemodel="jitdefault"
+        cpu=of.cpu, features=of.features, opt=level, jit=True, reloc="default", codemodel="jitdefault"
     )
+
+
+_compiler = once(_machine)
+"""The machine that modules are compiled on, one for each level: to make it takes as long as a small module."""
 
 
 Shape = Literal["straight", "once", "loops", "short loops", "branches"]
@@ -157,7 +160,7 @@ def instructions(source: str) -> str:
 def _compiled(source: str, shape: Shape) -> tuple[Any, Any]:
     straight = shape in ("straight", "once")
     level = 2 if not straight or source.count("\n") <= _LONG else 0 if shape == "once" else 1
-    machine, module = _machine(level), llvm.parse_assembly(source)
+    machine, module = _compiler(level, target()), llvm.parse_assembly(source)
     module.triple = llvm.get_process_triple()
     module.data_layout = str(machine.target_data)
     module.verify()
@@ -193,7 +196,7 @@ class LoadedCode:
 def load_object(*codes: bytes) -> LoadedCode:
     """Return object code made by `compile_object`, ready to be called; several objects may call each other."""
     with _ENTERED:
-        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine(2))
+        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine(2, target()))
         for code in codes:
             engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         engine.finalize_object()
