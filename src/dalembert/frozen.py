@@ -66,6 +66,8 @@ def _compare_by_fields(cls: Any) -> None:
     hashed = _values([f.name for f in fields(cls) if (f.compare if f.hash is None else f.hash)])
 
     def equal(self: Any, other: Any) -> Any:
+        if other is self:
+            return True
         return compared(self) == compared(other) if other.__class__ is self.__class__ else NotImplemented
 
     def hash_of(self: Any) -> int:

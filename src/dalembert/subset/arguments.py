@@ -204,6 +204,6 @@ def place_of(arguments: Any, field: str) -> int:
         if not isinstance(kind, Group) or name not in kind.names:
             raise KeyError(f"{arguments.__name__} has no field {field}")
         number = kind.names.index(name)
-        place += sum(len(part.words) for part in kind.parts[:number])
+        place += kind.places[number]
         kind = kind.parts[number]
     return place

@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import field
 from fractions import Fraction
+from functools import cached_property
+from itertools import accumulate
 from operator import index
 from threading import Lock, local
 from typing import Any, TypeVar, final
@@ -290,10 +292,15 @@ class Group(Kind):
     parts: tuple[Kind, ...]
     names: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def words(self) -> tuple[str, ...]:
         """See `Kind.words`."""
         return tuple(word for part in self.parts for word in part.words)
+
+    @cached_property
+    def places(self) -> tuple[int, ...]:
+        """Place of the first word of each part among the words."""
+        return tuple(accumulate((len(part.words) for part in self.parts), initial=0))
 
 
 INTEGER, NUMBER, FLAG = Scalar("i64", "i64"), Scalar("double", "double"), Scalar("i1", "i8")

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, Protocol
 
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Array, Fields, Group, Kind
@@ -73,6 +74,7 @@ class Functions(Protocol):
         """Return the text of a call, the kind of its result, and the result where it is constant."""
 
 
+@lru_cache(maxsize=1 << 12)
 def literal_of(word: str) -> Any:
     """Return the number of a literal, `UNKNOWN` for other words."""
     if word in ("true", "false"):
@@ -273,10 +275,11 @@ class Expressions(Translation):
         kind = array.kind
         assert isinstance(kind, Array)
         data, *shape = array.words
-        offset = self.literal(0)
+        zero = offset = self.literal(0)
         for number, length in self.axes(array, index):
-            before = self.arithmetic(ast.Mult(), INTEGER, offset, Value(INTEGER, (length,)))
-            offset = self.arithmetic(ast.Add(), INTEGER, before, number)
+            if offset != zero:
+                offset = self.arithmetic(ast.Mult(), INTEGER, offset, Value(INTEGER, (length,)))
+            offset = number if offset == zero else self.arithmetic(ast.Add(), INTEGER, offset, number)
         left = len(shape) - len(index)
         if not left and "0" in shape:
             return Value(Array(kind.item, 0), (Nothing(),))

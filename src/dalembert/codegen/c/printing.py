@@ -6,6 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Collection, Sequence
+from functools import lru_cache
 
 from ...naming import Namer
 
@@ -130,6 +131,13 @@ def rows_of(numbers: Sequence[str]) -> list[str]:
 NAME = re.compile(r"(?<![\w.>])[A-Za-z_]\w*")
 """A name in C, and not a member of something."""
 
+
+@lru_cache(maxsize=1 << 13)
+def names_in(text: str) -> tuple[str, ...]:
+    """Return the names in a line or an expression of C; the same few make up the functions of all exports."""
+    return tuple(NAME.findall(text))
+
+
 _ASSIGNED = re.compile(r"\s*(\w+) = (.*);")
 _PART = re.compile(r"(part_\d+) = (.*);")
 _CALL = re.compile(r"\w+\(.*\)")
@@ -157,18 +165,22 @@ def tidied(lines: list[str], variables: Collection[str], functions: Collection[s
 
 def _without_unread(lines: list[str], variables: Collection[str], functions: Collection[str]) -> list[str]:
     """Return lines without assignments to variables that are never read; calls among them stay."""
-    read: set[str] = set()
-    for line in lines:
-        found = _ASSIGNED.fullmatch(line)
-        read |= set(NAME.findall(found[2] if found and found[1] in variables else line))
+    assigned = [found if found[0] in variables else ("", line) for line in lines for found in [_assigned(line)]]
+    read = {name for _, text in assigned for name in names_in(text)}
     kept = []
-    for line in lines:
-        found = _ASSIGNED.fullmatch(line)
-        if found is None or found[1] not in variables or found[1] in read:
+    for line, (variable, value) in zip(lines, assigned, strict=True):
+        if not variable or variable in read:
             kept.append(line)
-        elif _CALL.fullmatch(found[2]) and found[2].split("(")[0] in functions:
-            kept.append(f"{found[2]};")
+        elif _CALL.fullmatch(value) and value.split("(")[0] in functions:
+            kept.append(f"{value};")
     return kept
+
+
+@lru_cache(maxsize=1 << 13)
+def _assigned(line: str) -> tuple[str, str]:
+    """Return the name that a line assigns to, empty without one, and the value."""
+    found = _ASSIGNED.fullmatch(line)
+    return ("", line) if found is None else (found[1], found[2])
 
 
 def _without_empty_blocks(lines: list[str]) -> list[str]:
@@ -186,7 +198,7 @@ def _without_empty_blocks(lines: list[str]) -> list[str]:
 
 def _without_detours(lines: list[str]) -> list[str]:
     """Return lines in which nothing is computed only to be assigned or returned in the next line."""
-    counts = Counter(NAME.findall("\n".join(lines)))
+    counts = Counter(name for line in lines for name in names_in(line))
     found: list[str] = []
     for line in lines:
         before = _PART.fullmatch(found[-1]) if found else None

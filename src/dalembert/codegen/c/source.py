@@ -62,12 +62,13 @@ class LoopSource:
             parts.append(_constant(_DECLARED.get(kind, f"const {kind}"), name, numbers))
         for name, members in self._results:
             parts.append([f"struct {name} {{", *(f"    {member}" for member in members), "};"])
-        parts += map(_indented, self._texts)
+        parts += self._texts
         return "".join("\n".join(["", *lines, ""]) for lines in parts)
 
     def add_tables_of_loops(self) -> None:
         """Write the tables of loops, behind the functions so far, which they name."""
-        self._texts += [_constant(_DECLARED[kind], name, elements) for kind, name, elements in self._of_loops]
+        for kind, name, elements in self._of_loops:
+            self._texts.append(_indented(_constant(_DECLARED[kind], name, elements), ""))
 
     def entry(self, function: Any, arguments: type[tuple[Any, ...]], *numbers: str, number: int | None = None) -> str:
         """Translate a function of the arguments of the loop, and of further doubles or an integer.
@@ -90,7 +91,7 @@ class LoopSource:
             self._made[key] = name, made
             self.functions.add(name)
             if made.constant is None and not made.empty:
-                self._texts.append([line.replace("NAME_RUN", f"{self._prefix}_run") for line in made.lines])
+                self._texts.append(_indented(made.lines, f"{self._prefix}_run"))
                 if isinstance(made.kind, Group) and made.kind.parts:
                     kinds = [TYPES[kind] for kind in made.kind.parts]  # type: ignore[index]
                     self._results.append((f"{name}_result", [f"{kind} part_{i};" for i, kind in enumerate(kinds)]))
@@ -141,11 +142,11 @@ def _constant(kind: str, name: str, elements: list[str]) -> list[str]:
     return [f"static {kind} {name}[{len(elements)}] = {{", *rows, "};"]
 
 
-def _indented(lines: list[str]) -> list[str]:
-    """Return lines with four spaces for each block around them."""
+def _indented(lines: list[str], run: str) -> list[str]:
+    """Return lines with four spaces for each block around them, and the type of the arguments of the loop."""
     found, depth = [], 0
     for line in lines:
         depth -= line.startswith("}")
-        found.append(f"{'    ' * depth}{line}")
+        found.append(f"{'    ' * depth}{line.replace('NAME_RUN', run)}")
         depth += line.endswith("{")
     return found

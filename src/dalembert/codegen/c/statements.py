@@ -7,11 +7,11 @@ import re
 from typing import Any, final
 
 from ...subset.compiled_subset import INTEGER, NUMBER, Array, Fields, Group, Kind, Scalar
-from ..subset.definitions import Names, definition_of, leaves_of, names_of, result_of
+from ..subset.definitions import Names, definition_of, leaves_of, names_of, read_in, result_of
 from ..subset.target import Value, by_reference
 from ..subset.translation import UNKNOWN
 from .expressions import TYPES, Expressions, Functions, is_atom, literal_of
-from .printing import NAME, Code, Fixed, Known, Pointer, bare, c_name, tidied
+from .printing import Code, Fixed, Known, Pointer, bare, c_name, names_in, tidied
 
 
 @final
@@ -124,7 +124,7 @@ class _Statements(Expressions):
         """Return the function without what has no influence."""
         lines = tidied(self.lines, set(self.types), self.module.functions)
         text = "\n".join(lines)
-        names = set(NAME.findall(text))
+        names = {name for line in lines for name in names_in(line)}
         kept = tuple(
             i for i, argument in enumerate(arguments) if argument and argument.split("*")[-1].split()[-1] in names
         )
@@ -174,9 +174,8 @@ class _Statements(Expressions):
     @staticmethod
     def _disturbed(node: ast.expr, targets: list[ast.expr]) -> bool:
         """Return whether assignments to targets may change an expression."""
-        names = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
-        memory = any(isinstance(n, ast.Subscript | ast.Attribute) for n in ast.walk(node))
-        stored = {n.id for target in targets for n in ast.walk(target) if isinstance(n, ast.Name)}
+        stored = {name for target in targets for name in read_in(target).names}
+        names, memory = read_in(node)
         return bool(names & stored) or (memory and any(not isinstance(target, ast.Name) for target in targets))
 
     def assign_name(self, name: str, value: Value) -> None:
@@ -210,8 +209,7 @@ class _Statements(Expressions):
         """Return a value whose words mean the same wherever they are read."""
         words = []
         for number, word in enumerate(value.words):
-            changing = set(NAME.findall(word)) & set(self.types)
-            if not changing or is_static(word):
+            if is_static(word) or not any(name in self.types for name in names_in(word)):
                 words.append(word)
                 continue
             own = c_name(name) if number == 0 else f"{c_name(name)}_{number}"
@@ -276,7 +274,7 @@ class _Statements(Expressions):
         bounds = literal_of(first), literal_of(last)
         if UNKNOWN not in bounds and not range(bounds[0], bounds[1], int(step)):
             return
-        if not is_atom(last) or set(NAME.findall(last)) & {*self.types, "run"}:
+        if not is_atom(last) or any(name in self.types or name == "run" for name in names_in(last)):
             last = self.computed(last, TYPES[INTEGER])
         if name not in self.variables and name not in self.fixed and name != "_":
             self.types[c_name(name)] = TYPES[INTEGER]

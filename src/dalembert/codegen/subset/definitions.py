@@ -36,6 +36,28 @@ def called_in(node: ast.AST) -> tuple[ast.expr, ...]:
     return tuple(part.func for part in ast.walk(node) if isinstance(part, ast.Call))
 
 
+@cache
+def scalars_of(tree: ast.FunctionDef) -> tuple[Kind | None, ...]:
+    """Return the annotated kinds of the arguments of a function that are numbers, None for the others."""
+    annotations = (argument.annotation for argument in tree.args.args)
+    return tuple(SCALARS.get(kind.id) if isinstance(kind, ast.Name) else None for kind in annotations)
+
+
+class Read(NamedTuple):
+    """Names in an expression, and whether it reads memory."""
+
+    names: AbstractSet[str]
+    memory: bool
+
+
+@cache
+def read_in(node: ast.expr) -> Read:
+    """Return what an expression of a parsed definition reads."""
+    parts = list(ast.walk(node))
+    names = {part.id for part in parts if isinstance(part, ast.Name)}
+    return Read(names, any(isinstance(part, ast.Subscript | ast.Attribute) for part in parts))
+
+
 def result_of(annotation: ast.expr | None) -> Kind:
     """Return the annotated kind of the result of a function."""
     match annotation:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any, Protocol, final
 
 from ...frozen import frozen
@@ -35,12 +36,8 @@ def by_reference(kind: Kind) -> bool:
 def parts(value: Value) -> list[Value]:
     """Return the values in a tuple."""
     assert isinstance(value.kind, Group) and not value.base
-    found, first = [], 0
-    for kind in value.kind.parts:
-        last = first + len(kind.words)
-        found.append(Value(kind, value.words[first:last]))
-        first = last
-    return found
+    ends = zip(value.kind.parts, pairwise(value.kind.places), strict=True)
+    return [Value(kind, value.words[first:last]) for kind, (first, last) in ends]
 
 
 def unified(a: Kind, b: Kind) -> Kind:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ast
 import builtins
-import inspect
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, ClassVar, final
@@ -16,7 +15,7 @@ from typing import Any, ClassVar, final
 import numpy as np
 
 from ...subset.compiled_subset import INTEGER, NUMBER, Array, Fields, Group, Kind, lanes
-from .definitions import SCALARS
+from .definitions import definition_of, scalars_of
 from .target import Arrays, Target, Value, parts, unified
 
 UNKNOWN: Any = object()
@@ -41,8 +40,9 @@ class Translation(Target):
         self.lines: list[str] = []
         code = function.__code__
         self._local = {*code.co_varnames, *code.co_cellvars}
-        outside = inspect.getclosurevars(function)
-        self._outside = {**vars(builtins), **function.__globals__, **outside.nonlocals}
+        cells = zip(code.co_freevars, function.__closure__ or (), strict=True)
+        nonlocals = {name: cell.cell_contents for name, cell in cells}
+        self._outside = nonlocals, function.__globals__, vars(builtins)
         self._source, self._first = code.co_filename, code.co_firstlineno
 
     @contextmanager
@@ -61,8 +61,8 @@ class Translation(Target):
         match node:
             case ast.Constant(value=value):
                 return value
-            case ast.Name(id=name) if name not in self._local:
-                return self._outside.get(name, UNKNOWN)
+            case ast.Name(id=name):
+                return UNKNOWN if name in self._local else self._meaning(name)
             case ast.Attribute(value=base, attr=name):
                 held = self.known(base)
                 return UNKNOWN if held is UNKNOWN else getattr(held, name)
@@ -75,6 +75,13 @@ class Translation(Target):
                 if any(value is not UNKNOWN and bool(value) is deciding for value in held):
                     return deciding
                 return UNKNOWN if any(value is UNKNOWN for value in held) else not deciding
+        return UNKNOWN
+
+    def _meaning(self, name: str) -> Any:
+        """Return what a name is outside the function, or `UNKNOWN`."""
+        for names in self._outside:
+            if name in names:
+                return names[name]
         return UNKNOWN
 
     def value(self, node: ast.expr) -> Value:
@@ -138,10 +145,9 @@ class Translation(Target):
 
     def as_annotated(self, function: Any, given: list[Value]) -> list[Value]:
         """Return arguments of a function as its annotations have them."""
-        wanted = [function.__annotations__.get(name, "") for name in inspect.signature(function).parameters]
+        wanted = scalars_of(definition_of(function))
         return [
-            self.converted(value, SCALARS[kind]) if kind in SCALARS else value
-            for value, kind in zip(given, wanted, strict=True)
+            value if kind is None else self.converted(value, kind) for value, kind in zip(given, wanted, strict=True)
         ]
 
     def _read(self, name: str) -> Value:
@@ -168,7 +174,7 @@ class Translation(Target):
         assert isinstance(group.kind, Group)
         if not group.base:
             return parts(group)[number]
-        kind, first = group.kind.parts[number], group.first + sum(len(kind.words) for kind in group.kind.parts[:number])
+        kind, first = group.kind.parts[number], group.first + group.kind.places[number]
         return Value(kind, (), group.base, first) if isinstance(kind, Group) else self.argument(kind, group.base, first)
 
     def field(self, record: Value, name: str) -> Value:
