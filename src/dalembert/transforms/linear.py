@@ -49,7 +49,7 @@ def product(graph: Graph, a: Sequence[Node], b: Sequence[Node]) -> Node:
 def matmul(graph: Graph, a: Sequence[Sequence[Node]], b: Sequence[Sequence[Node]]) -> Matrix:
     """Return the product of two matrices."""
     columns = transpose(b)
-    return [[graph.sum(u * v for u, v in zip(row, column, strict=True)) for column in columns] for row in a]
+    return [[product(graph, row, column) for column in columns] for row in a]
 
 
 class Factors(ABC):
