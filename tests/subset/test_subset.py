@@ -1,9 +1,11 @@
 """Translation of loops from Python: results are those of Python, and code without translation is named."""
 
 import ctypes
+import itertools
 import math
 import pkgutil
 import re
+from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
@@ -118,6 +120,19 @@ def sums(arguments: Fused) -> int:
     out[0], out[1] = x[0] * x[1] + x[2], fma(x[0], x[1], x[2])
     out[2], out[3] = x[2] - x[0] * x[1], fma(-x[0], x[1], x[2])
     return 0
+
+
+NUMBERS = (1.0 + 2.0**-30, -1.0 + 2.0**-30, 5e-324, -3e-308, 2.0**-1022, 1.7e308, -1.7e308, 0.1, -1.0, 0.0)
+
+
+def test_plain_python_fuses_as_exact_fractions_round():
+    for a, b, c in itertools.product(NUMBERS, repeat=3):
+        exact = Fraction(a) * Fraction(b) + Fraction(c)
+        if exact:
+            size = float(abs(exact)) if abs(exact) < 2**1024 - 2**970 else math.inf
+            with np.errstate(all="ignore"):
+                found = fma(np.float64(a), np.float64(b), np.float64(c))
+            assert abs(found) == size and (math.copysign(1.0, found) > 0.0) == (exact > 0)
 
 
 def test_products_and_sums_are_fused_where_the_loop_says_so():

@@ -180,6 +180,7 @@ def kind_of(annotation: Any) -> Kind:
     )
 
 
+@cache
 def arguments_of(loop: Callable[[Any], Any]) -> type[tuple[Any, ...]]:
     """Return the NamedTuple that a loop takes.
 

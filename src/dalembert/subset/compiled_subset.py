@@ -13,7 +13,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import field
-from fractions import Fraction
 from functools import cached_property
 from itertools import accumulate
 from operator import index
@@ -110,14 +109,15 @@ def fma(a: float, b: float, c: float) -> float:
         return plain
     if not math.isfinite(c):
         return c
-    exact = Fraction(float(a)) * Fraction(float(b)) + Fraction(float(c))
-    if exact == 0:
+    (a_top, a_below), (b_top, b_below), (c_top, c_below) = (float(x).as_integer_ratio() for x in (a, b, c))
+    top = a_top * b_top * c_below + c_top * a_below * b_below
+    if top == 0:
         return plain  # with the sign that it has: whatever cancels is exact
     try:
-        found = float(exact)
+        found = top / (a_below * b_below * c_below)  # Python rounds quotients of integers once
     except OverflowError:
-        found = math.inf if exact > 0 else -math.inf
-    return np.float64(found if exact > 0 else -abs(found))
+        found = math.inf if top > 0 else -math.inf
+    return np.float64(found if top > 0 else -abs(found))
 
 
 def lane_count() -> int:
@@ -225,9 +225,12 @@ class CheckedArray:
         self.array[place] = value
 
     def _place(self, key: int | tuple[int, ...]) -> tuple[int, ...]:
-        place = tuple(index(number) for number in key) if isinstance(key, tuple) else (index(key),)
+        place = tuple(map(index, key)) if isinstance(key, tuple) else (index(key),)
         shape = self.array.shape
-        if len(place) > len(shape) or not all(0 <= n < length for n, length in zip(place, shape, strict=False)):
+        inside = len(place) <= len(shape)
+        for n, length in zip(place, shape, strict=False):
+            inside = inside and 0 <= n < length
+        if not inside:
             raise IndexError(f"{self.name}[{', '.join(map(str, place))}] is outside the array, of shape {shape}")
         return place
 

@@ -28,7 +28,10 @@ def values_of(kernel: Kernel, array: str, without: frozenset[int] = frozenset())
     """Return the values that depend on the entries of an argument alone, or on nothing; some entries do not count."""
     fixed = {load.target for load in kernel.loads if load.array == array and load.index not in without}
     for line in kernel.body:
-        if all(not isinstance(arg, str) or arg in fixed for arg in line.args):
+        for arg in line.args:
+            if isinstance(arg, str) and arg not in fixed:
+                break
+        else:
             fixed.add(line.target)
     return fixed
 
