@@ -130,14 +130,9 @@ def pytest_addoption(parser):
     parser.addoption("--first", type=int, metavar="N", help="run the first N tests of each file, for their first cases")
 
 
+@pytest.hookimpl(wrapper=True)
 def pytest_collection_modifyitems(config, items):
-    if config.getoption("--first"):
-        kept = {}
-        for item in items:
-            kept.setdefault(item.path, {}).setdefault(item.originalname, item)
-        few = [item for tests in kept.values() for item in [*tests.values()][: config.getoption("--first")]]
-        config.hook.pytest_deselected(items=[item for item in items if item not in few])
-        items[:] = few
+    """Mark repetitions and order the files; of what options leave, keep the first tests where that is asked for."""
     root = Path(__file__).parent
     products = {}
     for item in items:
@@ -153,3 +148,11 @@ def pytest_collection_modifyitems(config, items):
             item.add_marker("matrix")
     places = {root / name: place for place, name in enumerate(LONG)}
     items.sort(key=lambda item: places.get(item.path, len(LONG)))
+    yield
+    if config.getoption("--first"):
+        kept = {}
+        for item in items:
+            kept.setdefault(item.path, {}).setdefault(item.originalname, item)
+        few = [item for tests in kept.values() for item in [*tests.values()][: config.getoption("--first")]]
+        config.hook.pytest_deselected(items=[item for item in items if item not in few])
+        items[:] = few
