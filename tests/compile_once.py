@@ -14,8 +14,8 @@ from dalembert.codegen.llvm.target import native_lanes
 
 
 def compiled(name: str, lanes: int) -> bool:
-    """Compile a loop for so many cases side by side; return whether there is machine code of it."""
-    return bool(loop_named(name, lanes).call)
+    """Compile a loop for so many cases side by side; return whether there is machine code of it, without numba."""
+    return bool(loop_named(name, lanes).call) and "numba" not in sys.modules
 
 
 def faults(chosen: tuple[str, ...]) -> str:

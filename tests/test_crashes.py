@@ -11,14 +11,14 @@ import pytest
 HERE = Path(__file__).parent
 LIMIT = "faulthandler_timeout = 600"
 TESTS = {
-    "crash": {"end": "import ctypes; ctypes.string_at(0)", "other": "import time; time.sleep(200)"},
+    "crash": {"end": "import ctypes; ctypes.string_at(0)", "other": "import time; time.sleep(5)"},
     "hang": {"end": "import time; time.sleep(200)", "other": "pass"},
 }
 
 
 @pytest.mark.parametrize("kind", TESTS)
 def test_runs_end_by_name(tmp_path, kind):
-    """A crash ends them while the other process goes on with a test."""
+    """A crash ends them while the other process goes on with a test, for which pytest-xdist waits ten seconds."""
     settings = (HERE.parent / "pyproject.toml").read_text()
     assert LIMIT in settings
     settings = settings.replace(LIMIT, "faulthandler_timeout = 2") if kind == "hang" else settings

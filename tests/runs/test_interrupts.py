@@ -123,7 +123,7 @@ def test_ctrl_c_reaches_runs_that_do_not_end(what, method):
     run = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert run.stdout.readline().strip() == "ready", run.communicate()
-        time.sleep(1.0)
+        time.sleep(0.3)
         assert run.poll() is None, run.communicate()
         run.send_signal(signal.SIGINT)
         said, errors = run.communicate(timeout=60)
