@@ -3,6 +3,13 @@
 from contextlib import contextmanager
 
 
+def are_compiled_quickly():
+    """Return whether kernels are compiled so now."""
+    from dalembert.codegen.llvm import assembly
+
+    return not assembly._LONG
+
+
 @contextmanager
 def compiled_quickly():
     """Compile kernels of models as the package compiles long ones that run once: unscheduled.

@@ -1,6 +1,7 @@
 """Balls that roll: through theta = 0, on a turntable, on an incline, with unequal moments, off their centre of mass."""
 
 import math
+from functools import cache
 
 from sympy import Rational, cos, sin, sqrt, symbols
 from sympy.physics.mechanics import RigidBody, dynamicsymbols, inertia
@@ -21,12 +22,15 @@ def _sphere_start(psi, theta, phi, omega):
     return {"x": 0.0, "y": 0.0, "psi": psi, "theta": theta, "phi": phi, **rates}
 
 
+_sphere = cache(da.scenes.rolling_sphere)
+
+
 def _euler(name, bound, **options):
     entry = reference("rolling_sphere_313_euler")
     data = entry["values"][name]
     omega = [float(w) for w in data["omega_space"]]
     start = _sphere_start(float(data["psi0"]), float(data["theta0"]), float(data["phi0"]), omega)
-    scene = da.scenes.rolling_sphere()
+    scene = _sphere()
     frame = scene.bodies[0].frame
     return HardCase(
         scene=scene,
@@ -183,13 +187,18 @@ def routh_sphere():
     )
 
 
-def _turntable(name, slope, bound):
-    entry = reference("ball_on_turntable")
+@cache
+def _turntable_scene():
     m, R, Om, gs = symbols("m R Om gs", positive=True)
     J = Rational(2, 5) * m * R**2
-    scene = ball_scene(
+    return ball_scene(
         (J, J, J), surface=lambda N, x, y: Om * N.z.cross(x * N.x + y * N.y), frame_gravity=lambda N: gs * N.x
     )
+
+
+def _turntable(name, slope, bound):
+    entry = reference("ball_on_turntable")
+    scene = _turntable_scene()
     rows = entry["values"][name]
     values = {float(row["t"]): [row[key] for key in ("x", "y", "vx", "vy")] for row in rows}
     # v = omega x R z + Om z x r with v = (0, 1), r = (1/2, 0), Om = 3, R = 1/2

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import mpmath as mp
 from sympy import cos, sin, symbols
@@ -22,6 +23,9 @@ def _fixed_point_scene(name, moments, weight=None):
         scene.add_loads((S, weight * S.z.cross(-N.z)))
     scene.add_holonomic_constraints(UNIT)
     return scene
+
+
+_shared_scene = cache(_fixed_point_scene)
 
 
 def _momentum(scene):
@@ -63,7 +67,7 @@ def free_asymmetric():
 def _free(times, bound):
     entry = reference("free_asymmetric_top")
     moments = symbols("I1:4", positive=True)
-    scene = _fixed_point_scene("free_body", moments)
+    scene = _shared_scene("free_body", moments)
     omega = scene.bodies[0].frame.ang_vel_in(scene.frame)
     rows = {float(row["t"]): [*row["omega_body"], *row["quat"]] for row in entry["values"]["rows"]}
     return HardCase(
@@ -101,7 +105,7 @@ def free_asymmetric_long():
 
 def _heavy_top(name, tilt, spin_rate, precession, quaternion, bound):
     A, C, weight = symbols("A C mgl", positive=True)
-    scene = _fixed_point_scene("heavy_top", (A, A, C), weight)
+    scene = _shared_scene("heavy_top", (A, A, C), weight)
     S = scene.bodies[0].frame
     # steady precession: the angular velocity is Om e_z and a spin about the axis; the body starts tilted about N.x
     start = spin(

@@ -116,11 +116,15 @@ def lifts():
     return contact_case("plate_lifts", scene, start, ["theta", "theta_dot", "N_Q"], bound=1e-11)
 
 
+@cache
+def _rough_at_both():
+    mu_A, mu_Q = symbols("mu_A mu_Q", positive=True)
+    return loose_plate(ground=mu_A, corner=mu_Q)
+
+
 def _both(name):
     start = {"x": -0.8 / math.tan(0.7), "y": 0.0, "theta": 0.7, "y_dot": 0.0, "theta_dot": 1.0}
-    mu_A, mu_Q = symbols("mu_A mu_Q", positive=True)
-    scene = loose_plate(ground=mu_A, corner=mu_Q)
-    return contact_case(name, scene, start, ["theta", "theta_dot"], bound=1e-11)
+    return contact_case(name, _rough_at_both(), start, ["theta", "theta_dot"], bound=1e-11)
 
 
 def slides_back():
@@ -133,25 +137,28 @@ def sticks():
     return _both("plate_sticks")
 
 
+_rod, _slope = cache(da.scenes.sliding_rod), cache(incline_scene)
+
+
 def rod_stops():
     """A rod whose end slides, sticks, and slips away as the rod falls."""
     start = {"x": 0.0, "y": 0.0, "theta": 1.2, "x_dot": -1.0, "y_dot": 0.0, "theta_dot": 0.0}
     names = ["x", "theta", "x_dot", "theta_dot"]
-    return contact_case("rod_stops", da.scenes.sliding_rod(), start, names, bound=1e-11)
+    return contact_case("rod_stops", _rod(), start, names, bound=1e-11)
 
 
 def rod_lifts():
     """Spins so fast that its end leaves the ground, grazing it."""
     start = {"x": 0.0, "y": 0.0, "theta": 0.5, "x_dot": -3.0, "y_dot": 0.0, "theta_dot": 3.5}
     names = ["x", "theta", "x_dot", "theta_dot", "y"]
-    return contact_case("rod_lifts", da.scenes.sliding_rod(), start, names, bound=1e-11)
+    return contact_case("rod_lifts", _rod(), start, names, bound=1e-11)
 
 
 def rod_falls():
     """An impact with friction that stops its end, which then slides and sticks."""
     start = {"x": 0.0, "y": 0.5, "theta": 1.0, "x_dot": 1.0, "y_dot": 0.0, "theta_dot": 0.0}
     names = ["x", "theta", "x_dot", "theta_dot"]
-    return contact_case("rod_falls", da.scenes.sliding_rod(), start, names, bound=1e-11)
+    return contact_case("rod_falls", _rod(), start, names, bound=1e-11)
 
 
 def belt():
@@ -167,7 +174,7 @@ def oscillator():
 
 
 def _incline(name):
-    return contact_case(name, incline_scene(), {"x": 0.0, "x_dot": 3.0}, ["x", "x_dot"], bound=1e-13)
+    return contact_case(name, _slope(), {"x": 0.0, "x_dot": 3.0}, ["x", "x_dot"], bound=1e-13)
 
 
 def incline_back():

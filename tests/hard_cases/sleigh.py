@@ -1,5 +1,7 @@
 """The Chaplygin sleigh: turning past pi/2, against its stable direction, with b -> 0, from rest along the blade."""
 
+from functools import cache
+
 from sympy import cos, sin
 from sympy.physics.mechanics import dynamicsymbols
 
@@ -15,10 +17,13 @@ def _observed():
     return ["x", "y", "theta", x.diff() * cos(theta) + y.diff() * sin(theta), "theta_dot"]
 
 
+_scene = cache(da.scenes.chaplygin_sleigh)
+
+
 def _case(parameters, start, values, source, **options):
     x0, y0, theta0, v0, omega0 = start
     return HardCase(
-        scene=da.scenes.chaplygin_sleigh(),
+        scene=_scene(),
         parameters=parameters,
         initial={"x": x0, "y": y0, "theta": theta0, "x_dot": v0 * float(cos(theta0)), "theta_dot": omega0},
         quantity="position and angle, v along the blade, omega",
