@@ -134,11 +134,12 @@ def pytest_addoption(parser):
 def pytest_collection_modifyitems(config, items):
     """Mark repetitions and order the files; of what options leave, keep the first tests where that is asked for."""
     root = Path(__file__).parent
+    names = {path: path.relative_to(root).as_posix() for path in {item.path for item in items}}
     products = {}
     for item in items:
         parameters = item.callspec.params if hasattr(item, "callspec") else {}
         values = [value for value in parameters.values() if isinstance(value, str)]
-        path = item.path.relative_to(root).as_posix()
+        path = names[item.path]
         if repeats(path, item.name, values):
             item.add_marker("matrix")
         elif len(parameters) > 1 and path not in WHOLE and not item.get_closest_marker("matrix"):

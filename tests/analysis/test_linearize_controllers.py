@@ -10,8 +10,6 @@ import dalembert as da
 from dalembert.errors import CapabilityError, OptionError, UnknownNameError, ValueInputError
 from dalembert.reduction import FORMULATIONS
 
-control = pytest.importorskip("control")
-
 t = dynamicsymbols._t
 x, a, u, v, w, e, f, y = dynamicsymbols("x a u v w e f y")
 m, M, l, c, g, T, r, k_p, k_i, k_d = sp.symbols("m M l c g T r k_p k_i k_d", positive=True)
@@ -48,6 +46,7 @@ def pid(period=T):
 
 
 def test_a_cart_pole_against_the_closed_loop_of_python_control():
+    control = pytest.importorskip("control")  # in two seconds
     made = da.compile_model(cart_pole(pid()))
     found = made.linearize(0.0, UPRIGHT | {e: 0}, POLE | GAINS, inputs={w: 0}, outputs=[x, a])
     plant = da.compile_model(cart_pole()).linearize(0.0, UPRIGHT, POLE, inputs={u: 0, w: 0})
@@ -208,6 +207,7 @@ def test_a_loop_closed_by_joints_and_no_inputs():
     h = 1e-5
     by = [(after(0.5 + h, 1.0) - after(0.5 - h, 1.0)), (after(0.5, 1.0 + h) - after(0.5, 1.0 - h))]
     np.testing.assert_allclose(found.A, np.array(by).T / (2 * h), atol=1e-7)
+    pytest.importorskip("control")
     loop = found.to_control()
     assert found.B.shape == (2, 0) and loop.ninputs == 0 and loop.dt == 0.1
 

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import zipfile
 
 import numpy as np
 import pytest
@@ -27,12 +28,24 @@ print(json.dumps({{"run": {{name: list(values) for name, values in run.items()}}
 """
 
 
+def unpacked(folder, model, **options):
+    """Export a package, unpack it into a folder, as pip does, and return the folder."""
+    target, made = folder / "installed", exported(folder, model, **options)
+    with zipfile.ZipFile(made) as archive:
+        archive.extractall(target)
+    return target
+
+
+def exported(folder, model, **options):
+    """Export a package, and return the path of the wheel."""
+    compiler()
+    (made,) = model.export(folder / "export", "wheel", **options).glob("*.whl")
+    return made
+
+
 def installed(folder, model, **options):
     """Export a package, install it into a folder without a network, and return the folder."""
-    compiler()
-    path = model.export(folder / "export", "wheel", **options)
-    (made,) = path.glob("*.whl")
-    target = folder / "installed"
+    target, made = folder / "installed", exported(folder, model, **options)
     command = [sys.executable, "-m", "pip", "install", "-q", "--no-index", "--no-deps", "--target", target, made]
     done = subprocess.run(command, capture_output=True, text=True)
     if "No module named pip" in done.stderr:
@@ -98,7 +111,7 @@ def test_packages_need_a_compiler(tmp_path, monkeypatch):
 def test_contacts_that_change(tmp_path):
     case = contact_motion("bouncing ball").motion
     model = case.compile("auto")
-    target = installed(tmp_path, model, initial=case.initial, parameters=case.parameters)
+    target = unpacked(tmp_path, model, initial=case.initial, parameters=case.parameters)
     times = [0.0, 0.5, 1.0, 2.0]
     found = called(target, "bouncing_ball", times)["run"]
     run = model.simulate((0, 2), case.initial, case.parameters, t_eval=times)
@@ -110,7 +123,7 @@ def test_events_are_counted_and_end_runs(tmp_path):
     model, start, numbers, (lowest, stop) = pendulum()
     lowest = da.Event(lowest.expression, direction=1, terminal=2, name="lowest")
     given = {"events": [lowest, stop], "rtol": 1e-10, "atol": 1e-12}
-    target, times = installed(tmp_path, model, initial=start, parameters=numbers, **given), np.linspace(0, 8, 81)
+    target, times = unpacked(tmp_path, model, initial=start, parameters=numbers, **given), np.linspace(0, 8, 81)
     said = called(target, "pendulum", times.tolist())
     found, events = said["run"], said["events"]
     run = model.simulate((0, 8), start, numbers, **given)
