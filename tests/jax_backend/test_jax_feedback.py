@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import pytest
 import sympy as sp
@@ -53,11 +51,13 @@ def test_a_law_of_force_is_that_of_the_known_motion():
     def run(d):
         return solve(T, START, PARAMETERS, inputs={"u": da.feedback(damping, d)})
 
-    found = jax.jit(run, compiler_options=QUICK)(0.4)
+    def everything(d):
+        return run(d), jax.jacfwd(lambda d: run(d).q[:, 0])(d)
+
+    found, slope = jax.jit(everything, compiler_options=QUICK)(0.4)
     assert found.status == 0
     np.testing.assert_allclose(found.q[:, 0], damped(T, 0.4), rtol=1e-9)
     np.testing.assert_allclose(found.outputs[:, 0], -0.4 * found.qdot[:, 0], rtol=1e-12)
-    slope = jax.jit(jax.jacfwd(lambda d: run(d).q[:, 0]), compiler_options=QUICK)(0.4)
     np.testing.assert_allclose(slope, (damped(T, 0.4 + 1e-5) - damped(T, 0.4 - 1e-5)) / 2e-5, rtol=1e-6, atol=1e-8)
 
 
@@ -68,17 +68,16 @@ def last(theta, solve=None, start=START, t=T):
 
 def test_gradients_by_weights_start_and_times_in_batches():
     flat, whole = jax.flatten_util.ravel_pytree(THETA)
-    gradient = jax.grad(lambda theta, x, t: last(theta, start={**START, "x": x}, t=t), (0, 1, 2))
-    batch = jax.tree.map(lambda leaf: np.stack([0.5 * leaf, leaf]), THETA)
-    found = jax.jit(jax.vmap(gradient, (0, None, None)), compiler_options=QUICK)(batch, START["x"], T)
+    both = jax.value_and_grad(lambda theta, x, t: last(whole(theta), start={**START, "x": x}, t=t), (0, 1, 2))
+    batch = jax.jit(jax.vmap(both, (0, None, None)), compiler_options=QUICK)
+    found = batch(np.stack([0.5 * flat, flat]), START["x"], T)[1]
     by_theta, by_x, by_t = jax.tree.map(lambda rows: rows[1], found)
 
-    @partial(jax.jit, compiler_options=QUICK)
     def value(theta, x, t):
-        return last(whole(theta), start={**START, "x": x}, t=t)
+        return batch(np.stack([theta, theta]), x, t)[0][1]
 
     want = differences(lambda theta: np.asarray(value(theta, START["x"], T)), np.asarray(flat))
-    np.testing.assert_allclose(jax.flatten_util.ravel_pytree(by_theta)[0], want, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(by_theta, want, rtol=1e-6, atol=1e-8)
     want = differences(lambda x: np.asarray(value(flat, x[0], T)), np.array([START["x"]]))
     np.testing.assert_allclose(by_x, want[0], rtol=1e-6)
     np.testing.assert_allclose(by_t, differences(lambda t: np.asarray(value(flat, START["x"], t)), T), rtol=1e-6)

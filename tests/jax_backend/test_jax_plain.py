@@ -54,24 +54,6 @@ def test_plain_diffrax_gives_the_same(method):
         )
 
 
-@methods
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_steps_dense_output_and_t_eval_agree(method, sign):
-    options = {"t1": sign * 6.0}
-    run = solve(method, dense=True, **options)
-    assert run.success and run.t[0] == 0.0 and run.t[-1] == options["t1"]
-    assert len(run.t) == run.steps + 1 and (sign * np.diff(run.t) > 0.0).all()
-    np.testing.assert_allclose(run.dense(run.t), run.y, rtol=1e-13, atol=1e-14)
-    times = np.unique(np.concatenate([run.t, np.linspace(0.0, options["t1"], 57)]))[:: int(sign)]
-    sampled = solve(method, t_eval=times, **options)
-    np.testing.assert_array_equal(sampled.t, times)
-    np.testing.assert_allclose(sampled.y, run.dense(times), rtol=1e-13, atol=1e-14)
-    np.testing.assert_array_equal(sampled.y[np.isin(times, run.t)], run.y)
-    assert (sampled.steps, sampled.rejected) == (run.steps, run.rejected)
-    exact = solve(method, t_eval=times, rtol=1e-13, atol=1e-14, **options)
-    np.testing.assert_allclose(run.dense(times), exact.y, rtol=0, atol=1e-6)
-
-
 def test_the_implicit_pair_of_traced_runs_is_that_of_diffrax():
     own, other = KVAERNO5, diffrax.Kvaerno5().tableau
     for i, row in enumerate(other.a_lower):

@@ -61,19 +61,33 @@ def test_products_with_hessians(scene):
     np.testing.assert_allclose(pair(at, direction)[1], expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
+def on_a_spring(factor):
+    """Return a number of a motion on a hard spring, whose force has a factor, and a point; see `value_of`."""
+    k, m, x = *sp.symbols("k m", positive=True), dynamicsymbols("x")
+    N, O = ReferenceFrame("N"), Point("O")
+    scene = da.Scene("on a spring", frame=N, origin=O, coordinates=[x])
+    mass = O.locatenew("mass", x * N.x)
+    scene.add_bodies(Particle("body", mass, m))
+    scene.add_loads((mass, -k * x**3 * factor * N.x))
+    value = value_of(da.compile_model(scene, backend="jax"), ("x", "x_dot"), (2, 2, 2))
+    return value, np.array([1.3, 0.7, 0.8, 0.4, 0.2, 0.9])
+
+
+def test_a_product_with_a_hessian():
+    """By parameters, initial values and times together, forward over reverse mode."""
+    value, at = on_a_spring(1)
+    pair = jax.jit(lambda z, v: jax.jvp(jax.grad(value), (z,), (v,)), compiler_options=QUICK)
+    direction = np.sin(1.0 + np.arange(len(at)))
+    expected = difference(lambda z: pair(z, direction)[0], at, direction)
+    np.testing.assert_allclose(pair(at, direction)[1], expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+
+
 @pytest.fixture(scope="module")
 def switched():
     """A spring whose force stops at half a second: steps end there, wherever runs start."""
-    k, m, x, t = *sp.symbols("k m", positive=True), dynamicsymbols("x"), dynamicsymbols._t
-    N, O = ReferenceFrame("N"), Point("O")
-    scene = da.Scene("switched", frame=N, origin=O, coordinates=[x])
-    mass = O.locatenew("mass", x * N.x)
-    scene.add_bodies(Particle("body", mass, m))
-    scene.add_loads((mass, -k * x**3 * sp.Piecewise((1 + t, t < sp.Rational(1, 2)), (2, True)) * N.x))
+    t = dynamicsymbols._t
     with jax.enable_x64(True):
-        model = da.compile_model(scene, backend="jax")
-        value = value_of(model, ("x", "x_dot"), (2, 2, 2))
-        at = np.array([1.3, 0.7, 0.8, 0.4, 0.2, 0.9])
+        value, at = on_a_spring(sp.Piecewise((1 + t, t < sp.Rational(1, 2)), (2, True)))
         gradient = jax.jit(jax.grad(value), compiler_options=QUICK)
         return value, at, np.array([difference(gradient, at, unit) for unit in np.eye(len(at))])
 

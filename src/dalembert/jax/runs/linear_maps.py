@@ -86,7 +86,7 @@ def apply(function: LinearMap, held: Any, moving: Any) -> Any:
     with mesh_of((held, moving)):
         held, moving = laid_on_mesh((held, moving))
         zero = _zero((jax.lax.stop_gradient(held), moving))  # cases differ where any of these does
-        nothing = _zeros(jax.eval_shape(function, held, moving), zero)
+        nothing = _zeros(jax.eval_shape(partial(_value, function), held, moving), zero)
         start = jax.tree.map(lambda leaf: leaf + zero, moving)
 
         def forward(_: Any, given: Any) -> Any:
@@ -102,14 +102,17 @@ def apply(function: LinearMap, held: Any, moving: Any) -> Any:
         return jax.lax.custom_linear_solve(system, given, forward, backward, symmetric=True)[3]
 
 
+@partial(jax.jit, static_argnums=0)
 def _value(function: LinearMap, held: Any, moving: Any) -> Any:
-    """Return the value, which varies over the mesh axes that its arguments vary over."""
+    """Return the value, which varies over the mesh axes that its arguments vary over; traced once for equal maps.
+
+    Within a function of its own, constants of the map stay where they are: else JAX lays them out like arguments.
+    """
 
     def value(held: Any, moving: Any) -> Any:
         return varying_like(function(held, moving), (held, moving))
 
-    # Within a function of its own, constants of the map stay where they are: else JAX lays them out like arguments.
-    return jax.jit(partial(vectorised, value, True))(held, moving)
+    return vectorised(value, True, held, moving)
 
 
 def _still(tree: Any) -> Any:
