@@ -39,16 +39,26 @@ def everything(times, several):
     }}
 found = jax.jit(everything)(np.array({times}), np.array([0.2, 0.3]))
 """
+CORRECTED = """
+corrected = made.simulate(np.array({times}))
+apart = made.simulate(np.array({times}), {{"x": 2.0}})["status"]
+made.project_position = lambda t, y, c: 1e-4 * made.jnp.ones_like(y)
+found = {{"run": corrected, "apart": apart, "others": made.simulate(np.array({times}))["status"]}}
+"""
 PROCESS = """
 import importlib.util, json, sys
 import numpy as np
 sys.path[:] = [place for place in sys.path if "src" not in place]
 sys.modules["dalembert"] = None
-spec = importlib.util.spec_from_file_location("made", sys.argv[1])
-made = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(made)
-{0}
-print(json.dumps(found, default=lambda value: np.asarray(value).tolist()))
+results = []
+for path, code in json.load(sys.stdin):
+    spec = importlib.util.spec_from_file_location("made", path)
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    names = {"np": np, "made": made}
+    exec(code, names)
+    results.append(names["found"])
+print(json.dumps(results, default=lambda value: np.asarray(value).tolist()))
 """
 
 
@@ -69,8 +79,13 @@ def quickly():
 
 def found_by(path, code, **names):
     """Run code with a file in a process that cannot import dalembert; return what it finds."""
-    command = [sys.executable, "-c", PROCESS.format(code.format(**names)), path]
-    done = subprocess.run(command, capture_output=True, text=True, env=quickly())
+    return found_by_each((path, code.format(**names)))[0]
+
+
+def found_by_each(*runs):
+    """Return what code finds with a file, each in turn in one such process."""
+    given = json.dumps([(str(path), code) for path, code in runs])
+    done = subprocess.run([sys.executable, "-c", PROCESS], input=given, capture_output=True, text=True, env=quickly())
     assert done.returncode == 0, done.stderr[-3000:]
     return json.loads(done.stdout)
 
@@ -143,11 +158,20 @@ found = {{"forth": made.simulate(np.array({times})), "back": made.simulate(-np.a
         assert not np.any(found[way].get("status", 0))
 
 
-def test_runs_of_a_file_for_jax_are_those_of_simulate(tmp_path, sleigh):
+@pytest.fixture(scope="module")
+def of_jax(tmp_path_factory, sleigh):
+    """Return what files for JAX find, of the sleigh and of the pinned pendulum, in one process, which imports JAX."""
     pytest.importorskip("jax")
+    folder, case = tmp_path_factory.mktemp("jax"), hard_case(PINNED)
     tight = {"rtol": 1e-10, "atol": 1e-12}
-    path = sleigh.export(tmp_path / "sleigh.py", "jax", initial=START, parameters=NUMBERS, **tight)
-    found = found_by(path, JAX, times=TIMES)
+    path = sleigh.export(folder / "sleigh.py", "jax", initial=START, parameters=NUMBERS, **tight)
+    given = {"initial": case.initial, "parameters": case.parameters, "rtol": 1e-9, "atol": 1e-11}
+    pinned = case.compile("projected").export(folder / "pinned.py", "jax", **given)
+    return found_by_each((path, JAX.format(times=TIMES)), (pinned, CORRECTED.format(times=TIMES)))
+
+
+def test_runs_of_a_file_for_jax_are_those_of_simulate(of_jax, sleigh):
+    found = of_jax[0]
 
     def end(b):
         return sleigh.simulate((0, 4), START, {**NUMBERS, "b": b}, t_eval=TIMES, rtol=1e-13, atol=1e-15)
@@ -163,19 +187,9 @@ def test_runs_of_a_file_for_jax_are_those_of_simulate(tmp_path, sleigh):
     assert found["run"]["status"] == 0
 
 
-def test_positions_are_corrected_in_a_file_for_jax_until_nothing_is_left(tmp_path):
-    pytest.importorskip("jax")
-    case = hard_case(PINNED)
+def test_positions_are_corrected_in_a_file_for_jax_until_nothing_is_left(of_jax):
+    case, found = hard_case(PINNED), of_jax[1]
     model = case.compile("projected")
-    options = {"rtol": 1e-9, "atol": 1e-11}
-    path = model.export(tmp_path / "a.py", "jax", initial=case.initial, parameters=case.parameters, **options)
-    code = """
-corrected = made.simulate(np.array({times}))
-apart = made.simulate(np.array({times}), {{"x": 2.0}})["status"]
-made.project_position = lambda t, y, c: 1e-4 * made.jnp.ones_like(y)
-found = {{"run": corrected, "apart": apart, "others": made.simulate(np.array({times}))["status"]}}
-"""
-    found = found_by(path, code, times=TIMES)
     run = model.simulate((0, 4), case.initial, case.parameters, t_eval=TIMES, rtol=1e-12, atol=1e-14)
     assert found["run"]["status"] == 0
     for variable in model.layout.variables:

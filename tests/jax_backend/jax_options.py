@@ -7,6 +7,8 @@ import pytest
 
 jax = pytest.importorskip("jax")
 
+from jax._src import compiler  # noqa: E402
+
 __all__ = ["QUICK", "compiled_quickly"]
 
 # Versions of XLA differ in their options, and refuse a program compiled with an option that they do not have.
@@ -32,9 +34,23 @@ QUICK = {name: value for name, value in WISHES.items() if _accepted(name, value)
 
 def _forget():
     """Let go of every compiled program, and of weights that were fitted to what one of them computed."""
+    if not _COMPILED:
+        return
+    _COMPILED.clear()
     jax.clear_caches()
     if solvers := sys.modules.get("dalembert.jax.runs.solvers"):
         solvers._weights.cache_clear()
+
+
+_COMPILED = [True]
+"""Holds something if anything may have been compiled since `_forget`, which takes a tenth of a second."""
+
+_ORIGINAL = getattr(compiler, "get_compile_options", None)
+
+
+def _plain(*arguments, **options):
+    _COMPILED[:] = [True]
+    return _ORIGINAL(*arguments, **options)
 
 
 @contextmanager
@@ -45,15 +61,12 @@ def compiled_quickly():
     no such function, programs are compiled as usual. All are forgotten before and after, so that no result depends on
     what ran earlier in the same process.
     """
-    from jax._src import compiler
-
-    original = getattr(compiler, "get_compile_options", None)
-    if original is None:
+    if _ORIGINAL is None:
         yield
         return
 
     def quick(*arguments, **options):
-        found = original(*arguments, **options)
+        found = _plain(*arguments, **options)
         own = dict(found.env_option_overrides)
         # Without the emitters, a program in which nothing is fused takes longer to compile, not shorter.
         left_out = {"xla_cpu_use_fusion_emitters"} if "xla_disable_hlo_passes" in own else set()
@@ -66,5 +79,5 @@ def compiled_quickly():
     try:
         yield
     finally:
-        compiler.get_compile_options = original
+        compiler.get_compile_options = _plain
         _forget()
