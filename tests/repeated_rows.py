@@ -114,6 +114,8 @@ REPEATED = (
     # motions of the sleigh in both formulations: test_jax_lanes.py and test_jax_backend.py; the plate stays
     ("jax_backend/test_jax_agreement.py", "test_motions_are_those_of_numba[[]chaplygin_sleigh-*"),
     ("jax_backend/test_jax_agreement.py", "test_motions_are_those_of_numba[[]rolling_sphere-*"),
+    # beside SciPy, the sleigh in two formulations; of the sphere, test_final_state_is_exact
+    ("jax_backend/test_jax_backend.py", "test_final_state_is_that_of_scipy[[]slow nutation-*"),
     # one loop of implicit steps: its errors and final states stay
     ("jax_backend/test_jax_lanes.py", "test_steps_that_run_out[[]kvaerno5]"),
     # blocks of steps follow each other alike whatever the pair: dopri8 stays

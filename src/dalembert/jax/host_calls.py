@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..arrays import FloatArray
-from .runs.mesh_axes import laid_on_mesh, mesh_of, varying_like, vectorised
+from .runs.mesh_axes import laid_out, varying_like
 from .runs.precision import SINGLE, process_precision
 
 _Struct: Any = jax.ShapeDtypeStruct  # which has no types
@@ -45,10 +45,7 @@ def on_host(
         )
 
     given = tuple(jax.lax.stop_gradient(jnp.asarray(value, dtype=float)) for value in given)
-    with mesh_of(given):
-        # On explicit axes each device calls for its own cases; JAX takes what comes back for arrays that lie nowhere.
-        found = vectorised(partial(_called, call, shapes, single), True, *given)
-        return tuple(varying_like(laid_on_mesh(found), given))
+    return tuple(varying_like(laid_out(partial(_called, call, shapes, single), *given), given))
 
 
 def _called(call: Callable[..., Any], shapes: Sequence[tuple[int, ...]], single: bool, *given: Any) -> tuple[Any, ...]:

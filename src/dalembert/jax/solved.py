@@ -13,7 +13,7 @@ from ..arrays import FloatArray
 from ..errors import RunFailedError, ValueInputError
 from ..methods.status import Status
 from .host_calls import on_host
-from .runs.mesh_axes import laid_on_mesh, mesh_of, varying_alike
+from .runs.mesh_axes import laid_out
 from .runs.run_constants import RunConstants
 
 if TYPE_CHECKING:
@@ -138,15 +138,15 @@ jax.tree_util.register_pytree_node(
 @partial(jax.jit, static_argnums=0)
 def solved_of(solve: AnySolve, t: Any, initial: Any, p: Any, given: Any) -> Solved:
     """Return the motion: compiled once for equal functions, and a part of the program where one is traced."""
-    with mesh_of((t, initial, p, given)):
-        return solve.motion(*laid_on_mesh(varying_alike((t, initial, p, given))))
+    solved: Solved = laid_out(solve.motion, t, initial, p, given)
+    return solved
 
 
 @partial(jax.jit, static_argnums=0)
 def _states(solve: AnySolve, dense: Dense, t: Any) -> States:
     """Return the motion at times t (n_t,): compiled once for each number of times."""
-    with mesh_of((dense, t)):
-        return solve.states(*laid_on_mesh(varying_alike((dense, t))))
+    states: States = laid_out(solve.states, dense, t)
+    return states
 
 
 def raise_failure(solved: Solved, formulation: str, method: str) -> Solved:

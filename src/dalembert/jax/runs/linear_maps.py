@@ -26,7 +26,7 @@ from jax.custom_derivatives import SymbolicZero
 
 from ...frozen import frozen
 from .derivatives import instantiate
-from .mesh_axes import laid_on_mesh, mesh_of, varying_alike, varying_like, vectorised
+from .mesh_axes import varying_alike, varying_like
 
 
 class LinearMap(Protocol):
@@ -83,36 +83,27 @@ class _Transposed(LinearMap):
 def apply(function: LinearMap, held: Any, moving: Any) -> Any:
     """Return the value of a linear map."""
     held, moving = varying_alike((held, moving))
-    with mesh_of((held, moving)):
-        held, moving = laid_on_mesh((held, moving))
-        zero = _zero((jax.lax.stop_gradient(held), moving))  # cases differ where any of these does
-        nothing = _zeros(jax.eval_shape(partial(_value, function), held, moving), zero)
-        start = jax.tree.map(lambda leaf: leaf + zero, moving)
+    zero = _zero((jax.lax.stop_gradient(held), moving))  # cases differ where any of these does
+    nothing = _zeros(jax.eval_shape(partial(_value, function), held, moving), zero)
+    start = jax.tree.map(lambda leaf: leaf + zero, moving)
 
-        def forward(_: Any, given: Any) -> Any:
-            value = _value(function, held, given[0])
-            return *_still(given[:2]), given[0], jax.tree.map(jnp.add, value, given[1])
+    def forward(_: Any, given: Any) -> Any:
+        value = _value(function, held, given[0])
+        return *_still(given[:2]), given[0], jax.tree.map(jnp.add, value, given[1])
 
-        def backward(_: Any, given: Any) -> Any:
-            value = _value(function.transposed, held, given[3])
-            return jax.tree.map(jnp.add, value, given[2]), given[3], *_still(given[2:])
+    def backward(_: Any, given: Any) -> Any:
+        value = _value(function.transposed, held, given[3])
+        return jax.tree.map(jnp.add, value, given[2]), given[3], *_still(given[2:])
 
-        given = (start, nothing, _zeros(moving, zero), nothing)
-        system = partial(_system, function, held)
-        return jax.lax.custom_linear_solve(system, given, forward, backward, symmetric=True)[3]
+    given = (start, nothing, _zeros(moving, zero), nothing)
+    system = partial(_system, function, held)
+    return jax.lax.custom_linear_solve(system, given, forward, backward, symmetric=True)[3]
 
 
 @partial(jax.jit, static_argnums=0)
 def _value(function: LinearMap, held: Any, moving: Any) -> Any:
-    """Return the value, which varies over the mesh axes that its arguments vary over; traced once for equal maps.
-
-    Within a function of its own, constants of the map stay where they are: else JAX lays them out like arguments.
-    """
-
-    def value(held: Any, moving: Any) -> Any:
-        return varying_like(function(held, moving), (held, moving))
-
-    return vectorised(value, True, held, moving)
+    """Return the value, which varies over the mesh axes that its arguments vary over; traced once for equal maps."""
+    return varying_like(function(held, moving), (held, moving))
 
 
 def _still(tree: Any) -> Any:

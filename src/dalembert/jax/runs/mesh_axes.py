@@ -3,15 +3,12 @@
 Within ``jax.shard_map``, JAX records for each array over which axes of the mesh it may differ from device to device,
 and demands that what a loop carries does so from its beginning. Zeros and counters do not, until they are cast
 (`varying_like`). On meshes of explicit axes the type of an array says how it lies there, and operations whose result
-has no evident place are rejected: there each device computes its own cases, as in ``shard_map`` (`on_devices`).
-Elsewhere nothing is done.
+has no evident place are rejected: runs have these axes automatic inside (`laid_out`). Elsewhere nothing is done.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
-from functools import partial
 from typing import Any
 
 import jax
@@ -20,12 +17,7 @@ from jax import lax
 from jax.custom_derivatives import SymbolicZero
 from jax.sharding import PartitionSpec as _PartitionSpec
 
-_Spec: Any = _PartitionSpec  # what has no types of its own
-_reshard: Any = jax.sharding.reshard
-_pmax: Any = lax.pmax
-
-Axes = tuple[str, ...]
-"""Names of axes of the mesh, in order."""
+_Spec: Any = _PartitionSpec  # which has no types
 
 
 def varying_alike(tree: Any) -> Any:
@@ -55,41 +47,24 @@ def _varying(value: Any) -> frozenset[str]:
     return found
 
 
-def mesh_of(tree: Any) -> AbstractContextManager[Any]:
-    """Return a context in which what is traced knows the mesh on which arrays of a tree lie, as their types say."""
-    if jax.sharding.get_abstract_mesh().empty:
-        for leaf in jax.tree.leaves(tree):
-            mesh = jax.typeof(leaf).sharding.mesh
-            if not mesh.empty:
-                return jax.sharding.use_abstract_mesh(mesh)
-    return nullcontext()
+def laid_out(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Return ``function(*arguments)``; on a mesh of explicit axes, the compiler lays out what is computed inside.
 
+    There results of one case lie on no axis; a batch by ``jax.vmap`` lies where its cases do.
+    """
+    arguments = varying_alike(arguments)
+    types = (jax.typeof(leaf) for leaf in jax.tree.leaves(arguments))
+    meshes: list[Any] = [jax.sharding.get_abstract_mesh(), *(kind.sharding.mesh for kind in types)]
+    mesh = next((each for each in meshes if not each.empty), meshes[0])
+    if not mesh.explicit_axes:
+        return function(*arguments)
+    leaves, tree = jax.tree.flatten(arguments)  # functions of users are no trees of places
 
-def laid_on_mesh(tree: Any) -> Any:
-    """Return arrays that all lie on the mesh that is traced for, where it has explicit axes: as copies, if nowhere."""
-    if not has_explicit_axes():
-        return tree
+    def inside(*leaves: Any) -> Any:
+        return function(*jax.tree.unflatten(tree, leaves))
 
-    def lay(leaf: Any) -> Any:
-        nowhere = jax.typeof(leaf).sharding.mesh.empty
-        return _reshard(leaf, _Spec()) if nowhere else leaf
-
-    return jax.tree.map(lay, tree)
-
-
-def has_explicit_axes() -> bool:
-    """Return whether the program is traced for a mesh with explicit axes."""
-    return bool(jax.sharding.get_abstract_mesh().explicit_axes)
-
-
-def axes_of_cases(rows: Any) -> Axes:
-    """Return the explicit axes over which the first axis of any array of a tree lies."""
-    for leaf in jax.tree.leaves(rows):
-        spec = jax.typeof(leaf).sharding.spec
-        first = spec[0] if len(spec) else None
-        if first is not None:
-            return first if isinstance(first, tuple) else (first,)
-    return ()
+    with jax.sharding.use_abstract_mesh(mesh):
+        return jax.sharding.auto_axes(inside, out_sharding=_Spec())(*leaves)
 
 
 def stack(arrays: Sequence[Any], axis: int = 0) -> Any:
@@ -97,66 +72,6 @@ def stack(arrays: Sequence[Any], axis: int = 0) -> Any:
 
     There JAX 0.10 does not stack what differs from case to case with what does not, and concatenates it.
     """
-    if not has_explicit_axes():
+    if not jax.sharding.get_abstract_mesh().explicit_axes:
         return jnp.stack(arrays, axis)
     return jnp.concatenate([jnp.expand_dims(array, axis) for array in arrays], axis)
-
-
-def on_devices(function: Callable[..., Any], axes: Axes, batched: Any, whole: Any, *arguments: Any) -> Any:
-    """Return ``function(*arguments)``, where each device computes the cases that lie on it.
-
-    Parameters
-    ----------
-    function
-        Of trees of arrays, to a tree of arrays.
-    axes
-        The axes of the mesh over which cases lie.
-    batched
-        Tuple of trees, one for each argument, of whether the first axis of an array counts cases.
-    whole
-        Tree of whether the first axis of a result does, or True, where all do; of others, the largest of all devices
-        is returned.
-    """
-    own, common = _Spec(axes), _Spec()
-    given = jax.tree.map(lambda yes: own if yes else common, batched)
-    found = jax.tree.map(lambda yes: own if yes else common, whole)
-
-    def here(*arguments: Any) -> Any:
-        result = function(*arguments)
-        if whole is True:
-            return result
-        return jax.tree.map(lambda yes, value: value if yes else _pmax(value, axes), whole, result)
-
-    with mesh_of(arguments):
-        explicit = set(jax.sharding.get_abstract_mesh().explicit_axes)
-        spread = jax.shard_map(here, in_specs=given, out_specs=found, axis_names=explicit, check_vma=False)
-        return spread(*jax.tree.map(_reshard, arguments, given))
-
-
-def vectorised(function: Callable[..., Any], whole: Any, *arguments: Any) -> Any:
-    """Return ``function(*arguments)``, made so that batches whose cases lie over explicit axes are taken on devices.
-
-    `whole` is a tree like the result of whether, in a batch, each case has its own array, or True, where all have.
-    """
-    if not has_explicit_axes():
-        return function(*arguments)
-
-    @jax.custom_batching.custom_vmap
-    def one(*arguments: Any) -> Any:
-        return function(*arguments)
-
-    @one.def_vmap
-    def _(size: int, batched: Any, *arguments: Any) -> tuple[Any, Any]:
-        flags, (given, found) = tuple(batched), (jax.tree.map(_first, tree) for tree in (tuple(batched), whole))
-        many = jax.vmap(function, given, found)
-        axes = axes_of_cases([leaf for leaf, yes in zip(*map(jax.tree.leaves, (arguments, flags)), strict=True) if yes])
-        spread = partial(on_devices, many, axes, flags, whole) if axes else partial(vectorised, many, whole)
-        result = spread(*arguments)
-        return result, jax.tree.map(lambda _: True, result) if whole is True else whole
-
-    return one(*arguments)
-
-
-def _first(batched: bool) -> int | None:
-    """Return which axis of an array counts cases."""
-    return 0 if batched else None

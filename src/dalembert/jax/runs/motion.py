@@ -20,7 +20,7 @@ from .along import Along, Course
 from .derivatives import CHUNK, Over, Steps, StepsRecord, instantiate
 from .jumping import At, Timed, moved_until, sure_until
 from .linear_maps import apply
-from .mesh_axes import stack, vectorised
+from .mesh_axes import stack
 from .run_data import Limits, Reached, RunPieces, places
 from .runs import Runs
 from .step_rules import Rows
@@ -129,7 +129,7 @@ class TracedMotion:
 
     def _plain(self, t: Any, y0: Any, c: Any, breaks: Any, moved: Any) -> Any:
         """Return the result of the run, in floating point numbers."""
-        return vectorised(lambda *values: _reached(*self._runs.run(0, *values)[:2]), True, t, y0, c, breaks)
+        return _reached(*self._runs.run(0, t, y0, c, breaks)[:2])
 
     # -- its derivatives ------------------------------------------------------------------
 
@@ -157,11 +157,7 @@ class TracedMotion:
             taken = jnp.concatenate([still.record.taken[:, :2], rows], axis=1)
             return full, still._replace(y=dy, record=still.record._replace(taken=taken, end=end))
 
-        def recorded(*values: Any) -> Any:
-            whole = _Full(True, StepsRecord(False, *[True] * 6), Over(*[True] * 3), True, True)
-            return vectorised(self._recorded, whole, *values)
-
-        full = jax.custom_jvp(recorded)
+        full = jax.custom_jvp(self._recorded)
         full.defjvp(push, symbolic_zeros=True)
         return full
 

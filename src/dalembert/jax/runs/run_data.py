@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, final
 
 import jax
@@ -18,7 +17,6 @@ from ...steps.problem import IntegrationProblem, Solution
 from ...steps.projection import end_in, projected
 from .derivatives import Stepping
 from .lanes import Attempts, Function
-from .mesh_axes import vectorised
 from .step_rules import Projections
 
 if TYPE_CHECKING:
@@ -100,8 +98,7 @@ def middles(t: Any, breaks: Any) -> Any:
 
 def places(rows: Any, values: Any) -> Any:
     """Return how many of the rising `rows` (n,) are at most each of the values (k,)."""
-    still = jax.lax.stop_gradient
-    return vectorised(partial(jnp.searchsorted, side="right"), True, still(rows), still(values))
+    return jnp.searchsorted(*jax.lax.stop_gradient((rows, values)), side="right")
 
 
 @final
