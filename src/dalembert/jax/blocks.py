@@ -3,14 +3,15 @@
 XLA on CPU merges element-by-element operations into one loop for each array that comes out, and repeats in each what
 they have in common: time to compile and to run grows faster than the code. Here a long kernel is cut into blocks of
 `BLOCK` operations, so that what one block hands to the next is computed once. In what is differentiated, each block
-hangs on a condition that is always true and that XLA cannot know (`blocked`). In steps of a single case a loop takes
-the blocks in turn, by a switch (`looped`): XLA turns a loop around such steps into one machine function if an
-iteration touches less than a kilobyte, and of a switch it counts the largest branch alone.
+hangs on a condition that is always true and that XLA does not know (`blocked`); barriers alone are gone before it
+merges. In steps of a single case a loop takes the blocks in turn, by a switch (`looped`): XLA turns a loop around such
+steps into one machine function if an iteration touches less than a kilobyte, and of a switch it counts the largest
+branch alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import accumulate, pairwise
 from typing import Any, final
 
@@ -24,7 +25,7 @@ from ..transforms.partials import cotangent_kernel
 from ..transforms.taylor.nonsmooth import only_in_branches
 from .modules import compile_kernel
 from .runs.adjoint import Pull
-from .runs.mesh_axes import varying_like
+from .runs.mesh_axes import varying_alike, varying_like
 from .runs.run_constants import Function, stacked
 
 BLOCK = 12
@@ -40,25 +41,22 @@ one fused loop, and a block that is not fused touches more than a kilobyte."""
 _GIVEN = "__given"
 """Argument of a block: no value has this name."""
 
-Conditional = Callable[[Any], Function]
 
-
-def blocked(kernel: Kernel, printer: Printer = JAX) -> Conditional:
-    """Return a function from a condition, which must be true, to the function (t, y, c) of a kernel."""
+def blocked(kernel: Kernel, printer: Printer = JAX) -> Function:
+    """Return the function (t, y, c) of a kernel, in blocks where it is long."""
     if len(kernel.body) <= LARGEST_WHOLE:
-        whole = compile_kernel(kernel, printer)
-        return lambda go: whole
+        return compile_kernel(kernel, printer)
     chosen = only_in_branches(kernel)
     blocks = [(part.loads, part.outputs, compile_kernel(part, printer, chosen)) for part in _parts(kernel)]
 
-    def run(go: Any, *arguments: Any) -> tuple[Any, ...]:
+    def run(*arguments: Any) -> tuple[Any, ...]:
         known = _loaded(kernel, arguments)
         for loads, outputs, function in blocks:
             inputs = tuple(jnp.asarray(known[load.target], dtype=float) for load in loads)
-            known |= zip(outputs, _held(go, function, inputs), strict=True)
+            known |= zip(outputs, _held(function, inputs), strict=True)
         return tuple(known.get(output, output) for output in kernel.outputs)
 
-    return lambda go: lambda t, y, c: run(go, t, y, c)
+    return run
 
 
 def looped(kernel: Kernel, printer: Printer = JAX_STEPS) -> Function:
@@ -203,7 +201,7 @@ def _loaded(kernel: Kernel, arguments: tuple[Any, ...]) -> dict[Any, Any]:
     }
 
 
-def _held(go: Any, function: Function, inputs: tuple[Any, ...]) -> tuple[Any, ...]:
+def _held(function: Function, inputs: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return the outputs of a block, computed under a condition."""
 
     def block(*values: Any) -> tuple[Any, ...]:
@@ -212,8 +210,9 @@ def _held(go: Any, function: Function, inputs: tuple[Any, ...]) -> tuple[Any, ..
     def none(*values: Any) -> tuple[Any, ...]:
         return varying_like(tuple(jnp.zeros(shape.shape) for shape in shapes), values)
 
-    inputs = varying_like(inputs, (go, inputs))
+    inputs = varying_alike(inputs)
     shapes = jax.eval_shape(block, *inputs)
+    go: Any = lax.optimization_barrier(jnp.array(True))  # type: ignore[no-untyped-call]
     found: tuple[Any, ...] = lax.cond(go, block, none, *inputs)
     return found
 

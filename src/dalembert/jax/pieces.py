@@ -21,7 +21,7 @@ from ..once import once
 from ..transforms.taylor.nonsmooth import decisions, only_in_branches
 from ..transforms.taylor.recurrences import recurrences
 from ..transforms.taylor.step import series_kernel, step_kernel
-from .blocks import Conditional, blocked, cotangents_of, looped
+from .blocks import blocked, cotangents_of, looped
 from .feedback import FeedbackKernels
 from .foreign import ForeignRuns
 from .modules import compile_kernel
@@ -86,11 +86,7 @@ def pieces_with(
         foreign = ForeignRuns(program, method, order)
     if constants is None:
         constants = RunConstants(place_of(program))
-    in_blocks = _corrections(program, lambda name: blocked(program.kernel(name)))
-
-    def projections(go: Any) -> Projections:
-        return tuple((correct(go), count) for correct, count in in_blocks)
-
+    projections = _corrections(program, lambda name: blocked(program.kernel(name)))
     sides = _sides(program, kernels, feedback)
     if method == "taylor":
         made = _taylor_pieces(program, order, projections, constants, sides, weighted)
@@ -112,7 +108,7 @@ def corrections_on_rows(program: Program) -> Projections:
 def _taylor_pieces(
     program: Program,
     order: int,
-    projections: Callable[[Any], Projections],
+    projections: Projections,
     constants: RunConstants,
     sides: tuple[Sides | None, Sides | None],
     weighted: bool,
@@ -146,7 +142,7 @@ def _pair_pieces(
     program: Program,
     kernels: ArrayKernels,
     tableau: Tableau,
-    projections: Callable[[Any], Projections],
+    projections: Projections,
     constants: RunConstants,
     feedback: FeedbackKernels | None,
     sides: tuple[Sides | None, Sides | None],
@@ -170,11 +166,7 @@ def _pair_pieces(
         sizes = len(program.layout.state), program.layout.constants or len(program.layout.parameters)
         pulling = cache(partial(cotangents_of, rhs, *sizes))
         in_turn = InTurn(tableau, looped(rhs), pulling)
-    in_blocks, decided = blocked(rhs), _decided(program)
-
-    def in_steps(go: Any) -> Function:
-        return rows(in_blocks(go))
-
+    in_steps, decided = rows(blocked(rhs)), _decided(program)
     steps: Stepping
     if tableau.implicit:
         steps = WholeSteps(in_steps, partial(implicit_ends, in_steps, tableau), projections, constants)
@@ -281,12 +273,11 @@ def _knots_of_one(program: Program, kernels: ArrayKernels) -> Function:
     return lambda t, y, c: tuple(limits(t, y[0], c[0]))
 
 
-def _series(kernel: Kernel) -> Conditional:
+def _series(kernel: Kernel) -> Function:
     """Return the coefficients of a Taylor series; in blocks where it is too long to be fused."""
     if len(kernel.body) > LARGEST_FUSED:
         return blocked(kernel, JAX_SERIES)
-    whole = compile_kernel(kernel, JAX_SERIES)
-    return lambda go: whole
+    return compile_kernel(kernel, JAX_SERIES)
 
 
 def _step_of_one(step: Function) -> Function:

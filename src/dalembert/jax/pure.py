@@ -229,7 +229,7 @@ class Solve(KeyedFunction):
         def rates(elapsed: Any, y: Any, c: Any) -> Any:
             """Return the rates (n_y,) with what the constants, all but the last, are at that time."""
             rows = steps.constants.rows(c[:-1], c[-1:])
-            at = Steps(jnp.reshape(elapsed, 1), jnp.zeros(1), tuple(y[:, None]), rows, jnp.isfinite(c[-1]))
+            at = Steps(jnp.reshape(elapsed, 1), jnp.zeros(1), tuple(y[:, None]), rows)
             return jnp.concatenate(steps.rates(at)) if len(y) else y
 
         still = jax.lax.stop_gradient(t)

@@ -11,23 +11,22 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..methods.tableau import Tableau
-from .blocks import Conditional
 from .runs.adjoint import InTurn
 from .runs.derivatives import Steps, jacobians
 from .runs.pairs import implicit_slopes, slopes_of, weighted
 from .runs.precision import contracted, product
-from .runs.run_constants import RunConstants
+from .runs.run_constants import Function, RunConstants
 from .runs.step_rules import Projections, Rows, project
 
 
-def _settled(projections: Callable[[Any], Projections], steps: Steps, ends: Rows) -> Rows:
+def _settled(projections: Projections, steps: Steps, ends: Rows) -> Rows:
     """Return the ends of steps on the constraints."""
-    return project(projections(steps.go), steps.t + steps.h, ends, steps.c)[0]
+    return project(projections, steps.t + steps.h, ends, steps.c)[0]
 
 
-def _again(projections: Callable[[Any], Projections], steps: Steps, ends: Rows) -> Rows:
+def _again(projections: Projections, steps: Steps, ends: Rows) -> Rows:
     """Return the ends of steps on the constraints, made so that JAX finds the derivatives of `_correction` there."""
-    if not projections(steps.go):
+    if not projections:
         return ends
     still = jax.lax.stop_gradient
     fixed = steps._replace(t=still(steps.t), h=still(steps.h), y=still(steps.y), c=still(steps.c))
@@ -36,20 +35,20 @@ def _again(projections: Callable[[Any], Projections], steps: Steps, ends: Rows) 
     return _correction(projections, steps, at, steps.c)
 
 
-def _correction(projections: Callable[[Any], Projections], steps: Steps, at: Rows, c: Rows) -> Rows:
+def _correction(projections: Projections, steps: Steps, at: Rows, c: Rows) -> Rows:
     """Return states, on the constraints already, after one correction of each kind.
 
     To first order that is what all of them do: the derivative of a Newton iteration that has converged is that of one
     more, as its derivative there is a projection.
     """
-    for correct, _ in projections(steps.go):
+    for correct, _ in projections:
         at = tuple(a + b for a, b in zip(at, correct(steps.t + steps.h, at, c), strict=True))
     return at
 
 
-def series_ends(series: Conditional, order: int, steps: Steps, y: Rows, c: Rows) -> Rows:
+def series_ends(series: Function, order: int, steps: Steps, y: Rows, c: Rows) -> Rows:
     """Return the ends of steps of a Taylor series, from (t, y, c) -> coefficients of each component in turn."""
-    values, each = series(steps.go)(steps.t, y, c), order + 1
+    values, each = series(steps.t, y, c), order + 1
     new = []
     for i, row in enumerate(y):
         total = jnp.zeros(jnp.shape(row))
@@ -59,9 +58,9 @@ def series_ends(series: Conditional, order: int, steps: Steps, y: Rows, c: Rows)
     return tuple(new)
 
 
-def implicit_ends(rhs: Conditional, tableau: Tableau, steps: Steps, y: Rows, c: Rows) -> Rows:
+def implicit_ends(rhs: Callable[..., Rows], tableau: Tableau, steps: Steps, y: Rows, c: Rows) -> Rows:
     """Return the ends of steps of an implicit pair."""
-    slopes = implicit_slopes(partial(slopes_of, rhs(steps.go)), tableau, (steps.t, y), steps.h, c)
+    slopes = implicit_slopes(partial(slopes_of, rhs), tableau, (steps.t, y), steps.h, c)
     weights = tableau.b[: tableau.end + 1]
     return tuple(a + steps.h * contracted(weights, k) for a, k in zip(y, slopes, strict=True))
 
@@ -73,11 +72,11 @@ class PairSteps:
     Parameters
     ----------
     rhs
-        From a condition to (t, y, c) -> rates, on rows.
+        (t, y, c) -> rates, on rows.
     tableau
         The pair.
     projections
-        From a condition to what moves the end of a step.
+        What moves the end of a step.
     in_turn
         What pulls a run of one case back one stage after the other, where that is faster and possible.
     constants
@@ -86,9 +85,9 @@ class PairSteps:
 
     def __init__(
         self,
-        rhs: Conditional,
+        rhs: Callable[..., Rows],
         tableau: Tableau,
-        projections: Callable[[Any], Projections],
+        projections: Projections,
         in_turn: InTurn | None,
         constants: RunConstants,
     ) -> None:
@@ -107,22 +106,22 @@ class PairSteps:
 
     def rates(self, steps: Steps) -> Rows:
         """Return the rates of the states at the starts of steps."""
-        return slopes_of(self._rhs(steps.go), steps.t, steps.y, steps.c)
+        return slopes_of(self._rhs, steps.t, steps.y, steps.c)
 
     def _stages(self, steps: Steps) -> tuple[Rows, Rows]:
         """Return the slopes (stages, k) and the ends of steps before they are projected."""
-        t, h, y, c, go = steps
-        slopes = weighted(self._rhs(go), self._tableau, self._count, (t, y), h, c, ())
+        t, h, y, c = steps
+        slopes = weighted(self._rhs, self._tableau, self._count, (t, y), h, c, ())
         return slopes, tuple(a + h * contracted(self._weights, k) for a, k in zip(y, slopes, strict=True))
 
     def along(self, steps: Steps) -> tuple[Any, Any]:
         """See `Stepping`: h, derivatives (stages, n_y, n_y) of the slopes, and (n_y, n_y) of the projection."""
-        t, h, y, c, go = steps
+        t, h, y, c = steps
         slopes, ends = self._stages(steps)
         points = tuple(a + h * contracted(self._matrix, k) for a, k in zip(y, slopes, strict=True))
         times = t + self._tableau.c[: self._count, np.newaxis] * h
-        matrices = jnp.moveaxis(jacobians(lambda at: slopes_of(self._rhs(go), times, at, c), points), 1, 0)
-        if not self._projections(go):
+        matrices = jnp.moveaxis(jacobians(lambda at: slopes_of(self._rhs, times, at, c), points), 1, 0)
+        if not self._projections:
             return (h, matrices), (times, points, ends)
         ends = _settled(self._projections, steps, ends)
         held = jacobians(lambda at: _correction(self._projections, steps, at, c), ends)
@@ -131,9 +130,9 @@ class PairSteps:
     def shifts(self, steps: Steps, places: Any, dc: Rows) -> Any:
         """See `Stepping`: changes (stages, n_y) of the slopes, and (n_y,) of the projection."""
         times, points, ends = places
-        rates = jax.jvp(lambda *c: slopes_of(self._rhs(steps.go), times, points, c), steps.c, dc)[1]
+        rates = jax.jvp(lambda *c: slopes_of(self._rhs, times, points, c), steps.c, dc)[1]
         shift = jnp.stack([rate.T for rate in rates], axis=-1)
-        if not self._projections(steps.go):
+        if not self._projections:
             return (shift,)
         moves = jax.jvp(lambda *c: _correction(self._projections, steps, ends, c), steps.c, dc)[1]
         return shift, jnp.stack(moves, axis=-1)
@@ -166,8 +165,8 @@ class PairSteps:
         """See `Stepping`."""
         (times, points, ends), (slopes, ahead) = places, within
         rates = tuple(slopes[..., i].T for i in range(len(points)))
-        found: Rows = jax.vjp(lambda *c: slopes_of(self._rhs(steps.go), times, points, c), *steps.c)[1](rates)
-        if self._projections(steps.go):
+        found: Rows = jax.vjp(lambda *c: slopes_of(self._rhs, times, points, c), *steps.c)[1](rates)
+        if self._projections:
             moved = jax.vjp(lambda *c: _correction(self._projections, steps, ends, c), *steps.c)[1](tuple(ahead.T))
             found = tuple(a + b for a, b in zip(found, moved, strict=True))
         return found
@@ -180,20 +179,20 @@ class WholeSteps:
     Parameters
     ----------
     rhs
-        From a condition to (t, y, c) -> rates, on rows.
+        (t, y, c) -> rates, on rows.
     ends
         (`Steps`, y, c) -> the ends of the steps from other states and constants, before they are projected.
     projections
-        From a condition to what moves the end of a step.
+        What moves the end of a step.
     constants
         See `Stepping`.
     """
 
     def __init__(
         self,
-        rhs: Conditional,
+        rhs: Callable[..., Rows],
         ends: Callable[[Steps, Rows, Rows], Rows],
-        projections: Callable[[Any], Projections],
+        projections: Projections,
         constants: RunConstants,
     ) -> None:
         self.in_turn, self.constants = None, constants
@@ -209,12 +208,12 @@ class WholeSteps:
 
     def rates(self, steps: Steps) -> Rows:
         """Return the rates of the states at the starts of steps."""
-        return slopes_of(self._rhs(steps.go), steps.t, steps.y, steps.c)
+        return slopes_of(self._rhs, steps.t, steps.y, steps.c)
 
     def along(self, steps: Steps) -> tuple[Any, Any]:
         """See `Stepping`: derivatives (n_y, n_y) of the step, and (n_y, n_y) of the projection."""
         step = jacobians(lambda at: self._ends(steps, at, steps.c), steps.y)
-        if not self._projections(steps.go):
+        if not self._projections:
             return (step,), None
         ends = _settled(self._projections, steps, self._ends(steps, steps.y, steps.c))
         held = jacobians(lambda at: _correction(self._projections, steps, at, steps.c), ends)

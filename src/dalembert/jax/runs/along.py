@@ -56,26 +56,24 @@ class Step:
     linear: Stepping
 
     def __call__(self, sizes: Any, y: Any, shared: Any) -> tuple[Any, Any]:
-        """Return the ends; `sizes` are starts (k,), sizes (k,), and the number of attempts (k,)."""
-        (t, h, go), (c, end) = sizes, shared
+        """Return the ends; `sizes` are starts (k,) and sizes (k,)."""
+        (t, h), (c, end) = sizes, shared
         moves = (h != 0.0)[:, None]
         safe = jnp.where(moves, y, jax.lax.stop_gradient(end))
         rows = self.linear.constants.rows(c, t + 0.5 * h)
-        ends = self.linear.moved(Steps(t, h, tuple(safe.T), rows, go[0] > 0.0))
+        ends = self.linear.moved(Steps(t, h, tuple(safe.T), rows))
         return jnp.where(moves, stack(ends, axis=1), y), ()
 
 
 def _steps(course: Course) -> Given:
     """Return all steps but those over requested times."""
     record = course.record
-    sizes = record.t, record.taken[:, 1], jnp.broadcast_to(record.count, record.taken.shape[:1])
-    return Given(-(-record.count // CHUNK), sizes, record.y, (course.c, record.end))
+    return Given(-(-record.count // CHUNK), (record.t, record.taken[:, 1]), record.y, (course.c, record.end))
 
 
 def _times(course: Course) -> Any:
     """Return the steps over requested times and their states."""
-    go = jnp.broadcast_to(course.record.count, course.over.begins.shape)
-    return (course.over.begins, course.over.sizes, go), course.record.taken[course.at, 2:]
+    return (course.over.begins, course.over.sizes), course.record.taken[course.at, 2:]
 
 
 @final

@@ -56,16 +56,12 @@ class StepsRecord(NamedTuple):
 
 @final
 class Steps(NamedTuple):
-    """Steps to differentiate: starts t (k,), sizes h (k,), states y (n_y rows (k,)), constants c (n_c rows ()).
-
-    `go` is true; what hangs on it is not merged with what surrounds it (see `dalembert.jax.blocks`).
-    """
+    """Steps to differentiate: starts t (k,), sizes h (k,), states y (n_y rows (k,)), constants c (n_c rows ())."""
 
     t: Any
     h: Any
     y: Rows
     c: Rows
-    go: Any
 
 
 @final
@@ -260,7 +256,7 @@ def _steps(linear: Stepping, record: StepsRecord, first: Any, c: Any) -> Steps:
     h = taken[:, 1]
     y = jnp.where(h[:, jnp.newaxis] != 0.0, taken[:, 2:], record.end)
     rows = linear.constants.rows(c, taken[:, 0] + 0.5 * h)
-    return Steps(taken[:, 0], h, tuple(y.T), rows, record.count > 0)
+    return Steps(taken[:, 0], h, tuple(y.T), rows)
 
 
 def _middles(steps: Steps) -> Any:

@@ -122,7 +122,7 @@ class TracedMotion:
         size = jnp.where(known, t - begins, 0.0)
         y = jnp.where((known & (record.count > 0.0))[:, None], taken[at, 2:], record.end)
         rows = self._pieces.steps.constants.rows(c, begins + 0.5 * still(size))
-        ends = self._pieces.steps.moved(Steps(begins, size, tuple(y.T), rows, record.count > 0.0))
+        ends = self._pieces.steps.moved(Steps(begins, size, tuple(y.T), rows))
         zeros = jnp.zeros(len(t))
         moving = stack(ends, axis=1), (t, record.end, c)
         return apply(OrNan(()), Known(known.astype(float), zeros, still(c)), moving)
@@ -185,7 +185,7 @@ class TracedMotion:
         direction, constants = jnp.where(t[-1] >= t[0], 1.0, -1.0), self._pieces.steps.constants
 
         def rates(t: Any, y: Rows, c: Rows) -> Rows:
-            return self._pieces.steps.rates(Steps(t, jnp.zeros_like(t), y, c, record.count > 0))
+            return self._pieces.steps.rates(Steps(t, jnp.zeros_like(t), y, c))
 
         if decided is not None and len(y0):
             until = sure_until(decided, rates, constants, record, c, direction)

@@ -228,21 +228,21 @@ class Runs:
         """Return the rates (n_t, n_y) of states at times: the derivatives of where a run is by the time."""
         constants = self._pieces.steps.constants
         rows = constants.rows(c, middles(jax.lax.stop_gradient(t), breaks) if constants.broken else t)
-        steps = Steps(t, jnp.zeros_like(t), tuple(y.T), rows, jnp.isfinite(jax.lax.stop_gradient(t[0])))
+        steps = Steps(t, jnp.zeros_like(t), tuple(y.T), rows)
         return stack(self._pieces.steps.rates(steps), axis=1)
 
-    def _ends(self, over: Over, states: Any, c: Any, go: Any) -> Any:
+    def _ends(self, over: Over, states: Any, c: Any) -> Any:
         """Return the ends (n_t, n_y) of steps to requested times, one stage after the other where that is faster."""
         moves = self._pieces.steps
 
-        def in_rows(over: Over, states: Any, c: Any, go: Any) -> Any:
+        def in_rows(over: Over, states: Any, c: Any) -> Any:
             rows = moves.constants.rows(c, over.begins + 0.5 * over.sizes)
-            return jnp.stack(moves(Steps(over.begins, over.sizes, tuple(states.T), rows, go)), axis=1)
+            return jnp.stack(moves(Steps(over.begins, over.sizes, tuple(states.T), rows)), axis=1)
 
         turns = moves.in_turn
         if turns is None or jax.default_backend() != "cpu":
-            return in_rows(over, states, c, go)
-        return alone_or_many(lambda over, states, c, go: turns.ends(over, states, c), in_rows, over, states, c, go)
+            return in_rows(over, states, c)
+        return alone_or_many(turns.ends, in_rows, over, states, c)
 
     def run(self, room: int, t: Any, y0: Any, c: Any, breaks: Any) -> tuple[Any, StepsRecord, Any, Over]:
         """Return the states (n_t, n_y), the record, which times were reached, and steps over more than two times."""
@@ -267,5 +267,5 @@ class Runs:
         else:
             begins, states = record.taken[:, 0], record.taken[:, 1:]
         size = jnp.where(known, t - begins, 0.0)  # beyond the end, steps might overflow
-        ends = self._ends(Over(at, begins, size), states, c, record.count > 0)
+        ends = self._ends(Over(at, begins, size), states, c)
         return jnp.where(known[:, None], ends, jnp.nan), record, known, Over(at.astype(float), begins, size)
