@@ -62,6 +62,15 @@ KINDS = """
 times = jnp.linspace(0.0, 1.0, 4)
 dense = model.solve_fn(method="tsit5", rtol=1e-6, max_steps=64, dense=True)
 check(jax.vmap(lambda y: dense(times, y, p).dense(jnp.array([0.7, 0.2])).q), rows)
+strict = model.solve_fn(method="tsit5", rtol=1e-6, max_steps=64, throw=True)
+ends = jax.vmap(lambda y: strict(jnp.array([0.0, 1.0]), y, p).y[-1])
+check(ends, rows, ("checked",))
+try:
+    jax.jit(ends)(jax.device_put(rows, NamedSharding(explicit, P("cases"))))
+except da.errors.OptionError as error:
+    assert "jax.shard_map" in str(error)
+else:
+    raise AssertionError("a failed run would stop all devices")
 check(jax.vmap(lambda y: model.functions.step(y, (), 0.1, p, substeps=2)), rows, tolerance=1e-14)
 check(jax.vmap(lambda y: model.functions.energy(0.0, y, p)), rows, ("checked", "explicit", "set"))
 """

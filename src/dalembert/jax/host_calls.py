@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import jax
@@ -11,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..arrays import FloatArray
-from .runs.mesh_axes import laid_out, varying_like
+from .runs.mesh_axes import varying_like
 from .runs.precision import SINGLE, process_precision
 
 _Struct: Any = jax.ShapeDtypeStruct  # which has no types
@@ -45,7 +44,7 @@ def on_host(
         )
 
     given = tuple(jax.lax.stop_gradient(jnp.asarray(value, dtype=float)) for value in given)
-    return tuple(varying_like(laid_out(partial(_called, call, shapes, single), *given), given))
+    return tuple(varying_like(_called(call, shapes, single, *given), given))
 
 
 def _called(call: Callable[..., Any], shapes: Sequence[tuple[int, ...]], single: bool, *given: Any) -> tuple[Any, ...]:

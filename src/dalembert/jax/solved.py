@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..arrays import FloatArray
-from ..errors import RunFailedError, ValueInputError
+from ..errors import OptionError, RunFailedError, ValueInputError
 from ..methods.status import Status
 from .host_calls import on_host
-from .runs.mesh_axes import laid_out
+from .runs.mesh_axes import explicit_mesh, laid_out
 from .runs.run_constants import RunConstants
 
 if TYPE_CHECKING:
@@ -158,11 +158,18 @@ def raise_failure(solved: Solved, formulation: str, method: str) -> Solved:
     ------
     RunFailedError
         Where the status is known.
+    OptionError
+        On a mesh of explicit axes.
     """
     status = solved.status
     if not isinstance(status, jax.core.Tracer):
         _raise_failed(formulation, method, np.asarray([status], dtype=float))
         return solved
+    if explicit_mesh(status) is not None:
+        raise OptionError(
+            "throw=True raises on one device of a mesh of explicit axes, for which the others would wait: leave it out"
+            " and look at the status, or take jax.shard_map, in which each device has runs of its own"
+        )
     fails = partial(_raise_failed, formulation, method)
     failed = ~jnp.isin(status, jnp.array(_GOOD))
     one = jax.lax.cond(failed, lambda own: on_host(fails, ((),), own)[0], jnp.ones_like, status.astype(float))

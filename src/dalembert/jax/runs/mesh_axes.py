@@ -47,16 +47,22 @@ def _varying(value: Any) -> frozenset[str]:
     return found
 
 
+def explicit_mesh(tree: Any) -> Any:
+    """Return the mesh of explicit axes that is traced for, or on which arrays of a tree lie; None without any."""
+    types = (jax.typeof(leaf) for leaf in jax.tree.leaves(tree))
+    meshes: list[Any] = [jax.sharding.get_abstract_mesh(), *(kind.sharding.mesh for kind in types)]
+    mesh = next((each for each in meshes if not each.empty), meshes[0])
+    return mesh if mesh.explicit_axes else None
+
+
 def laid_out(function: Callable[..., Any], *arguments: Any) -> Any:
     """Return ``function(*arguments)``; on a mesh of explicit axes, the compiler lays out what is computed inside.
 
     There results of one case lie on no axis; a batch by ``jax.vmap`` lies where its cases do.
     """
     arguments = varying_alike(arguments)
-    types = (jax.typeof(leaf) for leaf in jax.tree.leaves(arguments))
-    meshes: list[Any] = [jax.sharding.get_abstract_mesh(), *(kind.sharding.mesh for kind in types)]
-    mesh = next((each for each in meshes if not each.empty), meshes[0])
-    if not mesh.explicit_axes:
+    mesh = explicit_mesh(arguments)
+    if mesh is None:
         return function(*arguments)
     leaves, tree = jax.tree.flatten(arguments)  # functions of users are no trees of places
 
