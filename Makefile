@@ -11,11 +11,11 @@ export MPLBACKEND ?= Agg
 # least one more that is compiled or rounded otherwise, without rows that run no code compiled for an instruction set and
 # those whose outcome is far from any rounding. `NARROW` and `ROUNDED` take about as long.
 BROKEN    := tests/runs/test_interrupted_sweeps.py::test_sweeps_
-LANES     := tests/lanes/test_lanes.py $(addprefix $(BROKEN),with_samples of_one_run) tests/system/test_outputs.py \
+LANES     := tests/lanes/test_lanes.py $(addprefix $(BROKEN),with_samples of_one_run) \
              tests/codegen/test_vector_functions.py tests/codegen/test_advance_lanes.py
 TAYLOR    := a_loop_over_the_orders_gives_the_bits_of_unrolled_code \
              pairs_of_operations_give_the_bits_of_operations_one_by_one
-NARROW    := $(LANES) $(addprefix $(BROKEN),with_controllers of_one_run_with_controllers) \
+NARROW    := $(LANES) tests/system/test_outputs.py $(addprefix $(BROKEN),with_controllers of_one_run_with_controllers) \
              $(addprefix tests/transforms/test_taylor.py::test_,$(TAYLOR)) tests/codegen/test_check_inputs.py
 SINGULAR  := projected_runs_pass_through_on_their_branch projected_runs_pass_on_their_branch_or_say_that_they_cannot \
              cases_of_a_projected_sweep_do_not_change_their_branch_and_succeed \
@@ -38,8 +38,9 @@ NUMERICAL := tests/codegen/test_vector_functions.py tests/codegen/test_advance_l
 # templates, and compile for the processor. Of models on a cluster it is the test that has a cluster.
 LEFT_OUT  := $(addprefix codegen/test_,advance_lanes.py c_loops.py check_inputs.py loops.py target.py templates.py) \
              store/test_stored_contacts.py \
-             $(addprefix jax_backend/test_jax_,feedback.py hosted_inputs.py jumps.py lanes.py results.py second.py \
-             single.py steps.py times.py)
+             runs/test_controllers_with_events.py \
+             $(addprefix jax_backend/test_jax_,derivatives.py feedback.py hosted_inputs.py inputs.py jumps.py lanes.py \
+             results.py second.py single.py steps.py times.py)
 ELSEWHERE := $(addprefix store/test_stored_programs.py::test_,another_process a_graph what_a_model)
 PART      := --first 1 $(addprefix tests/,codegen jax_backend model results runs store) \
              $(addprefix --ignore tests/,$(LEFT_OUT)) $(addprefix --deselect tests/,$(ELSEWHERE))
@@ -171,7 +172,8 @@ $(VENV)/.installed-bench: EXTRAS := bench
 $(VENV)/.installed-test:  EXTRAS := test
 $(VENV)/.installed-test:  UPGRADE := --upgrade --upgrade-strategy eager
 
-# Python compiles what is imported. pip would compile all that it installs, in one process: half of an installation.
+# Python compiles what is imported. pip would compile all that it installs, in one process: half of an installation. The
+# pip of older Pythons takes half as long again as a new one.
 # A virtual environment whose pip does not run was cut short or lost its interpreter: it is made anew.
 $(VENV)/.installed-demo $(VENV)/.installed-dev $(VENV)/.installed-bench $(VENV)/.installed-test: pyproject.toml
 	@$(BIN)/python -m pip --version >/dev/null 2>&1 || { \
@@ -182,7 +184,8 @@ $(VENV)/.installed-demo $(VENV)/.installed-dev $(VENV)/.installed-bench $(VENV)/
 	    echo "==> creating $(VENV) with $$($(PYTHON) --version)"; \
 	    $(PYTHON) -m venv --clear $(VENV) || { \
 	        echo "error: '$(PYTHON) -m venv' failed (on Debian and Ubuntu: install python3-venv)" >&2; \
-	        exit 1; }; }
+	        exit 1; }; \
+	    $(BIN)/python -m pip install -q --no-compile --retries 1 --upgrade pip >/dev/null 2>&1 || true; }
 	@echo "==> installing dalembert[$(EXTRAS)] into $(VENV) (a few minutes the first time)"
 	@$(BIN)/python -m pip install --disable-pip-version-check --no-input --no-compile $(UPGRADE) \
 	    -e '.[$(EXTRAS)]' >$@.log 2>&1 || { \

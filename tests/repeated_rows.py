@@ -343,6 +343,18 @@ REPEATED = (
     ("system/test_steep.py", "test_numbers_of_jax_are_right[[]high power*"),
     # two windows pass such positions in system/test_singular.py, and loops as long are in mechanics/test_many_loops.py
     ("hard_cases/test_published.py", "test_forty_windows_pass_a_singular_position*"),
+    # processes that are killed, or wait for one another: interrupts of other runs, and stores that were cut, stay
+    ("test_crashes.py", "test_runs_end_by_name*"),
+    ("runs/test_interrupts.py", "test_ctrl_c_reaches_runs_that_do_not_end[[]dop853-a sweep with times]"),
+    ("store/test_stored_sweeps.py", "test_processes_that_begin_one_store"),
+    ("store/test_stored_refusals.py", "test_a_cluster_that_goes_away_ends_with_a_message"),
+    # random scenes with contacts: on a floor, in a slot and with a disc, with events and with inputs, stay
+    *(
+        ("fuzz/contacts/test_random_contacts.py", f"test_a_random_scene_agrees_with_the_reference[[]{scene}]")
+        for scene in ("particle-3", "pendulum-1", "chain-3")
+    ),
+    ("fuzz/driven/test_driven_contacts.py", "test_a_driven_scene_agrees_with_the_reference[[]controllers-0]"),
+    ("fuzz/driven/test_driven_contacts.py", "test_a_driven_scene_agrees_with_the_reference[[]functions-0]"),
 )
 
 
