@@ -79,10 +79,7 @@ class Translation(Target):
 
     def _meaning(self, name: str) -> Any:
         """Return what a name is outside the function, or `UNKNOWN`."""
-        for names in self._outside:
-            if name in names:
-                return names[name]
-        return UNKNOWN
+        return next((names[name] for names in self._outside if name in names), UNKNOWN)
 
     def value(self, node: ast.expr) -> Value:
         """Return the value of an expression."""
