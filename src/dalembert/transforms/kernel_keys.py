@@ -1,4 +1,4 @@
-"""What a kernel is made of, as a key: nodes in the same forms, inputs at the same places and the same names.
+"""Keys of kernels that are remembered.
 
 A scene is often compiled several times in a process: for backends, for outputs, for models that a run derives.
 """
@@ -11,15 +11,13 @@ from ..ir.graph import Graph
 from ..ir.node import Node, UnitName
 
 
-def kernel_key(
-    graph: Graph,
-    name: str,
-    nodes: Sequence[Node],
-    inputs: Mapping[Node, tuple[str, int | None]],
-    arguments: tuple[str, ...],
-    fixed: Sequence[Node] | None,
+def values_key(
+    graph: Graph, nodes: Sequence[Node], inputs: Mapping[Node, tuple[str, int | None]], fixed: Sequence[Node] | None
 ) -> Hashable:
-    """Return a key that is the same for the same kernel only; the arguments are those of `lower_kernel`."""
+    """Return a key of values: equal for equal forms of nodes, from inputs of the same names at the same places.
+
+    The arguments are those of `lower_kernel`.
+    """
     places = {str(node.payload): place for node, place in inputs.items()}
     still = frozenset(str(node.payload) for node in fixed or ())
     numbers: dict[int, int] = {}
@@ -35,4 +33,4 @@ def kernel_key(
             rows.append((node.fingerprint, value, graph.decimals.get(node.index)))
         else:
             rows.append((node.op, node.deps == 0, *[numbers[arg.index] for arg in node.args]))
-    return name, arguments, fixed is None, tuple(rows), tuple([numbers[node.index] for node in nodes])
+    return fixed is None, tuple(rows), tuple([numbers[node.index] for node in nodes])

@@ -29,7 +29,7 @@ from ..ir.tables import value as table_value
 from ..naming import Namer
 from ..once import BoundedTable
 from .forms import FormBuilder, Forms, UnsuitableForm, frequent
-from .kernel_keys import kernel_key
+from .kernel_keys import values_key
 from .pipelines import KERNEL_PASSES, PassRecord
 from .polynomial import Form, Polynomial, Polynomials, pythagorean
 from .table_lines import PieceLines
@@ -220,7 +220,7 @@ def lower_kernel(
         When a node depends on an input that is not given, or a constant is not finite.
     """
     graph.heal(nodes, inputs.keys())
-    key = kernel_key(graph, name, nodes, inputs, arguments, fixed)
+    key = name, arguments, values_key(graph, nodes, inputs, fixed)
     known: tuple[Kernel, list[PassRecord]] | None = LOWERED.get(key)
     if known is None:
         known = kernel, own = _lowered(graph, name, nodes, inputs, arguments, fixed)

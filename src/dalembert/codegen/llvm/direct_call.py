@@ -1,4 +1,4 @@
-"""Runs that Python calls without `ctypes`: half of the time of a short run is the call."""
+"""Calls of prepared runs from Python without `ctypes`, in half of the time."""
 
 from __future__ import annotations
 

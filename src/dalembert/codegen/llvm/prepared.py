@@ -219,7 +219,7 @@ class CompiledRun:
     Attributes
     ----------
     direct : function of a state and parameters, or None
-        The same run as one call of machine code (`DirectCall`). Who gets a final state forgets what `ended` before.
+        The same run as one call of machine code (`DirectCall`). Its caller removes the thread from `ended`.
     ended : dict
         Statuses of the last calls of this object, by thread.
     """
