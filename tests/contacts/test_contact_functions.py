@@ -9,7 +9,7 @@ from dalembert.contacts.contact_kinds import refused
 from dalembert.contacts.contact_system import CLOSED, OPEN, SLIP, STICK, combination
 from dalembert.contacts.selection import mode_candidates as kinds
 from dalembert.contacts.selection.contact_forces import load_accelerations, open_contacts, solve_mode
-from dalembert.contacts.selection.dense_solve import dense_workspace, solve_dense
+from dalembert.contacts.selection.dense_solve import decompose, dense_workspace, solve_dense
 from dalembert.contacts.selection.mode_candidates import candidates_space
 from dalembert.contacts.selection.mode_laws import ROUNDING
 from dalembert.contacts.selection.mode_selection import select_mode
@@ -190,6 +190,18 @@ def test_singular_systems_have_the_solution_of_least_norm_and_their_free_directi
     free = space.free[: n - rank]
     np.testing.assert_allclose(matrix @ free.T, 0.0, atol=1e-9)
     np.testing.assert_allclose(free @ free.T, np.eye(n - rank), atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", [6, 18, 34, 60])
+def test_columns_of_rounding_errors_are_not_turned_again_and_again(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(3, 9))
+    rank = int(rng.integers(1, n))
+    rows, space = rng.integers(-3, 4, size=(n, rank)).astype(float), dense_workspace(n)
+    matrix = rows @ np.diag(10.0 ** rng.integers(-3, 4, rank)) @ rows.T
+    assert decompose(matrix, n, space) < 10
+    exact = np.linalg.svd(matrix, compute_uv=False)
+    np.testing.assert_allclose(np.sort(space.columns)[::-1], exact, rtol=1e-9, atol=1e-14 * exact[0])
 
 
 def test_systems_of_what_is_not_finite_have_no_solution():

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...subset.arguments import IntVector, Matrix, Vector
-from ...subset.compiled_subset import compiled_subset, sqrt
+from ...subset.compiled_subset import compiled_subset, sqrt, square
 
 SMALLEST_PIVOT = 1e-9
 """Pivot of the equilibrated matrix below which a system counts as singular."""
@@ -22,8 +22,11 @@ SMALLEST_PIVOT = 1e-9
 RANK = 1e-11
 """Singular value, as a share of the largest, below which it counts as zero."""
 
-_SWEEPS = 60
+_MOST_PASSES = 60
 _ORTHOGONAL = 1e-15
+
+_NOISE = 1e-15
+"""Length of a column, as a share of the matrix, below which it is rounding errors: no rotation turns it further."""
 
 
 class DenseWorkspace(NamedTuple):
@@ -91,7 +94,7 @@ def solve_dense(matrix: FloatArray, right: FloatArray, n: int, columns: int, spa
         for j in range(columns):
             _substitute(right, n, j, space)
         return 0
-    _decompose(matrix, n, space)
+    decompose(matrix, n, space)
     for j in range(columns):
         _project(right, n, j, space)
     count = 0
@@ -168,15 +171,16 @@ def _substitute(right: FloatArray, n: int, column: int, space: DenseWorkspace) -
 
 
 @compiled_subset
-def _decompose(matrix: FloatArray, n: int, space: DenseWorkspace) -> None:
-    """Rotate the columns of a matrix until they are perpendicular to each other."""
-    u, v = space.scaled, space.vectors
+def decompose(matrix: FloatArray, n: int, space: DenseWorkspace) -> int:
+    """Rotate the columns of a matrix until they are perpendicular to each other; return how often all were passed."""
+    u, v, noise, passes = space.scaled, space.vectors, 0.0, 0
     for i in range(n):
         for j in range(n):
             u[i, j] = matrix[i, j]
             v[i, j] = 1.0 if i == j else 0.0
-    for _ in range(_SWEEPS):
-        turned = False
+            noise += square(_NOISE * u[i, j])
+    while passes < _MOST_PASSES:
+        turned, passes = False, passes + 1
         for p in range(n):
             for q in range(p + 1, n):
                 a, b, c = 0.0, 0.0, 0.0
@@ -184,7 +188,7 @@ def _decompose(matrix: FloatArray, n: int, space: DenseWorkspace) -> None:
                     a += u[i, p] * u[i, p]
                     b += u[i, q] * u[i, q]
                     c += u[i, p] * u[i, q]
-                if abs(c) <= _ORTHOGONAL * sqrt(a * b) or c == 0.0:
+                if abs(c) <= _ORTHOGONAL * sqrt(a * b) or min(a, b) <= noise:
                     continue
                 turned = True
                 zeta = (b - a) / (2.0 * c)
@@ -207,6 +211,7 @@ def _decompose(matrix: FloatArray, n: int, space: DenseWorkspace) -> None:
         largest = max(largest, space.columns[j])
     for j in range(n):
         space.rows[j] = 1.0 / (space.columns[j] * space.columns[j]) if space.columns[j] > RANK * largest else 0.0
+    return passes
 
 
 @compiled_subset
