@@ -9,7 +9,6 @@ import dalembert as da
 from dalembert.codegen.llvm import backend
 from dalembert.reduction import event_functions as functions
 from dalembert.runs import events
-from dalembert.transforms import step_bounds
 from hard_cases.many_contacts import feet, feet_at_rest, legged, legged_at_rest, turning, turning_at_rest
 
 TIME = dynamicsymbols._t
@@ -21,7 +20,6 @@ def in_parts(monkeypatch):
 
     def begin():
         monkeypatch.setattr(functions, "_LONGEST", 0)
-        monkeypatch.setattr(step_bounds, "LONGEST_REPEATED", 0)
         monkeypatch.setattr(backend, "LARGEST_INLINED", 0)
 
     return begin

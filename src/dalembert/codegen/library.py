@@ -56,10 +56,6 @@ class KernelLibrary(ABC):
         Where compiled code is kept; None keeps nothing.
     """
 
-    repeated: ClassVar[int | None] = None
-    """Operations up to which expressions of events are repeated at each of the points of a step, which is longer and
-    faster than to call them there; None for `dalembert.transforms.step_bounds.LONGEST_REPEATED`."""
-
     def __init__(self, program: Program, folder: Path | None) -> None:
         self._program, self.folder = program, folder
         self._lines: dict[int, int] = {}

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import FloatArray
 from ..ir.kernel import Kernel
@@ -40,7 +39,6 @@ def event_kernels(
     *,
     tested: bool,
     exact: bool,
-    repeated: int | None = None,
 ) -> EventKernels:
     """Return compiled kernels of events and reductions.
 
@@ -62,41 +60,36 @@ def event_kernels(
         Whether there is a test of whole steps; else all steps are searched.
     exact : bool
         Whether polynomials of steps have no error that counts.
-    repeated : int, optional
-        Operations up to which expressions are repeated at the points of a step; see `KernelLibrary.repeated`.
     """
     from ..events.reductions import KINDS
-    from ..transforms.step_bounds import (
-        LONGEST_REPEATED,
-        StepShape,
-        point_signs_kernel,
-        series_signs_kernel,
-        step_bounds_kernel,
-        step_points_kernel,
-        step_signs_kernel,
-    )
+    from ..transforms import step_bounds as tests
 
     values, slopes = code.watch.values, code.watch.slopes
     jumps = [NO_CODE if jump is None else compiled(jump, 1) for jump in code.jumps]
     n, degree, memory = sizes
-    step = StepShape(degree, n + with_series, n + with_series + 2 + memory, in_time=memory == 0)
-    signs, running, bounds, points, at_points = NO_CODE, code.running, NO_CODE, NO_CODE, NO_CODE
+    step = tests.StepShape(degree, n + with_series, n + with_series + 2 + memory, in_time=memory == 0)
+    signs, running, bounds, at_points = NO_CODE, code.running, NO_CODE, dict[str, Kernel]()
     if tested and with_series:
-        signs = compiled(series_signs_kernel(with_series, n + with_series, degree), lanes)
-    elif tested and len(values.body) > (LONGEST_REPEATED if repeated is None else repeated):
-        points, at_points = compiled(step_points_kernel(values, step, n), lanes), compiled(values, lanes)
-        signs = compiled(point_signs_kernel(len(values.outputs), code.oscillating), lanes)
+        signs = compiled(tests.series_signs_kernel(with_series, n + with_series, degree), lanes)
+    elif tested and tests.are_polynomials(values, step):
+        signs = compiled(tests.polynomial_signs_kernel(values, step), lanes)
     elif tested:
-        signs = compiled(step_signs_kernel(values, step, code.oscillating), lanes)
-    if code.kinds:
-        bounds = compiled(step_bounds_kernel(running, step, code.running_oscillates), lanes)
+        at_points["step_values"] = values
+        signs = compiled(tests.point_signs_kernel(len(values.outputs), code.oscillating), lanes)
+    if code.kinds and tests.are_polynomials(running, step):
+        bounds = compiled(tests.polynomial_bounds_kernel(running, step), lanes)
+    elif code.kinds:
+        at_points["step_running"] = running
+        bounds = compiled(tests.point_bounds_kernel(len(running.outputs), code.running_oscillates), lanes)
+    points = {name: compiled(kernel, lanes) for name, kernel in at_points.items()}
+    if at_points:
+        components = set().union(*map(tests.components_of, at_points.values()))
+        points["step_points"] = compiled(tests.step_points_kernel(components, step, n), lanes)
     return EventKernels(
         step_signs=signs,
         values=compiled(values, POINT_LANES),
         value=compiled(values, 1),
         begins=compiled(code.watch.begins, 1),
-        step_points=points,
-        step_values=at_points,
         slopes=NO_CODE if slopes is None else compiled(slopes.kernel, SLOPE_LANES),
         varying=np.array([] if slopes is None else slopes.varying, np.int64),
         residuals=0 if slopes is None else slopes.residuals,
@@ -107,24 +100,20 @@ def event_kernels(
         jumps=AddressTable(jumps),
         directions=np.array([event.direction for event in code.events], np.int64),
         last=np.array([int(event.terminal) for event in code.events], np.int64),
-        used=_components(values),
+        used=np.array(sorted(tests.components_of(values)), np.int64),
         step_bounds=bounds,
         running=compiled(running, POINT_LANES) if code.kinds else NO_CODE,
         at=compiled(running, 1) if code.kinds else NO_CODE,
         kinds=np.array([KINDS.index(kind) for kind in code.kinds], np.int64),
-        read=_components(running),
+        read=np.array(sorted(tests.components_of(running)), np.int64),
         events_with_series=with_series,
         oscillating=int(code.oscillating),
         running_oscillates=int(code.running_oscillates),
         position=projections[0],
         velocity=projections[1],
         exact=int(exact),
+        **points,
     )
-
-
-def _components(kernel: Kernel) -> NDArray[np.int64]:
-    """Return which components of the state a kernel reads."""
-    return np.array(sorted({load.index or 0 for load in kernel.loads if load.array == "y"}), np.int64)
 
 
 _MOST_EVENTS = 64
@@ -283,8 +272,7 @@ class Steppers:
             # in single runs kernels are interpreted where compiling them takes longer than running
             compiled = self._steps.extra_kernel if tested or self._steps.compiles_starts else interpreted_code
             about = compiled, self.projections(1), code, refill, (self._n, *shape)
-            exact, repeated = not stepper.memory, self._steps.repeated
-            return event_kernels(*about, lanes, with_series, tested=tested, exact=exact, repeated=repeated)
+            return event_kernels(*about, lanes, with_series, tested=tested, exact=not stepper.memory)
 
         return computed_once(self._events, (code, method, shape, lanes, with_series, tested, stepper.weighted), make)
 

@@ -8,10 +8,11 @@ from ..lanes.lane_steps import next_record, project_marked
 from ..lanes.lane_stops import end_of_case
 from ..lanes.step_records import drop_compensation, record_end
 from ..lanes.sweep_arguments import SweepArguments
-from ..lanes.workspace import ATTEMPTS, BEFORE, END, FIRST, NEXT, NOW, POINT_LANES, EventKernels, EventWorkspace
+from ..lanes.workspace import ATTEMPTS, BEFORE, END, FIRST, NEXT, NOW, POINT_LANES, EventWorkspace
 from ..methods.status import RUNNING, Status
 from ..steps.projection import FAILED, NONE, PENDING, end_polynomial
 from ..steps.step_control import largest_step, status_after
+from ..subset.arguments import Matrix
 from ..subset.compiled_subset import call_code, compiled_subset, row
 from .event_intervals import state_at
 from .event_resolution import begin_signs, carry, go_on, resolve, starts, zeros_at_end
@@ -40,22 +41,6 @@ def watch_case(arguments: SweepArguments, lane: int) -> None:
     starts(events, space, lane, t, direction, row(space.own, lane))
     if space.carried.shape[0] > 0:
         go_on(events, space, lane, t, direction, state.numbers.case[lane])
-
-
-@compiled_subset
-def find_step_signs(
-    events: EventKernels, space: EventWorkspace, time: int, states: int, constants: int, settings: int
-) -> None:
-    """Write the signs of expressions over the steps of all lanes; the arguments are addresses."""
-    if events.step_points == 0:
-        call_code(events.step_signs, time, states, constants, settings, row(space.step_signs, 0))
-        return
-    width, count = 1 + space.series.shape[0], events.directions.size
-    call_code(events.step_points, time, states, constants, settings, row(space.step_points, 0))
-    for point in range(POINT_LANES):
-        clock, state = row(space.step_points, point * width), row(space.step_points, point * width + 1)
-        call_code(events.step_values, clock, state, constants, 0, row(space.step_values, point * count))
-    call_code(events.step_signs, time, row(space.step_values, 0), constants, settings, row(space.step_signs, 0))
 
 
 @compiled_subset
@@ -104,10 +89,27 @@ def _test(arguments: SweepArguments, time: int, states: int) -> None:
     """Test expressions over the steps of all lanes, which begin at times and have outputs at two addresses."""
     state, events, space = arguments.state, arguments.events, arguments.workspace
     constants, settings = row(state.constants, 0), row(state.settings, 0)
-    if space.step_signs.shape[0] > 0:
-        find_step_signs(events, space, time, states, constants, settings)
-    if space.step_bounds.shape[0] > 0:
+    if events.step_points != 0:
+        call_code(events.step_points, time, states, constants, settings, row(space.step_points, 0))
+    if events.step_values != 0:
+        _evaluate(space, events.step_values, constants, space.step_values)
+        call_code(events.step_signs, time, row(space.step_values, 0), constants, settings, row(space.step_signs, 0))
+    elif space.step_signs.shape[0] > 0:
+        call_code(events.step_signs, time, states, constants, settings, row(space.step_signs, 0))
+    if events.step_running != 0:
+        _evaluate(space, events.step_running, constants, space.step_running)
+        call_code(events.step_bounds, time, row(space.step_running, 0), constants, settings, row(space.step_bounds, 0))
+    elif space.step_bounds.shape[0] > 0:
         call_code(events.step_bounds, time, states, constants, settings, row(space.step_bounds, 0))
+
+
+@compiled_subset
+def _evaluate(space: EventWorkspace, code: int, constants: int, values: Matrix) -> None:
+    """Evaluate expressions at the points of the steps of all lanes."""
+    count, width = values.shape[0] // POINT_LANES, space.step_points.shape[0] // POINT_LANES
+    for point in range(POINT_LANES):
+        clock, state = row(space.step_points, point * width), row(space.step_points, point * width + 1)
+        call_code(code, clock, state, constants, 0, row(values, point * count))
 
 
 @compiled_subset
@@ -214,8 +216,7 @@ def _reduce(arguments: SweepArguments, lane: int, copied: bool, found: int, thet
         if found != NOTHING or not decided:
             if not ready:
                 _copy_polynomials(arguments, lane, h)
-            ready = True
-            total = accumulate(events, space, many, one, now, h, theta, e, events.kinds[e], totals[i, e])
+            ready, total = True, accumulate(events, space, many, one, now, h, theta, e, events.kinds[e], totals[i, e])
         totals[i, e] = total
 
 
@@ -227,8 +228,8 @@ def _stops(arguments: SweepArguments, lane: int, found: int, theta: float) -> bo
         ended = state.numbers.status[lane] == Status.SUCCESS and state.clock[NOW, lane] == end_of_case(arguments, lane)
         return ended and _ends_in_zeros(arguments, lane)
     if theta < 1.0:
-        n, now = arguments.shape.n, state.tally[BEFORE, lane]
-        state_at(space, n, theta, 0)
+        now = state.tally[BEFORE, lane]
+        state_at(space, arguments.shape.n, theta, 0)
         state.clock[NOW, lane] = now + theta * (state.clock[NOW, lane] - now)
         _take_point(arguments, lane)
         return _project_alone(arguments, lane)
@@ -240,8 +241,8 @@ def _ends_in_zeros(arguments: SweepArguments, lane: int) -> bool:
     """Return whether an event occurs at the very end of the run of a lane."""
     state, space = arguments.state, arguments.workspace
     _give_point(arguments, lane)
-    end, direction, one = state.clock[END, lane], state.settings[1, lane], row(space.own, lane)
-    case = state.numbers.case[lane]
+    end, direction = state.clock[END, lane], state.settings[1, lane]
+    one, case = row(space.own, lane), state.numbers.case[lane]
     return zeros_at_end(arguments.events, space, lane, end, direction, one, arguments.happened, case)
 
 

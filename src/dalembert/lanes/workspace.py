@@ -149,8 +149,9 @@ class EventKernels(NamedTuple):
     ``slopes`` are derivatives along directions, one for each of `SLOPE_LANES`, or 0; ``varying`` the places of a
     direction that count, and ``residuals`` the number of constraints whose residuals do.
 
-    Where ``step_points`` is not 0, it gives `POINT_LANES` points of the step of every lane, ``step_values`` the
-    expressions at one of them, and ``step_signs`` the signs from these values.
+    ``step_points`` gives `POINT_LANES` points of the step of every lane. ``step_values`` are the expressions at one of
+    them, and ``step_running`` those that are reduced, where ``step_signs`` and ``step_bounds`` take these values; they
+    are 0 where these take the outputs of the step.
     """
 
     step_signs: Address
@@ -181,6 +182,7 @@ class EventKernels(NamedTuple):
     residuals: int = 0
     step_points: Address = NO_CODE
     step_values: Address = NO_CODE
+    step_running: Address = NO_CODE
 
 
 @once
@@ -261,6 +263,7 @@ class EventWorkspace(NamedTuple):
     sizes: Matrix
     step_points: Matrix
     step_values: Matrix
+    step_running: Matrix
     occurrences: Matrix
     carried: Matrix
     low: Matrix
@@ -310,7 +313,8 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         slopes=aligned(k + r, SLOPE_LANES) if events.slopes else nothing,
         sizes=aligned(1, k + r) if events.slopes else nothing,
         step_points=aligned(POINT_LANES * (1 + n) if events.step_points else 0, lanes),
-        step_values=aligned(POINT_LANES * k if events.step_points else 0, lanes),
+        step_values=aligned(POINT_LANES * events.directions.size if events.step_values else 0, lanes),
+        step_running=aligned(POINT_LANES * events.kinds.size if events.step_running else 0, lanes),
         occurrences=np.zeros((0, OCCURRENCE)),
         carried=np.zeros((0, 2 * k)),
         low=np.zeros((0, lanes)),

@@ -25,7 +25,6 @@ from ..methods.chebyshev import (
     UNSEEN,
 )
 from .pipelines import STEP_PASSES
-from .runge_kutta_parts import inlined
 
 _ARGUMENTS = ("t", "y", "c", "s")
 
@@ -44,27 +43,30 @@ class StepShape:
     in_time: bool
 
 
-def step_signs_kernel(values: Kernel, shape: StepShape, oscillating: bool) -> Kernel:
+def are_polynomials(values: Kernel, shape: StepShape) -> bool:
+    """Return whether all are polynomials over a step, whose terms fall off fast: affine, by Taylor steps."""
+    return not values.outputs or (shape.in_time and None not in _over_step(values, shape)[2])
+
+
+def polynomial_signs_kernel(values: Kernel, shape: StepShape) -> Kernel:
     """Return the kernel of a step's outputs that gives 1 or -1 for expressions of one sign over the step, else 0.
 
-    `values` are the expressions, from time, state and constants. If they may be `oscillating` between the points, their
-    series must converge.
+    `values` are the expressions, from time, state and constants; they have to be polynomials over the step.
     """
-
-    def finish(lines: Lines, row: list[Operand]) -> list[Operand]:
-        return [_sign(lines, _series(lines, COEFFICIENTS, row), oscillating)]
-
-    return _over_step("step_signs", values, shape, finish, lambda lines, terms: [_sign_of_polynomial(lines, terms)])
+    return _of_polynomials("step_signs", values, shape, lambda lines, terms: [_sign_of_polynomial(lines, terms)])
 
 
-LONGEST_REPEATED = 2500
-"""Operations of expressions up to which kernels over a step repeat them at each of its points; longer ones are called
-there, in a quarter of the time of compilation (measured on a robot of 13 bodies with four contacts)."""
+def polynomial_bounds_kernel(values: Kernel, shape: StepShape) -> Kernel:
+    """Return the kernel of a step's outputs with what `point_bounds_kernel` gives, of polynomials over the step."""
+    return _of_polynomials("step_bounds", values, shape, _running_of_polynomial)
 
 
-def step_points_kernel(values: Kernel, shape: StepShape, size: int) -> Kernel:
-    """Return the kernel of a step's outputs that gives its points: for each the time, then the state (size,)."""
-    lines, loads, series, h = _polynomials(values, shape)
+def step_points_kernel(components: set[int], shape: StepShape, size: int) -> Kernel:
+    """Return the kernel of a step's outputs that gives its points: for each the time, then the state (size,).
+
+    Only these components of the state are computed.
+    """
+    lines, loads, series, h = _polynomials(components, shape)
     outputs: list[Operand] = []
     for theta in map(float, POINTS):
         outputs += [lines.fma(h, theta, "t_"), *_state_at(lines, series, theta, size)]
@@ -72,12 +74,24 @@ def step_points_kernel(values: Kernel, shape: StepShape, size: int) -> Kernel:
 
 
 def point_signs_kernel(count: int, oscillating: bool) -> Kernel:
-    """Return the kernel that gives the results of `step_signs_kernel` from expressions (count,) at each point."""
-    lines = Lines()
-    names = [[f"value_{point}_{e}_" for e in range(count)] for point in range(len(POINTS))]
-    loads = [Load(name, "y", place) for place, name in enumerate(name for row in names for name in row)]
-    outputs = [_sign(lines, _series(lines, COEFFICIENTS, list(row)), oscillating) for row in zip(*names, strict=True)]
-    return STEP_PASSES(Kernel("point_signs", _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs)))
+    """Return the kernel that gives the results of `polynomial_signs_kernel` from expressions (count,) at each point.
+
+    If they may be `oscillating` between the points, their series must converge.
+    """
+
+    def sign(lines: Lines, row: list[Operand]) -> list[Operand]:
+        return [_sign(lines, _series(lines, COEFFICIENTS, row), oscillating)]
+
+    return _at_points("point_signs", count, sign)
+
+
+def point_bounds_kernel(count: int, oscillating: bool) -> Kernel:
+    """Return the kernel that tests expressions for `dalembert.events.reductions`, from their values at each point.
+
+    For each: its mean over the step, 1 if that is as good as it can be, a lower and an upper bound, its values at the
+    ends, and 1 if it is monotone. `oscillating` is that of `point_signs_kernel`.
+    """
+    return _at_points("point_bounds", count, lambda lines, row: _running(lines, row, oscillating))
 
 
 def series_signs_kernel(count: int, size: int, degree: int) -> Kernel:
@@ -112,49 +126,45 @@ def series_signs_kernel(count: int, size: int, degree: int) -> Kernel:
     return STEP_PASSES(kernel)
 
 
-def step_bounds_kernel(values: Kernel, shape: StepShape, oscillating: bool) -> Kernel:
-    """Return the kernel of a step's outputs that tests expressions for `dalembert.events.reductions`.
-
-    For each: its mean over the step, 1 if that is as good as it can be, a lower and an upper bound, its values at the
-    ends, and 1 if it is monotone. `oscillating` is that of `step_signs_kernel`.
-    """
-
-    def at_points(lines: Lines, row: list[Operand]) -> list[Operand]:
-        return _running(lines, row, oscillating)
-
-    return _over_step("step_bounds", values, shape, at_points, _running_of_polynomial)
-
-
 Finish = Callable[[Lines, list[Operand]], list[Operand]]
 
 
-def _over_step(name: str, values: Kernel, shape: StepShape, at_points: Finish, of_polynomial: Finish) -> Kernel:
-    """Return a kernel of a step's outputs.
+def _at_points(name: str, count: int, finish: Finish) -> Kernel:
+    """Return a kernel of expressions (count,) at each point of a step."""
+    lines = Lines()
+    names = [[f"value_{point}_{e}_" for e in range(count)] for point in range(len(POINTS))]
+    loads = [Load(name, "y", place) for place, name in enumerate(name for row in names for name in row)]
+    outputs = [output for row in zip(*names, strict=True) for output in finish(lines, list(row))]
+    return STEP_PASSES(Kernel(name, _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs)))
 
-    Its outputs for an expression are computed from its values at the points, or, where it is affine and the step that
-    of a Taylor series, whose terms fall off fast, from the coefficients of its polynomial.
-    """
-    lines, loads, series, h = _polynomials(values, shape)
-    evaluate, width = inlined(lines, values), max(series, default=-1) + 1
-    rows = [evaluate(lines.fma(h, theta, "t_"), _state_at(lines, series, theta, width)) for theta in map(float, POINTS)]
-    own = _affine(lines, values, series, h) if shape.in_time else [None] * len(values.outputs)
-    outputs: list[Operand] = []
-    for terms, column in zip(own, zip(*rows, strict=True), strict=True):
-        outputs += at_points(lines, list(column)) if terms is None else of_polynomial(lines, terms)
+
+def _of_polynomials(name: str, values: Kernel, shape: StepShape, finish: Finish) -> Kernel:
+    """Return a kernel of a step's outputs, from the coefficients of expressions."""
+    lines, loads, polynomials = _over_step(values, shape)
+    outputs = [output for terms in polynomials if terms is not None for output in finish(lines, terms)]
+    return STEP_PASSES(Kernel(name, _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs)))
+
+
+def _over_step(values: Kernel, shape: StepShape) -> tuple[Lines, list[Load], list[list[Operand] | None]]:
+    """Return lines and loads of expressions over a step, and their coefficients; None for those not affine."""
+    lines, loads, series, h = _polynomials(components_of(values), shape)
     constants = sorted({load.index or 0 for load in values.loads if load.array == "c"})
     loads += [Load(f"c_{index}_", "c", index) for index in constants]
-    kernel = Kernel(name, _ARGUMENTS, tuple(loads), tuple(lines.body), tuple(outputs))
-    return STEP_PASSES(kernel)
+    return lines, loads, _affine(lines, values, series, h)
 
 
-def _polynomials(values: Kernel, shape: StepShape) -> tuple[Lines, list[Load], dict[int, list[Operand]], Operand]:
-    """Return lines and loads of the polynomials of the components that values read, these, and the signed step."""
+def components_of(kernel: Kernel) -> set[int]:
+    """Return which components of the state a kernel reads."""
+    return {load.index or 0 for load in kernel.loads if load.array == "y"}
+
+
+def _polynomials(components: set[int], shape: StepShape) -> tuple[Lines, list[Load], dict[int, list[Operand]], Operand]:
+    """Return lines and loads of the polynomials of components of the state, these, and the signed step."""
     lines = Lines()
-    used = sorted({load.index or 0 for load in values.loads if load.array == "y"})
     loads = [Load("t_", "t", None), Load("size_", "y", shape.size), Load("direction_", "s", 1)]
     series: dict[int, list[Operand]] = {}
     h = lines.mul("size_", "direction_")
-    for m in used:
+    for m in sorted(components):
         names = [f"a_{m}_{k}_" for k in range(shape.degree + 1)]
         loads += [Load(name, "y", shape.first + m * (shape.degree + 1) + k) for k, name in enumerate(names)]
         loads.append(Load(f"end_{m}_", "y", m))

@@ -94,7 +94,6 @@ class CLibrary(KernelLibrary):
     """
 
     compiles_starts: ClassVar[bool] = True
-    repeated: ClassVar[int | None] = 50
 
     def __init__(self, program: Program, functions: CFunctions) -> None:
         super().__init__(program, None)
