@@ -167,7 +167,8 @@ class LaneRuns:
     def _runner(self, cases: CaseColumns, method: str, watched: EventCode | None) -> SweepRunner:
         """Return what runs cases like these."""
         sampled, sizes, implicit = len(cases.t_eval) > 0, self._code.sizes, method == "radau"
-        lanes = self._library.lanes
+        alone = cases.recorded > 0 and cases.part is None
+        lanes = 1 if alone else self._library.lanes  # no empty lanes, and less to compile
         each_step = cases.recorded > 0 or cases.part is not None
         dense = sampled or watched is not None or each_step
         with_series = 0
