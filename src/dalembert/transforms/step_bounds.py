@@ -110,11 +110,7 @@ def series_signs_kernel(count: int, size: int, degree: int) -> Kernel:
     loads = [Load("size_", "y", size), Load("direction_", "s", 1)]
     first = size + 2 + (size - count) * (degree + 1)
     h = lines.mul("size_", "direction_")
-    power: Operand = 1.0
-    scales: list[Operand] = []
-    for k in range(degree):
-        scales.append(lines.mul(power, float(k + 1)))
-        power = lines.mul(power, h)
+    scales = [lines.mul(power, float(k + 1)) for k, power in enumerate(_powers(lines, h, degree))]
     outputs: list[Operand] = []
     for e in range(count):
         names = [f"a_{e}_{k}_" for k in range(1, degree + 1)]
@@ -224,17 +220,19 @@ def _state_at(lines: Lines, series: dict[int, list[Operand]], theta: float, size
 
 def _ended_in_state(lines: Lines, terms: list[Operand], scale: Operand, end: Operand) -> list[Operand]:
     """Return coefficients in the fraction of the step, made to end in the state that it ended in."""
-    power: Operand = 1.0
-    scaled: list[Operand] = []
-    total: Operand = 0.0
-    for term in terms:
-        scaled.append(lines.mul(term, power))
-        total = lines.add(total, scaled[-1])
-        power = lines.mul(power, scale)
-    gap = lines.sub(end, total)
+    scaled = [lines.mul(term, power) for term, power in zip(terms, _powers(lines, scale, len(terms)), strict=True)]
+    gap = lines.sub(end, _sum(lines, scaled))
     scaled[2] = lines.fma(gap, 3.0, scaled[2])
     scaled[3] = lines.fma(gap, -2.0, scaled[3])
     return scaled
+
+
+def _powers(lines: Lines, base: Operand, count: int) -> list[Operand]:
+    """Return the powers of a value from 0 on, each as the product of two smaller ones by halves."""
+    powers: list[Operand] = [1.0, base]
+    for k in range(2, count):
+        powers.append(lines.mul(powers[k // 2], powers[k - k // 2]))
+    return powers[:count]
 
 
 def _series(lines: Lines, matrix: FloatArray, values: list[Operand]) -> list[Operand]:
@@ -252,10 +250,10 @@ def _sizes(lines: Lines, series: list[Operand]) -> list[Operand]:
 
 
 def _sum(lines: Lines, values: list[Operand]) -> Operand:
-    total: Operand = 0.0
-    for value in values:
-        total = lines.add(total, value)
-    return total
+    """Return a sum by halves: sums one after the other would wait for each other."""
+    if len(values) < 2:
+        return values[0] if values else 0.0
+    return lines.add(_sum(lines, values[: len(values) // 2]), _sum(lines, values[len(values) // 2 :]))
 
 
 def _converges(lines: Lines, sizes: list[Operand]) -> Operand:
@@ -281,9 +279,8 @@ def _sign_of_polynomial(lines: Lines, terms: list[Operand], missing: Operand = 0
     between 0 and 1.
     """
     sign = lines.op("select", lines.op("less", 0.0, terms[0]), 1.0, -1.0)
-    least = lines.sub(lines.op("abs", terms[0]), missing)
-    for term in terms[1:]:
-        least = lines.add(least, lines.op("min", lines.mul(term, sign), 0.0))
+    taken = _sum(lines, [lines.op("min", lines.mul(term, sign), 0.0) for term in terms[1:]])
+    least = lines.add(lines.sub(lines.op("abs", terms[0]), missing), taken)
     return lines.op("select", lines.op("less", 0.0, least), sign, 0.0)
 
 
