@@ -87,3 +87,19 @@ def test_what_is_said_of_a_step_holds(in_time, direction, affine):
             mean, smooth = found[0, :2]
             assert smooth == 1.0 and mean == pytest.approx(exact[0].integ()(1.0), rel=1e-12, abs=1e-13)
     assert min(said, rose) > (75 if affine else 150)
+
+
+@pytest.mark.parametrize("rows", [slice(0, 1), slice(0, 2)])
+def test_a_zero_at_the_end_of_a_step_is_no_sign(rows):
+    # f = t - T and f (t + 1), where the step ends at T up to rounding, however short it is
+    graph, random = Graph(), np.random.default_rng(2)
+    t, end = graph.input("t"), graph.input("c")
+    inputs = {t: ("t", None), end: ("c", 0)}
+    outputs = [t - end, (t - end) * (t + 1)][rows]
+    values = lower_kernel(graph, "values", outputs, inputs, arguments=("t", "y", "c"))
+    said = said_of(values, StepShape(DEGREE, SIZE_AT, FIRST, in_time=True))
+    outputs = np.zeros(FIRST + 2 * (DEGREE + 1))
+    for _ in range(1000):
+        begin, outputs[SIZE_AT] = random.uniform(0.1, 10.0), 10.0 ** random.uniform(-7, 0)
+        signs = said({"t": begin, "y": outputs, "c": [begin + outputs[SIZE_AT]], "s": [1.0, 1.0]})[0]
+        assert not np.any(signs)

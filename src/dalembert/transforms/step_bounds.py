@@ -28,6 +28,10 @@ from .pipelines import STEP_PASSES
 
 _ARGUMENTS = ("t", "y", "c", "s")
 
+_SURE = 1.0 - 1e-6
+"""Share of an expression that may be taken away before its sign is unknown: one that is zero at the end of a motion may
+seem to keep its sign by rounding errors, and an event at that time would be missed."""
+
 
 @final
 @frozen
@@ -269,7 +273,7 @@ def _sign(lines: Lines, series: list[Operand], oscillating: bool) -> Operand:
     if oscillating:
         rest = lines.op("select", _converges(lines, sizes), rest, lines.mul(rest, UNSEEN))
     sign = lines.op("select", lines.op("less", 0.0, series[0]), 1.0, -1.0)
-    return lines.op("select", lines.op("less", rest, sizes[0]), sign, 0.0)
+    return lines.op("select", lines.op("less", rest, lines.mul(sizes[0], _SURE)), sign, 0.0)
 
 
 def _sign_of_polynomial(lines: Lines, terms: list[Operand], missing: Operand = 0.0) -> Operand:
@@ -280,7 +284,7 @@ def _sign_of_polynomial(lines: Lines, terms: list[Operand], missing: Operand = 0
     """
     sign = lines.op("select", lines.op("less", 0.0, terms[0]), 1.0, -1.0)
     taken = _sum(lines, [lines.op("min", lines.mul(term, sign), 0.0) for term in terms[1:]])
-    least = lines.add(lines.sub(lines.op("abs", terms[0]), missing), taken)
+    least = lines.add(lines.sub(lines.mul(lines.op("abs", terms[0]), _SURE), missing), taken)
     return lines.op("select", lines.op("less", 0.0, least), sign, 0.0)
 
 
