@@ -38,6 +38,10 @@ _ENORMOUS = 1e300
 _LOADS = 1024.0 * EPSILON
 """Share of the terms of a gap's acceleration that rounding of positions and forces leaves of one that is zero."""
 
+_TURNS = 1e-10
+"""Share of the normal reactions so far up to which one that may have either sign is zero: it changes while time is not
+resolved, and with it the limit of friction, which a small force along the contact may pass."""
+
 _SUCCESS, _INITIAL_STATE = int(Status.SUCCESS), int(Status.INITIAL_STATE)
 _IMPOSSIBLE = int(Status.CONTACT_IMPOSSIBLE)
 _NON_FINITE = int(Status.NON_FINITE)
@@ -170,6 +174,8 @@ def _weigh(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
             pick.still[i] = _LOADS * max(loads, inertial_terms(system, slopes, system.load))
             if ease > 0.0 and power > 0.0:
                 pick.least[i] = _LOADS * loads * dot(slopes, slopes, 0.0) / (ease * power)
+        elif system.leader[i] == i and system.sided[i] != 0:
+            pick.least[i] = _TURNS * cases.loads[case, i]
     spreads = True
     while spreads:
         spreads = False
@@ -231,6 +237,7 @@ def _enter(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
         row = system.constraint[i]
         if row < 0:
             added[case, ADDED * i + SIDE] = best.sides[i] if system.leader[i] == i else pick.least[i]
+            cases.loads[case, i] = max(cases.loads[case, i], abs(best.press[i]))
         else:
             slopes, bias, least = system.jacobian[row], system.bias[row], pick.least[i]
             size = terms(slopes, best.motion, abs(bias))

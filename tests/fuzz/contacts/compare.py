@@ -190,7 +190,7 @@ def _share_alike(lasting: list[list[tuple[str, ...]]], runs: list[Any]) -> bool:
     alike = [[sorted(modes) for modes in each] for each in lasting]
     if not alike[0] == alike[1] == alike[2]:
         return False
-    t = np.linspace(0.0, runs[0].t_end, 101)
+    t = np.linspace(0.0, min(run.t_end for run in runs), 101)
     speeds = [run(t).qdot for run in runs]
     size = max(0.1, float(np.max(np.abs(speeds[2]))))
     return all(float(np.max(np.abs(each - speeds[2]))) <= TOLERANCE * size for each in speeds[:2])
@@ -202,7 +202,7 @@ def _touch_alike(run: Any, other: Any, gaps: Gaps) -> bool:
     A body that comes back to rest at the wall from which it was pulled touches it or not, by rounding.
     """
     edges = np.unique([phase.t1 for each in (run, other) for phase in each.phases])
-    times = np.linspace(0.0, other.t_end, 1001)
+    times = np.linspace(0.0, min(run.t_end, other.t_end), 1001)
     times = times[np.min(np.abs(times[:, None] - edges), axis=1) > BRIEF]
     ours, theirs = run(times), other(times)
     for name in ("q", "qdot"):

@@ -85,6 +85,12 @@ def _pushed(system: ContactSystem, i: int) -> float:
 
 
 @compiled_subset
+def friction_limit(system: ContactSystem, pick: Candidates, i: int) -> float:
+    """Return the coefficient of friction up to which a contact sticks."""
+    return system.mu[i] if pick.slides[i] != 0 else system.mu_static[i]
+
+
+@compiled_subset
 def _forward(system: ContactSystem, pick: Candidates, i: int) -> float:
     """Return by which share of the motion, and of what friction does to it, slip begins along its direction."""
     first, most, forward = system.first[i], 0.0, 0.0
@@ -93,7 +99,9 @@ def _forward(system: ContactSystem, pick: Candidates, i: int) -> float:
         forward += system.slip[first + a] * pick.now.along[i, a]
     if pick.found.backwards != 0 and system.width[i] == 1:
         forward = -forward
-    return _share(forward, most + abs(compliance(system, first, first)) * _friction(system, i), 0.0)
+    ease = abs(compliance(system, first, first))
+    noise = ease * system.weight[i] * friction_limit(system, pick, i) * pick.least[i]
+    return _share(forward, most + ease * _friction(system, i), noise)
 
 
 @compiled_subset
@@ -165,12 +173,6 @@ def unchanged(system: ContactSystem, pick: Candidates) -> bool:
         same = same and pick.now.mode[i] == pick.given.mode[i]
         same = same and (system.sided[i] == 0 or pick.now.sides[i] == pick.given.sides[i])
     return parted and same
-
-
-@compiled_subset
-def friction_limit(system: ContactSystem, pick: Candidates, i: int) -> float:
-    """Return the coefficient of friction up to which a contact sticks."""
-    return system.mu[i] if pick.slides[i] != 0 else system.mu_static[i]
 
 
 @compiled_subset
