@@ -26,6 +26,8 @@ PHASES    := tests/system/test_contact_rounding.py::test_phases_do_not_depend_on
 ROUNDED   := tests/methods/test_methods.py tests/steps/test_radau.py \
              $(addprefix tests/system/test_singular.py::test_,$(SINGULAR)) \
              $(addprefix tests/system/test_,contact_rounding.py kinks.py sleigh_exact.py sphere_exact.py energy.py) \
+             tests/system/test_vanishing_lengths.py::test_slow_passage \
+             tests/events/test_sweep_events.py::test_zeros_at_the_very_end \
              tests/hard_cases/test_long_runs.py --deselect '$(PHASES)[opens]' --deselect '$(PHASES)[starts apart]'
 OTHERS    := not numpy and not scipy and not numba and not jax
 NUMERICAL := tests/codegen/test_vector_functions.py tests/codegen/test_advance_lanes.py \

@@ -228,7 +228,21 @@ def before_zeros(
     )
     last = lines.op("less", lines.mul(certain, 0.5 * (1.0 - _SHARE)), least)
     share = lines.op("select", last, 1.0, _SHARE)
+    size = lines.op("min", size, lines.op("max", _resolved(lines, roots, order, size, tolerance), least))
     return lines.op("min", lines.fma(certain, share, least), size)
+
+
+def _resolved(lines: Lines, roots: Sequence[Series], order: int, size: Operand, tolerance: float) -> Operand:
+    """Return the step, at most `size`, up to which rounding errors of the series of roots stay below the tolerance.
+
+    Terms of sqrt(x^2) cancel but for the first two. What rounding leaves of the others grows from order to order by the
+    root's own rate, and the last ones may be zero all the same.
+    """
+    most, growth = size, max((tolerance / EPSILON) ** (1.0 / order), 1.0)
+    for series in roots:
+        rate = lines.op("max", lines.op("abs", coefficient(series, 1)), _TINY)
+        most = lines.op("min", lines.op("div", lines.mul(series[0], growth), rate), most)
+    return most
 
 
 def _certain(lines: Lines, series: Series, order: int, h: Operand) -> tuple[Operand, Operand]:
