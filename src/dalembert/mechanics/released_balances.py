@@ -80,8 +80,7 @@ class _Search:
         Declared joints that hold all bodies by themselves are taken to be all joints of the bodies whose places they
         explain.
         """
-        bodies = self._bodies()
-        connections = self.system.connections
+        bodies, connections = self._bodies(), self.system.connections
         if bodies <= {i for pair in connections[0].by_pair for i in pair}:
             declared = self._open([{} for _ in connections], bodies)
             if self._consistent(declared, bodies) and self._hold(declared, bodies):
