@@ -42,7 +42,7 @@ class ContactCases(NamedTuple):
     flight : (k, c)
         How long each contact has been open [s].
     loads : (k, c)
-        Largest size of the terms of each gap's acceleration so far.
+        Largest size of the terms of each gap's acceleration so far; of contacts without a gap, of the normal reaction.
     impacts, soon : (k,)
         Impacts at the instant so far; phases in a row that ended too soon.
     shared, shared_at : (k,)

@@ -39,8 +39,8 @@ _LOADS = 1024.0 * EPSILON
 """Share of the terms of a gap's acceleration that rounding of positions and forces leaves of one that is zero."""
 
 _TURNS = 1e-10
-"""Share of the normal reactions so far up to which one that may have either sign is zero: it changes while time is not
-resolved, and with it the limit of friction, which a small force along the contact may pass."""
+"""Share of the largest normal reaction so far up to which one that may have either sign counts as zero: what it changes
+by within the least time that is resolved. A small force along the contact may exceed friction for as long."""
 
 _SUCCESS, _INITIAL_STATE = int(Status.SUCCESS), int(Status.INITIAL_STATE)
 _IMPOSSIBLE = int(Status.CONTACT_IMPOSSIBLE)
@@ -163,8 +163,9 @@ def _transmit(system: ContactSystem, pick: Candidates, i: int) -> bool:
 def _weigh(system: ContactSystem, pick: Candidates, cases: ContactCases, case: int) -> None:
     """Find the gap accelerations and normal reactions of closed contacts up to which rounding may make them.
 
-    Both follow from the terms of the gap's acceleration so far. The terms of a body at rest are those of its loads,
-    which reactions balance. A contact bears what rounding makes of the reactions of others that move the same.
+    Both follow from the terms of the gap's acceleration so far, or where there is no gap from the reaction so far. The
+    terms of a body at rest are those of its loads, which reactions balance. A contact bears what rounding makes of the
+    reactions of others that move the same.
     """
     for i in range(system.contacts):
         pick.still[i] = pick.least[i] = 0.0
