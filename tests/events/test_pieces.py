@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dalembert.events.event_intervals import SERIES, converges, simple_piece, state_at, transformed
-from dalembert.events.step_reductions import BOUNDS, MAXIMUM, MEAN, MINIMUM, _mean_of_piece, _turning, advance
+from dalembert.events.step_reductions import MAXIMUM, MEAN, MINIMUM, _mean_of_piece, _turning, advance
 from dalembert.lanes.workspace import event_workspace, no_events
 from dalembert.methods.chebyshev import POINTS
 
@@ -93,22 +93,22 @@ def test_states_are_those_of_their_polynomials():
     assert space.one_point[1, 0] == pytest.approx(np.polynomial.polynomial.polyval(0.3, space.series[0]), rel=1e-15)
 
 
-def bounds(*, mean=(0.0, 0.0), least=0.0, largest=0.0, ends=(0.0, 0.0), bad=0.0):
-    """Return what `advance` reads over a step: mean and whether it is known, bounds, values at the ends, and a flag."""
-    return np.array([*mean, least, largest, *ends, bad] + [0.0] * (BOUNDS - 7))[:, np.newaxis]
+def bounds(value, reach):
+    """Return what `advance` reads over a step: of a maximum, the larger value at the ends, and an upper bound."""
+    return np.array([[value], [reach]])
 
 
 def test_bounds_that_cannot_raise_an_extremum_decide_a_step():
-    assert advance(MAXIMUM, 5.0, bounds(least=-1.0, largest=4.0), 0, 0, 0.1) == (True, 5.0)
-    assert advance(MAXIMUM, 5.0, bounds(least=-1.0, largest=6.0, ends=(1.0, 6.0)), 0, 0, 0.1) == (True, 6.0)
-    assert advance(MAXIMUM, 5.0, bounds(least=-1.0, largest=6.1, ends=(1.0, 6.0)), 0, 0, 0.1) == (False, 6.0)
-    assert advance(MINIMUM, -5.0, bounds(least=-4.0, largest=9.0), 0, 0, 0.1) == (True, -5.0)
-    assert advance(MINIMUM, -5.0, bounds(least=-6.1, ends=(-6.0, 0.0)), 0, 0, 0.1) == (False, -6.0)
+    assert advance(MAXIMUM, 5.0, bounds(0.0, 4.0), 0, 0, 0.1) == (True, 5.0)
+    assert advance(MAXIMUM, 5.0, bounds(6.0, 6.0), 0, 0, 0.1) == (True, 6.0)
+    assert advance(MAXIMUM, 5.0, bounds(6.0, 6.1), 0, 0, 0.1) == (False, 6.0)
+    assert advance(MINIMUM, -5.0, bounds(0.0, 4.0), 0, 0, 0.1) == (True, -5.0)
+    assert advance(MINIMUM, -5.0, bounds(6.0, 6.1), 0, 0, 0.1) == (False, -6.0)
 
 
 def test_means_that_the_step_knows_are_added():
-    assert advance(MEAN, 1.0, bounds(mean=(3.0, 1.0)), 0, 0, 0.5) == (True, 2.5)
-    assert not advance(MEAN, 1.0, bounds(mean=(3.0, 0.0)), 0, 0, 0.5)[0]
+    assert advance(MEAN, 1.0, bounds(3.0, 1.0), 0, 0, 0.5) == (True, 2.5)
+    assert not advance(MEAN, 1.0, bounds(3.0, 0.0), 0, 0, 0.5)[0]
 
 
 def test_means_of_polynomials_are_exact_and_those_of_what_is_not_resolved_wait_for_the_last_piece():

@@ -4,21 +4,18 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 
+from dalembert.events.reductions import KINDS
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
-from dalembert.lanes.workspace import BOUNDS
+from dalembert.methods.chebyshev import BOUNDS, POINTS
 from dalembert.transforms.lower_kernels import lower_kernel
 from dalembert.transforms.step_bounds import (
-    POINTS,
-    StepShape,
-    are_polynomials,
-    components_of,
     point_bounds_kernel,
     point_signs_kernel,
     polynomial_bounds_kernel,
     polynomial_signs_kernel,
-    step_points_kernel,
 )
+from dalembert.transforms.step_polynomials import StepShape, are_polynomials, components_of, step_points_kernel
 
 DEGREE, SIZE_AT, FIRST = 8, 2, 4
 C, BEGIN = 1.7, 0.4
@@ -49,18 +46,24 @@ def step(random, in_time, direction):
 
 
 def said_of(values, shape):
-    """Return a function from the outputs of a step to what kernels say of expressions: signs, and rows of bounds."""
+    """Return a function from the outputs of a step to what kernels say of expressions: signs, and bounds by `KINDS`."""
+    count = len(values.outputs)
+
+    def rows(bounds, given):
+        return np.stack([np.reshape(interpret(bounds[kind], given), (-1, BOUNDS)) for kind in KINDS], 1)
+
     if are_polynomials(values, shape):
-        signs, bounds = polynomial_signs_kernel(values, shape), polynomial_bounds_kernel(values, shape)
-        return lambda given: (interpret(signs, given), np.reshape(interpret(bounds, given), (-1, BOUNDS)))
-    count, points = len(values.outputs), step_points_kernel(components_of(values), shape, 2)
-    signs, bounds = point_signs_kernel(count, False), point_bounds_kernel(count, False)
+        signs = polynomial_signs_kernel(values, shape)
+        bounds = {kind: polynomial_bounds_kernel(values, shape, [kind] * count) for kind in KINDS}
+        return lambda given: (interpret(signs, given), rows(bounds, given))
+    points, signs = step_points_kernel(components_of(values), shape, 2), point_signs_kernel(count, False)
+    bounds = {kind: point_bounds_kernel([kind] * count, False) for kind in KINDS}
 
     def said(given):
-        rows = np.reshape(interpret(points, given), (len(POINTS), 3))
-        at = [interpret(values, {"t": row[0], "y": row[1:], "c": given["c"]}) for row in rows]
+        at_points = np.reshape(interpret(points, given), (len(POINTS), 3))
+        at = [interpret(values, {"t": row[0], "y": row[1:], "c": given["c"]}) for row in at_points]
         given = {**given, "y": np.ravel(at)}
-        return interpret(signs, given), np.reshape(interpret(bounds, given), (-1, BOUNDS))
+        return interpret(signs, given), rows(bounds, given)
 
     return said
 
@@ -76,15 +79,17 @@ def test_what_is_said_of_a_step_holds(in_time, direction, affine):
         kept, found = said_of_step({"t": BEGIN, "y": outputs, "c": [C], "s": [1.0, direction]})
         for e, polynomial in enumerate(exact[: len(kept)]):
             dense, slopes = polynomial(DENSE), polynomial.deriv()(DENSE)
-            mean, smooth, low, high, first, last, monotone = found[e]
+            (low_end, low), (high_end, high), (mean, smooth) = found[e] * [[-1.0], [1.0], [1.0]]
+            monotone = low == low_end and high == high_end
             assert kept[e] == 0.0 or np.all(kept[e] * dense > 0.0)
             assert low <= np.min(dense) + 1e-12 and high >= np.max(dense) - 1e-12
-            assert (first, last) == pytest.approx((dense[0], dense[-1]), rel=1e-11, abs=1e-11)
+            ends = sorted(dense[[0, -1]])
+            assert [low_end, high_end] == pytest.approx(ends, rel=1e-11, abs=1e-11)
             assert not monotone or np.all(slopes >= 0.0) or np.all(slopes <= 0.0)
             assert not smooth or mean == pytest.approx(polynomial.integ()(1.0), rel=1e-7, abs=1e-9)
-            said, rose = said + (kept[e] != 0.0), rose + (monotone != 0.0)
+            said, rose = said + (kept[e] != 0.0), rose + monotone
         if affine and in_time:
-            mean, smooth = found[0, :2]
+            mean, smooth = found[0, KINDS.index("mean")]
             assert smooth == 1.0 and mean == pytest.approx(exact[0].integ()(1.0), rel=1e-12, abs=1e-13)
     assert min(said, rose) > (75 if affine else 150)
 

@@ -62,29 +62,29 @@ def event_kernels(
         Whether polynomials of steps have no error that counts.
     """
     from ..events.reductions import KINDS
-    from ..transforms import step_bounds
+    from ..transforms import step_bounds, step_polynomials
 
     values, slopes = code.watch.values, code.watch.slopes
     jumps = [NO_CODE if jump is None else compiled(jump, 1) for jump in code.jumps]
     n, degree, memory = sizes
-    step = step_bounds.StepShape(degree, n + with_series, n + with_series + 2 + memory, in_time=memory == 0)
+    step = step_polynomials.StepShape(degree, n + with_series, n + with_series + 2 + memory, in_time=memory == 0)
     signs, running, bounds, at_points = NO_CODE, code.running, NO_CODE, dict[str, Kernel]()
     if tested and with_series:
         signs = compiled(step_bounds.series_signs_kernel(with_series, n + with_series, degree), lanes)
-    elif tested and step_bounds.are_polynomials(values, step):
+    elif tested and step_polynomials.are_polynomials(values, step):
         signs = compiled(step_bounds.polynomial_signs_kernel(values, step), lanes)
     elif tested:
         at_points["step_values"] = values
         signs = compiled(step_bounds.point_signs_kernel(len(values.outputs), code.oscillating), lanes)
-    if code.kinds and step_bounds.are_polynomials(running, step):
-        bounds = compiled(step_bounds.polynomial_bounds_kernel(running, step), lanes)
+    if code.kinds and step_polynomials.are_polynomials(running, step):
+        bounds = compiled(step_bounds.polynomial_bounds_kernel(running, step, code.kinds), lanes)
     elif code.kinds:
         at_points["step_running"] = running
-        bounds = compiled(step_bounds.point_bounds_kernel(len(running.outputs), code.running_oscillates), lanes)
+        bounds = compiled(step_bounds.point_bounds_kernel(code.kinds, code.running_oscillates), lanes)
     points = {name: compiled(kernel, lanes) for name, kernel in at_points.items()}
     if at_points:
-        components = set().union(*map(step_bounds.components_of, at_points.values()))
-        points["step_points"] = compiled(step_bounds.step_points_kernel(components, step, n), lanes)
+        components = set().union(*map(step_polynomials.components_of, at_points.values()))
+        points["step_points"] = compiled(step_polynomials.step_points_kernel(components, step, n), lanes)
     return EventKernels(
         step_signs=signs,
         values=compiled(values, POINT_LANES),
@@ -100,12 +100,13 @@ def event_kernels(
         jumps=AddressTable(jumps),
         directions=np.array([event.direction for event in code.events], np.int64),
         last=np.array([int(event.terminal) for event in code.events], np.int64),
-        used=np.array(sorted(step_bounds.components_of(values)), np.int64),
+        used=np.array(sorted(step_polynomials.components_of(values)), np.int64),
         step_bounds=bounds,
+        held=compiled(step_bounds.held_kernel(len(code.events), code.kinds), lanes) if tested else NO_CODE,
         running=compiled(running, POINT_LANES) if code.kinds else NO_CODE,
         at=compiled(running, 1) if code.kinds else NO_CODE,
         kinds=np.array([KINDS.index(kind) for kind in code.kinds], np.int64),
-        read=np.array(sorted(step_bounds.components_of(running)), np.int64),
+        read=np.array(sorted(step_polynomials.components_of(running)), np.int64),
         events_with_series=with_series,
         oscillating=int(code.oscillating),
         running_oscillates=int(code.running_oscillates),

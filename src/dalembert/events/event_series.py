@@ -58,15 +58,6 @@ def load_event_series(space: EventWorkspace, lane: int, states: FloatArray, firs
 
 
 @compiled_subset
-def keeps_signs(space: EventWorkspace, lane: int) -> bool:
-    """Return whether every event keeps the sign that it has, and was seen to have, by the test of the whole step."""
-    keeps = True
-    for e in range(space.step_signs.shape[0]):
-        keeps = keeps and space.step_signs[e, lane] * space.signs[lane, e] > 0.0 and space.seen[lane, e] != 0.0
-    return keeps
-
-
-@compiled_subset
 def at_most_one_zero(space: EventWorkspace, lane: int, fresh: bool) -> bool:
     """Return whether the series show that each event keeps its sign in a step or is monotone, with at most one zero.
 

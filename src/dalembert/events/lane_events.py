@@ -1,24 +1,24 @@
-"""Events and reductions of the lanes: a test of the whole step for all of them, then lane by lane what it leaves."""
+"""Events and reductions of the lanes, lane by lane: what `lane_tests` leave to look at."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..lanes.lane_steps import next_record, project_marked
+from ..lanes.lane_steps import project_marked
 from ..lanes.lane_stops import end_of_case
 from ..lanes.step_records import drop_compensation, record_end
 from ..lanes.sweep_arguments import SweepArguments
-from ..lanes.workspace import ATTEMPTS, BEFORE, END, FIRST, NEXT, NOW, POINT_LANES, EventWorkspace
+from ..lanes.workspace import ATTEMPTS, BEFORE, END, FIRST, IDLE, NOW, POINT_LANES
 from ..methods.status import RUNNING, Status
 from ..steps.projection import FAILED, NONE, PENDING, end_polynomial
 from ..steps.step_control import largest_step, status_after
-from ..subset.arguments import Matrix
 from ..subset.compiled_subset import call_code, compiled_subset, row
 from .event_intervals import state_at
 from .event_resolution import begin_signs, carry, go_on, resolve, starts, zeros_at_end
 from .event_rules import recorded_after
 from .event_search import BROKEN, NOTHING, scan
-from .event_series import at_most_one_zero, keeps_signs, load_event_series, no_sign_change
+from .event_series import at_most_one_zero, load_event_series, no_sign_change
+from .lane_tests import expect_signs
 from .step_reductions import accumulate, advance
 
 
@@ -41,86 +41,9 @@ def watch_case(arguments: SweepArguments, lane: int) -> None:
     starts(events, space, lane, t, direction, row(space.own, lane))
     if space.carried.shape[0] > 0:
         go_on(events, space, lane, t, direction, state.numbers.case[lane])
-
-
-@compiled_subset
-def hold_for_events(arguments: SweepArguments) -> None:
-    """Mark the lanes in whose last step an expression may change its sign, or a reduction needs more than bounds."""
-    state, space = arguments.state, arguments.workspace
-    new = state.states.shape[0] // 2 - state.progress.old
-    _test(arguments, row(state.clock, 0), row(state.states, new))
-    for lane in range(state.clock.shape[1]):
-        state.numbers.mark[lane], state.clock[NEXT, lane] = NONE, next_record(arguments, lane)
-        keeps = state.numbers.fresh[lane] == 0 and keeps_signs(space, lane)
-        if not (keeps and _bounds_decide(arguments, lane, new)):
-            state.clock[NEXT, lane] = state.clock[NOW, lane]
-
-
-@compiled_subset
-def _bounds_decide(arguments: SweepArguments, lane: int, new: int) -> bool:
-    """Return whether bounds decide all reductions of a lane over its step, whose outputs begin at a row.
-
-    ``next_totals`` get what they are then.
-    """
-    state, events, space, decide = arguments.state, arguments.events, arguments.workspace, True
-    case, now = state.numbers.case[lane], state.clock[NOW, lane]
-    if events.kinds.size == 0 or case < 0:
-        return True
-    size = state.states[new + arguments.shape.n + arguments.shape.events_with_series, lane]
-    h = (now + state.settings[1, lane] * size) - now
     for e in range(events.kinds.size):
-        decided, total = advance(events.kinds[e], arguments.totals[case, e], space.step_bounds, e, lane, h)
-        decide, space.next_totals[e, lane] = decide and decided, total
-    return decide
-
-
-@compiled_subset
-def take_totals(arguments: SweepArguments, looked: int) -> None:
-    """Continue the reductions of all lanes but those that are looked at, the bits of `looked`."""
-    kinds, numbers = arguments.events.kinds.size, arguments.state.numbers
-    for lane in range(arguments.state.clock.shape[1] if kinds > 0 else 0):
-        if looked & (1 << lane) == 0:
-            for e in range(kinds):
-                arguments.totals[numbers.case[lane], e] = arguments.workspace.next_totals[e, lane]
-
-
-@compiled_subset
-def _test(arguments: SweepArguments, time: int, states: int) -> None:
-    """Test expressions over the steps of all lanes, which begin at times and have outputs at two addresses."""
-    state, events, space = arguments.state, arguments.events, arguments.workspace
-    constants, settings = row(state.constants, 0), row(state.settings, 0)
-    if events.step_points != 0:
-        call_code(events.step_points, time, states, constants, settings, row(space.step_points, 0))
-    if events.step_values != 0:
-        _evaluate(space, events.step_values, constants, space.step_values)
-        call_code(events.step_signs, time, row(space.step_values, 0), constants, settings, row(space.step_signs, 0))
-    elif space.step_signs.shape[0] > 0:
-        call_code(events.step_signs, time, states, constants, settings, row(space.step_signs, 0))
-    if events.step_running != 0:
-        _evaluate(space, events.step_running, constants, space.step_running)
-        call_code(events.step_bounds, time, row(space.step_running, 0), constants, settings, row(space.step_bounds, 0))
-    elif space.step_bounds.shape[0] > 0:
-        call_code(events.step_bounds, time, states, constants, settings, row(space.step_bounds, 0))
-
-
-@compiled_subset
-def _evaluate(space: EventWorkspace, code: int, constants: int, values: Matrix) -> None:
-    """Evaluate expressions at the points of the steps of all lanes."""
-    count, width = values.shape[0] // POINT_LANES, space.step_points.shape[0] // POINT_LANES
-    for point in range(POINT_LANES):
-        clock, state = row(space.step_points, point * width), row(space.step_points, point * width + 1)
-        call_code(code, clock, state, constants, 0, row(values, point * count))
-
-
-@compiled_subset
-def test_steps(arguments: SweepArguments) -> None:
-    """Test over the steps of all lanes which expressions keep their sign, and bound those that are reduced."""
-    state, space = arguments.state, arguments.workspace
-    if arguments.kernels.advance != 0:
-        return  # they have been
-    for lane in range(state.clock.shape[1]):
-        space.step_begins[0, lane] = state.tally[BEFORE, lane]
-    _test(arguments, row(space.step_begins, 0), row(state.states, state.progress.old))
+        space.totals[e, lane] = arguments.totals[state.numbers.case[lane], e]
+    expect_signs(arguments, lane)
 
 
 @compiled_subset
@@ -128,6 +51,7 @@ def handle_events(arguments: SweepArguments) -> None:
     """Find and resolve the events in the steps that were accepted, and continue the reductions."""
     for lane in range(arguments.state.clock.shape[1]):
         if arguments.state.numbers.mark[lane] != PENDING:
+            _keep_totals(arguments, lane)
             continue
         searched, found, theta = _search(arguments, lane)
         arguments.state.numbers.fresh[lane] = 0
@@ -137,9 +61,19 @@ def handle_events(arguments: SweepArguments) -> None:
         if stops:
             _stop(arguments, lane, found, theta)
         arguments.workspace.jumped[lane, 2] = 0.0
+        _keep_totals(arguments, lane)
+        expect_signs(arguments, lane)
         status, case = arguments.state.numbers.status[lane], arguments.state.numbers.case[lane]
         if arguments.workspace.carried.shape[0] > 0 and status != RUNNING:
             carry(arguments.events, arguments.workspace, lane, case, status, searched)
+
+
+@compiled_subset
+def _keep_totals(arguments: SweepArguments, lane: int) -> None:
+    """Write the reductions of a case that has ended."""
+    status, case = arguments.state.numbers.status[lane], arguments.state.numbers.case[lane]
+    for e in range(0 if status == RUNNING or status == IDLE else arguments.events.kinds.size):
+        arguments.totals[case, e] = arguments.workspace.totals[e, lane]
 
 
 @compiled_subset
@@ -207,17 +141,20 @@ def _copy_polynomials(arguments: SweepArguments, lane: int, h: float) -> None:
 @compiled_subset
 def _reduce(arguments: SweepArguments, lane: int, copied: bool, found: int, theta: float) -> None:
     """Continue minima, maxima and integrals over the step of a lane, or up to the fraction where an event stops it."""
-    state, events, space, totals = arguments.state, arguments.events, arguments.workspace, arguments.totals
-    i, now = state.numbers.case[lane], state.tally[BEFORE, lane]
+    state, events, space, totals = arguments.state, arguments.events, arguments.workspace, arguments.workspace.totals
+    now = state.tally[BEFORE, lane]
     one, many = row(space.own, lane), row(space.constants, lane * state.constants.shape[0])
     h, ready = state.clock[NOW, lane] - now, copied
     for e in range(events.kinds.size):
-        decided, total = advance(events.kinds[e], totals[i, e], space.step_bounds, e, lane, h)
+        decided, total = advance(events.kinds[e], totals[e, lane], space.step_bounds, e, lane, h)
         if found != NOTHING or not decided:
             if not ready:
                 _copy_polynomials(arguments, lane, h)
-            ready, total = True, accumulate(events, space, many, one, now, h, theta, e, events.kinds[e], totals[i, e])
-        totals[i, e] = total
+            ready, total = (
+                True,
+                accumulate(events, space, many, one, now, h, theta, e, events.kinds[e], totals[e, lane]),
+            )
+        totals[e, lane] = total
 
 
 @compiled_subset

@@ -7,11 +7,12 @@ import math
 import numpy as np
 
 from ..arrays import FloatArray
-from ..lanes.workspace import BOUNDS, EventKernels, EventWorkspace
+from ..lanes.workspace import EventKernels, EventWorkspace
 from ..methods.chebyshev import (
     BEND_TAIL,
     BENDS,
     BETWEEN,
+    BOUNDS,
     CHECKS,
     CLOSE,
     INTEGRAL,
@@ -36,13 +37,12 @@ _INTEGRAL = INTEGRAL.copy()
 @compiled_subset
 def advance(kind: int, total: float, bounds: FloatArray, e: int, lane: int, h: float) -> tuple[bool, float]:
     """Return whether the bounds over a step decide what it adds to a minimum, maximum or integral, and the new one."""
-    first = BOUNDS * e
+    value, reach = bounds[BOUNDS * e, lane], bounds[BOUNDS * e + 1, lane]
     if kind == MEAN:
-        return bounds[first + 1, lane] != 0.0, total + h * bounds[first, lane]
+        return reach != 0.0, total + h * value
     sign = 1.0 if kind == MAXIMUM else -1.0
-    best = max(sign * total, sign * bounds[first + 4, lane], sign * bounds[first + 5, lane])
-    bound = bounds[first + 3, lane] if kind == MAXIMUM else -bounds[first + 2, lane]
-    return bounds[first + 6, lane] != 0.0 or bound <= best, sign * best
+    best = max(sign * total, value)
+    return reach <= best, sign * best
 
 
 @compiled_subset

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..arrays import aligned
+from ..methods.chebyshev import BOUNDS
 from ..methods.step_constants import DEEPEST
 from ..once import once
 from ..subset.arguments import NO_CODE, Address, AddressTable, AddressVector, IntVector, Matrix, Record
@@ -15,9 +16,6 @@ from ..subset.packing import constant_group
 
 POINT_LANES = 8
 SLOPE_LANES = 4
-BOUNDS = 7
-"""Outputs of the bounds of each expression over a step, see `dalembert.transforms.step_bounds.step_bounds_kernel`."""
-
 NOW, END, NEXT = range(3)
 """Rows of ``LaneState.clock``."""
 
@@ -167,6 +165,7 @@ class EventKernels(NamedTuple):
     last: IntVector
     used: IntVector
     step_bounds: Address
+    held: Address
     running: Address
     at: Address
     kinds: IntVector
@@ -190,7 +189,7 @@ def no_events() -> EventKernels:
     """Return empty fields, for loops without events."""
     nothing = np.zeros(0, np.int64)
     tables = AddressTable(), *(nothing,) * 3
-    return constant_group(EventKernels(*(NO_CODE,) * 6, 0, 0, *tables, *(NO_CODE,) * 3, *(nothing,) * 3))
+    return constant_group(EventKernels(*(NO_CODE,) * 6, 0, 0, *tables, *(NO_CODE,) * 4, *(nothing,) * 3))
 
 
 class EventWorkspace(NamedTuple):
@@ -207,7 +206,9 @@ class EventWorkspace(NamedTuple):
     ``jumped`` are when the state of each lane last jumped, how many jumps in a row came too soon, and 1 where its step
     begins behind a stop, at which expressions may change their signs without a zero.
 
-    ``next_totals`` (kinds, lanes) are minima, maxima and integrals with the steps of lanes, where bounds decide them.
+    ``tests`` are the rows of the four that follow: ``expected`` (n_events, lanes) are the signs of ``step_signs`` where
+    a lane need not be looked at, or 0, and ``totals`` (kinds, lanes) minima, maxima and integrals so far. ``held`` (1 +
+    kinds, lanes) are 1 where tests decide all expressions over a step, else 0, and ``totals`` with the step.
 
     ``known`` are the values of ``EventKernels.begins`` where there are ``slopes``, ``direction`` the state and a
     direction for each lane of these, ``spread`` time and constants for these lanes, and ``sizes`` what they add up to.
@@ -239,9 +240,12 @@ class EventWorkspace(NamedTuple):
     one_out: Matrix
     setting: Matrix
     step_begins: Matrix
+    tests: Matrix
+    expected: Matrix
     step_signs: Matrix
     step_bounds: Matrix
-    next_totals: Matrix
+    totals: Matrix
+    held: Matrix
     signs: Matrix
     seen: Matrix
     zero: Matrix
@@ -274,6 +278,8 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
     k, count = max(events.directions.size, events.kinds.size, 1), max(n_c, 1)
     size = max(3 * k, events.given, n + events.checks, 2 * n + 8)
     r, nothing = events.residuals, np.zeros((0, SLOPE_LANES))
+    tested, kinds = events.directions.size if events.step_signs else 0, events.kinds.size
+    tests = aligned(2 * tested + (BOUNDS + 1) * kinds, lanes)
     return EventWorkspace(
         own=aligned(lanes, count),
         constants=aligned(lanes * count, POINT_LANES),
@@ -290,9 +296,12 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         one_out=aligned(1, size),
         setting=aligned(1, n_s),
         step_begins=aligned(1, lanes),
-        step_signs=aligned(events.directions.size if events.step_signs else 0, lanes),
-        step_bounds=aligned(BOUNDS * events.kinds.size, lanes),
-        next_totals=aligned(events.kinds.size, lanes),
+        tests=tests,
+        expected=tests[:tested],
+        step_signs=tests[tested : 2 * tested],
+        step_bounds=tests[2 * tested : 2 * tested + BOUNDS * kinds],
+        totals=tests[2 * tested + BOUNDS * kinds :],
+        held=aligned(1 + kinds, lanes),
         signs=aligned(lanes, k),
         seen=aligned(lanes, k),
         zero=aligned(lanes, k),

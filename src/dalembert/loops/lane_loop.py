@@ -13,7 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..events.lane_events import handle_events, hold_for_events, take_totals, test_steps, watch_case
+from ..events.lane_events import handle_events, watch_case
+from ..events.lane_tests import hold_for_events, take_totals, test_steps
 from ..lanes.case_loading import begin_lanes, enter_next, next_case_is_loaded, resumes, runs_on
 from ..lanes.implicit_steps import begin_implicit_step, implicit_steps
 from ..lanes.lane_steps import (

@@ -10,6 +10,10 @@ COUNT = 8
 """Points of a piece."""
 
 
+BOUNDS = 2
+"""Numbers that say what an expression does over a step, see `dalembert.transforms.step_bounds.point_bounds_kernel`."""
+
+
 _ANGLES = np.pi * np.arange(COUNT) / (COUNT - 1)
 
 
