@@ -289,8 +289,8 @@ def _run(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace) -> int:
 def _take(table: CaseTable, progress: PhaseProgress, share: int) -> bool:
     """Take the next cases; return whether there are any."""
     progress.first = take(table.turn, share)
-    progress.last = min(progress.first + share, table.order.size)
-    return progress.first < table.order.size
+    progress.last = min(progress.first + share, table.turn[1])
+    return progress.first < table.turn[1]
 
 
 @compiled_subset

@@ -136,8 +136,8 @@ class CaseTable(NamedTuple):
         Number, first and last time of each event that users watch.
     totals : (k, n_running)
         Minima, maxima and integrals so far.
-    order, turn : (n,), (1,)
-        Cases that continue, and how many of them threads have taken.
+    order, turn : (k,), (2,)
+        Cases that continue come first; how many of them threads have taken, and how many there are.
     t_eval, t_last : (m,)
         Times of samples [s], and the last instants that they mean (`event_rules.last_instants`).
     samples : CaseSamples

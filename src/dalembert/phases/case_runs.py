@@ -48,7 +48,9 @@ class CaseRuns:
     count : int
         Number of cases.
     threads : int
-        0 for one case that runs in the thread that calls, and may begin again and again.
+        0 for one case that runs in the thread that calls.
+    repeats : bool
+        Whether they may begin again and again; their results are overwritten then.
     t_eval : ndarray (m,) or None
         Times of samples [s].
     origin : float
@@ -73,6 +75,7 @@ class CaseRuns:
         count: int = 1,
         *,
         threads: int = 0,
+        repeats: bool = True,
         t_eval: FloatArray | None = None,
         origin: float = 0.0,
     ) -> None:
@@ -102,7 +105,8 @@ class CaseRuns:
             carried=np.zeros((0, 0)),
         )
         self.executor = PhaseExecutor(choice, self._table, threads)
-        changing = () if threads else (*self.cases, *self.numbers, self.occurred)
+        recorded = (*self.cases, *self.numbers, self.occurred, self.totals, *samples.arrays())
+        changing, self._anew = recorded if repeats else (), bool(threads)
         self.first: FloatArray | None = None
         self._maps: EventMaps | None = None
         self._initial = [(values, values.copy()) for values in changing]
@@ -141,7 +145,7 @@ class CaseRuns:
             self.first = cases.x.copy()
         self.numbers.state[...], self.numbers.runner[...] = RUNNING, NOT_STARTED
         self.executor.begin(None if stops is None else stops.table)
-        self.choice.begin(first_step)
+        self.choice.begin(first_step, anew=self._anew)
 
     @property
     def status(self) -> Status:
@@ -230,6 +234,12 @@ class CaseRuns:
         rows = (some[:, np.newaxis] * width + np.arange(width)).ravel()
         self.cases.x[some], self.cases.number[some] = np.nan, UNDECIDED
         samples.t[rows], samples.x[rows], samples.mode[rows] = np.nan, np.nan, NO_MODE
+
+    @property
+    def samples_taken(self) -> SweepStates:
+        """The samples, a copy of their own where the cases may begin again."""
+        samples = self.samples
+        return SweepStates(*(values.copy() for values in samples.arrays())) if self._initial else samples
 
     def states(self, some: NDArray[np.intp]) -> SweepStates:
         """Return the states of some cases as they are."""

@@ -38,7 +38,7 @@ from ..starts.inputs import warn_below_floor
 from ..starts.symbol_assumptions import warn_of_motion
 from .case_runs import CaseRuns
 from .mode_models import ModeModels, all_modes
-from .motion_recorder import MotionRequest
+from .motion_recorder import MotionRequest, runs_of
 from .output_values import OutputValues, PhaseReductions
 from .runner_choice import RunnerChoice
 from .simulate import simulate
@@ -63,12 +63,15 @@ def sweep(
 
     `varied` are initial values and parameters as they were given.
     """
-    begin, options, count = time.perf_counter(), request.options, len(request.t0)
-    stops = request.stops(many=True)
-    assert options.threads is not None
-    chosen = None if options.chosen is None else options.method_chosen
-    choice = RunnerChoice(request.modes, options, request.reductions, fits=options.fits, chosen=chosen)
-    runs = CaseRuns(choice, count, threads=options.threads, t_eval=options.t_eval, origin=options.origin)
+    begin, stops = time.perf_counter(), request.stops(many=True)
+    with runs_of(request, stops=stops is not None) as runs:
+        _run(request, runs, stops, stop)
+        return _results(request, runs, stops, varied, time.perf_counter() - begin)
+
+
+def _run(request: MotionRequest[SweepOptions], runs: CaseRuns, stops: Stops | None, stop: bool) -> None:
+    """Run all cases, or with `stop` none."""
+    options, count = request.options, len(request.t0)
     runs.begin(request.t0, request.t1, request.x, request.p, stops)
     status = runs.numbers.state
     status[:] = request.status
@@ -86,7 +89,6 @@ def sweep(
     lost = (runs.cases.number == UNDECIDED) & (status != Status.CONTACT_UNSUPPORTED)
     refused |= lost  # no motion begins from where the contacts select no mode
     runs.drop_results(np.flatnonzero(refused))
-    return _results(request, runs, stops, varied, time.perf_counter() - begin)
 
 
 def _results(
@@ -109,7 +111,8 @@ def _results(
         atol=options.atol,
         methods={(number, options.rtol): method for number, method in methods.items()},
     )
-    last, samples = runs.states(np.arange(len(request.t0))), None if options.t_eval is None else runs.samples
+    last = runs.states(np.arange(len(request.t0)))
+    samples = None if options.t_eval is None else runs.samples_taken
     if samples is not None:
         samples.case[:] = np.repeat(last.case, len(options.t_eval))
     met = last.mode if samples is None else np.concatenate([last.mode, samples.mode])
@@ -134,9 +137,10 @@ def _results(
         states,
     )
     warn_of_motion(modes.layout.assumptions, modes.layout.coordinates, run.t, run._final)
-    about, labels = (runs.occurred, runs.totals), request.labels
+    happened, labels = runs.occurred.copy(), request.labels
+    about = happened, runs.totals
     reduced = request.reductions.results(value, last, request.t0, numbers.state, about)
-    return run.with_events(labels, runs.occurred[:, : 3 * len(labels)], list(request.reductions.table), reduced)
+    return run.with_events(labels, happened[:, : 3 * len(labels)], list(request.reductions.table), reduced)
 
 
 def refuse_kept_invariants(model: CompiledModel, project_invariants: Any) -> ModeModels:

@@ -57,8 +57,8 @@ class ModeModels:
         Makes its model.
     compiled : dict of Mode to CompiledModel
         The models that have been needed so far.
-    recorders : dict of str to list of MotionRecorder
-        Recorders of single runs that are not in use, by options and events.
+    recorders : dict of str to list of MotionRecorder or CaseRuns
+        Recorders of single runs, and runs of sweeps, that are not in use, by options and events.
     """
 
     several: SeveralModes

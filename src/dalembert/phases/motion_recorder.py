@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -32,6 +32,7 @@ from .stops import Stops, stops_of
 from .velocity_jumps import EventJumps
 
 OptionsT = TypeVar("OptionsT", SimulateOptions, SweepOptions)
+KeptT = TypeVar("KeptT")
 
 
 @final
@@ -86,8 +87,8 @@ class MotionRequest(Generic[OptionsT]):
         return [event.label for event in self.reductions.requested]
 
 
-_MOST_KEPT = 16
-"""Sets of options and events whose recorders are kept."""
+_MOST_KEPT, _MOST_STATES = 16, 1 << 13
+"""Sets of options and events whose recorders and runs are kept, and the most states of cases in such runs."""
 
 
 @final
@@ -134,22 +135,59 @@ class RecordedPhase:
 
 
 @contextmanager
+def _kept(modes: ModeModels, key: str, make: Callable[[], KeptT]) -> Iterator[KeptT]:
+    """Context with what a model keeps for the next request of the same key; what an error has left is not kept."""
+    if len(modes.recorders) >= _MOST_KEPT and key not in modes.recorders:
+        modes.recorders.clear()
+    kept = modes.recorders.setdefault(key, [])
+    try:
+        found: KeptT = kept.pop()
+    except IndexError:
+        found = make()
+    yield found
+    kept.append(found)
+
+
+@contextmanager
 def recorder_of(request: MotionRequest[SimulateOptions]) -> Iterator[MotionRecorder]:
     """Context with a recorder for a request, which is kept for the next one with the same options and events."""
     options, events, modes = request.options, request.reductions, request.modes
     dense = options.dense or options.t_eval is not None
     steps = options.method, options.rtol, options.atol, options.max_step, options.max_steps, dense
-    key = repr((*steps, events.requested))
-    if len(modes.recorders) >= _MOST_KEPT and key not in modes.recorders:
-        modes.recorders.clear()
-    kept = modes.recorders.setdefault(key, [])
-    try:
-        recorder = kept.pop()
-    except IndexError:
+
+    def make() -> MotionRecorder:
         own = replace(options, dense=dense, t_eval=None, events=(), inputs=None, progress=False, error_estimate=False)
-        recorder = MotionRecorder(RunnerChoice(modes, own, events, fits=True, recorded=True))
-    yield recorder
-    kept.append(recorder)
+        return MotionRecorder(RunnerChoice(modes, own, events, fits=True, recorded=True))
+
+    with _kept(modes, repr((*steps, events.requested)), make) as recorder:
+        yield recorder
+
+
+@contextmanager
+def runs_of(request: MotionRequest[SweepOptions], *, stops: bool) -> Iterator[CaseRuns]:
+    """Context with the runs of a sweep, kept for the next one of as many cases with the same options and events.
+
+    Not kept are those of many cases, where memory counts and not the time to make it, and those with `stops`.
+    """
+    options, modes, count = request.options, request.modes, len(request.t0)
+    times = 0 if options.t_eval is None else len(options.t_eval)
+    again = not stops and options.chosen is None and count * (1 + times) <= _MOST_STATES
+    assert options.threads is not None
+
+    def make() -> CaseRuns:
+        chosen = None if options.chosen is None else options.method_chosen
+        choice = RunnerChoice(modes, options, request.reductions, fits=options.fits, chosen=chosen)
+        about = {"threads": options.threads, "t_eval": options.t_eval, "origin": options.origin}
+        return CaseRuns(choice, count, repeats=again, **about)
+
+    if not again:
+        yield make()
+        return
+    steps = options.method, options.rtol, options.atol, options.max_step, options.max_steps, options.origin
+    sampled = None if options.t_eval is None else options.t_eval.tobytes()
+    watched = request.reductions.requested, dict(request.reductions.table)
+    with _kept(modes, repr((*steps, options.threads, count, sampled, watched)), make) as runs:
+        yield runs
 
 
 @final

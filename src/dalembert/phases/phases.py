@@ -112,13 +112,14 @@ class _Threads:
     loop: Loop
     plan: PhasePlan
     spaces: list[ThreadWorkspace]
+    order: NDArray[np.int64]
     turn: NDArray[np.int64]
     calls: Sequence[LoopCall]
     held: Sequence[tuple[ThreadWorkspace, Sequence[LoopCall], DecisionArguments]]
 
-    def packed(self, table: CaseTable, order: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-        """Return the packed arguments of the loop of each thread, for cases in an order."""
-        table = table._replace(order=order, turn=self.turn)
+    def packed(self, table: CaseTable) -> list[NDArray[np.int64]]:
+        """Return the packed arguments of the loop of each thread."""
+        table = table._replace(order=self.order, turn=self.turn)
         return [pack(PhaseArguments(self.plan, table, space)) for space in self.spaces]
 
 
@@ -140,7 +141,6 @@ class PhaseExecutor:
         self.choice, self.table, self.threads = choice, table, threads
         self._made: tuple[tuple[int, int, int], _Threads] | None = None
         self._packed: list[NDArray[np.int64]] = []
-        self._alone = np.zeros(1, np.int64)
 
     def begin(self, stops: PhaseStops | None) -> None:
         """Prepare for cases that begin, with stops or without."""
@@ -172,8 +172,8 @@ class PhaseExecutor:
         if continued:
             self._carry_signs(True)
         threads = self._thread_memory(1)
-        (space, calls, decision), alone = threads.held[0], np.zeros(1, np.int64)
-        table = self.table._replace(order=alone, turn=threads.turn)
+        space, calls, decision = threads.held[0]
+        table = self.table._replace(order=threads.order, turn=threads.turn)
         held: list[Any] = [call.held for call in calls]
         return PhaseArguments(threads.plan, table, space), decision, [arguments for _, arguments in held]
 
@@ -188,25 +188,21 @@ class PhaseExecutor:
             some = some[self.table.numbers.state[some] == RUNNING]
             if not len(some):
                 return
-        order = np.ascontiguousarray(some, np.int64) if self.threads else self._alone
-        threads = self._thread_memory(len(order))
-        threads.turn[0] = 0
+        threads = self._thread_memory(len(some))
+        threads.order[: len(some)], threads.turn[:] = some, (0, len(some))
+        self._packed = self._packed or threads.packed(self.table)
         try:
             if self.threads and self.choice.parallel:
-                self._work(threads, order)
+                self._work(threads, len(some))
             else:
-                self._work_here(threads, order, paused)
+                self._work_here(threads, paused)
         except BaseException:
-            self._made = None  # its loops are in the middle of something
+            self.forget_memory()  # its loops are in the middle of something
             raise
 
-    def _work_here(self, threads: _Threads, order: NDArray[np.int64], paused: Callable[[], None] | None) -> None:
+    def _work_here(self, threads: _Threads, paused: Callable[[], None] | None) -> None:
         """Call the loop in this thread."""
-        loop, packed = threads.loop.call, self._packed
-        if not packed:
-            packed = threads.packed(self.table, order)
-            self._packed = [] if self.threads else packed
-        pointer, going = ctypes.c_void_p(address_of(packed[0])), True
+        loop, pointer, going = threads.loop.call, ctypes.c_void_p(address_of(self._packed[0])), True
         while going:
             going = bool(loop(pointer))
             raise_failure()
@@ -215,9 +211,9 @@ class PhaseExecutor:
                 if paused is not None:
                     paused()
 
-    def _work(self, threads: _Threads, order: NDArray[np.int64]) -> None:
-        """Call the loop in threads."""
-        loop, packed, numbers = threads.loop.call, threads.packed(self.table, order), itertools.count()
+    def _work(self, threads: _Threads, count: int) -> None:
+        """Call the loop in threads, for so many cases."""
+        loop, packed, numbers = threads.loop.call, self._packed, itertools.count()
         stopping = threading.Event()
 
         def work() -> None:
@@ -231,7 +227,7 @@ class PhaseExecutor:
                 space.turns[:] = STOPPED
 
         run = CaseRun(work, threads.turn, lambda: None, stop=stop)
-        if not run_shared(run, len(order), len(threads.spaces), False):
+        if not run_shared(run, count, len(threads.spaces), False):
             raise KeyboardInterrupt
 
     # -- memory ----------------------------------------------------------------------------
@@ -253,8 +249,9 @@ class PhaseExecutor:
         patience = 0 if self.threads else _PATIENCE
         made = [thread_workspace(choice, self.table, together, lanes, patience) for _ in range(key[2])]
         spaces, calls = [each[0] for each in made], made[0][1]
-        loop, turn = loop_named("phase_loop"), np.zeros(1, np.int64)
-        self._made, self._packed = (key, _Threads(loop, self._plan(), spaces, turn, calls, made)), []
+        order, turn = np.zeros(len(self.table.t1), np.int64), np.array([0, 1])
+        loop, plan = loop_named("phase_loop"), self._plan()
+        self._made, self._packed = (key, _Threads(loop, plan, spaces, order, turn, calls, made)), []
         return self._made[1]
 
     def _carry_signs(self, stops: bool = False) -> None:

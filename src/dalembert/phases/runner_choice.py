@@ -96,20 +96,20 @@ class RunnerChoice:
 
     @property
     def methods(self) -> dict[int, str]:
-        """Method of each mode that has been run, by its number: that of phases in which no slip begins, if any."""
-        found = {runner.number: runner.taken or runner.method for runner in self.runners}
+        """Method of each mode that has a runner, by its number: that of phases in which no slip begins, if any."""
         latest = sorted(self._serving.items(), key=lambda item: -item[0][1])
         serving = ((key[0], self.runners[place]) for key, place in latest)
-        return found | {number: runner.taken or runner.method for number, runner in serving}
+        return {number: runner.taken or runner.method for number, runner in serving}
 
-    def begin(self, first_step: float | None) -> None:
+    def begin(self, first_step: float | None, *, anew: bool) -> None:
         """Prepare for cases that begin, for which it is found anew which methods fit.
 
-        `first_step` is the size of the first step of a case that is recorded, None where it is to be chosen.
+        `first_step` is the size of the first step of a case that is recorded, None where it is to be chosen. If
+        `anew`, no mode has a runner until a case enters it.
         """
         for runner in self.runners:
             runner.forget()
-        if self._fits or first_step is not None:
+        if self._fits or first_step is not None or anew:
             self._serve({})
         self.compile_seconds, self._first_step = 0.0, first_step
         self._fitted.clear()
