@@ -8,7 +8,7 @@ from ..lanes.lane_steps import project_marked
 from ..lanes.lane_stops import end_of_case
 from ..lanes.step_records import drop_compensation, record_end
 from ..lanes.sweep_arguments import SweepArguments
-from ..lanes.workspace import ATTEMPTS, BEFORE, END, FIRST, IDLE, NOW, POINT_LANES
+from ..lanes.workspace import ATTEMPTS, BEFORE, END, FIRST, IDLE, NOW, POINT_LANES, EventWorkspace
 from ..methods.status import RUNNING, Status
 from ..steps.projection import FAILED, NONE, PENDING, end_polynomial
 from ..steps.step_control import largest_step, status_after
@@ -27,14 +27,11 @@ def watch_case(arguments: SweepArguments, lane: int) -> None:
     """Begin to watch the case that has entered a lane."""
     state, events, space = arguments.state, arguments.events, arguments.workspace
     count, old = state.constants.shape[0], state.progress.old
-    sampled = arguments.shape.events_with_series == 0 or events.oscillating != 0 or events.kinds.size > 0
-    points = POINT_LANES if sampled else 0
     state.numbers.fresh[lane] = 1
     drop_compensation(arguments, lane)
     for m in range(count):
         space.own[lane, m] = state.constants[m, lane]
-        for point in range(points):
-            space.constants[lane * count + m, point] = space.own[lane, m]
+    space.jumped[lane, 3] = 0.0
     for m in range(arguments.shape.n):
         space.one_point[0, m] = state.states[old + m, lane]
     t, direction = state.clock[NOW, lane], state.settings[1, lane]
@@ -122,8 +119,23 @@ def _keeps_signs(arguments: SweepArguments, lane: int, fresh: bool) -> bool:
 
 
 @compiled_subset
+def _copy_constants(space: EventWorkspace, lane: int) -> None:
+    """Copy the constants of a lane for each point."""
+    count = space.own.shape[1]
+    for m in range(count):
+        for point in range(POINT_LANES):
+            space.constants[lane * count + m, point] = space.own[lane, m]
+
+
+@compiled_subset
 def _copy_polynomials(arguments: SweepArguments, lane: int, h: float) -> None:
-    """Copy the polynomials of a lane's step, in the fraction of the step, made to end in the state that it ended in."""
+    """Copy the polynomials of a lane's step, in the fraction of the step, made to end in the state that it ended in.
+
+    With the first ones of a case, its constants are copied to all points.
+    """
+    if arguments.workspace.jumped[lane, 3] == 0.0:
+        arguments.workspace.jumped[lane, 3] = 1.0
+        _copy_constants(arguments.workspace, lane)
     series, states, old = arguments.workspace.series, arguments.state.states, arguments.state.progress.old
     first, (n, terms) = old + _first_polynomial(arguments), series.shape
     scale = 1.0 if arguments.shape.memory > 0 else h

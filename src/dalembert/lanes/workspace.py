@@ -203,8 +203,9 @@ class EventWorkspace(NamedTuple):
 
     ``values`` are those of expressions at the points of a piece of a step, ``between`` those between these points.
 
-    ``jumped`` are when the state of each lane last jumped, how many jumps in a row came too soon, and 1 where its step
-    begins behind a stop, at which expressions may change their signs without a zero.
+    ``jumped`` are when the state of each lane last jumped, how many jumps in a row came too soon, 1 where its step
+    begins behind a stop, at which expressions may change their signs without a zero, and 1 where ``constants`` are
+    those of the present case.
 
     ``tests`` are the rows of the four that follow: ``expected`` (n_events, lanes) are the signs of ``step_signs`` where
     a lane need not be looked at, or 0, and ``totals`` (kinds, lanes) minima, maxima and integrals so far. ``held`` (1 +
@@ -308,7 +309,7 @@ def event_workspace(events: EventKernels, n: int, degree: int, n_c: int, n_s: in
         found=aligned(k, 2),
         happens=aligned(1, k),
         residual=aligned(1, k),
-        jumped=aligned(lanes, 3),
+        jumped=aligned(lanes, 4),
         work=aligned(5, 8),
         stack=aligned(2 * DEEPEST + 4, 3),
         event_series=aligned(max(events.events_with_series, 1), degree),
