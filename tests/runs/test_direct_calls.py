@@ -85,6 +85,7 @@ def test_other_shapes_are_refused(model, given, p, shape):
         run(given, np.ones((2, 2)))
 
 
+@pytest.mark.usefixtures("small_heap")
 def test_a_final_state_is_an_array_of_its_own_that_leaks_nothing(model, given, p):
     run = model.prepare((0, 1))
     first = run(given, p)
@@ -142,6 +143,7 @@ def test_threads_that_share_a_run_have_the_same_bits(model, given, p):
             assert all(map(np.array_equal, found, expected))
 
 
+@pytest.mark.usefixtures("small_heap")
 def test_a_run_and_its_function_outlive_the_model(given, p):
     run = da.compile_model(da.scenes.chaplygin_sleigh()).prepare((0, 1))
     expected, direct = run(given, p), run._direct

@@ -1,6 +1,5 @@
 """Threads: what is kept is made once, and everything public may be used by several at the same time."""
 
-import gc
 import threading
 import time
 import weakref
@@ -100,7 +99,6 @@ def test_properties_and_functions_have_one_value_for_all_threads():
     assert named(0) is not found[0]
     kept = weakref.ref(holder.value)
     del holder
-    gc.collect()
     assert kept() is None  # nothing else keeps it
 
 
