@@ -32,15 +32,16 @@ def double():
         yield
 
 
-def decided(y, corrections):
+def decided(y, corrections, before):
     """Return what the rules of the compiled loops make of corrections, all of which are applied."""
-    states, held, before = np.array([[y]]), True, np.array([[y]])
+    states, held, before = np.array([[y]]), True, np.array([[before]])
     for attempt, correction in enumerate(corrections):
         found = add_correction(states, 0, before, 0, np.array([[correction]]), 0, TOLERANCES[1])
         held &= correction_test(attempt, len(corrections), *found, *TOLERANCES) != FAILED
     return states[0, 0], held
 
 
+@pytest.mark.parametrize("away", [0.0, 3e-4])
 @pytest.mark.parametrize("whole", [False, True], ids=["rows", "one row"])
 @pytest.mark.parametrize(
     ("y", "corrections"),
@@ -53,11 +54,13 @@ def decided(y, corrections):
         (2.0, [LARGEST / ABOVE, 1e-6]),
         (2.0, [LARGEST * ABOVE, 1e-6]),
         (2.0, [1e-3, 3e-4]),
+        (2.0, [LARGEST + 1e-4, 1e-6]),  # nearer to the state before where that is 3e-4 away
         (2.0, [1e-3, 1e-4]),
         (0.0, [0.0, 0.0]),
     ],
 )
-def test_corrections_are_judged_alike(y, corrections, whole):
+def test_corrections_are_judged_alike(y, corrections, whole, away):
+    before = y + away  # the state before the step
     rest = iter(corrections)
     start = (jax.numpy.array([y, y]),) if whole else (jax.numpy.array([y, 1.0]),)
     scalar = 0.0 if whole else jax.numpy.zeros(2)
@@ -67,8 +70,9 @@ def test_corrections_are_judged_alike(y, corrections, whole):
         return (jax.numpy.array([step, step]) if whole else jax.numpy.array([step, 0.0]),)
 
     assert len(corrections) in (POSITIONS, LINEAR_CORRECTIONS)
-    (found,), held = project([(correct, len(corrections))], scalar, start, (), start, TOLERANCES)
-    end, wanted = decided(y, corrections)
+    earlier = (start[0].at[0].set(before),) if not whole else (start[0] + away,)
+    (found,), held = project([(correct, len(corrections))], scalar, start, (), earlier, TOLERANCES)
+    end, wanted = decided(y, corrections, before)
     assert bool(held if whole else held[0]) == wanted and (whole or bool(held[1]))
     np.testing.assert_array_equal(found[0], end)
 

@@ -44,6 +44,15 @@ def test_a_correction_is_measured_by_the_state_where_it_is_corrected():
     assert not add_correction(states, 0, states, 0, np.array([[math.inf], [0.0]]), 0, 0.0)[3]
 
 
+def test_a_body_at_rest_stays_on_its_branch_whatever_rounding_moves_it_by():
+    before, delta, given = np.array([[0.0], [2.0]]), np.array([[-5e-17], [3e-3]]), (1e-9, 1e-18)
+    rested, moving = np.array([[5e-17], [2.0]]), np.array([[0.0], [2.0]])
+    for states, entry, outcome in ((rested, 0, PENDING), (moving, 1, FAILED)):
+        some = np.where(np.arange(2)[:, np.newaxis] == entry, delta, 0.0)
+        found = add_correction(states, 0, before, 0, some, 0, given[1])
+        assert correction_test(0, LINEAR_CORRECTIONS, *found, *given) == outcome
+
+
 @pytest.mark.parametrize("unit", [1e-9, 1e-3, 1.0, 1e6])
 def test_corrections_are_judged_alike_in_all_units(unit):
     states, delta = np.array([[2e-4], [3.0]]), np.array([[1e-4], [0.5]])

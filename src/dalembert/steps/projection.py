@@ -33,12 +33,15 @@ def add_correction(
     """Add a correction to the state of a lane, which begins in row `first`; before the step it is in `earlier`.
 
     Returns the relative change, the largest entry of the correction, the largest that both states have where one is
-    corrected, and whether the correction is finite.
+    corrected, and whether the correction is finite. Where it brings these entries nearer than its own size to those
+    before the step, the largest difference from them counts: a body that rests stays at rest, however small rounding
+    of its accelerations is.
     """
-    change = finite = size = magnitude = 0.0
+    change = finite = size = moved = magnitude = 0.0
     for m in range(delta.shape[0]):
         if delta[m, lane] != 0.0:
             size = max(size, abs(delta[m, lane]))
+            moved = max(moved, abs(states[first + m, lane] + delta[m, lane] - earlier[before + m, lane]))
             magnitude = max(magnitude, max(abs(states[first + m, lane]), abs(earlier[before + m, lane])))
     least = SMALL_COMPONENT * magnitude + atol
     for m in range(delta.shape[0]):
@@ -46,7 +49,7 @@ def add_correction(
         if delta[m, lane] != 0.0:
             change = max(change, abs(delta[m, lane]) / (least + abs(states[first + m, lane])))
         finite += 0.0 * delta[m, lane]
-    return change, size, magnitude, finite == 0.0
+    return change, min(size, moved), magnitude, finite == 0.0
 
 
 @compiled_subset

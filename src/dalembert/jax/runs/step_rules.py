@@ -60,13 +60,14 @@ def _whole(values: Any, like: Any) -> Any:
 
 
 def _largest(y: Rows, before: Rows, corrections: Rows, like: Any) -> tuple[Any, Any]:
-    """Return the largest entry of corrections, and the largest of both states where one is corrected."""
-    size = magnitude = jnp.zeros(jnp.shape(like))
+    """Return size and magnitude of corrections, see `dalembert.steps.projection.add_correction`."""
+    size = moved = magnitude = jnp.zeros(jnp.shape(like))
     for value, earlier, correction in zip(y, before, corrections, strict=True):
         size = jnp.maximum(size, _whole(jnp.abs(correction), like))
-        either = jnp.maximum(jnp.abs(value), jnp.abs(earlier))
+        away, either = jnp.abs(value + correction - earlier), jnp.maximum(jnp.abs(value), jnp.abs(earlier))
+        moved = jnp.maximum(moved, _whole(jnp.where(correction != 0.0, away, 0.0), like))
         magnitude = jnp.maximum(magnitude, _whole(jnp.where(correction != 0.0, either, 0.0), like))
-    return size, magnitude
+    return jnp.minimum(size, moved), magnitude
 
 
 def _largest_change(magnitude: Any, rtol: Any, atol: Any) -> Any:
