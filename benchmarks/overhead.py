@@ -25,9 +25,11 @@ from dalembert.codegen.llvm import sweep_memory
 from dalembert.starts import inputs
 from dalembert.steps.problem import IntegrationProblem
 from hard_cases import hard_case
+from hard_cases.contacts import contact_motion
 
 SCENES = ("sleigh", "sphere")
 LOOPS = ("double pendulum, Cartesian", "four-bar")
+WITH_CONTACTS = "block on a belt"
 """Hard cases of which one call is measured, too."""
 CALLS = 20
 SHORT, FEW, MANY = 1e-3, 64, 4096
@@ -107,7 +109,7 @@ def pushed_cart() -> tuple[Any, dict[str, float], dict[str, float]]:
 
 def loop_overhead(name: str, rounds: int) -> float:
     """Return the seconds of a sweep of two equal short cases of a hard case."""
-    case = hard_case(name)
+    case = contact_motion(name).motion if name == WITH_CONTACTS else hard_case(name)
     first, value = next(iter(case.initial.items()))
     given = {**case.initial, first: np.full(2, value)}, case.parameters
     return _least(_warm_sweep(case.compile("auto"), *given, threads=1), rounds)
@@ -211,7 +213,7 @@ def main() -> None:
         print(f"{name}: a prepared run of one short step takes {1e6 * seconds:.2f} us")
     seconds = prepared_call(*pushed_cart(), rounds, inputs=(0.3,))
     print(f"cart with an input: a prepared run of one short step takes {1e6 * seconds:.2f} us")
-    for name in LOOPS:
+    for name in (*LOOPS, WITH_CONTACTS):
         print(f"{name}: a sweep of two cases takes {1e6 * loop_overhead(name, rounds):.0f} us")
     for name in SCENES:
         seconds = second_thread(PROBLEMS[name], rounds)
