@@ -5,11 +5,13 @@ import pytest
 from numpy.polynomial import Polynomial
 
 from dalembert.events.reductions import KINDS
+from dalembert.events.step_reductions import advance
 from dalembert.ir.graph import Graph
 from dalembert.ir.interpret import interpret
 from dalembert.methods.chebyshev import BOUNDS, POINTS
 from dalembert.transforms.lower_kernels import lower_kernel
 from dalembert.transforms.step_bounds import (
+    held_kernel,
     point_bounds_kernel,
     point_signs_kernel,
     polynomial_bounds_kernel,
@@ -92,6 +94,26 @@ def test_what_is_said_of_a_step_holds(in_time, direction, affine):
             mean, smooth = found[0, KINDS.index("mean")]
             assert smooth == 1.0 and mean == pytest.approx(exact[0].integ()(1.0), rel=1e-12, abs=1e-13)
     assert min(said, rose) > (75 if affine else 150)
+
+
+def test_steps_are_held_where_signs_and_bounds_decide_all():
+    kinds, random, decided = ("maximum", "mean", "minimum"), np.random.default_rng(3), [0, 0]
+    kernel, (t, size, direction) = held_kernel(2, kinds), (0.7, 0.3, -1.0)
+    h = (t + direction * size) - t
+    for _ in range(1000):
+        expected, signs = (random.choice([-1.0, 0.0, 1.0], 2, p=[0.1, 0.05, 0.85]) for _ in range(2))
+        bounds = np.array([random.normal(size=3), random.choice([0.0, 1.0], 3, p=[0.1, 0.9])]).T
+        totals = random.normal(0.5, 1.0, size=3)
+        rows = np.concatenate([expected, signs, bounds.ravel(), totals])
+        keeps, *found = interpret(kernel, {"t": t, "y": rows, "c": [size], "s": [1.0, direction]})
+        wanted = [
+            advance(KINDS.index(kind), total, bounds.reshape(-1, 1), e, 0, h)
+            for e, (kind, total) in enumerate(zip(kinds, totals, strict=True))
+        ]
+        assert found == [total for _, total in wanted]
+        assert bool(keeps) == (all(known for known, _ in wanted) and bool(np.all(expected * signs > 0.0)))
+        decided[int(keeps)] += 1
+    assert min(decided) > 40
 
 
 @pytest.mark.parametrize("rows", [slice(0, 1), slice(0, 2)])
