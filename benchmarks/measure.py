@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -123,14 +124,33 @@ def growth_exponent(sizes: Sequence[float], values: Sequence[float]) -> float | 
 
 
 def machine() -> dict[str, Any]:
-    """Return core count, CPU feature level, versions, and how many processes were busy: where something is measured."""
+    """Return core count, processor, its clock [GHz], versions, and how many processes were busy."""
     return {
         "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
         "cpu": _feature_level(),
+        "processor": _processor(),
+        "clock": _clock(),
         "load": round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
         "python": platform.python_version(),
         "versions": {name: version for name in _PACKAGES if (version := _version(name))},
     }
+
+
+def _processor() -> str:
+    """Return the name that LLVM has for the processor."""
+    from llvmlite import binding
+
+    return str(binding.get_host_cpu_name())
+
+
+def _clock() -> float | None:
+    """Return the clock that Linux tells [GHz]; None elsewhere."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return None
+    found = [float(line.split(":")[1]) for line in lines if line.startswith("cpu MHz")]
+    return round(found[0] / 1e3, 1) if found else None
 
 
 def _feature_level() -> str:

@@ -20,7 +20,9 @@ Rows = Sequence[Sequence[str]]
 def describe_machine(machine: Record) -> str:
     """Return where something was measured, in one line."""
     versions = ", ".join(f"{name} {version}" for name, version in machine["versions"].items() if name != "dalembert")
-    text = f"{machine['cores']} cores, {machine['cpu']}, Python {machine['python']}; {versions}"
+    clock = f", {machine['clock']:g} GHz" if machine.get("clock") else ""
+    cpu = f"{machine['cpu']} ({machine['processor']}{clock})" if "processor" in machine else machine["cpu"]
+    text = f"{machine['cores']} cores, {cpu}, Python {machine['python']}; {versions}"
     load = machine["load"]
     if load is not None and load > _QUIET * machine["cores"]:
         text += f"; other processes were busy (load {load:g} at the start), so that times are too long and uneven"
