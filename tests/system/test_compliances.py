@@ -5,7 +5,7 @@ import functools
 import numpy as np
 import pytest
 from scipy.optimize import nnls
-from sympy import symbols
+from sympy import sin, symbols
 from sympy.physics.mechanics import PinJoint, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
@@ -274,8 +274,8 @@ def test_friction_shares_loads_by_laws_of_its_own():
 
 
 @functools.cache
-def standing():
-    """The table on four contacts without friction, free to rise and tilt."""
+def standing(swing=0):
+    """The table on four contacts without friction, free to rise and tilt; the push varies by ``swing`` [N]."""
     z, roll, pitch = dynamicsymbols("z roll pitch")
     T = O.locatenew("T", x * N.x + z * N.z)
     A = N.orientnew("A", "Axis", (roll, N.x))
@@ -287,7 +287,7 @@ def standing():
         foot = T.locatenew(f"foot_{number}", u * a * B.x + v * b * B.y)
         scene.add_contacts(da.PointPlane(f"leg{number}", body="table", point=foot, plane=(O, N.z), restitution=0))
     scene.apply_uniform_gravity(-g * N.z)
-    scene.add_loads((T, F * N.x))
+    scene.add_loads((T, (F + swing * sin(6 * dynamicsymbols._t)) * N.x))
     scene.add_compliances({f"leg{number}.normal": compliance for number, compliance in enumerate(c)})
     return da.compile_model(scene, outputs=[f"leg{number}.normal" for number in range(4)])
 
@@ -316,3 +316,47 @@ def test_a_table_that_stands_on_four_contacts_or_falls_onto_them(start, complian
         wanted = nnls(np.vstack([1e6 * rows, np.diag(np.sqrt(compliances))]), np.append(1e6 * demand, np.zeros(4)))[0]
     found = [run[f"leg{number}.normal"][-1] for number in range(4)]
     np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-8)
+
+
+@functools.cache
+def three_legs(swing):
+    """A beam on three contacts in a plane, whose push at the height h varies by ``swing`` [N]."""
+    z, pitch = dynamicsymbols("z pitch")
+    T = O.locatenew("T", z * N.z)
+    B = N.orientnew("B", "Axis", (pitch, N.y))
+    G = T.locatenew("G", a / 5 * B.x)
+    scene = da.Scene("beam", frame=N, origin=O, coordinates=[z, pitch])
+    scene.add_bodies(RigidBody("beam", G, B, m, (inertia(B, J, J, J), G)))
+    for number, u in enumerate((-1, 0, 1)):
+        foot = T.locatenew(f"foot_{number}", u * a * B.x)
+        scene.add_contacts(da.PointPlane(f"leg{number}", body="beam", point=foot, plane=(O, N.z), restitution=0))
+    scene.apply_uniform_gravity(-g * N.z)
+    scene.add_loads((T.locatenew("top", h * B.z), (F + swing * sin(6 * dynamicsymbols._t)) * N.x))
+    scene.add_compliances({f"leg{number}.normal": compliance for number, compliance in enumerate(c[:3])})
+    return da.compile_model(scene, outputs=[f"leg{number}.normal" for number in range(3)])
+
+
+@pytest.mark.parametrize("legs", [3, 4])
+@pytest.mark.parametrize("scale", [1.0, 1e-7])
+def test_a_leg_that_has_borne_nothing_bears_as_soon_as_it_has_to(legs, scale):
+    """The unloaded leg stands where the others hold the body: its gap is zero all the time."""
+    model, names = (standing(40), "x z roll pitch") if legs == 4 else (three_legs(40), "z pitch")
+    (compliances, push), times = {3: ((3, 1, 1), 70.0), 4: ((1, 20, 3, 0.04), 40.0)}[legs], np.linspace(0.0, 2.0, 81)
+    values = {**SIZES, F: push, **{c[i]: scale * compliance for i, compliance in enumerate(compliances)}}
+    values = {key: value for key, value in values.items() if legs == 4 or key != b}
+    still = {name: 0.0 for each in names.split() for name in (each, f"{each}_dot")}
+    run = model.simulate((0, 2), still, values, t_eval=times)
+    assert run.success
+    lengths, found = np.array([SIZES[a], SIZES[b]]), np.array([run[f"leg{number}.normal"] for number in range(legs)])
+    rows = np.vstack([np.ones(4), LEGS.T * lengths[:, np.newaxis]]) if legs == 4 else np.array([[1.0] * 3, [-1, 0, 1]])
+    rows[1] *= 1.0 if legs == 4 else SIZES[a]
+    changes = 0
+    for t, pressed in zip(times, found.T, strict=True):
+        turning = (push + 40.0 * np.sin(6.0 * t)) * SIZES[h] * (1 if legs == 3 else -1)
+        demand = np.array([WEIGHT, WEIGHT * SIZES[a] / 5 + turning, WEIGHT * SIZES[b] / 7][: len(rows)])
+        pull = np.vstack([1e6 * rows, np.diag(np.sqrt(compliances))])
+        wanted = nnls(pull, np.append(1e6 * demand, np.zeros(legs)))[0]
+        np.testing.assert_allclose(pressed, wanted, rtol=1e-7, atol=1e-6)
+        changes += np.any(wanted < 1e-9)
+    assert 10 < changes < 70
+    assert 4 <= len(run.phases) <= 12

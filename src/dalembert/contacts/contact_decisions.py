@@ -244,8 +244,10 @@ def _enter(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
             size = terms(slopes, best.motion, abs(bias))
             if best.mode[i] == OPEN:
                 moved = max(size, inertial_terms(system, slopes, system.load))  # slip begins where loads balance
-                falls = float(system.sense[i]) * dot(slopes, best.motion, -bias) < -_LOADS * moved
-                least = gap_allowance(system, cases, case, i, falls, rtol, atol)
+                rise = float(system.sense[i]) * dot(slopes, best.motion, -bias)
+                # it was open and does not fall, or others hold it where it is, as the leg of a table that bears nothing
+                stays = not rise < -_LOADS * moved and (cases.modes[case, i] == OPEN or rise <= _LOADS * moved)
+                least = gap_allowance(system, cases, case, i, stays, rtol, atol)
             added[case, ADDED * i + SIDE] = least
             if size < _ENORMOUS:
                 cases.loads[case, i] = max(cases.loads[case, i], size)

@@ -159,13 +159,13 @@ def meets_at_end(system: ContactSystem, cases: ContactCases, case: int, rtol: fl
 
 @compiled_subset
 def gap_allowance(
-    system: ContactSystem, cases: ContactCases, case: int, i: int, falls: bool, rtol: float, atol: float
+    system: ContactSystem, cases: ContactCases, case: int, i: int, stays: bool, rtol: float, atol: float
 ) -> float:
     """Return what is added to the gap of a contact that is to be open, so that it is not closed already.
 
     Nothing is where it approaches: a guard that counts as zero where a mode begins could miss that. A contact that
-    touches and stays open without an impact has a share of the tolerances: polynomials of a step may close it by that.
-    It has none where its gap ``falls``, as it is to close.
+    touches and ``stays`` so without an impact has a share of the tolerances, by which polynomials of a step may close
+    it.
     """
     if approaches(system, cases, case, i):
         return 0.0
@@ -174,8 +174,7 @@ def gap_allowance(
         most = max(most, gap_noise(system, cases.x[case], i))
     if system.gap[i] <= most:
         spare = _SPARE * (rtol * _gap_terms(system, cases, case, i) + atol * _slopes(system, i))
-        stays = cases.modes[case, i] == OPEN and cases.impacts[case] == 0 and not falls
-        return min(-system.gap[i], most) + (spare if stays else 0.0)
+        return min(-system.gap[i], most) + (spare if stays and cases.impacts[case] == 0 else 0.0)
     return cases.added[case, ADDED * i + SIDE] if cases.modes[case, i] == OPEN else 0.0
 
 

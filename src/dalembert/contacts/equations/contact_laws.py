@@ -136,6 +136,18 @@ class ContactLaws:
         """Return what is added to the normal reaction, to the gap or to the most friction in a guard."""
         return self.graph.input(mode_parameters(contact)[2]) if contact.opens else self.graph.zero
 
+    def open_gap(self, contact: ContactRow, support: Node | None) -> Node:
+        """Return the gap of an open contact, in its guard.
+
+        Where it touches, the distance of its `support` counts, too, which is None where no compliance lets it move.
+        """
+        assert contact.gap is not None
+        if support is None:
+            return contact.gap
+        graph, twice = self.graph, self.allowance(contact) + self.allowance(contact)
+        touches = graph.call("less", contact.gap, twice)
+        return contact.gap + graph.call("select", touches, graph.call("min", support, graph.zero), graph.zero)
+
     def speed(self, row: ConstraintRow) -> Node:
         """Return the rate along a row."""
         terms = (a * b for a, b in zip(row.jacobian, self.whole.qdot, strict=True))

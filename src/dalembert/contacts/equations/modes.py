@@ -193,8 +193,8 @@ class _ModeEquations:
             if state == OPEN and contact.leader is not None:
                 continue
             if state == OPEN:
-                assert contact.gap is not None
-                guards.append((Guard(f"gap of {name}", i, "meet"), contact.gap + self.laws.allowance(contact)))
+                gap = self.laws.open_gap(contact, self._support(contact))
+                guards.append((Guard(f"gap of {name}", i, "meet"), gap + self.laws.allowance(contact)))
                 continue
             press = self.laws.normal(contact) * self.laws.side(contact)
             if any(j in direction for direction in directions for j in (contact.normal, *contact.tangential)):
@@ -220,6 +220,23 @@ class _ModeEquations:
         if any(state == SLIP for state in self.mode):
             guards.append((Guard("uniqueness of reactions", -1, "paradox"), friction.determinant))
         return guards
+
+    def _support(self, contact: ContactRow) -> Node | None:
+        """Return the distance of the support of an open contact that others hold where it is; None for other contacts.
+
+        As its reaction grows by one, those of the others change, and the elastic energy by their sum of compliance,
+        reaction and change: while that is positive, the contact bears nothing.
+        """
+        graph, names, given = self.graph, self.whole.symbols.unknowns, self.whole.compliances
+        if names[contact.normal] not in given:
+            return None
+        columns = [*self.kept, contact.normal]
+        frictionless = self._without_friction(self.rows, columns)
+        if len(columns) - 1 not in independent_columns(frictionless.reactions)[1]:
+            return None
+        (direction,) = undetermined_directions(frictionless, columns, [contact.normal])
+        changes = {names[j]: change for j, change in direction.items() if j in self.kept}
+        return graph.sum(given[name] * graph.input(name) * change for name, change in changes.items() if name in given)
 
     def _undetermined(self) -> tuple[Direction, ...]:
         """Return the directions in which the reactions of contacts that hold each other are not determined."""

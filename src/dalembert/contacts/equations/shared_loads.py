@@ -19,7 +19,7 @@ from ...ir.node import Node, sharing
 from ...mechanics.equations import EquationsOfMotion
 from ...reduction.reaction_columns import independent_columns
 from ...reduction.reaction_solutions import reaction_solver
-from ...transforms.linear import Matrix
+from ...transforms.linear import DEPENDENT, Matrix
 
 Direction = Mapping[int, Node]
 """Reactions by number, and how they change along a direction that the motion does not depend on."""
@@ -150,3 +150,26 @@ def _determinant(graph: Graph, rows: Matrix) -> Node:
         if not entry.is_zero
     )
     return graph.sum(terms)
+
+
+def support_distance(
+    graph: Graph, entries: Sequence[Node], weights: Sequence[Node], whole: Node, moves: Sequence[Node]
+) -> Node:
+    """Return the distance of the support of an open contact, positive while it bears nothing, if others hold it.
+
+    The supports of contacts that bear move by their reactions times their compliances, and the body with them: an open
+    contact by the same share of each as its gap is of their gaps. One that others do not hold has 1.
+
+    Parameters
+    ----------
+    entries, weights : sequence of Node, length n
+        The products of the open contact's row with the rows that hold, in the metric of the inverse masses, and the
+        shares of these rows in its own.
+    whole : Node
+        Its product with itself.
+    moves : sequence of Node, length n
+        Compliance times reaction along each row.
+    """
+    left = whole - graph.sum(weight * entry for weight, entry in zip(weights, entries, strict=True))
+    away = graph.sum(-(weight * move) for weight, move in zip(weights, moves, strict=True))
+    return graph.call("select", graph.call("less", graph.node(DEPENDENT) * whole, left), graph.one, away)

@@ -32,6 +32,7 @@ from ...reduction.saddle import Projected, SaddlePoint
 from ...transforms.linear import Elimination, Matrix, guarded_pivot
 from .contact_laws import OPEN, SLIP, STICK, ContactLaws, Mode, mode_parameters
 from .dependent_slips import coupled_slips
+from .shared_loads import support_distance
 
 
 def any_mode(count: int) -> Mode:
@@ -191,7 +192,8 @@ def switched_equations(equations: EquationsOfMotion) -> EquationsOfMotion:
     coupled = coupled_slips(equations)
     kept = [pivot.args[0] if pivot.op == "select" else graph.one for pivot in factored.pivots]
     held = {unknown: x[i] + (graph.one - kept[i]) for unknown, i in places.items()}
-    guards = [*_guards(switched, held, coupled), (Guard("uniqueness of reactions", -1, "paradox"), unique)]
+    supports = _supports(switched, along, plain) if equations.compliances else {}
+    guards = [*_guards(switched, held, coupled, supports), (Guard("uniqueness of reactions", -1, "paradox"), unique)]
     gaps: dict[str, Node] = {}
     for contact in contacts:
         assert contact.constraint is not None and contact.gap is not None
@@ -230,8 +232,22 @@ def _reactions(
     return {names[i]: node for i, node in found.items()}
 
 
+def _supports(switched: _Switched, along: Mapping[int, Node], factored: Elimination) -> dict[int, Node]:
+    """Return the distances of supports of open contacts, by number (`shared_loads.support_distance`)."""
+    rows, graph, found = switched.rows, switched.graph, dict[int, Node]()
+    given = {i: switched.whole.compliances.get(name) for i, name in enumerate(switched.whole.symbols.unknowns)}
+    soft = {i: compliance * along[i] for i, compliance in given.items() if compliance is not None}
+    moves = [soft.get(-1 if each.unknown is None else each.unknown, graph.zero) for each in rows]
+    for i, contact in enumerate(switched.contacts):
+        own = next(k for k, each in enumerate(rows) if each.unknown == contact.normal)
+        moved = switched.inertia.solve(list(rows[own].row.jacobian))
+        entries = [each.switch * switched.along(k, moved) for k, each in enumerate(rows)]
+        found[i] = support_distance(graph, entries, factored.solve(entries), switched.along(own, moved), moves)
+    return found
+
+
 def _guards(
-    switched: _Switched, along: Mapping[int, Node], coupled: Mapping[tuple[int, int], int]
+    switched: _Switched, along: Mapping[int, Node], coupled: Mapping[tuple[int, int], int], supports: Mapping[int, Node]
 ) -> list[tuple[Guard, Node]]:
     """Return up to three guards of each contact, whose kinds are those of `switched_guards`.
 
@@ -244,8 +260,8 @@ def _guards(
 
     for i, contact in enumerate(contacts):
         closed, slips, holds = switched.closed[i], switched.slips[i], switched.holds[i]
-        assert contact.gap is not None
-        value = closed * along[contact.normal] + (graph.one - closed) * contact.gap + laws.allowance(contact)
+        gap = laws.open_gap(contact, supports.get(i))
+        value = closed * along[contact.normal] + (graph.one - closed) * gap + laws.allowance(contact)
         found.append((Guard(f"contact of {contact.name}", i, "lift"), value))
         if not contact.tangential:
             continue
