@@ -37,8 +37,10 @@ LONG_SCRIPTS = (
     "a48",
     "a49",
     "a50",
+    # their scenes are hard cases or stand on pages of the documentation; of each kind a script stays
+    *("a02", "a03", "a05", "a06", "a07", "a08", "a10", "a15", "a16", "a18", "a20", "a23"),
 )
-"""Scripts of the gallery that take more than a few seconds."""
+"""Scripts of the gallery that take more than a few seconds, or whose scenes run elsewhere."""
 
 WHOLE = ("hard_cases/test_motions.py",)
 """Files whose products run whole: other tests there need the same runs."""
@@ -263,6 +265,32 @@ REPEATED = (
     # steps of pairs: dop853 and taylor stay
     ("system/test_contact_rounding.py", "test_a_gap_that_opens_without_speed_stays_open*[[]tsit5]"),
     ("starts/test_invariant_projection.py", "test_sweeps_are_single_runs[[]dop853]"),
+    # the limit of friction along a line and in a plane: one law of each stays, beside the jump
+    ("system/test_forces_at_limits.py", "test_a_contact_sticks_at_its_limit[[]from a preload-*"),
+    ("system/test_forces_at_limits.py", "test_a_contact_sticks_at_its_limit[[]there and back-*"),
+    ("system/test_forces_at_limits.py", "test_a_contact_sticks_at_its_limit[[]rational-*"),
+    # terms that no coefficient shows: a pendulum and the fifth power stay
+    ("system/test_sparse_series.py", "test_steps_end_before_terms*[[]cube*"),
+    # chains of every kind stay, by one length each
+    *(
+        ("mechanics/test_many_bodies.py", f"test_accelerations_need_no_torques[[]{name}]")
+        for name in ("space of 12", "plane of 16", "plane of 12", "space of 7")
+    ),
+    # random scenes: loops, trees and contacts of each kind stay
+    *(("fuzz/loops/test_loops.py", f"test_loops_move_as_derived_by_hand[[]{seed}]") for seed in (3, 4, 5, 7)),
+    *(("fuzz/test_fuzz.py", f"test_a_random_scene_agrees_with_the_reference[[]{seed}]") for seed in (9949, 367, 72)),
+    ("fuzz/contacts/test_random_contacts.py", "test_two_references_that_miss_the_same*[[]1.0-*"),
+    ("corpus/test_corpus.py", "test_random_scenes_end_at_the_reference[[]1000089-*"),
+    ("corpus/test_corpus.py", "test_random_scenes_end_at_the_reference[[]1000153-*"),
+    # Bricard's mechanism: auto and projected stay
+    ("hard_cases/test_published.py", "test_bricard_over_two_periods[[]augmented]"),
+    ("hard_cases/test_published.py", "test_bricard_over_two_periods[[]baumgarte]"),
+    ("contacts/test_points_of_one_link.py", "test_a_foot_breaks_away_where_no_share*[[]push1-0.7]"),
+    # pages whose kind of scene others have
+    *(
+        ("export/test_live_pages.py", f"test_pages_of_the_site[[]{name}]")
+        for name in ("tippe_top", "satellite", "slider_crank", "walker")
+    ),
     # one row of each of these shows the same code
     ("system/test_narrow_pulses.py", "test_sweeps_find_it_in_every_case[[]two smooth steps]"),
     ("system/test_impact_laws.py", "test_a_box_comes_to_rest_on_two_corners[[]newton]"),
