@@ -18,10 +18,8 @@ def block(*, forcing=(0.0, 0.0), rates=(0.0, 0.0), gap=0.0, mass=None, power_of_
     rates, solution = np.array(rates), np.zeros(5)
     whole = {name: np.array([numbers.get(name, 0.0)]) for name in ("mu", "mu_static", "restitution")}
     one = {"constraint": 0, "sense": 1, "normal": 0, "first": 0, "row": 1, "width": 1, "closed": SLIP, "tangential": 1}
-    topology = {
-        name: np.array([number])
-        for name, number in (one | {"leader": 0, "sided": 0, "given": 0, "jumping": 0, "column": 0}).items()
-    }
+    one |= dict.fromkeys(("leader", "sided", "soft", "given", "jumping", "column"), 0)
+    topology = {name: np.array([number]) for name, number in one.items()}
     return ContactSystem(
         coordinates=2,
         constraints=1,

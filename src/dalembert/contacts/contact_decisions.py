@@ -245,8 +245,9 @@ def _enter(system: ContactSystem, pick: Candidates, cases: ContactCases, case: i
             if best.mode[i] == OPEN:
                 moved = max(size, inertial_terms(system, slopes, system.load))  # slip begins where loads balance
                 rise = float(system.sense[i]) * dot(slopes, best.motion, -bias)
-                # it was open and does not fall, or others hold it where it is, as the leg of a table that bears nothing
-                stays = not rise < -_LOADS * moved and (cases.modes[case, i] == OPEN or rise <= _LOADS * moved)
+                # it was open and does not fall, or others hold it, as a leg of a table that has ceased to bear
+                rests = system.soft[i] != 0 and rise <= _LOADS * moved
+                stays = not rise < -_LOADS * moved and (cases.modes[case, i] == OPEN or rests)
                 least = gap_allowance(system, cases, case, i, stays, rtol, atol)
             added[case, ADDED * i + SIDE] = least
             if size < _ENORMOUS:

@@ -89,6 +89,8 @@ class ContactSystem(NamedTuple):
         State while it is closed and does not stick: CLOSED without friction, SLIP, or SMOOTH.
     sided : (n_contacts,)
         1 where the normal reaction of a contact with friction may have either sign.
+    soft : (n_contacts,)
+        1 where the normal reaction has a compliance.
     given : (n_contacts,)
         1 where the normal reaction is a given load.
     jumping : (n_contacts,)
@@ -170,6 +172,7 @@ class ContactSystem(NamedTuple):
     width: IntVector
     closed: IntVector
     sided: IntVector
+    soft: IntVector
     given: IntVector
     jumping: IntVector
     tangential: IntVector

@@ -93,6 +93,7 @@ def _topology(automaton: HybridAutomaton) -> dict[str, IntVector]:
         "width": [len(c.slips) for c in contacts],
         "closed": [STATES.index(automaton.states(i)[0]) for i in range(len(contacts))],
         "sided": [not c.opens and len(c.tangential) > 0 and c.normal_load is None for c in contacts],
+        "soft": [equations.symbols.unknowns[c.normal] in equations.compliances for c in contacts],
         "given": [c.normal_load is not None for c in contacts],
         "jumping": [_may_jump(equations, contact) for contact in contacts],
         "tangential": [unknown for c in contacts for unknown in c.tangential],

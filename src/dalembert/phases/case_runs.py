@@ -109,7 +109,7 @@ class CaseRuns:
         changing, self._anew = recorded if repeats else (), bool(threads)
         self.first: FloatArray | None = None
         self._maps: EventMaps | None = None
-        self._initial = [(values, values.copy()) for values in changing]
+        self._initial = [(values, values.copy()) for values in changing if values.size]
 
     def begin(
         self,
