@@ -19,7 +19,7 @@ settings.load_profile("dalembert")
 
 # Expressions, graphs and traces are many objects in few cycles: with the thresholds that Python sets, a tenth of the
 # time of the tests is spent on looking for garbage.
-gc.set_threshold(50_000, 20, 20)
+gc.set_threshold(200_000, 20, 20)
 
 # One process runs all tests of a file, so that it compiles a scene once. These files take longest and come first,
 # so that no process is left with one of them when the others are done.
