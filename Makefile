@@ -28,7 +28,8 @@ ROUNDED   := tests/methods/test_methods.py tests/steps/test_radau.py \
              $(addprefix tests/system/test_,contact_rounding.py kinks.py sleigh_exact.py sphere_exact.py energy.py) \
              tests/system/test_vanishing_lengths.py::test_slow_passage \
              tests/events/test_sweep_events.py::test_zeros_at_the_very_end \
-             tests/hard_cases/test_long_runs.py --deselect '$(PHASES)[opens]' --deselect '$(PHASES)[starts apart]'
+             tests/hard_cases/test_long_runs.py --deselect '$(PHASES)[opens]' --deselect '$(PHASES)[starts apart]' \
+             --deselect '$(PHASES)[sides]'
 OTHERS    := not numpy and not scipy and not numba and not jax
 NUMERICAL := tests/codegen/test_vector_functions.py tests/codegen/test_advance_lanes.py \
              tests/codegen/test_check_inputs.py tests/codegen/test_loops.py tests/transforms/test_taylor.py \

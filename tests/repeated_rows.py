@@ -39,6 +39,7 @@ LONG_SCRIPTS = (
     "a50",
     # their scenes are hard cases or stand on pages of the documentation; of each kind a script stays
     *("a02", "a03", "a05", "a06", "a07", "a08", "a10", "a15", "a16", "a18", "a20", "a23"),
+    *("a09", "a13", "a17", "a31", "a38"),
 )
 """Scripts of the gallery that take more than a few seconds, or whose scenes run elsewhere."""
 
@@ -290,6 +291,31 @@ REPEATED = (
     *(
         ("export/test_live_pages.py", f"test_pages_of_the_site[[]{name}]")
         for name in ("tippe_top", "satellite", "slider_crank", "walker")
+    ),
+    # traced runs: one kind of steps stays in each
+    ("jax_backend/test_jax_backend.py", "test_final_state_is_exact[[]past pi/2-kvaerno5]"),
+    ("jax_backend/test_jax_backend.py", "test_error_falls_with_the_tolerance[[]kvaerno5]"),
+    ("jax_backend/test_jax_inputs.py", "test_samples_are_those_of_the_compiled_backend[[]hold]"),
+    ("jax_backend/test_jax_pure.py", "test_solve_gives_what_simulate_gives[[]tsit5]"),
+    ("jax_backend/test_jax_times.py", "test_derivatives_of_a_known_motion_alone_and_in_batches[[]tsit5-forward]"),
+    # sources of units without contacts and events stay, which gcc reads with the same warnings
+    ("export/test_fmu_events.py", "test_sources_have_no_warnings[[]3.0]"),
+    ("export/test_fmu_controllers.py", "test_sources_have_no_warnings[[]3.0]"),
+    ("export/test_events_beside_contacts.py", "test_an_event_ends_a_run[[]False]"),
+    ("export/test_controllers.py", "test_laws_read_inputs_that_are_set*[[]True-dop853]"),
+    ("interop/test_robot_motions.py", "test_two_contacts_of_one_link_that_stick_while_another_slides[[]0.5]"),
+    ("codegen/test_numba_backend.py", "test_sweeps_with_events_and_reductions_agree_with_llvm[[]dop853]"),
+    # the formulation ggl: these cases by the others, and scenes of each kind by ggl, stay
+    *(
+        ("hard_cases/test_motions.py", f"test_ggl[[]{name}]")
+        for name in (
+            *("Andrews' squeezing mechanism", "four-bar with redundant bars", "sphere with unequal moments"),
+            *("sphere on a turntable", "Routh sphere", "car axis", "Suslov body"),
+        )
+    ),
+    *(
+        ("export/test_live_pages.py", f"test_pages_of_the_site[[]{name}]")
+        for name in ("snakeboard", "turntable", "top")
     ),
     # one row of each of these shows the same code
     ("system/test_narrow_pulses.py", "test_sweeps_find_it_in_every_case[[]two smooth steps]"),
