@@ -199,31 +199,24 @@ class EventWorkspace(NamedTuple):
     rounding of the state made of them where each lane began. ``may_change`` are 1 for events that may change their sign
     in the present step, else 0. ``rates`` belong to its beginning; its rows `BEND`, `DOUBT` and `LIMIT` are, over the
     step, the bends of armed events that are zero there, the errors of bends along its polynomials, and bounds of these
-    errors (`dalembert.events.event_rules`).
-
-    ``values`` are those of expressions at the points of a piece of a step, ``between`` those between these points.
-
+    errors (`dalembert.events.event_rules`). ``values`` are those of expressions at the points of a piece of a step,
+    ``between`` those between these points.
     ``jumped`` are when the state of each lane last jumped, how many jumps in a row came too soon, 1 where its step
     begins behind a stop, at which expressions may change their signs without a zero, and 1 where ``constants`` are
     those of the present case.
-
     ``tests`` are the rows of the four that follow: ``expected`` (n_events, lanes) are the signs of ``step_signs`` where
     a lane need not be looked at, or 0, and ``totals`` (kinds, lanes) minima, maxima and integrals so far. ``held`` (1 +
     kinds, lanes) are 1 where tests decide all expressions over a step, else 0, and ``totals`` with the step.
-
     ``known`` are the values of ``EventKernels.begins`` where there are ``slopes``, ``direction`` the state and a
     direction for each lane of these, ``spread`` time and constants for these lanes, and ``sizes`` what they add up to.
-
     ``own`` (lanes, n_c) are the constants of each lane in a row, ``constants`` (lanes * n_c, 8) for eight points.
-
     Where ``occurrences`` has rows, it gets the occurrences, from the second row on; the first has their number, also of
     those for which there is no row, and the number of the present step among the records of steps.
 
     Where ``carried`` (n_cases, 2 n_events) has rows, it has the sign with which each event of a case continues, NaN at
     a start and 0 where it is not known, and 1 if the event was seen beyond rounding since the state last jumped, else
-    0. It gets those at the ends of cases.
-
-    Where ``low`` (n + 1, lanes) has rows, they are what rounding took from the sums of state and time.
+    0. It gets those at the ends of cases. Where ``low`` (n + 1, lanes) has rows, they are what rounding took from the
+    sums of state and time.
     """
 
     own: Matrix
