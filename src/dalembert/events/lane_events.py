@@ -162,10 +162,8 @@ def _reduce(arguments: SweepArguments, lane: int, copied: bool, found: int, thet
         if found != NOTHING or not decided:
             if not ready:
                 _copy_polynomials(arguments, lane, h)
-            ready, total = (
-                True,
-                accumulate(events, space, many, one, now, h, theta, e, events.kinds[e], totals[e, lane]),
-            )
+            ready, kind = True, events.kinds[e]
+            total = accumulate(events, space, many, one, now, h, theta, e, kind, totals[e, lane])
         totals[e, lane] = total
 
 
