@@ -51,8 +51,8 @@ def pass_lane_stops(arguments: SweepArguments) -> int:
         if _continues(arguments, lane):
             passed += 1 << lane
             _pass_knots(arguments, lane)
-    if passed == 0:
-        return 0
+    if passed == 0 or (stops.first.size == 0 and stops.inputs.sides == 0 and arguments.shape.memory == 0):
+        return passed
     _take_stops(arguments, passed)
     _refill(arguments, passed, CONTROLS)
     left = passed
@@ -85,7 +85,8 @@ def _pass_knots(arguments: SweepArguments, lane: int) -> None:
     for m in range(stops.before.shape[0] - 1):
         stops.before[1 + m, lane] = state.constants[m, lane]
     t, case, forward = state.clock[NOW, lane], state.numbers.case[lane], state.settings[1, lane] > 0.0
-    state.clock[END, lane] = pass_knots(stops.inputs, state.constants, lane, case, t, forward)
+    end = pass_knots(stops.inputs, state.constants, lane, case, t, forward)
+    state.clock[END, lane], state.clock[NEXT, lane] = end, end
     if arguments.shape.memory > 0:
         place, old = arguments.shape.n + PROPOSAL_AT, state.progress.old
         before = state.states.shape[0] // 2 - old
