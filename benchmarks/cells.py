@@ -3,39 +3,40 @@
 ``python benchmarks/cells.py [PART ...]`` measures scenes or targets, saves them in benchmarks/results/cells.json, and
 writes the tables of all that is saved into docs/benchmarks.md. A cell says how many times as long heyoka takes at
 errors of 1e-6, 1e-9 and 1e-12, by the least of the times measured in turn, after 20 sweeps of each model: the first 16
-check their cases by code that is not compiled, which takes some 0.5 ms. heyoka's batches are the fastest of
-`peer_sweeps.HEYOKA_LANES` for up to 16,384 cases; for more, those that are fastest there. Rows with a target run a
-process that compiles dalembert for a lesser processor (``DALEMBERT_TARGET``); heyoka compiles for the processor at hand
-all the same.
+check their cases by code that is not compiled, which takes some 0.5 ms. Sweeps are called for 20 ms in a row.
+heyoka's batches are the fastest of `peer_sweeps.HEYOKA_LANES` for up to 16,384 cases; for more, those that are fastest
+there. Rows with a target run a process that finds a lesser processor (`lesser_processors`), so that both programs
+compile for it.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from batches import BATCHES, sample_states
+from cases import PROBLEMS
+from contenders import own
 from equal_error import TARGETS, time_at
+from lesser_processors import LESSER, output_on
 from measure import interleaved, machine
 from peer_sweeps import HEYOKA_LANES, Solver, heyoka_sweep
-from peers import installed
+from peers import heyoka_run, installed
 from report import describe_machine, fill_page
 from sweeps import own_sweep
 
 SIZES, LARGE = (1_024, 16_384), 262_144
 TOLERANCES, WARM = (1e-5, 1e-6, 1e-7, 1e-9, 1e-10, 1e-12, 1e-13), 20
-LESSER = ("x86-64-v2", "x86-64-v3")
+IN_A_ROW, LESSER_LANES = 0.02, (4, 8, 16)
+"""Seconds for which a sweep is called in a row, and batches of heyoka that are fastest on lesser processors."""
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"
 RESULTS = Path(__file__).parent / "results" / "cells.json"
 MARKS = ("<!-- cells: benchmarks/cells.py -->", "<!-- end of cells -->")
 Times = dict[tuple[int, float], tuple[float, float]]
-"""(lanes of heyoka's batches or 0 for dalembert, rtol) -> (error, microseconds of a case)."""
+"""(lanes of heyoka's batches or 0 for dalembert, rtol) -> (error, microseconds of a case). A single run has 1."""
 
 
 def times(name: str, count: int, threads: int, lanes: Sequence[int], rounds: int) -> Times:
@@ -50,11 +51,22 @@ def times(name: str, count: int, threads: int, lanes: Sequence[int], rounds: int
     for run, _, steps in solvers.values():
         for _ in range(WARM if count == SIZES[0] and steps is not None else 0):
             run()
-    found = interleaved({key: run for key, (run, _, _) in solvers.items()}, rounds=rounds, seconds_each=5.0)
+    runs = {key: run for key, (run, _, _) in solvers.items()}
+    found = interleaved(runs, rounds=rounds, seconds_each=5.0, seconds=IN_A_ROW)
     return {
         key: (float(np.abs(state() - exact).max()), 1e6 * found[key].least / count)
         for key, (_, state, _) in solvers.items()
     }
+
+
+def single_times(name: str) -> Times:
+    """Return errors and times of single runs of both programs."""
+    problem, heyoka = PROBLEMS[name], installed("heyoka")
+    ours = next(each for each in own(problem, "llvm", ("minimal",)) if each.method == "taylor")
+    runs = {(0, rtol): ours.prepare(rtol) for rtol in TOLERANCES}
+    runs |= {(1, rtol): heyoka_run(heyoka, problem, rtol) for rtol in TOLERANCES}
+    found = interleaved({key: each.run for key, each in runs.items()}, rounds=15, seconds_each=1.0)
+    return {key: (each.error, 1e6 * found[key].least) for key, each in runs.items()}
 
 
 def fastest(found: Times) -> list[float | None]:
@@ -86,17 +98,17 @@ def row(name: str, threads: int) -> list[str]:
     return [*map(cell, found), last]
 
 
-def on_target(target: str) -> dict[str, str]:
-    """Return cells of 16,384 cases on one thread, of a process for a target."""
-    done = subprocess.run(
-        [sys.executable, __file__, "--rows"],
-        env=os.environ | {"DALEMBERT_TARGET": target},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    found: dict[str, str] = json.loads(done.stdout.splitlines()[-1])
+def on_target(target: str) -> dict[str, dict[str, str]]:
+    """Return the cells of `one_thread`, of a process for a target."""
+    found: dict[str, dict[str, str]] = json.loads(output_on(target, [__file__, "--rows"]).splitlines()[-1])
     return found
+
+
+def one_thread() -> dict[str, dict[str, str]]:
+    """Return cells of single runs, and of sweeps of 16,384 cases on one thread, by scene."""
+    found = {"single runs": {name: cell(single_times(name)) for name in BATCHES}}
+    sweeps = {name: cell(times(name, SIZES[1], 1, LESSER_LANES, rounds=3)) for name in BATCHES}
+    return found | {"16,384 cases, one thread": sweeps}
 
 
 def page() -> str:
@@ -104,9 +116,10 @@ def page() -> str:
     saved = json.loads(RESULTS.read_text(encoding="utf-8"))
     lines = [f"| cases | threads | {' | '.join(f'{count:,}' for count in (*SIZES, LARGE))} |", "|---|---|" + "---|" * 3]
     lines += [f"| {name.replace(', ', ' | ')} | {' | '.join(cells)} |" for name, cells in saved["rows"].items()]
-    lines += ["", f"| 16,384 cases, one thread | {' | '.join(BATCHES)} |", "|---|" + "---|" * len(BATCHES)]
-    for target, cells in saved["targets"].items():
-        lines.append(f"| compiled for {target} | {' | '.join(cells[name] for name in BATCHES)} |")
+    lines += ["", f"| instructions | | {' | '.join(BATCHES)} |", "|---|---|" + "---|" * len(BATCHES)]
+    for target, kinds in saved["targets"].items():
+        for kind, cells in kinds.items():
+            lines.append(f"| {target} | {kind} | {' | '.join(cells[name] for name in BATCHES)} |")
     return "\n".join([*lines, "", saved["machine"]])
 
 
@@ -114,10 +127,10 @@ def main() -> None:
     """Measure what is asked for, save it, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("parts", nargs="*", help='names of scenes, or "targets"; all by default')
-    parser.add_argument("--rows", action="store_true", help="print the cells of 16,384 cases on one thread as JSON")
+    parser.add_argument("--rows", action="store_true", help="print cells of one thread as JSON")
     options = parser.parse_args()
     if options.rows:
-        print(json.dumps({name: cell(times(name, SIZES[1], 1, HEYOKA_LANES[1:2], rounds=3)) for name in BATCHES}))
+        print(json.dumps(one_thread()))
         return
     known = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {"rows": {}, "targets": {}}
     known["machine"] = describe_machine(machine())

@@ -55,7 +55,9 @@ class Timing:
         return {name: round(1e6 * getattr(self, name), 3) for name in ("median", "low", "high")}
 
 
-def interleaved(tasks: Mapping[K, Callable[[], Any]], *, rounds: int, seconds_each: float) -> dict[K, Timing]:
+def interleaved(
+    tasks: Mapping[K, Callable[[], Any]], *, rounds: int, seconds_each: float, seconds: float = _SAMPLE_SECONDS
+) -> dict[K, Timing]:
     """Time tasks in turn, round after round, so that a change of the machine's speed meets all of them alike.
 
     Parameters
@@ -63,13 +65,16 @@ def interleaved(tasks: Mapping[K, Callable[[], Any]], *, rounds: int, seconds_ea
     tasks : mapping to functions without arguments
         What to time; they must have run before, so that nothing is compiled now.
     rounds : int
-        Samples a task. A sample is as many calls as take two milliseconds.
+        Samples a task.
     seconds_each : float
         What a task may take in all [s]; a slow one is sampled less often, three times at least.
+    seconds : float
+        A sample is as many calls as take this time [s]. Where it is longer, fewer of them come after other tasks, whose
+        code and numbers have filled the caches.
     """
     calls, wanted = {}, {}
     for name, task in tasks.items():
-        calls[name], once = calls_of_sample(task)
+        calls[name], once = calls_of_sample(task, seconds)
         wanted[name] = int(min(rounds, max(3, seconds_each / (once * calls[name]))))
     samples: dict[K, list[float]] = {name: [] for name in tasks}
     for turn in range(max(wanted.values(), default=0)):
@@ -80,10 +85,10 @@ def interleaved(tasks: Mapping[K, Callable[[], Any]], *, rounds: int, seconds_ea
     return {name: Timing.of(values) for name, values in samples.items()}
 
 
-def calls_of_sample(task: Callable[[], Any]) -> tuple[int, float]:
-    """Return how many calls in a row make a sample of two milliseconds, and the seconds of one of them."""
+def calls_of_sample(task: Callable[[], Any], seconds: float = _SAMPLE_SECONDS) -> tuple[int, float]:
+    """Return how many calls in a row make a sample of some time [s], and the seconds of one of them."""
     once = min(sample(task, 1) for _ in range(2))
-    return int(min(max(1, _SAMPLE_SECONDS / once), _MOST_CALLS)), once
+    return int(min(max(1, seconds / once), _MOST_CALLS)), once
 
 
 def sample(task: Callable[[], Any], calls: int) -> float:
