@@ -16,7 +16,9 @@ _ZIG = (sys.executable, "-m", "ziglang", "cc")
 _OTHER = "Install another release of ziglang, or remove its cache (~/.cache/zig)"
 _LIBRARY = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=default")
 _WEB = ("-target", "wasm32-wasi", "-mexec-model=reactor", "-std=c99", "-Wl,--strip-all")
-_FAST, _SMALL = ("-O2",), ("-Os", "-fno-inline")
+_FAST = ("-O2",)
+_SMALL = (*_FAST, "-Xclang", "-Os", "-fno-inline")
+"""Code of the export is small; the C library remains that of `_FAST`, which ziglang builds once, in half a minute."""
 
 
 def c_compiler() -> list[str] | None:
