@@ -1,7 +1,7 @@
 """What bounds Taylor steps: operations that are no multiply-adds, the chain of waiting ones, code, and calls.
 
     python benchmarks/bound.py             prints the tables that docs/speed.md is about
-    python benchmarks/bound.py --write     writes that of single runs into docs/speed.md
+    python benchmarks/bound.py --write     writes those of single runs and of shares of peak into docs/speed.md
 
 Times are in slots: a slot is the time of one multiply-add of a pack at the machine's measured peak, so that a step of F
 operations a lane that takes S slots reaches the share F / (2 S) of the peak.
@@ -44,6 +44,7 @@ from dalembert.transforms.taylor.step import order_at, paired_step, step_kernel
 TOLERANCES, ROUNDS = (1e-6, 1e-9, 1e-12), 40
 PAGE = Path(__file__).parents[1] / "docs" / "speed.md"
 MARKS = ("<!-- single runs: benchmarks/bound.py --write -->", "<!-- end of single runs -->")
+SHARES = ("<!-- shares of peak: benchmarks/bound.py --write -->", "<!-- end of shares of peak -->")
 
 # Slots of what is no instruction itself, and how many cycles it waits: counted in what `vector_functions` prints and,
 # for divisions, from Intel's tables for 512-bit packs (a division keeps its unit busy for 16 cycles).
@@ -224,23 +225,25 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def main() -> None:
-    """Print the tables, or write that of single runs."""
+    """Print the tables, and write two of them where that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true", help="write the table of single runs into docs/speed.md")
+    parser.add_argument("--write", action="store_true", help="write tables into docs/speed.md")
     write = parser.parse_args().write
     head = ["single run", "order", "operations", "with pairs as one", "longest chain, cycles", "step, cycles"]
     head += ["if steps were independent", "10 s, us", "of these, the call"]
     single = table(head, [alone(name, rtol) for name in BATCHES for rtol in TOLERANCES])
     print(single, end="\n\n")
-    if write:
-        fill_page(PAGE, MARKS, f"{single}\n\n{describe_machine(machine())}")
-        return
+    where = describe_machine(machine())
     found = [measured(name, rtol) for name in BATCHES for rtol in TOLERANCES]
     head = ["step of", "order", "flops", "multiply-adds", "sums and products alone", "divisions", "sine pairs", "other"]
     head += ["slots", "chain, cycles", "vector instructions", "with a load", "stack moves"]
     print(table(head, [row for row, _ in found]), end="\n\n")
     head = ["share of peak", "if nothing waited", "if only the chain counted", "step, independent", "step, in turn"]
-    print(table([*head, "sweep, one thread"], [row for _, row in found]))
+    shares = table([*head, "sweep, one thread"], [row for _, row in found])
+    print(shares)
+    if write:
+        fill_page(PAGE, MARKS, f"{single}\n\n{where}")
+        fill_page(PAGE, SHARES, f"{shares}\n\n{where}")
 
 
 if __name__ == "__main__":
