@@ -13,10 +13,12 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-__all__ = ["LESSER", "output_on"]
+__all__ = ["CANNOT_HIDE", "LESSER", "output_on"]
 
 LESSER = ("x86-64-v2", "x86-64-v3")
 SOURCE = Path(__file__).with_name("hidden_instructions.c")
+CANNOT_HIDE = 3
+"""Exit status of a process whose processor cannot hide instructions."""
 NAME = "from llvmlite import binding; print(binding.get_host_cpu_name())"
 
 
@@ -26,7 +28,7 @@ def output_on(target: str, command: Sequence[str]) -> str:
     Raises
     ------
     subprocess.CalledProcessError
-        The process failed, also where instructions cannot be hidden; its standard error tells.
+        The process failed; with the status `CANNOT_HIDE` where instructions cannot be hidden.
     """
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "hidden_instructions.so"

@@ -2,6 +2,8 @@
 
 import inspect
 import math
+import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -9,12 +11,14 @@ import numpy as np
 import pytest
 
 from dalembert.codegen import BACKENDS
+from dalembert.codegen.llvm.target import available_targets
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import before_after  # noqa: E402
 import hard_case_pages  # noqa: E402
+import lesser_processors  # noqa: E402
 import overhead  # noqa: E402
 import published_peers  # noqa: E402
 import report  # noqa: E402
@@ -164,3 +168,24 @@ def test_solvers_beside_ours_solve_the_same_motion(method):
     names = {"ours": "auto", "scipy_run": "dop853", "sundials_run": "Adams", "diffrax_run": "Dopri8"}
     run = getattr(published_peers, method)(task, names[method], 1e-10)
     assert task.error(run()) < 1e-6
+
+
+FOUND = """
+from llvmlite import binding
+has = binding.get_host_cpu_features()
+print(binding.get_host_cpu_name(), has["sse4.2"], has["avx2"], has["avx512f"])
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux" or shutil.which("cc") is None, reason="no Linux, or no C compiler")
+@pytest.mark.parametrize(("target", "found"), [("x86-64-v2", "nehalem 1 0 0"), ("x86-64-v3", "haswell 1 1 0")])
+def test_programs_of_a_process_find_a_lesser_processor(target, found):
+    if target not in available_targets():
+        pytest.skip(f"this processor is no {target}")
+    try:
+        said = lesser_processors.output_on(target, ["-c", FOUND])
+    except subprocess.CalledProcessError as reason:
+        if reason.returncode != lesser_processors.CANNOT_HIDE:
+            raise
+        pytest.skip("CPUID does not fault on this processor")
+    assert said.replace("True", "1").replace("False", "0").split() == found.split()
