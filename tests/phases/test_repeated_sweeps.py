@@ -8,6 +8,9 @@ from sympy import sin, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
+from dalembert.methods.status import Status
+from dalembert.phases import phases
+from hard_cases.contacts import contact_motion
 
 s = dynamicsymbols("s")
 P = {"m": 1.0, "k": 8.0, "P": 2.0, "mu": 0.3}
@@ -95,21 +98,68 @@ def test_threads_that_sweep_one_model_share_no_memory(model):
                 np.testing.assert_array_equal(values, right)
 
 
-def test_a_sweep_behind_one_that_an_error_has_ended(model, monkeypatch):
-    from dalembert.phases.phases import PhaseExecutor
+@pytest.mark.parametrize(("threads", "how"), [(1, "_work_here"), (2, "_work")])
+def test_a_sweep_behind_one_that_an_error_has_ended(model, monkeypatch, threads, how):
+    expected = everything(model.sweep((0.0, 3.0), starts(), P, threads=threads, **WATCHED))
+    work = getattr(phases.PhaseExecutor, how)
 
-    expected, options = everything(model.sweep((0.0, 3.0), starts(), P, threads=1, **WATCHED)), {"threads": 1}
-    work = PhaseExecutor._work
-
-    def ended(executor, threads, count):
-        work(executor, threads, count)
+    def ended(*arguments):
+        work(*arguments)
         raise MemoryError
 
     with monkeypatch.context() as patched:
-        patched.setattr(PhaseExecutor, "_work", ended)
+        patched.setattr(phases.PhaseExecutor, how, ended)
         with pytest.raises(MemoryError):
-            model.sweep((0.0, 3.0), starts(2.0), P, **options, **WATCHED)
-    for values, right in zip(
-        everything(model.sweep((0.0, 3.0), starts(), P, **options, **WATCHED)), expected, strict=True
-    ):
+            model.sweep((0.0, 3.0), starts(2.0), P, threads=threads, **WATCHED)
+    found = everything(model.sweep((0.0, 3.0), starts(), P, threads=threads, **WATCHED))
+    for values, right in zip(found, expected, strict=True):
         np.testing.assert_array_equal(values, right)
+
+
+def swept(monkeypatch, patience, check=lambda: None):
+    """Return a sweep of a new model in one thread that returns to Python, and looks there, after so many rounds."""
+    with monkeypatch.context() as patched:
+        patched.setattr(phases, "_PATIENCE", patience)
+        patched.setattr(phases, "check", check)
+        return made().sweep((0.0, 3.0), starts(), P, threads=1, t_eval=TIMES, **WATCHED)
+
+
+@pytest.mark.parametrize("patience", [1, 3])
+def test_returns_to_python_change_no_bit(model, monkeypatch, patience):
+    looks = []
+    expected = everything(model.sweep((0.0, 3.0), starts(), P, threads=1, t_eval=TIMES, **WATCHED))
+    for values, right in zip(everything(swept(monkeypatch, patience, lambda: looks.append(0))), expected, strict=True):
+        np.testing.assert_array_equal(values, right)
+    assert looks
+
+
+def test_ctrl_c_keeps_what_has_ended_in_one_thread(model, monkeypatch):
+    looks = []
+    swept(monkeypatch, 1, lambda: looks.append(0))
+    left = iter(range(len(looks) // 2))
+
+    def check():
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+
+    whole = model.sweep((0.0, 3.0), starts(), P, threads=1, t_eval=TIMES, **WATCHED)
+    broken = swept(monkeypatch, 1, check)
+    stopped = broken.status == Status.INTERRUPTED
+    assert 0 < np.sum(stopped) < K and np.all(broken.success[~stopped])
+    np.testing.assert_array_equal(broken["s"][~stopped], whole["s"][~stopped])
+    assert np.all(np.isnan(broken["s"][stopped])) and np.all(np.isnan(broken.t[stopped]))
+
+
+def test_ctrl_c_reaches_runs_of_many_short_phases(monkeypatch):
+    """Phases of a block on a belt take a few steps, less than the loop makes before it returns to Python."""
+    motion, most, looks = contact_motion("block on a belt").motion, 50, []
+    monkeypatch.setattr(phases, "_PATIENCE", most)
+    monkeypatch.setattr(phases, "check", lambda: looks.append(0))
+    model, given, span = motion.compile("auto"), (motion.initial, motion.parameters), (0.0, 800.0)
+    whole = model.sweep(span, *given, threads=1)
+    in_sweep = len(looks)
+    run, p = model.prepare(span), model.parameter_vector(motion.parameters)
+    run(model.state(*given), p)
+    number, steps = int(whole.phases[0]), int(whole.steps[0])
+    assert steps < 5 * number and number > 2 * most
+    assert in_sweep >= number // most and len(looks) - in_sweep >= number // most

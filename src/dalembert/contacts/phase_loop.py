@@ -295,16 +295,21 @@ def _take(table: CaseTable, progress: PhaseProgress, share: int) -> bool:
 
 @compiled_subset
 def LOOP(arguments: PhaseArguments) -> int:
-    """Run cases until all have ended, or have no runner; return 1 where a phase has paused."""
+    """Run cases until all have ended, or have no runner; return 1 where it has paused."""
     plan, table, space = arguments.plan, arguments.table, arguments.space
     share, progress = space.gathered.shape[1], space.progress
     while progress.paused != 0 or _take(table, progress, share):
         while True:
-            if progress.paused == 0:
+            if progress.paused != 1:
+                progress.paused = 0
                 progress.size = _choose(table, space, progress.first, progress.last)
             if progress.size == 0:
                 break
             progress.paused = _run(plan, table, space)
             if progress.paused != 0:
+                return 1
+            progress.phases += 1
+            if progress.phases == progress.patience:
+                progress.phases, progress.paused = 0, 2
                 return 1
     return 0

@@ -169,13 +169,16 @@ class CaseTable(NamedTuple):
 class PhaseProgress(Record):
     """Progress of the loop over phases: the cases that it has taken, those of the present phase, and whether it paused.
 
-    ``paused`` is 1 where the loop over lanes returned before its end, and is to be called again.
+    ``paused`` is 1 where the loop over lanes returned before its end, and is to be called again, and 2 between phases:
+    the loop returns after ``patience`` of them, if that is not 0, and ``phases`` is how many it has run since.
     """
 
     paused: int
     first: int
     last: int
     size: int
+    phases: int
+    patience: int
 
 
 class ThreadWorkspace(NamedTuple):

@@ -51,9 +51,10 @@ def thread_workspace(
     lanes : int
         Lanes of the kernels.
     patience : int
-        Rounds of a loop over lanes after which it returns to Python; 0: it does not.
+        Rounds of a loop over lanes, and phases, after which it returns to Python; 0: it does not.
     """
-    runners, rows, decisions = choice.runners, choice.gathered, choice.modes.decisions
+    runners, rows, decisions, progress = choice.runners, choice.gathered, choice.modes.decisions, PhaseProgress()
+    progress.patience = patience
     size = max((runner.size for runner in runners), default=0)
     events = max((len(runner.events) for runner in runners), default=0)
     numbers = len(decisions.automaton.contact_data.outputs)
@@ -84,7 +85,7 @@ def thread_workspace(
         values=deciding.values,
         after_impact=deciding.after_impact,
         decision=pack(deciding).reshape(1, -1),
-        progress=PhaseProgress(),
+        progress=progress,
     )
     rows.set_constants(space.gathered)
     calls = []
@@ -101,7 +102,7 @@ _MOST_TOGETHER = 256
 """Cases that a thread runs together: enough to fill lanes, and few enough for the nearest cache."""
 _BATCHES_PER_THREAD = 4
 _PATIENCE = 4096
-"""Rounds of a loop over lanes after which a case alone returns to Python, where Ctrl-C is raised."""
+"""Rounds of a loop over lanes, and phases, after which a single thread returns to Python, where Ctrl-C is raised."""
 
 
 @final
@@ -134,7 +135,7 @@ class PhaseExecutor:
     table : CaseTable
         The cases, and what is recorded of them, with nothing in ``order``, and no stops.
     threads : int
-        0 for a case that is always alone and runs in the thread that calls.
+        0 for a case that is always alone. What takes one thread runs in the one that calls.
     """
 
     def __init__(self, choice: RunnerChoice, table: CaseTable, threads: int) -> None:
@@ -192,7 +193,7 @@ class PhaseExecutor:
         threads.order[: len(some)], threads.turn[:] = some, (0, len(some))
         self._packed = self._packed or threads.packed(self.table)
         try:
-            if self.threads and self.choice.parallel:
+            if len(threads.spaces) > 1:
                 self._work(threads, len(some))
             else:
                 self._work_here(threads, paused)
@@ -246,7 +247,7 @@ class PhaseExecutor:
         if self._made is not None and self._made[0] == key:
             return self._made[1]
         self._carry_signs()
-        patience = 0 if self.threads else _PATIENCE
+        patience = _PATIENCE if key[2] == 1 else 0
         made = [thread_workspace(choice, self.table, together, lanes, patience) for _ in range(key[2])]
         spaces, calls = [each[0] for each in made], made[0][1]
         order, turn = np.zeros(len(self.table.t1), np.int64), np.array([0, 1])
