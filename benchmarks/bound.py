@@ -228,12 +228,11 @@ def main() -> None:
     """Print the tables, and write two of them where that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--write", action="store_true", help="write tables into docs/speed.md")
-    write = parser.parse_args().write
+    write, where = parser.parse_args().write, describe_machine(machine())
     head = ["single run", "order", "operations", "with pairs as one", "longest chain, cycles", "step, cycles"]
     head += ["if steps were independent", "10 s, us", "of these, the call"]
     single = table(head, [alone(name, rtol) for name in BATCHES for rtol in TOLERANCES])
     print(single, end="\n\n")
-    where = describe_machine(machine())
     found = [measured(name, rtol) for name in BATCHES for rtol in TOLERANCES]
     head = ["step of", "order", "flops", "multiply-adds", "sums and products alone", "divisions", "sine pairs", "other"]
     head += ["slots", "chain, cycles", "vector instructions", "with a load", "stack moves"]

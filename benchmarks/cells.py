@@ -36,7 +36,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"
 RESULTS = Path(__file__).parent / "results" / "cells.json"
 MARKS = ("<!-- cells: benchmarks/cells.py -->", "<!-- end of cells -->")
 Times = dict[tuple[int, float], tuple[float, float]]
-"""(lanes of heyoka's batches or 0 for dalembert, rtol) -> (error, microseconds of a case). A single run has 1."""
+"""(lanes of heyoka's batches, 1 for its single runs, 0 for dalembert; rtol) -> (error, microseconds of a case)."""
 
 
 def times(name: str, count: int, threads: int, lanes: Sequence[int], rounds: int) -> Times:
