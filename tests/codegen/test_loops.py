@@ -17,8 +17,10 @@ from dalembert.codegen import library as kernel_library
 from dalembert.codegen.cache import ENVIRONMENT_VARIABLE
 from dalembert.codegen.llvm import assembly
 from dalembert.codegen.llvm import backend as llvm_library
-from dalembert.codegen.llvm.loops import loop_named
+from dalembert.codegen.llvm.loops import SOURCES, loop_named
+from dalembert.codegen.subset import loop_assembly
 from dalembert.errors import CacheWarning
+from dalembert.loops import lane_loop
 from dalembert.methods.status import Status
 from dalembert.model import derived
 
@@ -204,3 +206,10 @@ def test_code_of_a_model_lives_as_long_as_what_runs_it():
     del run
     gc.collect()
     assert engine() is None
+
+
+def test_long_functions_of_a_loop_stay_apart():
+    _, module = assembly._compiled(loop_assembly(lane_loop.LOOP), SOURCES["lane_loop"][2])
+    lengths = [str(function).count("\n") for function in module.functions if not function.is_declaration]
+    assert len(lengths) > 10
+    assert max(lengths) < sum(lengths) / 4, "LLVM's time grows faster than the length of a function"

@@ -129,9 +129,9 @@ _compiler = once(_machine)
 """The machine that modules are compiled on, one for each level: to make it takes as long as a small module."""
 
 
-Shape = Literal["straight", "once", "loops", "short loops", "branches"]
-"""Shape of code: straight-line code; such code that runs once in a while; loops translated from Python; such loops of a
-few rounds; such that branch."""
+Shape = Literal["straight", "once", "long loops", "loops", "branches"]
+"""Shape of code: straight-line code; such code that runs once in a while; loops translated from Python, of many rounds;
+such loops of a few rounds, or over cases side by side; such that branch."""
 
 _LONG = 10_000
 """Lines of straight-line code from which on LLVM's code generator has its second lowest level: as fast, and compiled in
@@ -141,9 +141,8 @@ a tenth less time. Code that runs once in a while has the lowest: half as fast, 
 def compile_object(source: str, shape: Shape = "straight") -> bytes:
     """Return the object code of a module of LLVM assembly, for this machine.
 
-    Loops go through LLVM's optimisation passes; short ones are neither unrolled nor vectorized, which would take half
-    of the time to compile and make them slower. Those that branch get the fewest passes, in two fifths of the time,
-    and are as fast.
+    Long loops go through all of LLVM's optimisation passes. Others are not unrolled, which would take half of the time
+    to compile and gain nothing. Those that branch are not vectorized either.
     """
     with _ENTERED:
         machine, module = _compiled(source, shape)
@@ -164,10 +163,10 @@ def _compiled(source: str, shape: Shape) -> tuple[Any, Any]:
     module.triple = llvm.get_process_triple()
     module.data_layout = str(machine.target_data)
     module.verify()
-    options = llvm.create_pipeline_tuning_options(speed_level=0 if straight else 1 if shape == "branches" else 2)
-    if shape in ("short loops", "branches"):
-        options.loop_unrolling = options.loop_interleaving = False
-        options.loop_vectorization = options.slp_vectorization = False
+    options = llvm.create_pipeline_tuning_options(speed_level=0 if straight else 2 if shape == "long loops" else 1)
+    if shape != "long loops":
+        options.loop_unrolling = options.loop_interleaving = options.slp_vectorization = False
+        options.loop_vectorization = shape == "loops"
     builder = llvm.create_pass_builder(machine, options)
     passes = llvm.create_new_module_pass_manager() if straight else builder.getModulePassManager()
     if straight:  # the code needs no optimisation but inlining

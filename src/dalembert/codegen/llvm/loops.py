@@ -38,13 +38,13 @@ _PERMANENT: list[LoadedCode] = []
 
 SOURCES: dict[str, tuple[str, str, Shape]] = {
     "block_search": ("events.event_resolution", "LOOP", "branches"),
-    "contact_decisions": ("contacts.contact_decisions", "LOOP", "short loops"),
+    "contact_decisions": ("contacts.contact_decisions", "LOOP", "branches"),
     "event_lane_loop": ("loops.lane_loop", "EVENT_LOOP", "branches"),
     "explicit_loop": ("steps.explicit_loop", "LOOP", "loops"),
     "foreign_batch_loop": ("loops.foreign_batch_loop", "LOOP", "loops"),
     "foreign_task": ("loops.foreign_batch_loop", "TASK_LOOP", "loops"),
     "implicit_lane_loop": ("loops.lane_loop", "IMPLICIT_LOOP", "branches"),
-    "implicit_loop": ("steps.implicit_loop", "LOOP", "loops"),
+    "implicit_loop": ("steps.implicit_loop", "LOOP", "long loops"),
     "kernel_rows": ("steps.row_loops", "ROWS_LOOP", "loops"),
     "lane_loop": ("loops.lane_loop", "LOOP", "loops"),
     "map_loop": ("contacts.phase_maps", "LOOP", "loops"),
@@ -62,7 +62,7 @@ SOURCES: dict[str, tuple[str, str, Shape]] = {
 }
 """Of each loop by its name: its module, its function there, and the shape of its code.
 
-Loops of decisions about contacts are short: those over coordinates and contacts have a few rounds and are not unrolled.
+Those of `implicit_loop` factor matrices, and are long where there are many coordinates.
 """
 
 _ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)

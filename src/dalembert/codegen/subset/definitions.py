@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import ast
 import inspect
-import textwrap
-from collections.abc import Mapping
+import linecache
+from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from functools import cache
-from types import CodeType
 from typing import Any, NamedTuple
 
 from ...subset.compiled_subset import FLAG, INTEGER, NUMBER, Group, Kind
@@ -17,17 +16,27 @@ SCALARS: Mapping[str, Kind] = {"int": INTEGER, "float": NUMBER, "bool": FLAG}
 """Kinds of numbers by their annotations."""
 
 
+@cache
 def definition_of(function: Any) -> ast.FunctionDef:
     """Return the parsed definition of a function, which nobody changes."""
-    return _parsed(inspect.unwrap(function).__code__)
+    defined = inspect.unwrap(function)
+    # not by inspect.getsource, which first looks at every imported module, and then for the end of the function
+    text = "".join(linecache.getlines(defined.__code__.co_filename, defined.__globals__))
+    return _definitions(text)[defined.__code__.co_firstlineno]
 
 
 @cache
-def _parsed(code: CodeType) -> ast.FunctionDef:
-    """Return a parsed definition; a function is translated many times, for arguments of many kinds."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(code))).body[0]
-    assert isinstance(tree, ast.FunctionDef)
-    return tree
+def _definitions(text: str) -> Mapping[int, ast.FunctionDef]:
+    """Return the parsed functions of a module by the number of their first line."""
+    found = _functions(ast.parse(text).body)
+    return {min([node.lineno, *(each.lineno for each in node.decorator_list)]): node for node in found}
+
+
+def _functions(statements: Sequence[ast.stmt]) -> Iterator[ast.FunctionDef]:
+    for statement in statements:
+        if isinstance(statement, ast.FunctionDef):
+            yield statement
+        yield from _functions(getattr(statement, "body", ()))
 
 
 @cache

@@ -43,7 +43,7 @@ class Translation(Target):
         cells = zip(code.co_freevars, function.__closure__ or (), strict=True)
         nonlocals = {name: cell.cell_contents for name, cell in cells}
         self._outside = nonlocals, function.__globals__, vars(builtins)
-        self._source, self._first = code.co_filename, code.co_firstlineno
+        self._source = code.co_filename
 
     @contextmanager
     def aside(self) -> Iterator[list[str]]:
@@ -257,8 +257,7 @@ class Translation(Target):
             except Untranslatable:
                 raise
             except (TypeError, KeyError) as fault:
-                line = self._first + statement.lineno - 1
-                raise Untranslatable(f"{self._source}, line {line}: {fault}") from fault
+                raise Untranslatable(f"{self._source}, line {statement.lineno}: {fault}") from fault
 
     def statement(self, node: ast.stmt) -> None:
         """Translate a statement."""
