@@ -211,5 +211,4 @@ def test_code_of_a_model_lives_as_long_as_what_runs_it():
 def test_long_functions_of_a_loop_stay_apart():
     _, module = assembly._compiled(loop_assembly(lane_loop.LOOP), SOURCES["lane_loop"][2])
     lengths = [str(function).count("\n") for function in module.functions if not function.is_declaration]
-    assert len(lengths) > 10
     assert max(lengths) < sum(lengths) / 4, "LLVM's time grows faster than the length of a function"

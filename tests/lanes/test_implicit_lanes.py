@@ -52,7 +52,7 @@ def SOLVE(systems: Systems) -> int:
 def machine_code(loop, count):
     tell_target(fused=target().fused)  # plain Python rounds as the machine code does
     code = assembly.load_object(
-        assembly.compile_object(loop_assembly(loop, fused=target().fused, lanes=count), "branches")
+        assembly.compile_object(loop_assembly(loop, fused=target().fused, lanes=count), "loops")
     )
     entry = code.address("entry").function(loops._ENTRY)
 
@@ -102,7 +102,7 @@ def test_systems_of_lanes_have_pivots_of_their_own():
 
 @pytest.mark.skipif(not target().fused, reason="vectors of four need AVX2")
 def test_loops_over_lanes_become_vectors():
-    _, module = assembly._compiled(loop_assembly(SOLVE, fused=True, lanes=4), "branches")
+    _, module = assembly._compiled(loop_assembly(SOLVE, fused=True, lanes=4), "loops")
     text = str(module)
     assert text.count("call <4 x double> @llvm.fma") >= 10
     assert "call double @llvm.fma" not in text

@@ -142,7 +142,7 @@ def compile_object(source: str, shape: Shape = "straight") -> bytes:
     """Return the object code of a module of LLVM assembly, for this machine.
 
     Long loops go through all of LLVM's optimisation passes. Others are not unrolled, which would take half of the time
-    to compile and gain nothing. Those that branch are not vectorized either.
+    to compile and gain nothing. Code that branches gets a few passes, in half of the time, and is as fast.
     """
     with _ENTERED:
         machine, module = _compiled(source, shape)
@@ -163,14 +163,18 @@ def _compiled(source: str, shape: Shape) -> tuple[Any, Any]:
     module.triple = llvm.get_process_triple()
     module.data_layout = str(machine.target_data)
     module.verify()
-    options = llvm.create_pipeline_tuning_options(speed_level=0 if straight else 2 if shape == "long loops" else 1)
-    if shape != "long loops":
+    options = llvm.create_pipeline_tuning_options(speed_level=2 if shape == "long loops" else 1)
+    if shape == "loops":
         options.loop_unrolling = options.loop_interleaving = options.slp_vectorization = False
-        options.loop_vectorization = shape == "loops"
     builder = llvm.create_pass_builder(machine, options)
-    passes = llvm.create_new_module_pass_manager() if straight else builder.getModulePassManager()
-    if straight:  # the code needs no optimisation but inlining
-        passes.add_always_inliner_pass()
+    optimised = shape in ("long loops", "loops")
+    passes = builder.getModulePassManager() if optimised else llvm.create_new_module_pass_manager()
+    if not optimised:
+        passes.add_always_inliner_pass()  # straight-line code needs no more
+    if shape == "branches":
+        passes.add_sroa_pass()
+        passes.add_instruction_combine_pass()
+        passes.add_simplify_cfg_pass()
     passes.run(module, builder)
     return machine, module
 

@@ -38,12 +38,12 @@ _PERMANENT: list[LoadedCode] = []
 
 SOURCES: dict[str, tuple[str, str, Shape]] = {
     "block_search": ("events.event_resolution", "LOOP", "branches"),
-    "contact_decisions": ("contacts.contact_decisions", "LOOP", "branches"),
+    "contact_decisions": ("contacts.contact_decisions", "LOOP", "loops"),
     "event_lane_loop": ("loops.lane_loop", "EVENT_LOOP", "branches"),
     "explicit_loop": ("steps.explicit_loop", "LOOP", "loops"),
     "foreign_batch_loop": ("loops.foreign_batch_loop", "LOOP", "loops"),
     "foreign_task": ("loops.foreign_batch_loop", "TASK_LOOP", "loops"),
-    "implicit_lane_loop": ("loops.lane_loop", "IMPLICIT_LOOP", "branches"),
+    "implicit_lane_loop": ("loops.lane_loop", "IMPLICIT_LOOP", "loops"),
     "implicit_loop": ("steps.implicit_loop", "LOOP", "long loops"),
     "kernel_rows": ("steps.row_loops", "ROWS_LOOP", "loops"),
     "lane_loop": ("loops.lane_loop", "LOOP", "loops"),

@@ -11,9 +11,9 @@ from .definitions import definition_of, result_of
 from .target import Value, by_reference
 from .translation import UNKNOWN
 
-_LONG = 100
-"""Lines of a function from which on it is not copied to where it is called. LLVM takes far longer for one function than
-for its parts: this compiles loops in half of the time, and they are as fast."""
+_SHORT, _LONG = 60, 100
+"""Lines of a function up to which it is copied to where it is called, and from which on it never is. LLVM takes far
+longer for one function than for its parts: this compiles loops in half of the time, and they are as fast."""
 
 
 def translated(module: Functions, function: Any, name: str, kinds: tuple[Kind, ...]) -> tuple[list[str], Kind]:
@@ -56,8 +56,9 @@ class _Statements(Expressions):
         self.body(tree.body)
         self.end("ret void" if not self._result.words else "unreachable")
         result = f"{{{', '.join(self._result.words)}}}" if self._result.words else "void"
-        own = "noinline " if len(self.lines) > _LONG else ""
-        head = f"define internal {result} @{name}({', '.join(arguments)}) nounwind {own}{{"
+        count = len(self.lines)
+        copied = "alwaysinline " if count < _SHORT else "noinline " if count > _LONG else ""
+        head = f"define internal {result} @{name}({', '.join(arguments)}) nounwind {copied}{{"
         return [head, *self.room, *self.lines, "}"], self._result
 
     def assign_name(self, name: str, value: Value) -> None:
