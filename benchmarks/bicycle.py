@@ -26,7 +26,9 @@ from dalembert.ir.kernel import Kernel
 from dalembert.starts.inputs import constants
 from hard_cases.machines import bicycle_parameters, bicycle_scene, upright_bicycle
 
-END, CASES, LANES, SPEED = 5.0, 256, 8, 4.6
+END, LANES, SPEED = 5.0, 8, 4.6
+COUNTS = 1024, 16_384
+"""Cases of sweeps; those of larger ones are those of the smallest, again and again."""
 TOLERANCES, PEER_TOLERANCES = (1e-6, 1e-9, 1e-12), (1e-6, 1e-9)
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"
 MARKS = ("<!-- bicycle: benchmarks/bicycle.py --write -->", "<!-- end of bicycle -->")
@@ -96,47 +98,55 @@ def peer_sweep(
 
 def measured() -> list[str]:
     """Return the lines of the table."""
-    heyoka = installed("heyoka")
+    heyoka, about = installed("heyoka"), describe_machine(machine())  # before its own work
     model, p = da.compile_model(bicycle_scene()), bicycle_parameters()
     rhs, packed = model.stages.program.kernel("rhs"), model.parameter_vector(p)
     read = 1 + max(load.index or 0 for load in rhs.loads if load.array == "c")
     given = constants(model.stages.program, packed)[:read]
-    rates = np.random.default_rng(3).uniform(0.3, 0.7, CASES)
+    rates = np.random.default_rng(3).uniform(0.3, 0.7, min(COUNTS))
     initial = [model.assemble(upright_bicycle(SPEED) | {"psi_dot": rate}, p) for rate in rates.tolist()]
     starts = np.stack([model.state(each, p) for each in initial], axis=1)
     given_initial = {name: np.array([each[name] for each in initial]) for name in initial[0]}
     names = (*model.layout.coordinates, *model.layout.rates)
+    sweeps = [(rtol, count) for rtol in TOLERANCES for count in COUNTS]
 
     def own_run(rtol: float) -> Callable[[], FloatArray]:
         prepared = model.prepare((0.0, END), rtol=rtol, atol=rtol / 100)
         return lambda: prepared(starts[:, 0].copy(), packed)
 
-    def own_sweep(rtol: float) -> Callable[[], FloatArray]:
+    def own_sweep(rtol: float, count: int) -> Callable[[], FloatArray]:
+        given = {name: np.resize(values, count) for name, values in given_initial.items()}
+
         def run() -> FloatArray:
-            done = model.sweep((0.0, END), given_initial, p, rtol=rtol, atol=rtol / 100, threads=1)
+            done = model.sweep((0.0, END), given, p, rtol=rtol, atol=rtol / 100, threads=1)
             return np.stack([done.final[name] for name in names])
 
         return run
 
     fine = model.sweep((0.0, END), given_initial, p, method="dop853", rtol=1e-13, atol=1e-15)
     exact = np.stack([fine.final[name] for name in names])
-    equations, tasks = system(heyoka, rhs), {}
+    equations = system(heyoka, rhs)
+    tasks: dict[tuple[str, float, int], Callable[[], FloatArray]] = {}
     for rtol in TOLERANCES:
-        tasks["dalembert", "run", rtol], tasks["dalembert", "sweep", rtol] = own_run(rtol), own_sweep(rtol)
-    for rtol in PEER_TOLERANCES:
-        tasks["heyoka", "run", rtol] = peer_run(heyoka, equations, rtol, starts[:, 0], given)
-        tasks["heyoka", "sweep", rtol] = peer_sweep(heyoka, equations, rtol, starts, given)
+        tasks["dalembert", rtol, 1] = own_run(rtol)
+        if rtol in PEER_TOLERANCES:
+            tasks["heyoka", rtol, 1] = peer_run(heyoka, equations, rtol, starts[:, 0], given)
+    for rtol, count in sweeps:
+        tasks["dalembert", rtol, count] = own_sweep(rtol, count)
+        if rtol in PEER_TOLERANCES:
+            many = np.tile(starts, count // starts.shape[1])
+            tasks["heyoka", rtol, count] = peer_sweep(heyoka, equations, rtol, many, given)
     ends = {key: run() for key, run in tasks.items()}
     times = interleaved(tasks, rounds=9, seconds_each=10.0)
-    lines = ["| bicycle | rtol | run [us] | error | sweep [us a case] | error |", "|---|--:|--:|--:|--:|--:|"]
+    sizes = " | ".join(f"{count:,} cases" for count in COUNTS)
+    lines = [f"| bicycle, us a case | rtol | one run | error | {sizes} | error |", "|---|--:|--:|--:|--:|--:|--:|"]
     for program in ("dalembert", "heyoka"):
         for rtol in TOLERANCES if program == "dalembert" else PEER_TOLERANCES:
-            run, sweep = (1e6 * times[program, kind, rtol].least for kind in ("run", "sweep"))
-            one = np.abs(ends[program, "run", rtol][: len(names)] - exact[:, 0]).max()
-            many = np.abs(ends[program, "sweep", rtol][: len(names)] - exact).max()
-            lines.append(f"| {program} | {rtol:g} | {run:.0f} | {one:.0e} | {sweep / CASES:.0f} | {many:.0e} |")
-    about = f"{END:g} s of motion, {CASES} cases, one thread."
-    return [*lines, "", f"{about} {describe_machine(machine())}"]
+            each = [f"{1e6 * times[program, rtol, count].least / count:.0f}" for count in (1, *COUNTS)]
+            one = np.abs(ends[program, rtol, 1][: len(names)] - exact[:, 0]).max()
+            most = np.abs(ends[program, rtol, min(COUNTS)][: len(names)] - exact).max()
+            lines.append(f"| {program} | {rtol:g} | {each[0]} | {one:.0e} | {' | '.join(each[1:])} | {most:.0e} |")
+    return [*lines, "", f"{END:g} s of motion, one thread. {about}"]
 
 
 def main() -> None:

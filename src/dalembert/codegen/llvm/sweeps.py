@@ -158,7 +158,8 @@ class CaseArrays:
     @property
     def loop(self) -> Loop:
         """The loop that serves these cases."""
-        return loop_named(self.loop_name, 1 if self.stepper.rows is None else self.shape.lanes)
+        lanes = 1 if self.stepper.rows is None else self.shape.lanes
+        return loop_named(self.loop_name) if lanes == 1 else loop_named(self.loop_name, lanes)  # loaded once
 
     @property
     def results(self) -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
