@@ -4,15 +4,17 @@
 compiled loop that takes and records its steps, and of their difference, which is what Python adds: reading what is
 given, the consistent start, the choice of the method, and the results. Of sweeps it prints a call with two cases of one
 short step each, and what each further case adds, also with events, reductions and times to record; prepared runs of
-one short step; and how long after the first thread the second begins to take steps. Calls are measured by processor
-time. The least of many short samples counts, because other work of the machine only adds to it.
+one short step; how long after the first thread the second begins to take steps, and how long any thread takes to wake.
+Calls are measured by processor time. The least of many short samples counts, because other work of the machine only
+adds to it.
 """
 
 from __future__ import annotations
 
 import argparse
+import threading
 from collections.abc import Callable, Mapping
-from time import perf_counter, process_time
+from time import perf_counter, process_time, sleep
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -150,6 +152,30 @@ def second_thread(problem: Problem, rounds: int) -> float:
     return best
 
 
+def waking_thread(rounds: int) -> float:
+    """Return the seconds from the release of a lock until a thread that has waited for it runs, the least."""
+    going, woken, found, awake = threading.Lock(), threading.Lock(), list[float](), [0.0]
+    going.acquire()
+    woken.acquire()
+
+    def wait() -> None:
+        for _ in range(rounds):
+            going.acquire()
+            awake[0] = perf_counter()
+            woken.release()
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    for _ in range(rounds):
+        sleep(SHORT)
+        begin = perf_counter()
+        going.release()
+        woken.acquire()
+        found.append(awake[0] - begin)
+    thread.join()
+    return min(found)
+
+
 def _least(call: Callable[[], Any], rounds: int, calls: int = CALLS) -> float:
     """Return the least seconds of a call on the processor, of samples of some calls in a row."""
     best = float("inf")
@@ -218,6 +244,7 @@ def main() -> None:
     for name in SCENES:
         seconds = second_thread(PROBLEMS[name], rounds)
         print(f"{name}: a second thread begins {1e6 * seconds:.0f} us after the first")
+    print(f"a thread that waits for a lock wakes {1e6 * waking_thread(rounds):.0f} us after its release")
 
 
 if __name__ == "__main__":

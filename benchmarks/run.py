@@ -124,10 +124,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         mode.add_argument(f"--{name}", dest="mode", action="store_const", const=name, help=f"the {name} benchmarks")
     parser.add_argument("--save", action="store_true", help="write to benchmarks/results and into README.md")
     parser.add_argument("--jax", action="store_true", help="compilation and gradients of jax in quick runs too")
+    parser.add_argument("--startup", action="store_true", help="start-up alone; all else is that of the last saved run")
     parser.set_defaults(mode="quick")
     options = parser.parse_args(arguments)
     folder = report.RESULT.parent if options.save else ROOT / "build" / "bench"
-    result = measure(options.mode, with_jax=options.jax or options.mode == "full")
+    if options.startup:
+        result = json.loads(report.RESULT.read_text()) | measure_startup(available_backends()[0], MODES[options.mode])
+    else:
+        result = measure(options.mode, with_jax=options.jax or options.mode == "full")
     write(result, folder)
     if options.save:
         report.fill()
@@ -183,14 +187,6 @@ def measure(mode: str, *, with_jax: bool = False) -> dict[str, Any]:
     )
     say("the jax backend, compilation and gradients")
     jax_table = jax_speed.measure(True, say) if with_jax and "jax" in backends else None
-    say("start-up")
-    startup = {
-        backend: first_trajectory(backend, extent.startups)
-        for backend in backends
-        if extent.startup_backends is None or backend in extent.startup_backends
-    }
-    for backend in (name for name in ("llvm", "numba") if name in startup):
-        startup[f"{backend}, sweep"] = first_trajectory(backend, extent.startups, "sweep")
     return {
         "mode": mode,
         "machine": where,
@@ -204,10 +200,22 @@ def measure(mode: str, *, with_jax: bool = False) -> dict[str, Any]:
         "singles": singles,
         "jax": jax_table,
         "memory": {name: sweep_memory(extent.memory_cases, options) for name, options in SWEEPS.items()},
-        "startup": startup,
-        "imports": import_seconds(extent.imports),
+        **measure_startup(backends, extent),
         "seconds": round(time.perf_counter() - begin, 1),
     }
+
+
+def measure_startup(backends: Sequence[str], extent: Extent) -> dict[str, Any]:
+    """Return the times of new processes, to their first trajectory and of their imports."""
+    say("start-up")
+    startup = {
+        backend: first_trajectory(backend, extent.startups)
+        for backend in backends
+        if extent.startup_backends is None or backend in extent.startup_backends
+    }
+    for backend in (name for name in ("llvm", "numba") if name in startup):
+        startup[f"{backend}, sweep"] = first_trajectory(backend, extent.startups, "sweep")
+    return {"startup": startup, "imports": import_seconds(extent.imports)}
 
 
 def say(text: str) -> None:

@@ -71,6 +71,7 @@ def test_the_overhead_is_the_call_less_its_compiled_loop(name):
         swept = overhead.sweep_overhead(name, PROBLEMS[name], rounds=2, work=work)
         assert swept.case < swept.called and f"| {name} {work}".rstrip() in overhead.sweep_table([swept])
     assert overhead.second_thread(PROBLEMS[name], rounds=2) > 0.0
+    assert overhead.waking_thread(rounds=2) > 0.0
 
 
 def test_a_slow_contender_takes_fewer_cases_at_this_and_tighter_tolerances(monkeypatch):
