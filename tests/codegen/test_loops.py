@@ -19,10 +19,12 @@ from dalembert.codegen.llvm import assembly
 from dalembert.codegen.llvm import backend as llvm_library
 from dalembert.codegen.llvm.loops import SOURCES, loop_named
 from dalembert.codegen.subset import loop_assembly
+from dalembert.contacts import contact_decisions
 from dalembert.errors import CacheWarning
 from dalembert.loops import lane_loop
 from dalembert.methods.status import Status
 from dalembert.model import derived
+from dalembert.subset.compiled_subset import NESTED
 
 pytestmark = pytest.mark.usefixtures("small_heap")
 
@@ -212,3 +214,10 @@ def test_long_functions_of_a_loop_stay_apart():
     _, module = assembly._compiled(loop_assembly(lane_loop.LOOP), SOURCES["lane_loop"][2])
     lengths = [str(function).count("\n") for function in module.functions if not function.is_declaration]
     assert max(lengths) < sum(lengths) / 4, "LLVM's time grows faster than the length of a function"
+
+
+def test_functions_with_nested_loops_are_marked():
+    heads = [line for line in loop_assembly(contact_decisions.LOOP).splitlines() if line.startswith("define internal")]
+    marked = [line for line in heads if f'"{NESTED}"' in line]
+    assert any("@decompose_" in line for line in marked)
+    assert 0 < len(marked) < len(heads) / 2, "LLVM takes longer for these"

@@ -26,6 +26,9 @@ from ..frozen import frozen
 
 F = TypeVar("F", bound=Callable[..., object])
 
+NESTED = "nested-loops"
+"""Attribute of functions of assembly in which a loop is in a loop."""
+
 PLAIN_LOOPS: dict[int, Callable[[int], int]] = {}
 """Loops that run as plain Python instead of the code at an address (`dalembert.codegen.llvm.loops`), for good."""
 

@@ -38,7 +38,7 @@ _PERMANENT: list[LoadedCode] = []
 
 SOURCES: dict[str, tuple[str, str, Shape]] = {
     "block_search": ("events.event_resolution", "LOOP", "branches"),
-    "contact_decisions": ("contacts.contact_decisions", "LOOP", "loops"),
+    "contact_decisions": ("contacts.contact_decisions", "LOOP", "branches"),
     "event_lane_loop": ("loops.lane_loop", "EVENT_LOOP", "branches"),
     "explicit_loop": ("steps.explicit_loop", "LOOP", "loops"),
     "foreign_batch_loop": ("loops.foreign_batch_loop", "LOOP", "loops"),

@@ -5,13 +5,13 @@ from __future__ import annotations
 import ast
 from typing import Any, final
 
-from ...subset.compiled_subset import INTEGER, Group, Kind
+from ...subset.compiled_subset import INTEGER, NESTED, Group, Kind
 from .assembly import Expressions, Functions
 from .definitions import definition_of, result_of
 from .target import Value, by_reference
 from .translation import UNKNOWN
 
-_SHORT, _LONG = 60, 100
+_SHORT, _LONG = 85, 100
 """Lines of a function up to which it is copied to where it is called, and from which on it never is. LLVM takes far
 longer for one function than for its parts: this compiles loops in half of the time, and they are as fast."""
 
@@ -35,6 +35,7 @@ class _Statements(Expressions):
         super().__init__(module, function)
         self._result: Kind = Group(())
         self._loops: list[tuple[str, str]] = []
+        self._deepest = 0
 
     def function(self, tree: ast.FunctionDef, name: str, kinds: tuple[Kind, ...]) -> tuple[list[str], Kind]:
         """See `translated`."""
@@ -58,7 +59,8 @@ class _Statements(Expressions):
         result = f"{{{', '.join(self._result.words)}}}" if self._result.words else "void"
         count = len(self.lines)
         copied = "alwaysinline " if count < _SHORT else "noinline " if count > _LONG else ""
-        head = f"define internal {result} @{name}({', '.join(arguments)}) nounwind {copied}{{"
+        nested = f'"{NESTED}" ' if self._deepest > 1 else ""
+        head = f"define internal {result} @{name}({', '.join(arguments)}) nounwind {copied}{nested}{{"
         return [head, *self.room, *self.lines, "}"], self._result
 
     def assign_name(self, name: str, value: Value) -> None:
@@ -110,6 +112,7 @@ class _Statements(Expressions):
         """Translate the body of a loop."""
         self._block(block)
         self._loops.append((again, end))
+        self._deepest = max(self._deepest, len(self._loops))
         self.body(body)
         self._loops.pop()
 
