@@ -2,7 +2,8 @@
 
 ``python benchmarks/run.py --quick`` takes two or three minutes, ``--full`` some twenty. Results go to build/bench:
 JSON, tables in Markdown, figures. ``--save`` writes them to benchmarks/results instead, and fills
-docs/benchmarks.md from them. No time is asserted; only ratios within one run mean anything.
+docs/benchmarks.md from them; ``--startup`` measures start-up alone. No time is asserted; only ratios within one run
+mean anything.
 """
 
 from __future__ import annotations

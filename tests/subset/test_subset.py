@@ -1,6 +1,7 @@
 """Translation of loops from Python: results are those of Python, and code without translation is named."""
 
 import ctypes
+import importlib
 import itertools
 import math
 import pkgutil
@@ -15,6 +16,7 @@ from dalembert.codegen.llvm.assembly import compile_object, load_object
 from dalembert.codegen.llvm.loops import SOURCES
 from dalembert.codegen.llvm.target import target
 from dalembert.codegen.subset import loop_assembly
+from dalembert.codegen.subset.definitions import definition_of
 from dalembert.subset.arguments import Record, Vector
 from dalembert.subset.compiled_subset import compiled_subset, fma
 from dalembert.subset.packing import address_of, pack
@@ -247,3 +249,13 @@ def test_what_has_no_translation_is_refused(function, message):
 def test_a_fault_names_the_line():
     with pytest.raises(TypeError, match=rf"test_subset.py, line {power.__code__.co_firstlineno + 2}"):
         loop_assembly(power)
+
+
+def test_a_function_that_has_moved_since_its_import_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "moving.py"
+    path.write_text("def before(x: float) -> float:\n    return x\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    moving = importlib.import_module("moving")
+    path.write_text("def another(x: float) -> float:\n    return -x\n")
+    with pytest.raises(TypeError, match="has no before in line 1: start Python anew"):
+        definition_of(moving.before)

@@ -18,11 +18,21 @@ SCALARS: Mapping[str, Kind] = {"int": INTEGER, "float": NUMBER, "bool": FLAG}
 
 @cache
 def definition_of(function: Any) -> ast.FunctionDef:
-    """Return the parsed definition of a function, which nobody changes."""
+    """Return the parsed definition of a function, which nobody changes.
+
+    Raises
+    ------
+    TypeError
+        If the function is not where it was when its module was imported.
+    """
     defined = inspect.unwrap(function)
+    code = defined.__code__
     # not by inspect.getsource, which first looks at every imported module, and then for the end of the function
-    text = "".join(linecache.getlines(defined.__code__.co_filename, defined.__globals__))
-    return _definitions(text)[defined.__code__.co_firstlineno]
+    text = "".join(linecache.getlines(code.co_filename, defined.__globals__))
+    found = _definitions(text).get(code.co_firstlineno)
+    if found is None or found.name != code.co_name:
+        raise TypeError(f"{code.co_filename} has no {code.co_name} in line {code.co_firstlineno}: start Python anew")
+    return found
 
 
 @cache
