@@ -138,14 +138,19 @@ class Once(Protocol[P, T_co]):
 
 
 def once(function: Callable[P, T]) -> Once[P, T]:
-    """Return a function of hashable positional arguments that computes the value of each list of them once."""
+    """Return a function of hashable positional arguments that computes the value of each list of them once.
+
+    Defaults count as given.
+    """
     values: dict[Hashable, T] = {}
+    count, defaults = function.__code__.co_argcount, function.__defaults__ or ()
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> T:
         assert not kwargs
-        found = values.get(args, _MISSING)
-        return computed_once(values, args, lambda: function(*args, **kwargs)) if found is _MISSING else cast(T, found)
+        key = args if len(args) == count else (*args, *defaults[len(args) - count :])
+        found = values.get(key, _MISSING)
+        return computed_once(values, key, lambda: function(*args, **kwargs)) if found is _MISSING else cast(T, found)
 
     call.cache_clear = values.clear  # type: ignore[attr-defined]
     return cast("Once[P, T]", call)

@@ -61,6 +61,15 @@ def named(name):
     return slow()
 
 
+def test_a_default_counts_as_given():
+    @once
+    def made(name: str, lanes: int = 1) -> list[object]:
+        return [name, lanes]
+
+    assert made("loop") is made("loop", 1)
+    assert made("loop", 2) == ["loop", 2]
+
+
 @pytest.mark.parametrize("ask", [computed_once, derived_once])
 def test_tables_hold_one_value_for_all_threads(ask):
     table = {}

@@ -132,7 +132,7 @@ _compiler = once(_machine)
 
 Shape = Literal["straight", "once", "long loops", "loops", "branches"]
 """Shape of code: straight-line code; such code that runs once in a while; loops translated from Python, of many rounds;
-such loops of a few rounds, or over cases side by side; such that branch."""
+such loops of a few rounds, or over cases side by side; such code that mostly branches."""
 
 _LONG = 10_000
 """Lines of straight-line code from which on LLVM's code generator has its second lowest level: as fast, and compiled in
@@ -143,8 +143,8 @@ def compile_object(source: str, shape: Shape = "straight") -> bytes:
     """Return the object code of a module of LLVM assembly, for this machine.
 
     Long loops go through all of LLVM's optimisation passes. Others are not unrolled, which would take half of the time
-    to compile and gain nothing. Code that branches gets few passes, but where loops are nested: it compiles in half of
-    the time, and is as fast.
+    to compile and gain nothing. Code that mostly branches goes through few passes, except for its functions with
+    nested loops: it compiles in half of the time, and is as fast.
     """
     with _ENTERED:
         machine, module = _compiled(source, shape)

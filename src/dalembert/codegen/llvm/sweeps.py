@@ -158,8 +158,7 @@ class CaseArrays:
     @property
     def loop(self) -> Loop:
         """The loop that serves these cases."""
-        lanes = 1 if self.stepper.rows is None else self.shape.lanes
-        return loop_named(self.loop_name) if lanes == 1 else loop_named(self.loop_name, lanes)  # loaded once
+        return loop_named(self.loop_name, 1 if self.stepper.rows is None else self.shape.lanes)
 
     @property
     def results(self) -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:

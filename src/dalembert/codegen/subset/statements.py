@@ -12,8 +12,8 @@ from .target import Value, by_reference
 from .translation import UNKNOWN
 
 _SHORT, _LONG = 85, 100
-"""Lines of a function up to which it is copied to where it is called, and from which on it never is. LLVM takes far
-longer for one function than for its parts: this compiles loops in half of the time, and they are as fast."""
+"""A function of fewer lines is copied to where it is called, and one of more lines never is. LLVM takes far longer for
+one function than for its parts: this compiles loops in half of the time, and they are as fast."""
 
 
 def translated(module: Functions, function: Any, name: str, kinds: tuple[Kind, ...]) -> tuple[list[str], Kind]:
