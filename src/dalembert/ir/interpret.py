@@ -20,6 +20,9 @@ from .tables import array_entry, array_piece
 if TYPE_CHECKING:
     from .program import Program
 
+Rows = Callable[[Kernel, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+"""Outputs (k, n_out) of a kernel at times (k,), states (k, n) and constants (k, n_c)."""
+
 
 def interpret(
     kernel: Kernel,

@@ -10,10 +10,11 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..errors import InitialStateError, ValueInputError
+from ..ir.interpret import interpret_rows
 from ..results.cases import CaseSet
 from ..starts.constraint_choice import divisible_model, independent_model
 from ..starts.constraint_rank import unlike
-from ..starts.first_integrals import keeping_model, kept_values
+from ..starts.first_integrals import case_by_case, keeping_model, kept_values
 from .case_settings import CaseSettings, with_grid
 from .cases import Cases, single_problem
 
@@ -34,13 +35,15 @@ def keeping_cases(
         initial, parameters = with_grid(model.layout, grid, initial, parameters)
     program = model.stages.program
     cases = Cases(program, model.derived.start, t_span, initial, parameters)
-    y, c, t, status = cases.starts()
-    able = np.flatnonzero(status < 0)
+    rows = model.engine.rows if model.engine.parallel else None
+    nothing = CaseSettings(None, "", 1.0, 1.0, np.inf, 1, 1, False)
+    block, status = cases.block(slice(0, cases.count), nothing, rows or interpret_rows, exact=rows is None)
+    y, c, t, able = block.y, block.c, block.spans[:, 0], np.flatnonzero(status < 0)
     if not len(able):
         raise ValueInputError("project_invariants: no case of the sweep can start, so that nothing is to be kept")
     first = able[0]
     keeper, names = keeping_model(model, requested, c[first], float(t[first]), y[first])
-    return keeper, kept_values(names, program, model.derived.invariants, c, t, y)
+    return keeper, kept_values(names, program, model.derived.invariants, c, t, y, rows or case_by_case)
 
 
 def divisible_cases(model: CompiledModel, cases: Cases) -> CompiledModel:

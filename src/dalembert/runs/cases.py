@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Column, FloatArray, arrays_of, finite_rows, part_of
 from ..errors import UnknownNameError, list_names
-from ..ir.interpret import interpret, interpret_rows
+from ..ir.interpret import Rows, interpret, interpret_rows
 from ..ir.program import DIRECTION, Program, directed_rates
 from ..lanes.cases import CaseBlock, CaseColumns
 from ..lanes.sweep_arguments import KeptStarts
@@ -157,12 +157,6 @@ class Cases:
         """Return the inputs with knots of a block of cases, None without any."""
         return None if self.records is None else self.records.part(block, self.count)
 
-    def starts(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return states y (k, n_y), constants c (k, n_c), times t (k,) and statuses of all cases, as `block` does."""
-        settings = CaseSettings(None, "", 1.0, 1.0, np.inf, 1, 1, False)
-        block, status = self.block(slice(0, self.count), settings, exact=True)
-        return block.y, block.c, block.spans[:, 0], status
-
     @property
     def plain(self) -> bool:
         """Whether the constants of a case are those of its parameters alone."""
@@ -208,16 +202,19 @@ class Cases:
             constants_at=partial(self.constants_at, block) if self.changing else None,
         )
 
-    def block(self, block: slice, settings: CaseSettings, *, exact: bool = False) -> tuple[CaseBlock, FloatArray]:
+    def block(
+        self, block: slice, settings: CaseSettings, rows: Rows = interpret_rows, *, exact: bool = False
+    ) -> tuple[CaseBlock, FloatArray]:
         """Return a block of cases ready to run, and the status of those that cannot (k,), -1 for the others.
 
-        With `exact` each starts from the very bits of the case alone, whose sines are not those of arrays.
+        `rows` evaluates the start. With `exact` each starts from the very bits of the case alone, whose sines are not
+        those of arrays.
         """
         c = self.constants(block)
         count, size = len(c), len(self.program.layout.state)
         spans = self._spans(block, count)
         given = self._given(block, count)
-        out = interpret_rows(self.start.kernel, spans[:, 0], given, c)
+        out = rows(self.start.kernel, spans[:, 0], given, c)
         finite = finite_rows(c) & finite_rows(spans) & finite_rows(given)
         if exact:
             self._refine(c, spans[:, 0], given, out, np.flatnonzero(finite & finite_rows(out)))

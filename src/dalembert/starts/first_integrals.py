@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..errors import InitialStateError, OptionError, UnknownNameError, list_names, unknown_name
 from ..events.event_code import event_list
-from ..ir.interpret import interpret_rows
+from ..ir.interpret import Rows, interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.program import WIDTH, Program, coefficient_places
 from ..mechanics.equations import EquationsOfMotion
@@ -27,9 +27,6 @@ from .state_sizes import coordinate_sizes
 if TYPE_CHECKING:
     from ..model.model import CompiledModel
 
-
-Rows = Callable[[Kernel, FloatArray, FloatArray, FloatArray], FloatArray]
-"""Outputs (k, n_out) of a kernel at times (k,), states (k, n) and constants (k, n_c)."""
 
 _TRIALS = 8
 _CASE_TRIALS = 4
