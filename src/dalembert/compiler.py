@@ -62,7 +62,7 @@ def compile_model(
         ``"R.force_x"`` and so on. Expressions and vectors may contain accelerations ``x.diff(t, 2)``; alone, one is
         called ``"x_ddot"``. Nothing else is computed.
     cache : bool
-        Whether the generated module and its compiled code may be kept on disk.
+        Whether the equations as they are compiled, and their code, may be kept on disk.
     gains : (float, float), optional
         Gains alpha and beta [1/s] of "baumgarte". Without them they are parameters ``baumgarte_alpha`` and
         ``baumgarte_beta``, which may be left out: `simulate` then takes one over the size of the run's first steps.

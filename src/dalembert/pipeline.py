@@ -166,6 +166,7 @@ def derive_scene(scene: Scene, options: CompileOptions) -> Derivation:
             ],
         )
     equations = watch("derive", lambda: with_fixed_gains(derive(model), options.gains))
+    equations.graph.cached = options.cache
     if equations.contacts:
         from .mechanics.released_balances import with_hidden_normals
 

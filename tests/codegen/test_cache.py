@@ -65,8 +65,9 @@ def stamps(folder):
 
 
 def homes(folder):
-    """Return the folders of generated modules, without those of the library's own loops and templates."""
-    return [path for path in sorted(folder.iterdir()) if not path.name.startswith(("loops_", "templates"))]
+    """Return the folders of generated modules: not those of lowered kernels, loops and templates."""
+    others = ("kernels_", "loops_", "templates")
+    return [path for path in sorted(folder.iterdir()) if not path.name.startswith(others)]
 
 
 def test_environment_variable_says_where_the_cache_is(folder, monkeypatch):

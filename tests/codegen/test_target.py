@@ -93,7 +93,7 @@ def refused(tmp_path_factory):
 def test_unknown_targets_are_refused_with_those_that_there_are(refused, name):
     messages, folder = refused
     assert name in messages[name] and all(known in messages[name] for known in available_targets())
-    assert not list(folder.iterdir())
+    assert not list(folder.rglob("*.o"))
 
 
 def test_targets_that_the_processor_lacks_are_refused(refused):

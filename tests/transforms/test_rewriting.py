@@ -15,7 +15,8 @@ from dalembert.lowering.programs import lower
 from dalembert.mechanics.derive import derive
 from dalembert.reduction import reduce
 from dalembert.scene.reading import read
-from dalembert.transforms.lower_kernels import lower_kernel, rewritten
+from dalembert.transforms.lower_kernels import lower_kernel
+from dalembert.transforms.rewriting import rewritten
 from ir.trees import EXTENDED, NAMES, POINT, TREES, OutOfDomain, build, evaluate, extended
 from mechanics.chains import chain
 from scene.builders import unequal_sphere

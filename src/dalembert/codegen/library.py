@@ -124,7 +124,7 @@ class KernelLibrary(ABC):
                 known = recurrences(joint, count, step_growth_limited=limited, weighted=weighted)
                 return self.step_text("step", known, order, lanes, dense=True)
 
-            name = f"with_event_series{order}{_WEIGHTED * weighted}_{_digest(joint, count)}"
+            name = f"with_event_series{order}{_WEIGHTED * weighted}_{joint.digest}_{count}"
             return joint, self._entry(name, lanes, text, "step", table=self._further)
 
         # the kernel is kept alive, so that no other has the same id
@@ -168,7 +168,7 @@ class KernelLibrary(ABC):
     def extra_kernel(self, kernel: Kernel, lanes: int) -> OwnedAddress:
         """Return the address of a kernel of (t, y, c) that is not the program's own."""
         kernel = replace(kernel, arguments=STEP_ARGUMENTS)
-        name = f"{kernel.name}_{_digest(kernel)}"
+        name = f"{kernel.name}_{kernel.digest}"
         return self._entry(
             name, lanes, lambda: self.kernel_text(kernel.name, kernel, lanes), kernel.name, table=self._further
         )
@@ -300,7 +300,3 @@ def derivative_of(kernel: Kernel) -> tuple[str, Kernel]:
     whole = has_jacobian(kernel)
     derivative = (jacobian_kernel if whole else tangent_kernel)(kernel, len(kernel.outputs), exact=False)
     return _DERIVATIVES[whole], replace(derivative, arguments=STEP_ARGUMENTS)
-
-
-def _digest(*parts: object) -> str:
-    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]

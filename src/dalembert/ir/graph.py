@@ -24,7 +24,7 @@ class Graph(Algebra):
     def copy(self) -> Graph:
         """Return a graph that has the same values in the same forms, with the same numbers, and is independent."""
         made = Graph.__new__(Graph)
-        made.decimals, made.written = dict(self.decimals), self.written
+        made.decimals, made.written, made.cached = dict(self.decimals), self.written, self.cached
         made.samples = {index: dict(values) for index, values in self.samples.items()}
         made._errors = dict(self._errors)
         made.nodes = [
@@ -48,7 +48,7 @@ class Graph(Algebra):
             {key: node.index for key, node in self._by_value.items()},
             {name: node.index for name, node in self._inputs.items()},
         ]
-        return _graph_of, (rows, places, self.decimals, self.written, self.samples, self._errors)
+        return _graph_of, (rows, places, self.decimals, self.written, self.samples, self._errors, self.cached)
 
     @staticmethod
     def topological(outputs: Sequence[Node], args: Callable[[Node], tuple[Node, ...]] | None = None) -> Iterator[Node]:
@@ -119,6 +119,7 @@ class Graph(Algebra):
 
     def adopt(self, nodes: Sequence[Node]) -> list[Node]:
         """Return nodes of another graph, rebuilt in this one."""
+        self.cached |= any(node.graph.cached for node in nodes)
         new: dict[int, Node] = {}
         self.visit(nodes, new, lambda node: self.adopt_one(node, new))
         return [new[node.index] for node in nodes]
@@ -202,10 +203,11 @@ def _graph_of(
     written: bool,
     samples: dict[int, dict[int, tuple[float, float, bool]]],
     errors: dict[int, Any],
+    cached: bool,
 ) -> Graph:
     """Return an unpickled graph, with the same values in the same forms, and the same numbers."""
     made = Graph.__new__(Graph)
-    made.decimals, made.written, made.samples, made._errors = decimals, written, samples, errors
+    made.decimals, made.written, made.samples, made._errors, made.cached = decimals, written, samples, errors, cached
     made.nodes = [
         Node(made, index, op, (), payload, value, cost, deps)
         for index, (op, _, payload, value, cost, deps, _) in enumerate(rows)

@@ -64,6 +64,8 @@ class Interning:
         self._inputs: dict[str, Node] = {}
         self.written = False
         """Whether nodes are made of expressions that a user wrote."""
+        self.cached = False
+        """Whether kernels of nodes may be kept on disk."""
         self._errors: dict[int, accuracy.Probed] = {}
         self.nodes: list[Node] = []
         for small in (0, 1, -1, 2, -2):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections import Counter
 from collections.abc import Hashable, Sequence
@@ -81,6 +82,14 @@ class Kernel:
 
     def __str__(self) -> str:
         return self.text()
+
+    @property
+    def digest(self) -> str:
+        """A digest of all that the kernel is made of, the same in every process."""
+        loads = [(load.target, load.array, load.index) for load in self.loads]
+        body = [(line.target, line.op, line.args) for line in self.body]
+        parts = self.name, self.arguments, loads, body, self.outputs
+        return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
     def text(self, labels: Sequence[str] = ()) -> str:
         """Return the kernel in the notation of `dalembert.ir.notation`, its outputs commented by `labels`."""

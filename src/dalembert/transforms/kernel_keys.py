@@ -6,14 +6,26 @@ A scene is often compiled several times in a process: for backends, for outputs,
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from typing import NamedTuple
 
 from ..ir.graph import Graph
 from ..ir.node import Node, UnitName
 
 
+class ValuesKey(NamedTuple):
+    """A key of values: whether products stay as they are, a row for each node, and which rows are the values.
+
+    Its text is the same in every process.
+    """
+
+    plain: bool
+    rows: tuple[Hashable, ...]
+    values: tuple[int, ...]
+
+
 def values_key(
     graph: Graph, nodes: Sequence[Node], inputs: Mapping[Node, tuple[str, int | None]], fixed: Sequence[Node] | None
-) -> Hashable:
+) -> ValuesKey:
     """Return a key of values: equal for equal forms of nodes, from inputs of the same names at the same places.
 
     The arguments are those of `lower_kernel`.
@@ -33,4 +45,4 @@ def values_key(
             rows.append((node.fingerprint, value, graph.decimals.get(node.index)))
         else:
             rows.append((node.op, node.deps == 0, *[numbers[arg.index] for arg in node.args]))
-    return fixed is None, tuple(rows), tuple([numbers[node.index] for node in nodes])
+    return ValuesKey(fixed is None, tuple(rows), tuple([numbers[node.index] for node in nodes]))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -75,7 +74,7 @@ class AdmissionCode:
 
     @once_property
     def _loaded(self) -> LoadedCode:
-        name = f"admission_{hashlib.sha256(repr(self._kernel).encode()).hexdigest()[:16]}"
+        name = f"admission_{self._kernel.digest}"
         text = [("admission", self._kernel)]
         return load_object(object_code(self._folder, name, lambda: with_definitions(assembly(text, 1))))
 
