@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, final
 from .codegen import backend_named
 from .codegen.base import RenderedModule
 from .codegen.engine import Engine
+from .codegen.kept_kernels import KeptKernels
 from .errors import CompileTimeWarning, EnergyWarning, OptionError, SceneError, list_names, warn_caller
 from .frozen import frozen
 from .ir.program import Program
@@ -166,7 +167,7 @@ def derive_scene(scene: Scene, options: CompileOptions) -> Derivation:
             ],
         )
     equations = watch("derive", lambda: with_fixed_gains(derive(model), options.gains))
-    equations.graph.cached = options.cache
+    equations.graph.store = KeptKernels() if options.cache else None
     if equations.contacts:
         from .mechanics.released_balances import with_hidden_normals
 

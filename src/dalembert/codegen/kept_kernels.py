@@ -13,6 +13,7 @@ import sys
 import zlib
 from collections.abc import Hashable
 from pathlib import Path
+from typing import final
 
 from .. import naming
 from ..ir.kernel import Assignment, Kernel, Load, Operand
@@ -24,15 +25,18 @@ from .cache import digest_of, directory, read_kept, write_kept
 from .rendering import generator_digest
 
 
-def read_kernel(key: Hashable) -> Lowered | None:
-    """Return what was kept for a key, whose text is the same in every process; None where nothing is."""
-    data = read_kept(_path(key))
-    return None if data is None else _unpacked(data)
+@final
+class KeptKernels:
+    """The kernels on disk, a store of a graph; the text of a key is the same in every process."""
 
+    def read(self, key: Hashable) -> Lowered | None:
+        """See `KernelStore.read`."""
+        data = read_kept(_path(key))
+        return None if data is None else _unpacked(data)
 
-def keep_kernel(key: Hashable, lowered: Lowered) -> None:
-    """Keep a kernel and its records, if possible."""
-    write_kept(_path(key), _packed(lowered))
+    def keep(self, key: Hashable, lowered: Lowered) -> None:
+        """See `KernelStore.keep`; a folder that cannot be used keeps nothing."""
+        write_kept(_path(key), _packed(lowered))
 
 
 def _path(key: Hashable) -> Path:

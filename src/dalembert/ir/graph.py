@@ -11,6 +11,7 @@ from itertools import count
 from typing import Any, final
 
 from .algebra import Algebra
+from .interning import KernelStore
 from .node import Node, UnitName, deps_of
 
 _RATIONAL = ("add", "sub", "mul", "div", "neg", "sin", "cos", "tan")
@@ -24,7 +25,7 @@ class Graph(Algebra):
     def copy(self) -> Graph:
         """Return a graph that has the same values in the same forms, with the same numbers, and is independent."""
         made = Graph.__new__(Graph)
-        made.decimals, made.written, made.cached = dict(self.decimals), self.written, self.cached
+        made.decimals, made.written, made.store = dict(self.decimals), self.written, self.store
         made.samples = {index: dict(values) for index, values in self.samples.items()}
         made._errors = dict(self._errors)
         made.nodes = [
@@ -48,7 +49,7 @@ class Graph(Algebra):
             {key: node.index for key, node in self._by_value.items()},
             {name: node.index for name, node in self._inputs.items()},
         ]
-        return _graph_of, (rows, places, self.decimals, self.written, self.samples, self._errors, self.cached)
+        return _graph_of, (rows, places, self.decimals, self.written, self.samples, self._errors, self.store)
 
     @staticmethod
     def topological(outputs: Sequence[Node], args: Callable[[Node], tuple[Node, ...]] | None = None) -> Iterator[Node]:
@@ -119,7 +120,7 @@ class Graph(Algebra):
 
     def adopt(self, nodes: Sequence[Node]) -> list[Node]:
         """Return nodes of another graph, rebuilt in this one."""
-        self.cached |= any(node.graph.cached for node in nodes)
+        self.store = self.store or next((node.graph.store for node in nodes[:1]), None)
         new: dict[int, Node] = {}
         self.visit(nodes, new, lambda node: self.adopt_one(node, new))
         return [new[node.index] for node in nodes]
@@ -203,11 +204,11 @@ def _graph_of(
     written: bool,
     samples: dict[int, dict[int, tuple[float, float, bool]]],
     errors: dict[int, Any],
-    cached: bool,
+    store: KernelStore | None,
 ) -> Graph:
     """Return an unpickled graph, with the same values in the same forms, and the same numbers."""
     made = Graph.__new__(Graph)
-    made.decimals, made.written, made.samples, made._errors, made.cached = decimals, written, samples, errors, cached
+    made.decimals, made.written, made.samples, made._errors, made.store = decimals, written, samples, errors, store
     made.nodes = [
         Node(made, index, op, (), payload, value, cost, deps)
         for index, (op, _, payload, value, cost, deps, _) in enumerate(rows)

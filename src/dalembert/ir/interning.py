@@ -12,8 +12,9 @@ none that it loses. Every operand of a node costs less than the node, so the gra
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 from fractions import Fraction
+from typing import Any, Protocol
 
 from . import accuracy
 from . import fingerprint as fp
@@ -52,6 +53,18 @@ def as_float(value: Fraction) -> float:
         return math.inf if value > 0 else -math.inf
 
 
+class KernelStore(Protocol):
+    """Where kernels are kept as they are lowered, from process to process."""
+
+    def read(self, key: Hashable) -> Any:
+        """Return what was kept for a key; None where nothing was."""
+        ...
+
+    def keep(self, key: Hashable, lowered: Any) -> None:
+        """Keep a kernel with the records of its passes."""
+        ...
+
+
 class Interning:
     """An arena of values by their fingerprints. `dalembert.ir.algebra.Algebra` adds arithmetic."""
 
@@ -64,8 +77,8 @@ class Interning:
         self._inputs: dict[str, Node] = {}
         self.written = False
         """Whether nodes are made of expressions that a user wrote."""
-        self.cached = False
-        """Whether kernels of nodes may be kept on disk."""
+        self.store: KernelStore | None = None
+        """Where kernels of nodes are kept."""
         self._errors: dict[int, accuracy.Probed] = {}
         self.nodes: list[Node] = []
         for small in (0, 1, -1, 2, -2):

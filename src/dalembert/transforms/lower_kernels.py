@@ -16,6 +16,7 @@ from functools import partial
 from ..errors import ExpressionError
 from ..ir.calls import CALLS, call
 from ..ir.graph import Graph
+from ..ir.interning import KernelStore
 from ..ir.kernel import Assignment, Kernel, Load, Operand
 from ..ir.node import Node
 from ..ir.ops import GRAPH_OPERATIONS
@@ -60,8 +61,8 @@ def lower_kernel(
     known: Lowered | None = LOWERED.get(key)
     if known is None:
         lower = partial(_lowered, graph, name, nodes, inputs, arguments, fixed)
-        size = len(key[2].rows)
-        known = _read_or_lowered(key, lower) if graph.cached and size >= _KEPT[fixed is None] else lower()
+        long = len(key[2].rows) >= _KEPT[fixed is None]
+        known = _read_or_lowered(graph.store, key, lower) if graph.store is not None and long else lower()
         LOWERED[key] = _remembered(known)
     if records is not None:
         records += known[1]
@@ -81,14 +82,12 @@ _KEPT = 15, 300
 """Values from which on a kernel is kept on disk, with products rewritten and without: lowering takes some 3 ms then."""
 
 
-def _read_or_lowered(key: Hashable, lower: Callable[[], Lowered]) -> Lowered:
+def _read_or_lowered(store: KernelStore, key: Hashable, lower: Callable[[], Lowered]) -> Lowered:
     """Return a kernel, and a record of each pass: as a process has kept them, or as `lower` makes them."""
-    from ..codegen.kept_kernels import keep_kernel, read_kernel
-
-    found = read_kernel(key)
+    found: Lowered | None = store.read(key)
     if found is None:
         found = lower()
-        keep_kernel(key, _remembered(found))
+        store.keep(key, _remembered(found))
     return found
 
 
