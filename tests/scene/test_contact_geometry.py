@@ -7,6 +7,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, 
 
 import dalembert as da
 from dalembert.errors import InitialStateError, SceneError
+from dalembert.methods.status import Status
 from dalembert.scene.contacts.laws import UnilateralContact
 from dalembert.scene.contacts.made import with_made_contacts
 
@@ -270,8 +271,18 @@ def test_a_disc_that_lies_flat_is_no_success():
     for height in (0, 0.2):
         with pytest.raises(InitialStateError, match="edge"):
             model.simulate((0, 1), {**still, z: height, tilt: 0}, p)
-    run = model.simulate((0, 1), {**still, z: 0.1 * np.sin(0.5), tilt: 0.5}, p)
-    assert not run.success and run.t[-1] < 0.2 and run["tilt"][-1] < 1e-3
+    leaning = {**still, z: 0.1 * np.sin(0.5), tilt: 0.5}
+    for method in ("auto", "taylor", "dop853", "radau"):
+        run = model.simulate((0, 1), leaning, p, method=method)
+        assert run.status is Status.CONTACT_UNSUPPORTED and run.t[-1] < 0.2 and abs(run["tilt"][-1]) < 1e-9
+        assert "a gap of 'edge' has a kink at t = 0.112166" in run.message
+        tilts = np.array([0.5, 1.0])
+        sweep = model.sweep((0, 0.15), {**still, z: 0.1 * np.sin(tilts), tilt: tilts}, p, method=method)
+        assert sweep.status.tolist() == [Status.CONTACT_UNSUPPORTED, Status.SUCCESS]
+        assert sweep.t[0] == pytest.approx(run.t[-1], abs=1e-12)
+    prepared = model.prepare((0, 1))
+    prepared(model.state(leaning, p), model.parameter_vector(p))
+    assert prepared.status is Status.CONTACT_UNSUPPORTED
 
 
 def test_written_contacts_stand_beside_those_by_geometry():

@@ -112,9 +112,10 @@ TRANSITIONS: Mapping[str, Transition] = {
             (STICK, SLIP, OPEN),
         ),
         Transition("paradox", "sliding friction no longer determines the normal reactions", (SLIP,), ()),
+        Transition("kink", "the gradient of the gap jumps", (CLOSED, SLIP, STICK, SMOOTH), ()),
     )
 }
-"""Ends of a mode and their consequences, by the kind of the guard. After a paradox nothing follows."""
+"""Ends of a mode and their consequences, by the kind of the guard. After a paradox, or a kink, nothing follows."""
 
 BITS: Mapping[tuple[str, int], int] = {
     guard: 1 << bit

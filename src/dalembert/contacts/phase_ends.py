@@ -13,7 +13,9 @@ from .slip_begins import forget_breaks
 _SUCCESS, _EVENT = int(Status.SUCCESS), int(Status.EVENT)
 _IMPOSSIBLE, _ACCUMULATE = int(Status.CONTACT_IMPOSSIBLE), int(Status.EVENTS_ACCUMULATE)
 _MAX_STEPS, _INITIAL_STATE = int(Status.MAX_STEPS), int(Status.INITIAL_STATE)
-_FAILED = int(Status.PROJECTION_FAILED)
+_FAILED, _UNSUPPORTED = int(Status.PROJECTION_FAILED), int(Status.CONTACT_UNSUPPORTED)
+BEYOND = -2
+"""Number of the contact of guards at which a motion ends, because its equations do not continue it."""
 _HISTORY, _HISTORIES = 31, 2_147_483_629
 """By which a history is multiplied for each phase, and how many there are."""
 
@@ -42,23 +44,25 @@ def _happened(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, i: int,
 
 
 @compiled_subset
-def _fire(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, i: int, first: int, t: float) -> bool:
-    """Record the guards that have fired; return whether the reactions are no longer determined."""
-    requested, paradox, kinked = plan.terminal.size, False, False
+def _fire(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int, i: int, first: int, t: float) -> int:
+    """Record the guards that have fired; return the status with which the case ends by them, success for none."""
+    requested, status, kinked = plan.terminal.size, _SUCCESS, False
     for m in range(table.cases.fired.shape[1]):
         table.cases.fired[i, m] = 0
     for e in range(requested, plan.runners.events[runner]):
         if space.happened[first + 3 * e + 2] == t:
             guard = plan.runners.first_guard[runner] + e - requested
             contact, bit = plan.guards[guard, 0], plan.guards[guard, 1]
-            if contact < 0:
-                paradox = True
+            if contact == BEYOND:
+                status = _UNSUPPORTED
+            elif contact < 0:
+                status = _IMPOSSIBLE if status == _SUCCESS else status
             elif table.cases.fired[i, contact] & bit == 0:
                 table.cases.fired[i, contact] += bit
             kinked = kinked or plan.guards[guard, 2] != 0
     if kinked and not happens_together(table.cases.passed[i], t, t):
         forget_breaks(table.cases, i)
-    return paradox
+    return status
 
 
 @compiled_subset
@@ -125,8 +129,12 @@ def ended(plan: PhasePlan, table: CaseTable, space: ThreadWorkspace, runner: int
         numbers.state[i] = _MAX_STEPS
         return False
     jumps = numbers.runner[i] == JUMPS
-    if not jumps and _fire(plan, table, space, runner, i, first, t):
-        cases.status[i] = _IMPOSSIBLE
+    reason = _SUCCESS if jumps else _fire(plan, table, space, runner, i, first, t)
+    if reason == _UNSUPPORTED:
+        numbers.state[i] = reason
+        return False
+    if reason == _IMPOSSIBLE:
+        cases.status[i] = reason
     cases.soon[i] = cases.soon[i] + 1 if abs(cases.passed[i]) <= SOON * abs(cases.span[i]) else 0
     if cases.soon[i] >= SOON_IN_A_ROW:
         numbers.state[i] = _ACCUMULATE

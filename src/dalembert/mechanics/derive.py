@@ -281,4 +281,5 @@ def _contact(
         normal_load=contact.normal_load,
         slip_speed=contact.slip_speed,
         leader=leader,
+        kinks=contact.kinks,
     )

@@ -81,6 +81,8 @@ class ContactRow:
         The normal reaction with its sign, where a balance of bodies gives it.
     leader : int or None
         The number of the contact that opens, of which this is a further law of friction: it has that normal reaction.
+    kinks : tuple of Node
+        Values that change their signs where the gradient of the gap jumps.
     """
 
     name: str
@@ -98,6 +100,7 @@ class ContactRow:
     slip_speed: Node | None = None
     normal_value: Node | None = None
     leader: int | None = None
+    kinks: tuple[Node, ...] = ()
 
     @property
     def opens(self) -> bool:
@@ -115,12 +118,12 @@ class Guard:
     output : str
         Its name.
     contact : int
-        Number of the contact; -1 for all of them.
+        Number of the contact; -1 for all of them, and -2 for what is beyond the equations.
     kind : str
         "stop" (the slip velocity along its former direction vanishes), "break" (friction cannot hold, towards `sign`),
         "lift" (the normal reaction vanishes), "turn" (it changes its sign, at a constraint that never opens), "meet"
-        (the gap closes), "share" (contacts that hold each other can no longer share a load) or "paradox" (the normal
-        reactions are no longer determined).
+        (the gap closes), "share" (contacts that hold each other can no longer share a load), "paradox" (the normal
+        reactions are no longer determined) or "kink" (the value changes its sign where the gradient of the gap jumps).
     sign : int
         Direction of the slip that begins where friction breaks along one direction.
     """

@@ -106,8 +106,9 @@ _MESSAGES = {
         "friction, start elsewhere, or run forwards in time."
     ),
     Status.CONTACT_UNSUPPORTED: (
-        "The contacts came into a mode, of those that stick, slide or are open, whose equations are not supported: "
-        "simulate this case alone, which raises the error that says why and what to change."
+        "The contacts came into a mode, of those that stick, slide or are open, whose equations are not supported, or "
+        "a closed contact to a kink of its gap, where velocities would have to jump, as of a disc that comes to lie "
+        "flat: simulate this case alone, which says why and what to change."
     ),
     Status.SINGULAR_CONFIGURATION: (
         "The run met a configuration at which the constraints lose rank, and the motion beyond it is not determined by "

@@ -19,6 +19,7 @@ from ..events.event_rules import last_instants
 from ..lanes.cases import BlockResult
 from ..methods.status import RUNNING, Status
 from ..results.sweep_states import NO_MODE, SweepStates
+from ..runs.run_check import FAILED
 from ..runs.sampling import diverged, free_places
 from .output_values import OutputValues
 from .phases import PhaseExecutor
@@ -26,8 +27,8 @@ from .runner_choice import RunnerChoice
 from .stops import Stops
 from .velocity_jumps import EventJumps
 
-_BROKEN = np.isin(np.arange(max(Status) + 2), (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.MAX_STEPS))
-"""Whether a run with a status may have ended in Painleve's paradox, by status; the last is for RUNNING, which is -1."""
+_BROKEN = np.isin(np.arange(max(Status) + 2), FAILED)
+"""Whether a run with a status may have failed for its contacts, by status; the last is for RUNNING, which is -1."""
 
 
 _LINES = 256
@@ -194,7 +195,7 @@ class CaseRuns:
         finally:
             if self._maps is not None:
                 self._mapped(jumps, REFUSE)
-            self._mark_paradoxes()
+            self._mark_failures()
             self._mark_divergence()
 
     def _mapped(self, jumps: EventJumps | None, task: int) -> None:
@@ -205,12 +206,15 @@ class CaseRuns:
         loop_named("map_loop")(MapArguments(self.executor.table, self._maps, task))
         raise_failure()
 
-    def _mark_paradoxes(self) -> None:
-        """Distinguish failures near Painleve's paradox from others."""
+    def _mark_failures(self) -> None:
+        """Distinguish failures at kinks of gaps and near Painleve's paradox from others."""
         broken = np.flatnonzero(_BROKEN[self.numbers.state])
         if len(broken):
             values = OutputValues(self.choice.modes, self.cases.p)
-            jammed = values.jammed(self.states(broken))
+            states = self.states(broken)
+            kinked = values.at_kinks(states)
+            self.numbers.state[broken[kinked]] = int(Status.CONTACT_UNSUPPORTED)
+            jammed = ~kinked & values.jammed(states) & (self.numbers.state[broken] != Status.PROJECTION_FAILED)
             self.numbers.state[broken[jammed]] = int(Status.CONTACT_IMPOSSIBLE)
 
     def _mark_divergence(self) -> None:

@@ -36,6 +36,8 @@ def why_separate(equations: EquationsOfMotion, formulation: str) -> str:
     """Return why each mode of a scene has a program of its own; empty where one program serves them."""
     if len(equations.contacts) <= FEW_CONTACTS:
         return f"there are no more than {FEW_CONTACTS} contacts"
+    if any(contact.kinks for contact in equations.contacts):
+        return "gaps of contacts have kinks"
     if formulation not in _FORMULATIONS:
         return f"the formulation is {formulation!r}"
     return why_unswitched(equations)

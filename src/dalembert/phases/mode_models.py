@@ -185,6 +185,15 @@ class ModeModels:
 
         return derived_once(self._guards, mode, make)
 
+    def kinks(self, mode: Mode) -> list[Guard]:
+        """Return the guards of a mode at kinks of the gaps of its closed contacts."""
+        return [guard for guard in self.guards(mode) if guard.kind == "kink"]
+
+    def kinked_contacts(self, mode: Mode) -> list[str]:
+        """Return the names of the closed contacts of a mode whose gaps have kinks."""
+        contacts = zip(self.equations.contacts, mode, strict=True)
+        return [repr(contact.name) for contact, state in contacts if contact.kinks and state != OPEN]
+
     def kinked(self, mode: Mode) -> set[str]:
         """Return the outputs of the guards of a mode that contain tables: steps end beside their knots, not on them."""
 
@@ -196,9 +205,16 @@ class ModeModels:
         return derived_once(self._kinked, self.program(mode), make)
 
     def events(self, mode: Mode) -> list[Event]:
-        """Return the guards of a mode as events, which occur where they fall through zero, or at once below it."""
-        outputs = [guard.output for guard in self.guards(mode)]
-        return [armed(Event(output, terminal=True, direction=-1, name=output)) for output in outputs]
+        """Return the guards of a mode as events, which occur where they fall through zero, or at once below it.
+
+        Kinks are passed in both directions.
+        """
+        return [
+            Event(guard.output, terminal=True, name=guard.output)
+            if guard.kind == "kink"
+            else armed(Event(guard.output, terminal=True, direction=-1, name=guard.output))
+            for guard in self.guards(mode)
+        ]
 
     def states(self, mode: Mode, t: FloatArray, x: FloatArray, c: FloatArray) -> FloatArray:
         """Return the states (k, n_y) of a mode at variables (k, 2 n_q + n_z), for its constants (k, n_c)."""

@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 JAMMED = 0.05
 """Determinant of the reactions below which a failing run counts as one into Painleve's paradox."""
 
+KINK = 1e-6
+"""Value that vanishes at the kink of a gap below which a failing run counts as one into it."""
+
 
 @final
 @frozen(eq=False)
@@ -89,6 +92,15 @@ class OutputValues:
             if SLIP in self.modes.automaton.mode(int(number)):
                 here = np.flatnonzero(states.mode == number)
                 found[here] = ~(self("uniqueness of reactions", states.part(here)) > JAMMED)
+        return found
+
+    def at_kinks(self, states: SweepStates) -> NDArray[np.bool_]:
+        """Return at which states (k,) a closed contact is at a kink of its gap."""
+        found = np.zeros(len(states.t), np.bool_)
+        for number in np.unique(states.mode[states.mode >= 0]):
+            here = np.flatnonzero(states.mode == number)
+            for guard in self.modes.kinks(self.modes.automaton.mode(int(number))):
+                found[here] |= np.abs(self(guard.output, states.part(here))) < KINK
         return found
 
     def state(self, number: int, states: SweepStates) -> tuple[CompiledModel, FloatArray, FloatArray]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..contacts.contact_cases import ContactCases
-from ..errors import InitialStateError
+from ..errors import InitialStateError, list_names
 from ..methods.status import Status
 from ..options import SimulateOptions
 from ..results.events import EventRecord, EventRecords
@@ -183,6 +183,10 @@ def _note(
     where = f"at t = {float(now.t[0]):.6g} with {', '.join(f'{name} = {value:.6g}' for name, value in values)}"
     if status in (Status.CONTACT_IMPOSSIBLE, Status.CONTACT_AMBIGUOUS):
         return where
+    if status is Status.CONTACT_UNSUPPORTED:
+        return (
+            f"a gap of {list_names(modes.kinked_contacts(phases[-1].mode))} has a kink {where}: end the span before it"
+        )
     if status is Status.DIVERGED and first is not None:
         free, names = free_places(modes.layout), modes.layout.state
         return growth_note([names[i] for i in free], float(now.t[0]), first[0, free], now.x[0, free])

@@ -101,7 +101,7 @@ def compiled_events(
     scene, reduced, layout = stages.scene, stages.reduced, stages.program.layout
     plan, crossings, running, finals = _planned(reductions or {}, len(events))
     watched = [*events, *crossings]
-    ends = {p.output for p in reduced.equations.guards if p.kind != "meet"}
+    ends = {p.output for p in reduced.equations.guards if p.kind not in ("meet", "kink")}
     smooth = bool(watched) and all(e.expression in ends and e.terminal and e.apply is None for e in watched)
     rank = len(watched) if margins else -1
     watched += [Event(name, direction=-1) for name in margins or {}]

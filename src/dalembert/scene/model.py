@@ -198,6 +198,8 @@ class ContactModel:
         The input that `mu` has for the slip speed where it is a function of that.
     follows : str or None
         The contact that opens, of which this is a further law of friction.
+    kinks : tuple of Node
+        Values that change their signs where the gradient of the gap jumps.
     """
 
     name: str
@@ -214,6 +216,7 @@ class ContactModel:
     normal_load: Node | None = None
     slip_speed: Node | None = None
     follows: str | None = None
+    kinks: tuple[Node, ...] = ()
 
 
 @final

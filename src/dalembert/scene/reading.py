@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, final
 
 import sympy as sp
@@ -12,7 +13,7 @@ from ..frozen import frozen
 from ..ir.node import Node
 from ..naming import acceleration_input, acceleration_name, rate_name, unwritable
 from .content_reading import ContentReader
-from .expressions.kink_checks import kinked_constraints, rough_tables
+from .expressions.kink_checks import kinked_constraints, kinks_of_gap, rough_tables
 from .geometry import GeometryReader
 from .joints.checks import foreign_points, points_off_particles, travelling_points
 from .joints.compliances import read_compliances
@@ -153,6 +154,7 @@ class _SceneReader(ContentReader):
         requirements = self._smoothness([*holonomic, *closing], nonholonomic, given, lagrangian, contacts)
         symbols = self._symbols(requirements)
         self._refuse_kinks(holonomic, nonholonomic)
+        contacts = self._with_kinks(contacts)
         self._check(bodies, actions, symbols, requirements, placed)
         named = self.named_values()
         chosen = tuple(x for x in requested.chosen if x not in named or requested.values.get(x) is not named[x])
@@ -273,6 +275,16 @@ class _SceneReader(ContentReader):
         rates = [self.graph.input(rate_name(name)) for name in names]
         for rows, by in ((holonomic, moving), (nonholonomic, rates)):
             self.faults += kinked_constraints(self.graph, [(row.label, row.expression) for row in rows], moving, by)
+
+    def _with_kinks(self, contacts: Sequence[ContactModel]) -> list[ContactModel]:
+        """Return the contacts with the kinks of their gaps; record a fault for each that is not known."""
+        moving, found = [self.graph.input(q.func.__name__) for q in self.coordinates], []
+        for contact in contacts:
+            gap = None if self.faults or self.expressions.faults else contact.gap
+            kinks, faults = ((), []) if gap is None else kinks_of_gap(self.graph, contact.name, gap, moving)
+            self.faults += faults
+            found.append(replace(contact, kinks=kinks))
+        return found
 
     def _smoothness(
         self,

@@ -196,6 +196,7 @@ class _ModeEquations:
                 gap = self.laws.open_gap(contact, self._support(contact))
                 guards.append((Guard(f"gap of {name}", i, "meet"), gap + self.laws.allowance(contact)))
                 continue
+            guards += [(Guard(f"kink {n} of {name}", -2, "kink"), kink) for n, kink in enumerate(contact.kinks, 1)]
             press = self.laws.normal(contact) * self.laws.side(contact)
             if any(j in direction for direction in directions for j in (contact.normal, *contact.tangential)):
                 laws += self._shared_laws(contact, state, press, directions)

@@ -3,12 +3,14 @@
 Where the gradient of a holonomic constraint jumps in a configuration, as that of ``Abs(x) - y`` at x = 0, velocities
 that obey it would have to jump too: an impact without a law. So with coefficients of nonholonomic constraints. Whether
 they jump is measured: between two points on either side of what a switch decides by, which halving brings together.
-The root of a product of squares is that of absolute values, and decides by their signs.
+The root of a product of squares is that of absolute values, and decides by their signs. The gap of a contact may have
+kinks: where they are, a run ends while it is closed. There, other roots count as well, whose argument may vanish where
+it is least.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import reduce
 from operator import mul
 
@@ -39,6 +41,10 @@ _POINTS, _LEAST, _HALVINGS = 512, 32, 64
 _PAIRS = 24
 _JUMP = 1e-6
 """Share of the gradient that counts as a jump."""
+_FEWER, _KINK = 28, 0.1
+"""The same for roots of what is least at zero: next to that, rounding is all that is left of it."""
+_LATER, _LASTING = 8, 0.5
+"""Halvings in which a jump does not get smaller than by this share, which steep slopes do."""
 
 
 def kinked_constraints(
@@ -57,12 +63,10 @@ def kinked_constraints(
     rates : sequence of Node
         Those by which the constraints are differentiated: coordinates of holonomic ones, rates of nonholonomic ones.
     """
-    mask = graph.mask(str(node.payload) for node in moving)
     faults = []
     what = "gradient jumps" if moving == rates else "coefficients jump"
     for label, node in rows:
-        switches = [n for n in graph.topological([node]) if n.deps & mask and (n.op in _DECIDING or _squares(n))]
-        name = _first_jump(graph, node, switches, [str(x.payload) for x in moving], [str(x.payload) for x in rates])
+        name = next((_NAMES.get(n.op, n.op) for n in _jumping(graph, node, moving, rates, hidden=False)), "")
         if name:
             faults.append(
                 f"{label}: its {what} at a kink or a jump of {name} in the coordinates, where velocities would have to"
@@ -72,17 +76,41 @@ def kinked_constraints(
     return faults
 
 
-def _first_jump(graph: Graph, row: Node, switches: Sequence[Node], moving: list[str], by: list[str]) -> str:
-    """Return the name of a switch across which the derivatives of a constraint jump; empty where none do."""
+def kinks_of_gap(graph: Graph, name: str, gap: Node, moving: Sequence[Node]) -> tuple[tuple[Node, ...], list[str]]:
+    """Return values that change their signs where the gradient of a gap jumps, and a fault for each unknown one.
+
+    `name` is that of the contact, `moving` are the coordinates.
+    """
+    found = [(node, _turning(graph, node, moving)) for node in _jumping(graph, gap, moving, moving, hidden=True)]
+    faults = [
+        f"contact {name!r}: the gradient of its gap jumps at a kink or a jump of {_NAMES.get(node.op, node.op)} in the"
+        " coordinates. While it is closed, velocities would have to jump there, too, and the run would have to end:"
+        " write it so that this can be seen, Abs(x) or sqrt(x**2) with an x that changes its sign"
+        for node, value in found
+        if value is None
+    ]
+    return tuple(dict.fromkeys(value for _, value in found if value is not None)), faults
+
+
+def _jumping(graph: Graph, row: Node, moving: Sequence[Node], by: Sequence[Node], *, hidden: bool) -> Iterator[Node]:
+    """Yield the operations on coordinates across which the derivatives of a constraint, or a gap, jump.
+
+    With `hidden` also roots of what is no product of squares, such as that of 1 - cos(x)**2.
+    """
+    mask = graph.mask(str(node.payload) for node in moving)
+    roots = (lambda node: node.op == "sqrt") if hidden else _squares
+    switches = [n for n in graph.topological([row]) if n.deps & mask and (n.op in _DECIDING or roots(n))]
     if not switches:
-        return ""
+        return
     own = Graph()  # forms of the scene's graph do not depend on it
-    (whole,), decisions = own.adopt([row]), [_decision(own, node) for node in own.adopt(switches)]
-    slopes = cotangents(own, [whole], [own.one], [own.input(name) for name in by], GUARDED)
-    names = sorted({str(n.payload) for n in own.topological([whole, *slopes, *decisions]) if n.op == "input"})
-    places = {own.input(name): ("y", i) for i, name in enumerate(names)}
-    values = lower_kernel(own, "values", [*slopes, whole, *decisions], places)
-    points = _points(names, moving)
+    (whole,), adopted = own.adopt([row]), own.adopt(switches)
+    names, varied = [str(node.payload) for node in by], [own.input(str(node.payload)) for node in moving]
+    decisions = [(number, each) for number, node in enumerate(adopted) for each in _decisions(own, node, varied)]
+    slopes = cotangents(own, [whole], [own.one], [own.input(name) for name in names], GUARDED)
+    nodes = [*slopes, whole, *(node for _, node in decisions)]
+    inputs = sorted({str(n.payload) for n in own.topological(nodes) if n.op == "input"})
+    values = lower_kernel(own, "values", nodes, {own.input(name): ("y", i) for i, name in enumerate(inputs)})
+    points = _points(inputs, [str(node.payload) for node in moving])
 
     def at(y: FloatArray) -> tuple[FloatArray, FloatArray]:
         with np.errstate(all="ignore"):
@@ -90,21 +118,51 @@ def _first_jump(graph: Graph, row: Node, switches: Sequence[Node], moving: list[
         return found[:, : len(slopes) + 1], found[:, len(slopes) + 1 :]
 
     _, decided = at(points)
-    for number, node in enumerate(switches):
-        fine = np.flatnonzero(np.isfinite(decided[:, number]))
-        if len(fine) < _LEAST or _jumps(at, points[fine], decided[fine, number], number):
-            return _NAMES.get(node.op, node.op)
-    return ""
+    jumping = set()
+    for place, (number, _) in enumerate(decisions):
+        fine = np.flatnonzero(np.isfinite(decided[:, place]))
+        exact = switches[number].op != "sqrt" or _squares(switches[number])
+        least, jump, halvings = (_LEAST, _JUMP, _HALVINGS) if exact else (0, _KINK, _FEWER)
+        if len(fine) < least or _jumps(at, points[fine], decided[fine, place], place, jump, halvings):
+            jumping.add(number)
+    yield from (switches[number] for number in sorted(jumping))
 
 
-def _decision(graph: Graph, node: Node) -> Node:
-    """Return a value that is constant on either side of a kink or a jump of an operation."""
+def _decisions(graph: Graph, node: Node, moving: Sequence[Node]) -> list[Node]:
+    """Return values that are constant on either side of a kink or a jump of an operation.
+
+    The root of what is no product of squares has a kink where that is least, and zero: its slopes change their signs.
+    """
     if node.op in ("less", "less_equal"):
-        return node
+        return [node]
+    if node.op == "sqrt" and not _squares(node):
+        slopes = cotangents(graph, [node.args[0]], [graph.one], moving, GUARDED)
+        return [graph.call("sign", slope) for slope in slopes if not slope.is_zero]
+    value = node.args[0] if node.op == "floor" else _turning(graph, node, moving)
+    return [] if value is None else [graph.call(_DECIDING.get(node.op, "sign"), value)]
+
+
+def _turning(graph: Graph, node: Node, moving: Sequence[Node]) -> Node | None:
+    """Return a value that changes its sign at the kink or the jump of an operation; None where it is not known."""
+    if node.op == "floor":
+        return None
     if node.op == "sqrt":
-        return graph.call("sign", reduce(mul, _squares(node)))
-    value = node.args[0] - node.args[1] if node.op in ("min", "max") else node.args[0]
-    return graph.call(_DECIDING[node.op], value)
+        squares = _squares(node)
+        return reduce(mul, squares) if squares else _root(graph, node.args[0], moving)
+    return node.args[0] - node.args[1] if len(node.args) == 2 else node.args[0]
+
+
+def _root(graph: Graph, value: Node, moving: Sequence[Node]) -> Node | None:
+    """Return what is squared in a value like 2 - 2*cos(x)**2, but for a factor that does not move; None if not known.
+
+    It is the slope of what the value subtracts the square of.
+    """
+    for node in Graph.topological([value]):
+        if node.op == "mul" and node.args[0] is node.args[1]:
+            for slope in cotangents(graph, [node.args[0]], [graph.one], moving):
+                if not slope.is_zero and graph.freed_of(value / (slope * slope), list(moving)) is not None:
+                    return slope
+    return None
 
 
 def _squares(node: Node) -> list[Node]:
@@ -131,21 +189,30 @@ def _points(names: Sequence[str], moving: Sequence[str]) -> FloatArray:
     return np.where(np.isin(names, list(moving)), sign, 1.0) * size
 
 
-def _jumps(at: _Values, points: FloatArray, decided: FloatArray, number: int) -> bool:
+def _jumps(at: _Values, points: FloatArray, decided: FloatArray, number: int, jump: float, halvings: int) -> bool:
     """Return whether derivatives jump between points (k, n) between which a decision (k,) changes."""
     changes = np.flatnonzero(decided[1:] != decided[:-1])[:_PAIRS]
     if not len(changes):
         return False
     low, high, first = points[changes], points[changes + 1], decided[changes]
-    for _ in range(_HALVINGS):
+    before = np.zeros(len(changes))
+    for halved in range(halvings):
+        if halved == halvings - _LATER:
+            before = _apart(at(low)[0], at(high)[0])
         middle = 0.5 * (low + high)
         same = (at(middle)[1][:, number] == first)[:, np.newaxis]
         low, high = np.where(same, middle, low), np.where(same, high, middle)
-    one, other = at(low)[0], at(high)[0]
-    fine = np.all(np.isfinite(one) & np.isfinite(other), axis=1)
-    sizes = np.maximum(np.abs(one), np.abs(other))
-    far = np.abs(one - other) > _JUMP * np.maximum(sizes, np.max(sizes[:, :-1], axis=1, keepdims=True))
-    return bool(np.any(far[fine]))
+    apart = _apart(at(low)[0], at(high)[0])
+    return bool(np.any((apart > jump) & (apart > _LASTING * before)))
+
+
+def _apart(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Return by which share derivatives (k, n_q) and values, the last column, differ; 0 where they are not finite."""
+    with np.errstate(all="ignore"):
+        sizes = np.maximum(np.abs(one), np.abs(other))
+        sizes = np.maximum(sizes, np.max(sizes[:, :-1], axis=1, keepdims=True))
+        shares = np.max(np.where(sizes > 0.0, np.abs(one - other) / sizes, 0.0), axis=1)
+    return np.nan_to_num(shares, nan=0.0, posinf=0.0)
 
 
 # Check of the smoothness of tables in positions and constraints.
