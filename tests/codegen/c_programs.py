@@ -1,10 +1,16 @@
 """Programs in C for tests: compiled with warnings as errors, and run."""
 
+import os
 import shutil
 import subprocess
 from functools import cache
 
 import pytest
+
+from dalembert.codegen.llvm.target import ENVIRONMENT_VARIABLE, target
+
+ARCHITECTURE = f"-march={os.environ.get(ENVIRONMENT_VARIABLE, 'native')}"
+"""That for which machine code is made, so that programs in C have its bits."""
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror")
 
@@ -22,8 +28,13 @@ def compiler():
 def fuses():
     """Return whether the compiler fuses products and sums on this processor."""
     text = "#include <math.h>\n#if defined(FP_FAST_FMA) || defined(__FMA__)\nfused\n#endif\n"
-    command = [compiler(), "-std=c99", "-march=native", "-E", "-P", "-x", "c", "-"]
+    command = [compiler(), "-std=c99", ARCHITECTURE, "-E", "-P", "-x", "c", "-"]
     return "fused" in subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout
+
+
+def same_bits():
+    """Return whether programs in C have the bits of machine code, which needs products and sums that are fused."""
+    return fuses() and target().fused
 
 
 SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize=null,alignment", "-fsanitize-undefined-trap-on-error")
@@ -43,7 +54,7 @@ def built(folder, sources, *options):
     Strict C99 has the same bits with and without optimisation, which takes twice as long; further options follow.
     """
     program = folder / "program"
-    command = [compiler(), *WARNINGS, "-O0", "-march=native", *options, "-o", program, *sources, "-lm"]
+    command = [compiler(), *WARNINGS, "-O0", ARCHITECTURE, *options, "-o", program, *sources, "-lm"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[:3000]
     return program

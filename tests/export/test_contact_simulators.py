@@ -8,8 +8,7 @@ from sympy import Piecewise, cos, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
-from codegen.c_programs import OPTIMISED, SANITIZED, built, compiler, fuses, output
-from dalembert.codegen.llvm.target import target
+from codegen.c_programs import OPTIMISED, SANITIZED, built, compiler, output, same_bits
 from dalembert.contacts.equations.contact_laws import STATES
 from dalembert.errors import CapabilityError
 from export.pages import need_pages, parts, run_of
@@ -113,7 +112,7 @@ def test_motions_in_phases_are_those_of_simulate(program_of, name, method):
     assert len(run.phases) > 1
     for key in found.keys() - {"t"}:
         np.testing.assert_allclose(found[key], run[key], rtol=1e-11, atol=1e-11, err_msg=key)
-    if fuses() == target().fused:
+    if same_bits():
         last = model.sweep((0, end), case.initial, case.parameters, threads=1, **given)
         for key in model.layout.variables:
             assert abs(found[key][-1] - last[key][0]) <= 2e-16 * abs(last[key][0])

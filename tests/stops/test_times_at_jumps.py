@@ -40,10 +40,13 @@ def near(t, roundings):
 def test_the_state_after_the_jump(models, events, contact):
     """Up to rounding of the time at which it is located, in single runs and in sweeps."""
     model = models[contact]
-    times = np.array([0.5, near(1.0, -3), 1.0])
     for method in model.methods:
         if method in ("bdf", "lsoda", "rk45"):
             continue
+        whole = model.simulate((0, 1.5), START, {}, events=events, method=method)
+        last = max(1.0, whole.t[np.argmax(whole["x_dot"] > 0.0)])  # rounding of stages may move it by some 1e-13
+        assert last == pytest.approx(1.0, abs=1e-12)
+        times = np.array([0.5, near(last, -3), last])
         run = model.simulate((0, 1.5), START, {}, events=events, t_eval=times, method=method)
         sweep = model.sweep((0, 1.5), {x: [1.0, 1.0], v: 0}, {}, events=events, t_eval=times, method=method)
         rates = np.asarray(sweep["x_dot"])
