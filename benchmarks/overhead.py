@@ -44,6 +44,7 @@ WORK: dict[str, tuple[str, Mapping[str, Any]]] = {
     "with a maximum": ("minimal", {"reduce": {"largest": da.maximum("x")}}),
     "with two times": ("minimal", {"t_eval": np.array([0.0, SHORT])}),
     "projected": ("projected", {}),
+    "keeping first integrals": ("minimal", {"project_invariants": True}),
 }
 """Formulation and options of sweeps by name."""
 

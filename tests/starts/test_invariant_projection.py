@@ -9,6 +9,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.errors import EnergyWarning, FormulationError, OptionError, UnknownNameError
+from dalembert.starts import first_integrals
 from hard_cases import hard_case
 
 LOOSE = {"rtol": 1e-6, "atol": 1e-8}
@@ -364,3 +365,31 @@ def test_a_case_that_does_not_conserve_what_the_first_does(force):
     assert np.all(np.isfinite(run(state, model.parameter_vector({share: 0.0}))))
     with pytest.raises(OptionError, match="'energy' is not conserved with these parameters"):
         run(state, model.parameter_vector({share: 0.003}))
+
+
+def test_what_is_conserved_is_found_out_once_for_parameters(monkeypatch):
+    share = symbols("share")
+    model, keep = bead(-share * _x.diff()), {"project_invariants": True}
+    first = model.sweep((0, 1), BEAD, {share: np.zeros(2)}, **keep)
+    with monkeypatch.context() as patch:
+        patch.setattr(first_integrals, "_still", None)
+        again = model.sweep((0, 1), BEAD, {share: np.zeros(2)}, **keep)
+        others = model.sweep((0, 1), {**BEAD, "x_dot": np.array([1.0, 2.0])}, {share: 0}, **keep)
+        with pytest.raises(TypeError):
+            model.sweep((0, 1), BEAD, {share: np.full(2, 0.003)}, **keep)
+    np.testing.assert_array_equal(again.final["x"], first.final["x"])
+    assert others.success.all()
+    with pytest.raises(OptionError, match="nothing is known to be conserved"):
+        model.sweep((0, 1), BEAD, {share: np.full(2, 0.003)}, **keep)
+
+
+def test_many_cases_start_as_few_do():
+    """Values to keep are those of compiled code in lanes, whatever stands beside a case."""
+    case, model = hard_case("edge plate falling flat"), model_of("edge plate falling flat", "projected")
+    speeds = np.linspace(0.0, 0.5, 21)
+    many, few = (
+        model.sweep((0, 1e-3), {**case.initial, "x_dot": some}, case.parameters, project_invariants=True)
+        for some in (speeds, speeds[13:14])
+    )
+    for name in model.layout.state:
+        assert many.final[name][13] == few.final[name][0]

@@ -50,6 +50,8 @@ class Derived:
         Kernels of the program and their derivatives.
     sweep_settings : table
         Settings of sweeps by options, method and number of threads, with the span of the last ones.
+    conserved : table
+        Names of the first integrals that are conserved, by the bytes of constants.
     """
 
     def __init__(self, stages: Stages, engine: Engine) -> None:
@@ -66,6 +68,7 @@ class Derived:
         self._by_tuple: BoundedTable[int, tuple[Any, EventCode]] = BoundedTable(_MOST)
         self.sweep_settings: BoundedTable[tuple[SweepOptions, str, int], tuple[CaseSettings, tuple[float, float]]]
         self.sweep_settings = BoundedTable(_MOST)
+        self.conserved: BoundedTable[bytes, tuple[str, ...]] = BoundedTable(_MOST)
         self._variations: BoundedTable[tuple[tuple[str, ...], ...], Variation] = BoundedTable(_MOST)
 
     def start(self, given: Iterable[str]) -> Start:

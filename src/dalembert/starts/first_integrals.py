@@ -47,11 +47,20 @@ def conserved(
     of the motion and others, with random inputs and in all branches of the equations; the random numbers are the same
     in every run.
     """
-    kept = np.array(found.certain)
-    if not np.all(kept) and len(t):
-        kept = kept | _still(program, found, c, t, x)
+    kept, _ = _kept(program, found, c, t, x)
     values = interpret_rows(found.values, t, x, c)
     return {name: values[:, i] for i, name in enumerate(found.names) if kept[i]}
+
+
+def _kept(
+    program: Program, found: InvariantCandidates, c: FloatArray, t: FloatArray, x: FloatArray
+) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], bool]:
+    """Return which candidates are conserved, see `conserved`, and whether that was seen in all trials."""
+    certain = np.array(found.certain)
+    if np.all(certain) or not len(t):
+        return certain, True
+    still, trials = _still(program, found, c, t, x)
+    return certain | still, trials == _TRIALS
 
 
 def changing(
@@ -85,8 +94,8 @@ def changing(
 
 def _still(
     program: Program, found: InvariantCandidates, c: FloatArray, t: FloatArray, x: FloatArray
-) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Return which candidates do not change in any of the random states."""
+) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], int]:
+    """Return which candidates do not change in any of the random states, and how many states there were."""
     layout, random = program.layout, np.random.default_rng(1)
     count, size = len(found.names), len(layout.coordinates)
     still, trials = np.ones(count, bool), 0
@@ -118,7 +127,7 @@ def _still(
             for values in (out, branches[np.all(np.isfinite(branches), axis=1)]):
                 still &= np.all(np.abs(values[:, :count]) <= _STILL * values[:, count:], axis=0)
             trials += 1
-    return still & (trials > 0)
+    return still & (trials > 0), trials
 
 
 def _speed(program: Program, t: FloatArray, x: FloatArray, c: FloatArray, sizes: FloatArray) -> float:
@@ -159,45 +168,42 @@ def keeping_from(
 def keeping_model(
     model: CompiledModel, requested: Any, c: FloatArray, t0: float, y: FloatArray
 ) -> tuple[CompiledModel, tuple[str, ...]]:
-    """Return the model that keeps first integrals, and their names; `requested` and errors as for `kept_names`."""
-    stages = model.stages
-    names = kept_names(requested, stages.equations, stages.program, model.derived.invariants, c, t0, y)
+    """Return the model that keeps first integrals, and their names, for a start at t0 in y (n_y,) with c (n_c,).
+
+    What is conserved is so in all states: it is found out once for constants. `requested` and errors as for
+    `kept_names`.
+    """
+    stages, found = model.stages, model.derived.invariants
+    refuse_unknown(requested, found)
+    known = model.derived.conserved
+    able = known.get(key := c.tobytes())
+    if able is None:
+        times = np.array([t0])
+        x = interpret_rows(stages.program.kernel("expand"), times, y[np.newaxis], c)
+        kept, tried = _kept(stages.program, found, c, times, x)
+        able = tuple(name for name, each in zip(found.names, kept, strict=True) if each)
+        if tried:
+            known[key] = able
+    names = kept_names(requested, stages.equations, found, able)
     return model.variants.keeping_invariants(names), names
 
 
 def kept_names(
-    requested: Any,
-    equations: EquationsOfMotion,
-    program: Program,
-    found: InvariantCandidates,
-    c: FloatArray,
-    t: float,
-    y: FloatArray,
+    requested: Any, equations: EquationsOfMotion, found: InvariantCandidates, able: tuple[str, ...]
 ) -> tuple[str, ...]:
     """Return the names of the first integrals to keep: all that are conserved, or the requested ones.
 
-    Parameters
-    ----------
-    requested : True, a name, or an iterable of names
-    equations, program, found
-        Of the model.
-    c, t, y
-        Constants (n_c,), time and state (n_y,) at a start.
+    `requested` is True, a name, or an iterable of names; `able` are those that are conserved.
 
     Raises
     ------
-    UnknownNameError
-        For a name that is no candidate.
     OptionError
         For what is not conserved, with the reason, and where nothing is; and where no name is given.
     """
-    refuse_unknown(requested, found)
-    x = interpret_rows(program.kernel("expand"), np.array([t]), y[np.newaxis], c)
-    able = tuple(conserved(program, found, c, np.array([t]), x))
     if requested is True:
         if not able:
             raise OptionError(
-                f"project_invariants: nothing is known to be conserved in {program.name!r}. The energy is not:"
+                f"project_invariants: nothing is known to be conserved in {equations.name!r}. The energy is not:"
                 f" {why_not(equations, 'energy')}"
             )
         return able
@@ -205,12 +211,12 @@ def kept_names(
     if not names:
         raise OptionError(
             "project_invariants: no first integral is named. Give names, True for all that are conserved, or False."
-            f" Conserved in {program.name!r}: {list_names(able) or 'nothing that is known'}"
+            f" Conserved in {equations.name!r}: {list_names(able) or 'nothing that is known'}"
         )
     lost = [f"{name!r} is not conserved: {why_not(equations, name)}" for name in names if name not in able]
     if lost:
         raise OptionError(
-            f"project_invariants: {'; '.join(lost)}. Conserved in {program.name!r}:"
+            f"project_invariants: {'; '.join(lost)}. Conserved in {equations.name!r}:"
             f" {list_names(able) or 'nothing that is known'}"
         )
     return tuple(name for name in found.names if name in names)
