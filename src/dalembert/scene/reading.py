@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, final
 
 import sympy as sp
@@ -13,12 +12,13 @@ from ..frozen import frozen
 from ..ir.node import Node
 from ..naming import acceleration_input, acceleration_name, rate_name, unwritable
 from .content_reading import ContentReader
-from .expressions.kink_checks import kinked_constraints, kinks_of_gap, rough_tables
+from .expressions.kink_checks import rough_tables
 from .geometry import GeometryReader
 from .joints.checks import foreign_points, points_off_particles, travelling_points
 from .joints.compliances import read_compliances
 from .joints.joints import Component, NamedOutput, Place
 from .joints.sympy_joints import tree_faults
+from .kinks import contacts_with_kinks, faults_of_kinks
 from .model import Action, BodyModel, ConstraintModel, ContactModel, GivenMotion, Piece, Pieces, SceneModel
 from .scene import Scene
 from .symbol_table import SymbolTable
@@ -153,8 +153,11 @@ class _SceneReader(ContentReader):
         controllers = self._controllers(nonholonomic, contacts)
         requirements = self._smoothness([*holonomic, *closing], nonholonomic, given, lagrangian, contacts)
         symbols = self._symbols(requirements)
-        self._refuse_kinks(holonomic, nonholonomic)
-        contacts = self._with_kinks(contacts)
+        if not (self.faults or self.expressions.faults):
+            names = [q.func.__name__ for q in self.coordinates]
+            self.faults += faults_of_kinks(self.graph, names, holonomic, nonholonomic)
+            contacts, faults = contacts_with_kinks(self.graph, names, contacts)
+            self.faults += faults
         self._check(bodies, actions, symbols, requirements, placed)
         named = self.named_values()
         chosen = tuple(x for x in requested.chosen if x not in named or requested.values.get(x) is not named[x])
@@ -265,26 +268,6 @@ class _SceneReader(ContentReader):
         lagrangian = None if scene.lagrangian is None else self._scalar(scene.lagrangian, "Lagrangian")
         self._without_states([] if lagrangian is None else [lagrangian], "Lagrangian")
         return given, lagrangian
-
-    def _refuse_kinks(self, holonomic: Sequence[ConstraintModel], nonholonomic: Sequence[ConstraintModel]) -> None:
-        """Record a fault for every constraint on whose velocities a kink would impose a jump."""
-        if self.faults or self.expressions.faults:
-            return
-        names = [q.func.__name__ for q in self.coordinates]
-        moving = [self.graph.input(name) for name in names]
-        rates = [self.graph.input(rate_name(name)) for name in names]
-        for rows, by in ((holonomic, moving), (nonholonomic, rates)):
-            self.faults += kinked_constraints(self.graph, [(row.label, row.expression) for row in rows], moving, by)
-
-    def _with_kinks(self, contacts: Sequence[ContactModel]) -> list[ContactModel]:
-        """Return the contacts with the kinks of their gaps; record a fault for each that is not known."""
-        moving, found = [self.graph.input(q.func.__name__) for q in self.coordinates], []
-        for contact in contacts:
-            gap = None if self.faults or self.expressions.faults else contact.gap
-            kinks, faults = ((), []) if gap is None else kinks_of_gap(self.graph, contact.name, gap, moving)
-            self.faults += faults
-            found.append(replace(contact, kinks=kinks))
-        return found
 
     def _smoothness(
         self,
