@@ -95,7 +95,8 @@ def kinks_of_gap(graph: Graph, name: str, gap: Node, moving: Sequence[Node]) -> 
 def _jumping(graph: Graph, row: Node, moving: Sequence[Node], by: Sequence[Node], *, hidden: bool) -> Iterator[Node]:
     """Yield the operations on coordinates across which the derivatives of a constraint, or a gap, jump.
 
-    With `hidden` also roots of what is no product of squares, such as that of 1 - cos(x)**2.
+    With `hidden` also roots of what is no product of squares, such as that of 1 - cos(x)**2, and only what is seen to
+    jump; else also what has a value at too few points to tell.
     """
     mask = graph.mask(str(node.payload) for node in moving)
     roots = (lambda node: node.op == "sqrt") if hidden else _squares
@@ -122,8 +123,8 @@ def _jumping(graph: Graph, row: Node, moving: Sequence[Node], by: Sequence[Node]
     for place, (number, _) in enumerate(decisions):
         fine = np.flatnonzero(np.isfinite(decided[:, place]))
         exact = switches[number].op != "sqrt" or _squares(switches[number])
-        least, jump, halvings = (_LEAST, _JUMP, _HALVINGS) if exact else (0, _KINK, _FEWER)
-        if len(fine) < least or _jumps(at, points[fine], decided[fine, place], place, jump, halvings):
+        jump, halvings = (_JUMP, _HALVINGS) if exact else (_KINK, _FEWER)
+        if (len(fine) < _LEAST and not hidden) or _jumps(at, points[fine], decided[fine, place], place, jump, halvings):
             jumping.add(number)
     yield from (switches[number] for number in sorted(jumping))
 
