@@ -12,13 +12,12 @@ from ..frozen import frozen
 from ..ir.node import Node
 from ..naming import acceleration_input, acceleration_name, rate_name, unwritable
 from .content_reading import ContentReader
-from .expressions.kink_checks import rough_tables
+from .expressions.kink_checks import contacts_with_kinks, kinked_constraints, rough_tables
 from .geometry import GeometryReader
 from .joints.checks import foreign_points, points_off_particles, travelling_points
 from .joints.compliances import read_compliances
 from .joints.joints import Component, NamedOutput, Place
 from .joints.sympy_joints import tree_faults
-from .kinks import contacts_with_kinks, faults_of_kinks
 from .model import Action, BodyModel, ConstraintModel, ContactModel, GivenMotion, Piece, Pieces, SceneModel
 from .scene import Scene
 from .symbol_table import SymbolTable
@@ -155,7 +154,7 @@ class _SceneReader(ContentReader):
         symbols = self._symbols(requirements)
         if not (self.faults or self.expressions.faults):
             names = [q.func.__name__ for q in self.coordinates]
-            self.faults += faults_of_kinks(self.graph, names, holonomic, nonholonomic)
+            self.faults += kinked_constraints(self.graph, names, holonomic, nonholonomic)
             contacts, faults = contacts_with_kinks(self.graph, names, contacts)
             self.faults += faults
         self._check(bodies, actions, symbols, requirements, placed)

@@ -11,8 +11,10 @@ it is least.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import reduce
 from operator import mul
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,9 +22,13 @@ from ...arrays import FloatArray
 from ...ir.graph import Graph
 from ...ir.interpret import interpret_rows
 from ...ir.node import Node
+from ...naming import rate_name
 from ...transforms.derivatives import GUARDED, cotangents
 from ...transforms.lower_kernels import lower_kernel
 from ...transforms.step_limits import table_nodes
+
+if TYPE_CHECKING:
+    from ..model import ConstraintModel, ContactModel
 
 _Values = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
@@ -48,48 +54,53 @@ _LATER, _LASTING = 8, 0.5
 
 
 def kinked_constraints(
-    graph: Graph, rows: Sequence[tuple[str, Node]], moving: Sequence[Node], rates: Sequence[Node]
+    graph: Graph,
+    coordinates: Sequence[str],
+    holonomic: Sequence[ConstraintModel],
+    nonholonomic: Sequence[ConstraintModel],
 ) -> list[str]:
     """Return a fault for every constraint whose gradient, or whose coefficients, jump in some configuration.
 
-    Parameters
-    ----------
-    graph : Graph
-        Of all nodes.
-    rows : sequence of (str, Node)
-        Constraints with their labels.
-    moving : sequence of Node
-        The coordinates.
-    rates : sequence of Node
-        Those by which the constraints are differentiated: coordinates of holonomic ones, rates of nonholonomic ones.
+    `graph` has all nodes, and `coordinates` are their names.
     """
     faults = []
-    what = "gradient jumps" if moving == rates else "coefficients jump"
-    for label, node in rows:
-        name = next((_NAMES.get(n.op, n.op) for n in _jumping(graph, node, moving, rates, hidden=False)), "")
-        if name:
-            faults.append(
-                f"{label}: its {what} at a kink or a jump of {name} in the coordinates, where velocities would have to"
-                " jump too: an impact without a law. Write it without (sqrt(x**2 + eps**2) in place of Abs(x), a cubic"
-                " table), or on one branch alone; a body that hits something has a contact (add_contacts)"
-            )
+    moving, rates = ([graph.input(name) for name in names] for names in (coordinates, map(rate_name, coordinates)))
+    for rows, by, what in ((holonomic, moving, "gradient jumps"), (nonholonomic, rates, "coefficients jump")):
+        for row in rows:
+            name = next((_NAMES.get(n.op, n.op) for n in _jumping(graph, row.expression, moving, by, hidden=False)), "")
+            if name:
+                faults.append(
+                    f"{row.label}: its {what} at a kink or a jump of {name} in the coordinates, where velocities would"
+                    " have to jump too: an impact without a law. Write it without (sqrt(x**2 + eps**2) in place of"
+                    " Abs(x), a cubic table), or on one branch alone; a body that hits something has a contact"
+                    " (add_contacts)"
+                )
     return faults
 
 
-def kinks_of_gap(graph: Graph, name: str, gap: Node, moving: Sequence[Node]) -> tuple[tuple[Node, ...], list[str]]:
-    """Return values that change their signs where the gradient of a gap jumps, and a fault for each unknown one.
+def contacts_with_kinks(
+    graph: Graph, coordinates: Sequence[str], contacts: Sequence[ContactModel]
+) -> tuple[list[ContactModel], list[str]]:
+    """Return contacts with what changes its sign at kinks of their gaps, and a fault for each that is not known.
 
-    `name` is that of the contact, `moving` are the coordinates.
+    `graph` has all nodes, and `coordinates` are their names.
     """
-    found = [(node, _turning(graph, node, moving)) for node in _jumping(graph, gap, moving, moving, hidden=True)]
-    faults = [
-        f"contact {name!r}: the gradient of its gap jumps at a kink or a jump of {_NAMES.get(node.op, node.op)} in the"
-        " coordinates. While it is closed, velocities would have to jump there, too, and the run would have to end:"
-        " write it so that this can be seen, Abs(x) or sqrt(x**2) with an x that changes its sign"
-        for node, value in found
-        if value is None
-    ]
-    return tuple(dict.fromkeys(value for _, value in found if value is not None)), faults
+    moving = [graph.input(name) for name in coordinates]
+    made: list[ContactModel] = []
+    faults: list[str] = []
+    for contact in contacts:
+        jumping = () if contact.gap is None else _jumping(graph, contact.gap, moving, moving, hidden=True)
+        found = [(node, _turning(graph, node, moving)) for node in jumping]
+        made.append(replace(contact, kinks=tuple(dict.fromkeys(value for _, value in found if value is not None))))
+        faults += [
+            f"contact {contact.name!r}: the gradient of its gap jumps at a kink or a jump of"
+            f" {_NAMES.get(node.op, node.op)} in the coordinates. While it is closed, velocities would have to jump"
+            " there, too, and the run would have to end: write it so that this can be seen, Abs(x) or sqrt(x**2) with"
+            " an x that changes its sign"
+            for node, value in found
+            if value is None
+        ]
+    return made, faults
 
 
 def _jumping(graph: Graph, row: Node, moving: Sequence[Node], by: Sequence[Node], *, hidden: bool) -> Iterator[Node]:
