@@ -108,7 +108,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
     Raises
     ------
     SceneError
-        When a reaction enters an action otherwise than linearly.
+        When a reaction enters an action otherwise than linearly, and for kinks that a motion may pass.
     """
     kinematics = Kinematics(model)
     if model.lagrangian is not None:
@@ -157,6 +157,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         scene=model if model.given is None and model.lagrangian is None else None,
         tree=power.tree,
     )
+    _require_ends_at_kinks(model, equations)
     require_reactions_of_constraints(model, equations)
     return equations
 
@@ -199,6 +200,15 @@ def _require_names_of_their_own(model: SceneModel, outputs: Mapping[str, Node]) 
                 f"scene {model.name!r}: the output {name!r} has the name of {kind}, which is something else; give it"
                 " another name: outputs={'name': expression, vector or point}"
             )
+
+
+def _require_ends_at_kinks(model: SceneModel, equations: EquationsOfMotion) -> None:
+    """Reject kinks, but those where three angles of a body lock: a run that comes there ends."""
+    graph, q = equations.graph, list(equations.q)
+    locks = [group.lock(graph) for group in equations.groups if group.angles] if model.kinks else []
+    faults = [fault for fault, value in model.kinks if all(graph.freed_of(lock / value, q) is None for lock in locks)]
+    if faults:
+        raise SceneError(model.name, list(dict.fromkeys(faults)))
 
 
 def _split(model: SceneModel, power: list[Node]) -> tuple[list[Node], Matrix]:

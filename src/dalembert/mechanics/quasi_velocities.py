@@ -64,6 +64,12 @@ class VelocityGroup:
     angles: bool = False
     norm: str = ""
 
+    def lock(self, graph: Graph) -> Node:
+        """Return what vanishes where three angles lock, on a graph: the determinant of the rows of the first choice."""
+        a, b, c = (graph.adopt(row) for row in self.choices[0].rows)
+        cross = [a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3] for i in range(3)]
+        return graph.sum(x * y for x, y in zip(cross, c, strict=True))
+
 
 def velocity_groups(kinematics: Kinematics) -> tuple[VelocityGroup, ...]:
     """Return the groups of a scene; no coordinate is in two of them."""

@@ -20,7 +20,6 @@ from ..frozen import frozen
 from ..ir.graph import Graph
 from ..ir.kernel import Kernel
 from ..ir.node import Node
-from ..mechanics.quasi_velocities import VelocityGroup
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix, SingularMatrix, factorize, matvec, transpose
 from ..transforms.lower_kernels import lower_kernel
@@ -174,7 +173,7 @@ def gimbals(system: ReducedSystem) -> Gimbals | None:
     found: list[tuple[Node, tuple[str, ...], str]] = []
     for group in equations.groups:
         if group.angles:
-            node = _determinant(graph, group)
+            node = group.lock(graph)
             inside = [i for i, x in enumerate(q) if graph.freed_of(node, [x]) is None]
             if inside:
                 names = tuple(symbols.coordinates[i] for i in group.coordinates)
@@ -188,9 +187,3 @@ def gimbals(system: ReducedSystem) -> Gimbals | None:
     inputs |= {node: ("y", i) for i, node in enumerate(graph.adopt(system.inputs))}
     kernel = lower_kernel(graph, "gimbals", nodes, inputs, arguments=("t", "y", "c"))
     return Gimbals(kernel, tuple(names for _, names, _ in found), tuple(name for _, _, name in found))
-
-
-def _determinant(graph: Graph, group: VelocityGroup) -> Node:
-    a, b, c = (graph.adopt(row) for row in group.choices[0].rows)
-    cross = [a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3] for i in range(3)]
-    return graph.sum(x * y for x, y in zip(cross, c, strict=True))

@@ -17,7 +17,7 @@ from .expressions.reader import short
 from .expressions.vector_products import multiplied_out
 from .frames import Tree, rotation_fault
 from .joints.joints import Unknown
-from .model import Components, FrameModel, Piece, Pieces, PointModel
+from .model import BodyModel, Components, FrameModel, Piece, Pieces, PointModel
 from .scene import Scene
 from .speeds import read_rates, refuse_states
 from .symbols import SymbolReader
@@ -107,6 +107,22 @@ class GeometryReader(SymbolReader):
                 self.point_models[known] = PointModel(node.name, number, pieces)
             number = known
         return number
+
+    def _moving_masses(self, bodies: Sequence[BodyModel]) -> tuple[set[int], set[int]]:
+        """Return the points and the frames that bodies move with: their mass centres, and all that these follow."""
+        points, frames = set[int](), {body.frame for body in bodies if body.inertia is not None}
+        for body in bodies:
+            point: int | None = body.centre
+            while point is not None and point in self.point_models and point not in points:
+                points.add(point)
+                frames |= {piece.frame for piece in self.point_models[point].position}
+                point = self.point_models[point].parent
+        for frame in tuple(frames):
+            parent: int | None = frame
+            while parent is not None and parent in self.frame_models:
+                frames.add(parent)
+                parent = self.frame_models[parent].parent
+        return points, frames
 
     def _components(self, column: Any, place: str, *, unknowns: bool = False) -> Components:
         x, y, z = (self.expressions.read(entry, place, unknowns=unknowns) for entry in column)

@@ -274,6 +274,8 @@ class SceneModel:
         Sampled controllers.
     compliances : mapping of str to Node
         Those of unknown reaction components.
+    kinks : tuple of (str, Node)
+        Faults of kinks in positions and constraints, unless motions end where a value changes its sign.
     """
 
     name: str
@@ -300,3 +302,4 @@ class SceneModel:
     vectors: Mapping[str, tuple[Pieces, int]] = field(default_factory=dict)
     chosen: tuple[str, ...] = ()
     compliances: Mapping[str, Node] = field(default_factory=dict)
+    kinks: tuple[tuple[str, Node], ...] = ()

@@ -12,13 +12,13 @@ from ..frozen import frozen
 from ..ir.node import Node
 from ..naming import acceleration_input, acceleration_name, rate_name, unwritable
 from .content_reading import ContentReader
-from .expressions.kink_checks import contacts_with_kinks, kinked_constraints, rough_tables
+from .expressions.kink_checks import contacts_with_kinks, kinks_in_motion, rough_tables
 from .geometry import GeometryReader
 from .joints.checks import foreign_points, points_off_particles, travelling_points
 from .joints.compliances import read_compliances
 from .joints.joints import Component, NamedOutput, Place
 from .joints.sympy_joints import tree_faults
-from .model import Action, BodyModel, ConstraintModel, ContactModel, GivenMotion, Piece, Pieces, SceneModel
+from .model import Action, BodyModel, ConstraintModel, GivenMotion, Piece, Pieces, SceneModel
 from .scene import Scene
 from .symbol_table import SymbolTable
 from .symbols import RESERVED_OUTPUTS, Requirement
@@ -150,13 +150,15 @@ class _SceneReader(ContentReader):
         requested = read_outputs(self, outputs)
         compliances = read_compliances(scene, self._scalar, self._moving(), self.faults.append)
         controllers = self._controllers(nonholonomic, contacts)
-        requirements = self._smoothness([*holonomic, *closing], nonholonomic, given, lagrangian, contacts)
-        symbols = self._symbols(requirements)
+        requirements = self._smoothness(holonomic, nonholonomic, given, lagrangian, bodies)
+        requirements += [Requirement(1, f"the {row.label}", [row.expression]) for row in closing]
+        requirements += [Requirement(0, f"the slip velocity of {each.name!r}", each.slip or ()) for each in contacts]
+        symbols, kinks = self._symbols(requirements), list[tuple[str, Node]]()
         if not (self.faults or self.expressions.faults):
             names = [q.func.__name__ for q in self.coordinates]
-            self.faults += kinked_constraints(self.graph, names, holonomic, nonholonomic)
-            contacts, faults = contacts_with_kinks(self.graph, names, contacts)
-            self.faults += faults
+            kinked, kinks = kinks_in_motion(self.graph, names, requirements)
+            contacts, unknown = contacts_with_kinks(self.graph, names, contacts)
+            self.faults += kinked + unknown
         self._check(bodies, actions, symbols, requirements, placed)
         named = self.named_values()
         chosen = tuple(x for x in requested.chosen if x not in named or requested.values.get(x) is not named[x])
@@ -185,6 +187,7 @@ class _SceneReader(ContentReader):
             stored=stored,
             state_rates=state_rates,
             controllers=controllers,
+            kinks=tuple(kinks),
             compliances={name: c for name, c in compliances.items() if name in symbols.unknowns},
         )
 
@@ -274,31 +277,32 @@ class _SceneReader(ContentReader):
         nonholonomic: Sequence[ConstraintModel],
         given: GivenMotion | None,
         lagrangian: Node | None,
-        contacts: Sequence[ContactModel],
+        bodies: Sequence[BodyModel],
     ) -> list[Requirement]:
-        """Return how often inputs and tables must have a continuous derivative: velocities may not jump."""
-        found: list[Requirement] = []
-        found += [(1, f"the {row.label}", [row.expression]) for row in holonomic]
-        found += [
-            (1, f"the position of point {point.name!r}", [x for piece in point.position for x in piece.components])
-            for point in self.point_models.values()
-        ]
-        found += [
-            (1, f"the orientation of frame {frame.name!r}", [x for row in frame.rotation or () for x in row])
-            for frame in self.frame_models.values()
-        ]
+        """Return how smooth constraints and positions must be: velocities may not jump.
+
+        Points and frames that move no mass may have kinks in the state.
+        """
+        points, frames = self._moving_masses(bodies)
         leaves = self.expressions.leaves
-        found += [(1, f"the imposed coordinate {q.func.__name__!r}", [leaves[q]]) for q, _ in self.scene.imposed]
-        found += [(0, f"the {row.label}", [row.expression]) for row in nonholonomic]
-        found += [
-            (0, f"the kinematic equation of {u.func.__name__!r}", [leaves[u]]) for u in self.scene.speeds if u in leaves
-        ]
+        found = [Requirement(1, f"the {row.label}", [row.expression], 1) for row in holonomic]
+        for i, point in self.point_models.items():
+            nodes = [x for piece in point.position for x in piece.components]
+            found.append(Requirement(1, f"the position of point {point.name!r}", nodes, 1 if i in points else -1))
+        for i, frame in self.frame_models.items():
+            nodes = [x for row in frame.rotation or () for x in row]
+            found.append(Requirement(1, f"the orientation of frame {frame.name!r}", nodes, 1 if i in frames else -1))
+        for q, _ in self.scene.imposed:
+            found.append(Requirement(1, f"the imposed coordinate {q.func.__name__!r}", [leaves[q]]))
+        found += [Requirement(0, f"the {row.label}", [row.expression], 0) for row in nonholonomic]
+        for u in self.scene.speeds:
+            if u in leaves:
+                found.append(Requirement(0, f"the kinematic equation of {u.func.__name__!r}", [leaves[u]], 0))
         for body in () if given is None else given.bodies:
-            pieces = (*body.velocity, *body.spin)
-            found.append((0, f"the velocity of body {body.name!r}", [x for p in pieces for x in p.components]))
+            nodes = [x for piece in (*body.velocity, *body.spin) for x in piece.components]
+            found.append(Requirement(0, f"the velocity of body {body.name!r}", nodes, 0))
         if lagrangian is not None:
-            found.append((1, "the Lagrangian", [lagrangian]))
-        found += [(0, f"the slip velocity of {contact.name!r}", contact.slip or ()) for contact in contacts]
+            found.append(Requirement(1, "the Lagrangian", [lagrangian], 0))
         return found
 
 

@@ -25,8 +25,26 @@ from .scene import Scene
 from .speeds import read_speeds, state_symbols
 from .symbol_table import InputSymbol, SymbolTable
 
-Requirement = tuple[int, str, Sequence[Node]]
-"""Required number of continuous derivatives of inputs, the places that require it, and the nodes there."""
+
+class Requirement(NamedTuple):
+    """How smooth the values of a place must be, so that velocities do not jump.
+
+    Attributes
+    ----------
+    derivatives : int
+        Number of continuous derivatives by time, as inputs and tables leave them; -1 for none.
+    place : str
+    nodes : sequence of Node
+    across : int
+        The same at kinks and jumps in the state: 1 for continuous gradients in coordinates, 0 for continuous
+        coefficients of rates, and -1 where they may be.
+    """
+
+    derivatives: int
+    place: str
+    nodes: Sequence[Node]
+    across: int = -1
+
 
 TIME = "t"
 _SIGNS = ("zero", "positive", "negative", "nonnegative", "nonpositive")
@@ -260,7 +278,7 @@ class SymbolReader:
         rate, met, name = sp.Derivative(u, dynamicsymbols._t), self.expressions.met, u.func.__name__
         smoothness, where = (0, f"the rate of {name!r}") if rate in met else (-1, "")
         mask = self.graph.mask(hidden_parameters(name))
-        for required, place, nodes in requirements:
+        for required, place, nodes, _ in requirements:
             if required < 0 or not any(node.deps & mask for node in nodes):
                 continue
             if required > smoothness:

@@ -1,16 +1,16 @@
-"""Checks of constraints for kinks, and of tables for smoothness: [constraints on the graph] -> [faults].
+"""Checks of motions for kinks, and of tables for smoothness: [constraints and positions on the graph] -> [faults].
 
 Where the gradient of a holonomic constraint jumps in a configuration, as that of ``Abs(x) - y`` at x = 0, velocities
-that obey it would have to jump too: an impact without a law. So with coefficients of nonholonomic constraints. Whether
-they jump is measured: between two points on either side of what a switch decides by, which halving brings together.
-The root of a product of squares is that of absolute values, and decides by their signs. The gap of a contact may have
-kinks: where they are, a run ends while it is closed. There, other roots count as well, whose argument may vanish where
-it is least.
+that obey it would have to jump too: an impact without a law. So with positions and orientations of bodies, and with
+coefficients of nonholonomic constraints. Whether they jump is measured: between two points on either side of what a
+switch decides by, which halving brings together. The root of a product of squares is that of absolute values, and
+decides by their signs; other roots may have a kink where their argument is least, and zero. The gap of a contact may
+have kinks: where they are, a run ends while it is closed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import reduce
 from operator import mul
@@ -28,7 +28,8 @@ from ...transforms.lower_kernels import lower_kernel
 from ...transforms.step_limits import table_nodes
 
 if TYPE_CHECKING:
-    from ..model import ConstraintModel, ContactModel
+    from ..model import ContactModel
+    from ..symbols import Requirement
 
 _Values = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
@@ -49,33 +50,42 @@ _JUMP = 1e-6
 """Share of the gradient that counts as a jump."""
 _FEWER, _KINK = 28, 0.1
 """The same for roots of what is least at zero: next to that, rounding is all that is left of it."""
+_LEVEL = 1e-4
+"""Share of the largest gradient that is met below which all counts as none: smooth ones pass zero, too."""
 _LATER, _LASTING = 8, 0.5
-"""Halvings in which a jump does not get smaller than by this share, which steep slopes do."""
+"""Halvings in which a jump does not get smaller than by this share, which slopes do."""
 
 
-def kinked_constraints(
-    graph: Graph,
-    coordinates: Sequence[str],
-    holonomic: Sequence[ConstraintModel],
-    nonholonomic: Sequence[ConstraintModel],
-) -> list[str]:
-    """Return a fault for every constraint whose gradient, or whose coefficients, jump in some configuration.
+def kinks_in_motion(
+    graph: Graph, coordinates: Sequence[str], requirements: Iterable[Requirement]
+) -> tuple[list[str], list[tuple[str, Node]]]:
+    """Return a fault for every place at whose kinks, or jumps, in some configuration velocities would have to jump.
+
+    Others are faults unless motions end where a value, given with the fault, changes its sign: those of roots such as
+    that of 1 - cos(x)**2, which has a kink where sin(x) does. Some angles of a body lock there.
 
     `graph` has all nodes, and `coordinates` are their names.
     """
-    faults = []
+    faults: list[str] = []
+    unless: list[tuple[str, Node]] = []
     moving, rates = ([graph.input(name) for name in names] for names in (coordinates, map(rate_name, coordinates)))
-    for rows, by, what in ((holonomic, moving, "gradient jumps"), (nonholonomic, rates, "coefficients jump")):
-        for row in rows:
-            name = next((_NAMES.get(n.op, n.op) for n in _jumping(graph, row.expression, moving, by, hidden=False)), "")
-            if name:
-                faults.append(
-                    f"{row.label}: its {what} at a kink or a jump of {name} in the coordinates, where velocities would"
-                    " have to jump too: an impact without a law. Write it without (sqrt(x**2 + eps**2) in place of"
-                    " Abs(x), a cubic table), or on one branch alone; a body that hits something has a contact"
-                    " (add_contacts)"
-                )
-    return faults
+    for required in requirements:
+        if required.across < 0:
+            continue
+        by, what = (moving, "gradient jumps") if required.across else (rates, "coefficients jump")
+        for node in (n for row in required.nodes for n in _jumping(graph, row, moving, by, untold=True)):
+            fault = (
+                f"{required.place}: its {what} at a kink or a jump of {_NAMES.get(node.op, node.op)} in the"
+                " coordinates, where velocities would have to jump too: an impact without a law. Write it without"
+                " (sqrt(x**2 + eps**2) in place of Abs(x), a cubic table), or on one branch alone; a body that hits"
+                " something has a contact (add_contacts)"
+            )
+            value = _turning(graph, node, moving) if node.op == "sqrt" else None
+            if value is None:
+                faults.append(fault)
+                break
+            unless.append((fault, value))
+    return faults, unless
 
 
 def contacts_with_kinks(
@@ -89,7 +99,7 @@ def contacts_with_kinks(
     made: list[ContactModel] = []
     faults: list[str] = []
     for contact in contacts:
-        jumping = () if contact.gap is None else _jumping(graph, contact.gap, moving, moving, hidden=True)
+        jumping = () if contact.gap is None else _jumping(graph, contact.gap, moving, moving, untold=False)
         found = [(node, _turning(graph, node, moving)) for node in jumping]
         made.append(replace(contact, kinks=tuple(dict.fromkeys(value for _, value in found if value is not None))))
         faults += [
@@ -103,15 +113,13 @@ def contacts_with_kinks(
     return made, faults
 
 
-def _jumping(graph: Graph, row: Node, moving: Sequence[Node], by: Sequence[Node], *, hidden: bool) -> Iterator[Node]:
-    """Yield the operations on coordinates across which the derivatives of a constraint, or a gap, jump.
+def _jumping(graph: Graph, row: Node, moving: Sequence[Node], by: Sequence[Node], *, untold: bool) -> Iterator[Node]:
+    """Yield the operations on coordinates across which the derivatives of a constraint, a position or a gap jump.
 
-    With `hidden` also roots of what is no product of squares, such as that of 1 - cos(x)**2, and only what is seen to
-    jump; else also what has a value at too few points to tell.
+    Where `untold`, also operations with a value at too few points to tell, but roots of what is no product of squares.
     """
     mask = graph.mask(str(node.payload) for node in moving)
-    roots = (lambda node: node.op == "sqrt") if hidden else _squares
-    switches = [n for n in graph.topological([row]) if n.deps & mask and (n.op in _DECIDING or roots(n))]
+    switches = [n for n in graph.topological([row]) if n.deps & mask and (n.op in _DECIDING or n.op == "sqrt")]
     if not switches:
         return
     own = Graph()  # forms of the scene's graph do not depend on it
@@ -135,7 +143,9 @@ def _jumping(graph: Graph, row: Node, moving: Sequence[Node], by: Sequence[Node]
         fine = np.flatnonzero(np.isfinite(decided[:, place]))
         exact = switches[number].op != "sqrt" or _squares(switches[number])
         jump, halvings = (_JUMP, _HALVINGS) if exact else (_KINK, _FEWER)
-        if (len(fine) < _LEAST and not hidden) or _jumps(at, points[fine], decided[fine, place], place, jump, halvings):
+        if (len(fine) < _LEAST and exact and untold) or _jumps(
+            at, points[fine], decided[fine, place], place, jump, halvings
+        ):
             jumping.add(number)
     yield from (switches[number] for number in sorted(jumping))
 
@@ -207,43 +217,38 @@ def _jumps(at: _Values, points: FloatArray, decided: FloatArray, number: int, ju
     if not len(changes):
         return False
     low, high, first = points[changes], points[changes + 1], decided[changes]
-    before = np.zeros(len(changes))
+    largest, before = np.zeros(len(changes)), np.zeros(1)
     for halved in range(halvings):
         if halved == halvings - _LATER:
-            before = _apart(at(low)[0], at(high)[0])
+            before = _finite(at(low)[0] - at(high)[0])
         middle = 0.5 * (low + high)
-        same = (at(middle)[1][:, number] == first)[:, np.newaxis]
+        values, found = at(middle)
+        largest = np.maximum(largest, np.max(_finite(values)[:, :-1], axis=1))
+        same = (found[:, number] == first)[:, np.newaxis]
         low, high = np.where(same, middle, low), np.where(same, high, middle)
-    apart = _apart(at(low)[0], at(high)[0])
-    return bool(np.any((apart > jump) & (apart > _LASTING * before)))
+    one, other = at(low)[0], at(high)[0]
+    apart, sizes = _finite(one - other), np.maximum(_finite(one), _finite(other))
+    least = np.maximum(np.max(sizes[:, :-1], axis=1), _LEVEL * largest)
+    return bool(np.any((apart > jump * np.maximum(sizes, least[:, np.newaxis])) & (apart > _LASTING * before)))
 
 
-def _apart(one: FloatArray, other: FloatArray) -> FloatArray:
-    """Return by which share derivatives (k, n_q) and values, the last column, differ; 0 where they are not finite."""
-    with np.errstate(all="ignore"):
-        sizes = np.maximum(np.abs(one), np.abs(other))
-        sizes = np.maximum(sizes, np.max(sizes[:, :-1], axis=1, keepdims=True))
-        shares = np.max(np.where(sizes > 0.0, np.abs(one - other) / sizes, 0.0), axis=1)
-    return np.nan_to_num(shares, nan=0.0, posinf=0.0)
+def _finite(values: FloatArray) -> FloatArray:
+    """Return absolute values, 0 for those that are not finite."""
+    return np.nan_to_num(np.abs(values), nan=0.0, posinf=0.0)
 
 
 # Check of the smoothness of tables in positions and constraints.
 
 
-def rough_tables(graph: Graph, requirements: Sequence[tuple[int, str, Sequence[Node]]]) -> list[str]:
+def rough_tables(graph: Graph, requirements: Iterable[Requirement]) -> list[str]:
     """Return a fault for every table that is not smooth enough for its place.
 
-    Parameters
-    ----------
-    graph : Graph
-        Of all nodes.
-    requirements : sequence of (int, str, sequence of Node)
-        How many derivatives must be continuous, of what, and its values.
+    `graph` has all nodes.
     """
     faults: list[str] = []
     if not any(node.op in ("table", "surface") for node in graph.nodes):
         return faults
-    for least, place, nodes in requirements:
+    for least, place, nodes, _ in requirements:
         for _, table, order in table_nodes(graph, nodes):
             if table.smoothness - order < least:
                 what = "jumps" if table.smoothness - order < 0 else "has a slope that jumps"
