@@ -1,7 +1,24 @@
 """Constraints and positions whose velocities would jump somewhere: refused by name; smooth ones with switches not."""
 
 import pytest
-from sympy import Abs, Heaviside, Max, Min, Piecewise, cos, floor, sign, sin, sqrt, symbols
+from sympy import (
+    Abs,
+    Heaviside,
+    Max,
+    Min,
+    Piecewise,
+    Rational,
+    acos,
+    asin,
+    atan,
+    atan2,
+    cos,
+    floor,
+    sign,
+    sin,
+    sqrt,
+    symbols,
+)
 from sympy.physics.mechanics import LagrangesMethod, Particle, Point, ReferenceFrame, RigidBody, dynamicsymbols, inertia
 
 import dalembert as da
@@ -59,6 +76,7 @@ def test_nonholonomic_constraints_whose_coefficients_jump_are_refused(coefficien
         sqrt(x**4) - y,
         sqrt(x**6) - y,
         sqrt(x**2 + y**2) - L,
+        atan2(x, y) - L,
         Piecewise((x**2, x < 1), (2 * x - 1, True)) - y,
         y - Max(0, TIME - 1),
     ],
@@ -109,6 +127,10 @@ def disc(height, coordinates=(), angles="XYZ"):
         (sqrt((x - L) ** 2), "the root of a square"),
         (sqrt(2 - 2 * cos(x)), "the root of a square"),
         (L * cos(x) + sqrt(L**2 - L**2 * sin(x) ** 2), "the root of a square"),
+        (acos(cos(x)), "acos"),
+        (asin(sin(x)), "asin"),
+        ((x**4) ** Rational(1, 4), "a power"),
+        (atan(L / x), "atan"),
     ],
 )
 def test_positions_with_a_kink_are_refused(height, what):
@@ -133,7 +155,17 @@ def test_the_momenta_of_a_lagrangian_must_not_jump():
 
 @pytest.mark.parametrize(
     "height",
-    [x * Abs(x), Max(0, x) ** 2, sqrt(x**4), sqrt(x**2 + L**2), L * cos(x) + sqrt(k**2 - L**2 * sin(x) ** 2)],
+    [
+        x * Abs(x),
+        Max(0, x) ** 2,
+        sqrt(x**4),
+        sqrt(x**2 + L**2),
+        L * cos(x) + sqrt(k**2 - L**2 * sin(x) ** 2),
+        asin(L * sin(x) / k),
+        acos(x / L),
+        (x**2) ** Rational(3, 2),
+        atan(x / L),
+    ],
 )
 def test_smooth_positions_with_switches_are_compiled(height):
     assert da.compile_model(bead_on_wire(height)[0]).layout.state

@@ -41,9 +41,12 @@ _DECIDING = {
     "less_equal": "",
     "min": "sign",
     "max": "sign",
+    "atan": "sign",
 }
+_FOLDING = ("sqrt", "pow", "asin", "acos")
+"""Operations with an infinite slope at an end of what they are defined for: where a value only touches it, a kink."""
 _NAMES = {"abs": "Abs", "min": "Min", "max": "Max", "less": "a condition", "less_equal": "a condition"}
-_NAMES |= {"sqrt": "the root of a square"}
+_NAMES |= {"sqrt": "the root of a square", "pow": "a power"}
 _POINTS, _LEAST, _HALVINGS = 512, 32, 64
 _PAIRS = 24
 _JUMP = 1e-6
@@ -119,7 +122,7 @@ def _jumping(graph: Graph, row: Node, moving: Sequence[Node], by: Sequence[Node]
     Where `untold`, also operations with a value at too few points to tell, but roots of what is no product of squares.
     """
     mask = graph.mask(str(node.payload) for node in moving)
-    switches = [n for n in graph.topological([row]) if n.deps & mask and (n.op in _DECIDING or n.op == "sqrt")]
+    switches = [n for n in graph.topological([row]) if n.deps & mask and (n.op in _DECIDING or n.op in _FOLDING)]
     if not switches:
         return
     own = Graph()  # forms of the scene's graph do not depend on it
@@ -141,7 +144,7 @@ def _jumping(graph: Graph, row: Node, moving: Sequence[Node], by: Sequence[Node]
     jumping = set()
     for place, (number, _) in enumerate(decisions):
         fine = np.flatnonzero(np.isfinite(decided[:, place]))
-        exact = switches[number].op != "sqrt" or _squares(switches[number])
+        exact = switches[number].op not in _FOLDING or _squares(switches[number])
         jump, halvings = (_JUMP, _HALVINGS) if exact else (_KINK, _FEWER)
         if (len(fine) < _LEAST and exact and untold) or _jumps(
             at, points[fine], decided[fine, place], place, jump, halvings
@@ -154,24 +157,26 @@ def _decisions(graph: Graph, node: Node, moving: Sequence[Node]) -> list[Node]:
     """Return values that are constant on either side of a kink or a jump of an operation.
 
     The root of what is no product of squares has a kink where that is least, and zero: its slopes change their signs.
+    So have the inverse functions of sine and cosine where their operand is largest, and one; and that of the tangent
+    jumps where its operand changes its sign at infinity. ``atan2`` jumps by a whole turn, of which angles show nothing.
     """
     if node.op in ("less", "less_equal"):
         return [node]
-    if node.op == "sqrt" and not _squares(node):
+    if node.op in _FOLDING and not _squares(node):
         slopes = cotangents(graph, [node.args[0]], [graph.one], moving, GUARDED)
         return [graph.call("sign", slope) for slope in slopes if not slope.is_zero]
-    value = node.args[0] if node.op == "floor" else _turning(graph, node, moving)
+    value = node.args[0] if node.op in ("floor", "atan") else _turning(graph, node, moving)
     return [] if value is None else [graph.call(_DECIDING.get(node.op, "sign"), value)]
 
 
 def _turning(graph: Graph, node: Node, moving: Sequence[Node]) -> Node | None:
     """Return a value that changes its sign at the kink or the jump of an operation; None where it is not known."""
-    if node.op == "floor":
-        return None
     if node.op == "sqrt":
         squares = _squares(node)
         return reduce(mul, squares) if squares else _root(graph, node.args[0], moving)
-    return node.args[0] - node.args[1] if len(node.args) == 2 else node.args[0]
+    if node.op in ("floor", "atan", *_FOLDING):
+        return None
+    return node.args[0] - node.args[1] if node.op in ("min", "max") else node.args[0]
 
 
 def _root(graph: Graph, value: Node, moving: Sequence[Node]) -> Node | None:
