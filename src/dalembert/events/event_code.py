@@ -17,7 +17,7 @@ from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..ir.ops import OSCILLATING_OPERATIONS
 from ..ir.program import DIRECTION, WIDTH, Program, coefficient_places
-from ..methods.status import Status
+from ..methods.status import SUSPECT, Status
 from ..reduction.event_functions import EventFunctions
 from ..reduction.starting import Start
 from ..steps.dense_output import DenseOutput, JoinedOutput
@@ -25,8 +25,6 @@ from ..steps.projection import projected
 from ..stops.segments import Constants, Segments
 from ..values import listed as members
 from .reductions import running_values
-
-SUSPECT = -100.0
 
 
 def suspected(ends: FloatArray, happened: FloatArray) -> None:

@@ -131,6 +131,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
     moving = (model.graph.input(model.symbols.time), *kinematics.q, *kinematics.qdot, *states)
     outputs = {**model.outputs, **_places(kinematics)}
     _require_names_of_their_own(model, outputs)
+    groups = _groups(kinematics)
     equations = EquationsOfMotion(
         name=model.name,
         graph=model.graph,
@@ -143,7 +144,7 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         constraints=rows,
         kinetic_energy=power.kinetic_energy,
         potential_energy=power.potential_energy,
-        groups=_groups(kinematics),
+        groups=groups,
         outputs=outputs,
         contacts=tuple(_contact(kinematics, contact, reactions, rows) for contact in model.contacts),
         nonanalytic=nonanalytic(model.graph, terms, moving, kinks=bool(model.contacts)),
@@ -156,8 +157,8 @@ def derive(model: SceneModel) -> EquationsOfMotion:
         compliances=model.compliances,
         scene=model if model.given is None and model.lagrangian is None else None,
         tree=power.tree,
+        kinked_locks=_locks_at_kinks(model, groups, kinematics.q),
     )
-    _require_ends_at_kinks(model, equations)
     require_reactions_of_constraints(model, equations)
     return equations
 
@@ -202,13 +203,23 @@ def _require_names_of_their_own(model: SceneModel, outputs: Mapping[str, Node]) 
             )
 
 
-def _require_ends_at_kinks(model: SceneModel, equations: EquationsOfMotion) -> None:
-    """Reject kinks, but those where three angles of a body lock: a run that comes there ends."""
-    graph, q = equations.graph, list(equations.q)
-    locks = [group.lock(graph) for group in equations.groups if group.angles] if model.kinks else []
-    faults = [fault for fault, value in model.kinks if all(graph.freed_of(lock / value, q) is None for lock in locks)]
+def _locks_at_kinks(model: SceneModel, groups: Sequence[VelocityGroup], q: Sequence[Node]) -> tuple[Node, ...]:
+    """Return what vanishes where three angles of a body lock and something has a kink: a run that comes there ends.
+
+    Raises
+    ------
+    SceneError
+        For other kinks.
+    """
+    graph, found, faults = model.graph, list[Node](), list[str]()
+    locks = [group.lock(graph) for group in groups if group.angles] if model.kinks else []
+    for fault, value in model.kinks:
+        here = [lock for lock in locks if graph.freed_of(lock / value, list(q)) is not None]
+        found += here
+        faults += [] if here else [fault]
     if faults:
         raise SceneError(model.name, list(dict.fromkeys(faults)))
+    return tuple(dict.fromkeys(found))
 
 
 def _split(model: SceneModel, power: list[Node]) -> tuple[list[Node], Matrix]:

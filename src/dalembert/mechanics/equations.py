@@ -189,6 +189,8 @@ class EquationsOfMotion:
         Compliances of unknown reactions, by which they share loads that the balances of bodies leave undetermined.
     tree : InertiaTree or None
         The bodies, where they are so many that the mass matrix is long.
+    kinked_locks : tuple of Node
+        What vanishes where angles of a body lock and positions or constraints have a kink.
     behind_guards : tuple of Node
         Values on which kinks of the laws of friction depend, and which pass zero only where a guard has ended the mode,
         or within its margin: no step needs to end there.
@@ -225,6 +227,7 @@ class EquationsOfMotion:
     compliances: Mapping[str, Node] = field(default_factory=dict)
     tree: InertiaTree | None = None
     behind_guards: tuple[Node, ...] = ()
+    kinked_locks: tuple[Node, ...] = ()
 
     def energies(self, graph: Graph) -> tuple[Node, Node]:
         """Return kinetic and potential energy, loads included, as nodes of a graph."""

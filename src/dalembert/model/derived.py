@@ -97,12 +97,15 @@ class Derived:
             found = self._quick_starts.setdefault(key, found)
         return found
 
-    def events(self, events: Any, reduce: Any = None, *, ranks: float | None = None) -> EventCode | None:
+    def events(
+        self, events: Any, reduce: Any = None, *, guards: tuple[str, ...] = (), duration: float = 1.0
+    ) -> EventCode | None:
         """Return the kernels of events and reductions, made once for each set of them; None where there are none.
 
-        The rank of the constraints is watched too in runs of a duration `ranks` [s], where that is given.
+        Cases of sweeps are watched for more: with "ranks" among the `guards` for a lost rank of the constraints, in
+        runs of a `duration` [s], and with "locks" for angles that lock where positions have a kink.
         """
-        same = isinstance(events, tuple) and reduce is None and ranks is None
+        same = isinstance(events, tuple) and reduce is None and not guards
         if same and not events:
             return None
         from ..events.event_code import Event
@@ -112,21 +115,22 @@ class Derived:
         if kept is not None and kept[0] is events:
             return kept[1]
         from ..events.event_code import event_list
-        from ..reduction.margins import rank_margins, short_time
+        from ..reduction.margins import lock_margins, rank_margins, short_time
         from ..runs.events import compiled_events
         from ..runs.reductions import reduction_table
 
         aliases = self._stages.program.layout.aliases
         listed, reductions = event_list(events, aliases), reduction_table(reduce, aliases)
-        short = None if ranks is None else short_time(ranks)
+        short = short_time(duration) if "ranks" in guards else None
 
         def made() -> EventCode | None:
             margins = {} if short is None else rank_margins(self._stages.reduced, short)
+            margins |= lock_margins(self._stages.reduced) if "locks" in guards else {}
             if not listed and not reductions and not margins:
                 return None
             return compiled_events(self._stages, listed, self.start, reductions, margins)
 
-        code = derived_once(self._events, repr((listed, reductions, short)), made)
+        code = derived_once(self._events, repr((listed, reductions, guards, short)), made)
         if same and code is not None:  # a tuple is kept, so that no other can have its number
             self._by_tuple[id(events)] = events, code
         return code

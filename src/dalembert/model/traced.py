@@ -118,6 +118,12 @@ def solve_fn(
     if self.modes is not None:
         hosted = hosted_runs(self, given, method, options, events, reduce)
         return cast("TracedEngine", self.modes.engine()).hosted_solve_fn(None, options, cast("HostedRuns", hosted))
+    if self.stages.reduced.equations.kinked_locks:
+        raise CapabilityError(
+            "solve_fn does not see the attitudes at which angles lock, where positions of this scene have a kink: use"
+            " simulate or sweep, write the branch that the motion is on (r*sin(theta)), or take"
+            ' orientation="quaternion"'
+        )
     refuse_sampling(self.controllers, "solve_fn", "use simulate or sweep, or write solve_fn over one period")
     start = None
     if given is not None:

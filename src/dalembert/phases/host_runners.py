@@ -147,9 +147,9 @@ class HostMode:
 
     @property
     def _width(self) -> int:
-        """Number of events that a sweep watches for, of which some may be losses of rank."""
-        derived = self.model.derived
-        code = derived.events(self.events, self._reductions.along or None, ranks=1.0 if derived.enforced else None)
+        """Number of events that a sweep watches for, of which some may be guards of its own."""
+        guards = tuple(check.guards("") for check in self.model.checks)
+        code = self.model.derived.events(self.events, self._reductions.along or None, guards=guards)
         return 0 if code is None else len(code.events)
 
     # -- runs ------------------------------------------------------------------------------

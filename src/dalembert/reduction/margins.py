@@ -138,6 +138,16 @@ def _turn_margin(system: ReducedSystem, rows: Sequence[Sequence[Node]], gram: Ma
     return {"turn of the Jacobian": (share - graph.node(_TURN**-2) * turned) * least * least}
 
 
+_LOCK = 1e-6
+"""Square of the determinant below which a case is looked at."""
+
+
+def lock_margins(system: ReducedSystem) -> dict[str, Node]:
+    """Return functions of coordinates by name, one of which falls through zero where angles come to lock at a kink."""
+    graph = system.equations.graph
+    return {f"lock {i}": lock * lock - graph.node(_LOCK) for i, lock in enumerate(system.equations.kinked_locks)}
+
+
 # Distance of three orientation angles from gimbal lock.
 #
 # The angular velocity is rows . rates; the determinant of the rows is sin(theta) or cos(theta) for rotations about

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, final
 
 import numpy as np
@@ -15,7 +16,7 @@ from ..frozen import frozen
 from ..ir.interpret import interpret_rows
 from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseBlock
-from ..methods.status import Status
+from ..methods.status import SUSPECT, Status
 from ..options import NamedTolerances
 from ..reduction.base import ReducedSystem
 from ..reduction.dependent_rows import Groups
@@ -24,7 +25,7 @@ from ..starts.constraint_rows import jacobians_at, lengths_along, rank_of
 from ..starts.state_sizes import coordinate_sizes
 from ..steps.problem import IntegrationProblem, Solution
 from ..stops.segments import Constants, constants_at
-from .run_check import EndedRun, RunCheck
+from .run_check import EndedRun, RunCheck, ended_alone
 from .sampling import NoInstants
 from .singular import checked_run, cut, searched, vanishing_choice
 
@@ -221,9 +222,9 @@ class ConstraintCheck(RunCheck):
         found = self._rank is not None or searched(self.model.stages.program)
         return bool(self.enforced and self.model.layout.state) and found
 
-    def guards(self, method: str) -> bool:
+    def guards(self, method: str) -> str:
         """See `RunCheck.guards`: the cases of "radau" run alone in any case, and are all looked at."""
-        return self._ranked and method != "radau"
+        return "ranks" if self._ranked and method != "radau" else ""
 
     def after_cases(self, method: str, block: CaseBlock, done: BlockResult) -> None:
         """See `RunCheck.after_cases`: cases that came near a lost rank, or failed, run alone once more.
@@ -233,8 +234,6 @@ class ConstraintCheck(RunCheck):
         """
         if not (self._ranked or self.reduced.unproven):
             return
-        from ..events.event_code import SUSPECT
-
         status = done.ends[:, 1]
         marked = status <= SUSPECT
         status[marked] = SUSPECT - status[marked]
@@ -244,6 +243,7 @@ class ConstraintCheck(RunCheck):
         suspects = marked | np.isin(status, looked)
         if not suspects.any():
             return
+        ended = partial(_ended, self.model, block)
         started = np.all(np.isfinite(np.hstack([block.y, block.c, block.spans])), axis=1)
         for i in np.flatnonzero(started & suspects):
             for bounded in (
@@ -251,29 +251,8 @@ class ConstraintCheck(RunCheck):
             ):  # as a single run, then with the steps of the sweep
                 problem = replace(block.problem(int(i), dense=True), bounded=bounded)
                 with suppress(NoInstants):  # such a case has not run
-                    if _ended_alone(self.model, method, block, done, int(i), problem):
+                    if ended_alone(self.model, method, block, done, int(i), problem, ended):
                         break
-
-
-def _ended_alone(
-    model: CompiledModel, method: str, block: CaseBlock, done: BlockResult, i: int, problem: IntegrationProblem
-) -> bool:
-    """Run case i alone, and end it if it met a singular configuration; return whether it did."""
-    c, before = model.engine.constants_along(problem), 0
-    for solution in _alone(model, method, block, problem):
-        ended = _ended(model, block, problem, solution, c)
-        if ended is not None:
-            forward = 1.0 if problem.t1 >= problem.t0 else -1.0
-            steps = max(1, int(np.sum((solution.t - ended) * forward <= 0.0)))
-            status = float(Status.SINGULAR_CONFIGURATION)
-            done.y[i], done.ends[i] = solution.y[steps - 1], (solution.t[steps - 1], status, before + steps - 1)
-            done.samples[i, (block.t_eval - ended) * forward > 0.0] = np.nan
-            done.totals[i] = np.nan
-            done.happened[i] = np.nan
-            done.happened[i, ::3] = 0.0
-            return True
-        before += len(solution.t) - 1
-    return False
 
 
 def _ended(
@@ -298,17 +277,3 @@ def _ended(
     if found.status is not Status.SINGULAR_CONFIGURATION:
         return None
     return float(found.t[-1] if len(found.t) else solution.t[0])
-
-
-def _alone(model: CompiledModel, method: str, block: CaseBlock, problem: IntegrationProblem) -> Iterator[Solution]:
-    """Yield a case of a block with its continuous output, and with its events where it has any.
-
-    Without constraints that need not follow everywhere it comes in parts: beyond the place where these matter, steps
-    may become very small.
-    """
-    engine, watch = model.engine, block.watch
-    if watch is not None and watch.reported:
-        return iter([engine.integrate_watched(problem, method, watch)[0]])
-    if model.stages.reduced.unproven or model.stages.reduced.redundancy is not None:
-        return engine.step_blocks(problem, method)
-    return iter([engine.integrate(problem, method)])

@@ -133,7 +133,8 @@ def prepare_in_own_time(
     admission = None if tests is None else Admission(tests, t_span[0], options.rtol, otherwise)
     if not model.layout.state:  # the constraints prescribe the motion
         return method, PreparedStates(lambda state, p: (np.zeros(0), Status.SUCCESS), admission)
-    if model.stages.reduced.unproven:  # what follows from others at some places only is looked at along the run
+    reduced = model.stages.reduced
+    if reduced.unproven or reduced.equations.kinked_locks:  # which are looked at along the run
         return method, PreparedStates(lambda state, p: simulated(model, t_span, state, p, method, options))
     sides = model.stages.program.knot_sides
     problem = IntegrationProblem(

@@ -7,6 +7,7 @@ asked before a run, and after it: for one run, and for the cases of a sweep (`da
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, final
 
@@ -92,10 +93,54 @@ class RunCheck(ABC):
     def after(self, run: EndedRun) -> tuple[Solution, str]:
         """Return the solution of a run, ended where it should have been, and a note on where that is and why."""
 
-    def guards(self, method: str) -> bool:
-        """Whether the cases of a sweep by a method are watched for what the check looks for, by events of its own."""
-        return False
+    def guards(self, method: str) -> str:
+        """Return what the cases of a sweep by a method are watched for: "ranks" or "locks", nothing by default."""
+        return ""
 
     @abstractmethod
     def after_cases(self, method: str, block: CaseBlock, done: BlockResult) -> None:
         """End the cases of a block, run by a method, that should have ended."""
+
+
+def ended_alone(
+    model: CompiledModel,
+    method: str,
+    block: CaseBlock,
+    done: BlockResult,
+    i: int,
+    problem: IntegrationProblem,
+    ended: Callable[[IntegrationProblem, Solution, Constants], float | None],
+    status: Status = Status.SINGULAR_CONFIGURATION,
+) -> bool:
+    """Run case i alone, and end it with a status if it should have ended; return whether it should have.
+
+    `ended` returns the last time before it should have in a run, or a part of one; None where it should not.
+    """
+    c, before = model.engine.constants_along(problem), 0
+    for solution in _alone(model, method, block, problem):
+        last = ended(problem, solution, c)
+        if last is not None:
+            forward = 1.0 if problem.t1 >= problem.t0 else -1.0
+            steps = max(1, int(np.sum((solution.t - last) * forward <= 0.0)))
+            done.y[i], done.ends[i] = solution.y[steps - 1], (solution.t[steps - 1], float(status), before + steps - 1)
+            done.samples[i, (block.t_eval - last) * forward > 0.0] = np.nan
+            done.totals[i] = np.nan
+            done.happened[i] = np.nan
+            done.happened[i, ::3] = 0.0
+            return True
+        before += len(solution.t) - 1
+    return False
+
+
+def _alone(model: CompiledModel, method: str, block: CaseBlock, problem: IntegrationProblem) -> Iterator[Solution]:
+    """Yield a case of a block with its continuous output, and with its events where it has any.
+
+    Without constraints that need not follow everywhere it comes in parts: beyond the place where these matter, steps
+    may become very small.
+    """
+    engine, watch = model.engine, block.watch
+    if watch is not None and watch.reported:
+        return iter([engine.integrate_watched(problem, method, watch)[0]])
+    if model.stages.reduced.unproven or model.stages.reduced.redundancy is not None:
+        return engine.step_blocks(problem, method)
+    return iter([engine.integrate(problem, method)])

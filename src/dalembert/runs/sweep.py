@@ -215,9 +215,10 @@ def _new_settings(model: CompiledModel, cases: Cases, options: SweepOptions, met
 
 def _guarded(model: CompiledModel, cases: Cases, settings: CaseSettings, options: SweepOptions) -> CaseSettings:
     """Return settings whose cases are watched for what the checks of the model look for, where they have to be."""
-    if not model.checks or not any([check.guards(settings.method) for check in model.checks]):
+    guards = tuple([check.guards(settings.method) for check in model.checks])
+    if not any(guards):
         return settings
-    watch = model.derived.events(options.events, options.reduce, ranks=cases.duration)
+    watch = model.derived.events(options.events, options.reduce, guards=guards, duration=cases.duration)
     return replace(settings, watch=watch)
 
 
