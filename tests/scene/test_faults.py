@@ -363,6 +363,19 @@ def test_velocities_that_agree_or_are_in_other_symbols(stage):
     read(stage.scene)
 
 
+@pytest.mark.parametrize(
+    "turn", [sp.sqrt(dynamicsymbols("x") ** 4), sp.Max(0, dynamicsymbols("x")) ** 2, sp.cbrt(dynamicsymbols("x") ** 6)]
+)
+def test_velocities_that_sympy_writes_in_its_own_way(stage, turn):
+    """SymPy sets the angular velocity of a frame that is oriented."""
+    turned, away = stage.N.orientnew("turned", "Axis", (turn, stage.N.z)), stage.O.locatenew("away", turn * stage.N.x)
+    stage.scene.add_bodies(RigidBody("vane", away, turned, m, (inertia(turned, I, I, I), away)))
+    away.set_vel(stage.N, turn.diff(t) * stage.N.x)
+    read(stage.scene)
+    away.set_vel(stage.N, (2 - sp.sign(stage.x)) * turn.diff(t) * stage.N.x + sp.Min(0, stage.x) * stage.N.x)
+    assert_fault(stage.scene, "velocity of point 'away' was set to", "gives another one")
+
+
 def test_mass_and_inertia_that_vary(stage):
     stage.scene.add_bodies(
         Particle("fuel", stage.P, m * sp.exp(-t)),

@@ -169,7 +169,7 @@ def test_the_momenta_of_a_lagrangian_must_not_jump():
     ],
 )
 def test_smooth_positions_with_switches_are_compiled(height):
-    assert da.compile_model(bead_on_wire(height)[0]).layout.state
+    assert da.compile_model(bead_on_wire(height, height)[0]).layout.state
 
 
 def test_points_without_mass_may_have_kinks():

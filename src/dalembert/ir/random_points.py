@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from fractions import Fraction
 from itertools import pairwise
 from typing import NamedTuple
@@ -22,6 +22,8 @@ _DIFFERENCE = 1e-5
 _CANDIDATE_POINTS, _CANDIDATE_DRAWS = 3, 24
 _SPREAD_POINTS = 48
 _CROSSINGS = 4
+_ALIKE_DRAWS, _ALIKE = 32, 1e-10
+"""Points at which vectors are compared, half of which at least must have values, and the share by which they differ."""
 
 
 class Probe(NamedTuple):
@@ -43,6 +45,26 @@ def random_inputs(nodes: Sequence[Node], draw: random.Random) -> dict[Node, floa
         for node in Graph.topological(nodes)
         if node.op == "input" or (deciding & node.deps and node.op in DECIDED)
     }
+
+
+def alike(first: Sequence[Node], second: Sequence[Node], positive: Container[str]) -> bool:
+    """Return whether two vectors have the same values, up to rounding, at points with inputs of both signs.
+
+    They may be written differently, as ``2*sqrt(x**4)/x`` and ``2*x**3/sqrt(x**4)``. Inputs that are `positive`, by
+    name, stay so.
+    """
+    nodes, draw, found = [*first, *second], random.Random(0), 0
+    inputs = [node for node in Graph.topological(nodes) if node.op == "input"]
+    signs = [(1.0,) if str(node.payload) in positive else (-1.0, 1.0) for node in inputs]
+    for _ in range(_ALIKE_DRAWS):
+        at = [draw.choice(sign) * 10.0 ** draw.uniform(-1.0, 1.0) for sign in signs]
+        values = values_of(nodes, dict(zip(inputs, at, strict=True)))
+        if all(map(math.isfinite, values)):
+            found += 1
+            pairs = zip(values[: len(first)], values[len(first) :], strict=True)
+            if max(abs(a - b) for a, b in pairs) > _ALIKE * max(map(abs, values)):
+                return False
+    return 2 * found >= _ALIKE_DRAWS
 
 
 def values_of(nodes: Sequence[Node], inputs: Mapping[Node, float]) -> list[float]:

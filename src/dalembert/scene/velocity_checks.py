@@ -11,6 +11,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame
 
 from ..errors import SceneError
 from ..ir.node import Node
+from ..ir.random_points import alike
 from ..ir.zero_tests import agree
 from ..transforms.derivatives import tangents
 from ..transforms.linear import Matrix, matmul, matvec, transpose
@@ -31,9 +32,9 @@ _REMEDY = (
 def velocity_faults(scene: Scene, frames: Tree, points: Tree, used: Sequence[Any]) -> list[str]:
     """Return a fault for every ``set_ang_vel`` and ``set_vel`` that contradicts orientations and positions.
 
-    Velocities are compared as functions; where decimals occur, up to their rounding, because SymPy has rounded products
-    of them. Velocities in symbols that the scene does not have are accepted where something moves at all. Those of
-    points are compared where no constraint relates the coordinates.
+    Velocities are compared as functions, up to rounding, because SymPy has rounded products of decimals, and writes
+    derivatives of roots and switches in its own way. Velocities in symbols that the scene does not have are accepted
+    where something moves at all. Those of points are compared where no constraint relates the coordinates.
 
     Parameters
     ----------
@@ -141,7 +142,7 @@ class _Check:
             if other is not self.frames.parent[frame] and other is not self.scene.frame:
                 continue
             local = self.in_parent(frame, given) if other is self.frames.parent[frame] else None
-            if local is not None and agree(*local):
+            if local is not None and self.same(*local):
                 continue
             own, base = self.spin(frame), self.spin(other)
             if own is None or base is None or self.equal(own, base, given):
@@ -178,7 +179,11 @@ class _Check:
         relative = self.on_root(given)
         if relative is None:
             return not (agree(found, base) and given != 0)
-        return agree(found, [a + b for a, b in zip(base, relative, strict=True)])
+        return self.same(found, [a + b for a, b in zip(base, relative, strict=True)])
+
+    def same(self, first: Sequence[Node], second: Sequence[Node]) -> bool:
+        """Whether two vectors are one function: as they are written, or at many points."""
+        return agree(first, second) or alike(first, second, self.reader.parameters)
 
 
 def located(scene: Scene) -> bool:
