@@ -176,7 +176,7 @@ def _turning(graph: Graph, node: Node, moving: Sequence[Node]) -> Node | None:
         return reduce(mul, squares) if squares else _root(graph, node.args[0], moving)
     if node.op in ("floor", "atan", *_FOLDING):
         return None
-    return node.args[0] - node.args[1] if node.op in ("min", "max") else node.args[0]
+    return node.args[0] - node.args[1] if len(node.args) == 2 else node.args[0]
 
 
 def _root(graph: Graph, value: Node, moving: Sequence[Node]) -> Node | None:
