@@ -85,7 +85,7 @@ def _run(request: MotionRequest[SweepOptions], runs: CaseRuns, stops: Stops | No
             runs.run(request.jumps, together=_BETWEEN_LOOKS if options.progress else None, advance=advance)
         except KeyboardInterrupt:
             runs.interrupt()
-    refused = np.isin(status, (Status.INITIAL_STATE, Status.ASSUMPTION)) | (request.status != RUNNING)
+    refused = (status == Status.INITIAL_STATE) | (status == Status.ASSUMPTION) | (request.status != RUNNING)
     lost = (runs.cases.number == UNDECIDED) & (status != Status.CONTACT_UNSUPPORTED)
     refused |= lost  # no motion begins from where the contacts select no mode
     runs.drop_results(np.flatnonzero(refused))
@@ -257,7 +257,7 @@ def run_cases(
         x=interpret_rows(program.kernel("expand"), block.spans[:, 0], block.y, block.c),
         p=p,
         status=status.astype(np.int64),
-        options=replace(options, t_eval=settings.t_eval, threads=settings.threads),
+        options=options if options.threads == settings.threads else replace(options, threads=settings.threads),
         reductions=PhaseReductions(table, events),
     )
     varied = cases.initial, columns

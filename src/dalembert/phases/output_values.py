@@ -199,6 +199,8 @@ class PhaseReductions:
         about : (ndarray, ndarray)
             What happened, and minima, maxima and integrals, as `at_start` has them.
         """
+        if not self.table:
+            return np.empty((len(last.t), 0))
         self._warn_of_shared_loads(value)
         happened, totals = about
         found = np.full((len(last.t), len(self.table)), np.nan)
