@@ -148,6 +148,57 @@ def lock_margins(system: ReducedSystem) -> dict[str, Node]:
     return {f"lock {i}": lock * lock - graph.node(_LOCK) for i, lock in enumerate(system.equations.kinked_locks)}
 
 
+# Ends of what the roots in positions are defined for.
+#
+# The height -sqrt(L**2 - x**2) of a pendulum ends at x = L, where its inertia in x is infinite. Explicit and implicit
+# steps of a motion that goes on beyond become ever smaller there, until x no longer changes and its rate does: the
+# motion loses its energy, comes back and succeeds. On the way x is as near to the end as numbers can be.
+
+_END = 1e-13
+"""Share of its terms below which the argument of a root has come to its end: rounding leaves some 1e-16."""
+
+
+def root_shares(system: ReducedSystem) -> Kernel | None:
+    """Return the kernel of the arguments of roots in positions and constraints, over their terms, less their ends.
+
+    Of (t, y, c), as that of `gimbals`; None where no argument can vanish.
+    """
+    margins, graph = list(root_margins(system).values()), Graph()
+    if not margins:
+        return None
+    q, coordinates = graph.adopt(system.equations.q), graph.adopt(system.coordinates)
+    values = {a: b for a, b in zip(q, coordinates, strict=True) if a is not b}
+    return _state_kernel(system, "root_shares", graph, graph.substitute(graph.adopt(margins), values))
+
+
+def root_margins(system: ReducedSystem) -> dict[str, Node]:
+    """Return the same functions, of coordinates, by names."""
+    equations, graph = system.equations, system.equations.graph
+    rows = [row.jacobian for i, row in enumerate(equations.constraints) if i not in system.left_out]
+    positions = [row.position for row in equations.constraints if row.position is not None]
+    inside = [equations.kinetic_energy, *positions, *(entry for row in rows for entry in row)]
+    moving, found = graph.mask(equations.symbols.coordinates), dict[str, Node]()
+    for node in Graph.topological(inside):
+        if node.op == "sqrt" and node.args[0].deps & moving:
+            size = _terms(graph, node.args[0])
+            if size is not node.args[0]:
+                found[f"root {len(found)}"] = node.args[0] / size - graph.node(_END)
+    return found
+
+
+def _terms(graph: Graph, value: Node) -> Node:
+    """Return the size of the terms of a value: itself where these are positive, as squares and their sums are."""
+    if value.op in ("add", "sub"):
+        return _terms(graph, value.args[0]) + _terms(graph, value.args[1])
+    if value.op in ("mul", "div") and value.args[0] is not value.args[1]:
+        a, b = (_terms(graph, arg) for arg in value.args)
+        return a * b if value.op == "mul" else a / b
+    if value.op == "neg":
+        return _terms(graph, value.args[0])
+    positive = value.op in ("mul", "sqrt", "abs", "exp", "cosh") or (value.number is not None and value.number > 0)
+    return value if positive else graph.call("abs", value)
+
+
 # Distance of three orientation angles from gimbal lock.
 #
 # The angular velocity is rows . rates; the determinant of the rows is sin(theta) or cos(theta) for rotations about
@@ -192,8 +243,14 @@ def gimbals(system: ReducedSystem) -> Gimbals | None:
         return None
     values = {a: b for a, b in zip(q, graph.adopt(system.coordinates), strict=True) if a is not b}
     nodes = graph.substitute([node for node, _, _ in found], values)
+    kernel = _state_kernel(system, "gimbals", graph, nodes)
+    return Gimbals(kernel, tuple(names for _, names, _ in found), tuple(name for _, _, name in found))
+
+
+def _state_kernel(system: ReducedSystem, name: str, graph: Graph, nodes: Sequence[Node]) -> Kernel:
+    """Return a kernel of (t, y, c), y being the state and c beginning with the parameters."""
+    symbols = system.equations.symbols
     inputs: dict[Node, tuple[str, int | None]] = {graph.input(symbols.time): ("t", None)}
     inputs |= {graph.input(name): ("c", i) for i, name in enumerate(symbols.parameters)}
     inputs |= {node: ("y", i) for i, node in enumerate(graph.adopt(system.inputs))}
-    kernel = lower_kernel(graph, "gimbals", nodes, inputs, arguments=("t", "y", "c"))
-    return Gimbals(kernel, tuple(names for _, names, _ in found), tuple(name for _, _, name in found))
+    return lower_kernel(graph, name, nodes, inputs, arguments=("t", "y", "c"))

@@ -21,15 +21,15 @@ from ..frozen import frozen
 from ..ir.interpret import interpret_rows, mass_matrices
 from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseBlock
-from ..methods.status import SUSPECT, Status
+from ..methods.status import Status
 from ..reduction.margins import Gimbals, gimbals
 from ..scene.orientation import with_quaternions
 from ..scene.scene import Scene
 from ..starts.constraint_rows import row_lengths
 from ..starts.state_sizes import distance_sizes
-from ..steps.problem import IntegrationProblem, Solution
+from ..steps.problem import Solution
 from ..stops.segments import Constants, constants_at
-from .run_check import FAILED, EndedRun, RunCheck, ended_alone
+from .run_check import FAILED, EndedRun, RunCheck, end_suspects
 from .singular import cut
 
 if TYPE_CHECKING:
@@ -103,16 +103,7 @@ class GimbalCheck(RunCheck):
             return
         status = done.ends[:, 1]
         if self.guards(method):
-
-            def locked(problem: IntegrationProblem, solution: Solution, c: Constants) -> float | None:
-                ended, _ = self.after(EndedRun(self.model, problem, method, solution))
-                if ended.status is not Status.SINGULAR_COORDINATES:
-                    return None
-                return float(ended.t[-1] if len(ended.t) else solution.t[0])
-
-            for i in np.flatnonzero(status <= SUSPECT).tolist():
-                problem = block.problem(i, dense=True)
-                ended_alone(self.model, method, block, done, i, problem, locked, Status.SINGULAR_COORDINATES)
+            end_suspects(self, self.model, method, block, done, Status.SINGULAR_COORDINATES)
         first = interpret_rows(self.found.kernel, block.spans[:, 0], block.y, block.c)
         last = interpret_rows(self.found.kernel, done.ends[:, 0], done.y, block.c)
         ran = np.isin(status, (Status.SUCCESS, Status.EVENT))

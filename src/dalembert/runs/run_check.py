@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..lanes.cases import BlockResult, CaseBlock
-from ..methods.status import Status
+from ..methods.status import SUSPECT, Status
 from ..once import once_property
 from ..steps.problem import IntegrationProblem, SamplingClock, Solution
 from ..stops.segments import Constants
@@ -130,6 +130,21 @@ def ended_alone(
             return True
         before += len(solution.t) - 1
     return False
+
+
+def end_suspects(
+    check: RunCheck, model: CompiledModel, method: str, block: CaseBlock, done: BlockResult, status: Status
+) -> None:
+    """Run marked cases alone once more, and end with a status those that a check ends so."""
+
+    def last(problem: IntegrationProblem, solution: Solution, c: Constants) -> float | None:
+        ended, _ = check.after(EndedRun(model, problem, method, solution))
+        if ended.status is not status:
+            return None
+        return float(ended.t[-1] if len(ended.t) else solution.t[0])
+
+    for i in np.flatnonzero(done.ends[:, 1] <= SUSPECT).tolist():
+        ended_alone(model, method, block, done, i, block.problem(i, dense=True), last, status)
 
 
 def _alone(model: CompiledModel, method: str, block: CaseBlock, problem: IntegrationProblem) -> Iterator[Solution]:

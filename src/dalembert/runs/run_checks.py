@@ -24,6 +24,7 @@ from ..stops.segments import constants_at
 from ..transforms.passes import EliminateDeadCode
 from .constraint_check import ConstraintCheck
 from .gimbal_check import GimbalCheck
+from .root_check import RootCheck
 from .run_check import EndedRun, RunCheck
 from .sampling import DivergenceCheck
 
@@ -94,7 +95,7 @@ class TableCheck(RunCheck):
             return values, (values <= low) | (values >= high)
 
 
-CHECKS = (TableCheck, DivergenceCheck, GimbalCheck, ConstraintCheck)
+CHECKS = (TableCheck, DivergenceCheck, GimbalCheck, RootCheck, ConstraintCheck)
 """In this order: the first that ends a run says why."""
 
 
