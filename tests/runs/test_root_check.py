@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sympy import acos, cos, sin, sqrt, symbols
+from sympy import Rational, acos, cos, sin, sqrt, symbols
 from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymbols
 
 import dalembert as da
@@ -27,6 +27,7 @@ def bead(position, coordinates=(x,), holonomic=()):
 BEYOND = {
     "position": (bead((x, -sqrt(L**2 - x**2))), {x: 0.0, x.diff(): 6.0}, 0.298),
     "constraint": (bead((x, y), (x, y), [y + sqrt(L**2 - x**2)]), {x: 0.0, y: -1.0, x.diff(): 6.0}, 0.298),
+    "power": (bead((x ** Rational(1, 3), x)), {x: 0.5, x.diff(): -1.0}, 0.395),
     "inverse": (bead((acos(x), x)), {x: 0.5, x.diff(): 3.0}, 0.312),
 }
 
@@ -36,14 +37,17 @@ BEYOND = {
 def test_a_motion_beyond_the_end_is_no_success(scene, method):
     """A pendulum, written in its abscissa, that swings above its axis: it stayed there without its energy."""
     source, start, end = BEYOND[scene]
-    model, p = da.compile_model(source), {name: P[name] for name in P if scene != "inverse" or name != L}
+    model, p = (
+        da.compile_model(source),
+        {name: P[name] for name in P if name != L or scene in ("position", "constraint")},
+    )
     for options in ({}, {"t_eval": [0.1, 5.0]}, {"rtol": 1e-6}):
         run = model.simulate((0, 5), start, p, method=method, **options)
-        assert run.status is Status.NON_FINITE and run.t[-1] <= end + 0.001, options
+        assert run.status is Status.NON_FINITE and run.t[-1] <= end + 0.002, options
     starts = {**start, x.diff(): np.array([1.0, 1.01]) * start[x.diff()]}
     sweep = model.sweep((0, 5), starts, p, method=method)
     assert sweep.status.tolist() == [Status.NON_FINITE] * 2
-    assert sweep.t[0] == pytest.approx(end, abs=1e-3)
+    assert sweep.t[0] == pytest.approx(end, abs=2e-3)
     assert model.sweep((0, 0.2), starts, p, method=method).success.all()
 
 
@@ -72,5 +76,6 @@ def test_which_models_are_looked_at():
     """Roots of sums of squares have no end, nor have roots of parameters and of loads."""
     crank = bead((L * cos(x), k * sin(x) + sqrt(L**2 - k**2 * sin(x) ** 2)))
     ladder = bead((x, sqrt((x - L) ** 2 + k**2) * sqrt(L**2 - k**2)))
-    for scene, looked in ((crank, True), (ladder, False), (da.scenes.rolling_sphere(), False)):
+    power = bead((x, x**k))  # which may be a whole one
+    for scene, looked in ((crank, True), (ladder, False), (power, False), (da.scenes.rolling_sphere(), False)):
         assert any(isinstance(check, RootCheck) for check in da.compile_model(scene).checks) is looked

@@ -154,36 +154,51 @@ def lock_margins(system: ReducedSystem) -> dict[str, Node]:
 # steps of a motion that goes on beyond become ever smaller there, until x no longer changes and its rate does: the
 # motion loses its energy, comes back and succeeds. On the way x is as near to the end as numbers can be.
 
-_END = 1e-13
-"""Share of its terms below which the argument of a root has come to its end: rounding leaves some 1e-16."""
+ROOT_END, _NOTHING = 1e-13, 1e-20
+"""Share of the largest terms of its argument below which a root has come to its end: rounding leaves some 1e-16. And
+the argument below which a case is looked at, where that is one term."""
 
 
-def root_shares(system: ReducedSystem) -> Kernel | None:
-    """Return the kernel of the arguments of roots in positions and constraints, over their terms, less their ends.
+def root_ends(system: ReducedSystem) -> Kernel | None:
+    """Return the kernel of the arguments of roots in positions and constraints, and of the sizes of their terms.
 
     Of (t, y, c), as that of `gimbals`; None where no argument can vanish.
     """
-    margins, graph = list(root_margins(system).values()), Graph()
-    if not margins:
+    found, graph = _roots(system), Graph()
+    if not found:
         return None
     q, coordinates = graph.adopt(system.equations.q), graph.adopt(system.coordinates)
     values = {a: b for a, b in zip(q, coordinates, strict=True) if a is not b}
-    return _state_kernel(system, "root_shares", graph, graph.substitute(graph.adopt(margins), values))
+    nodes = graph.adopt([*(argument for argument, _ in found), *(size for _, size in found)])
+    return _state_kernel(system, "root_ends", graph, graph.substitute(nodes, values))
 
 
 def root_margins(system: ReducedSystem) -> dict[str, Node]:
-    """Return the same functions, of coordinates, by names."""
+    """Return functions of coordinates by name, one of which falls through zero where a root comes to its end."""
+    graph = system.equations.graph
+    return {
+        f"root {i}": argument - graph.node(_NOTHING)
+        if size is graph.call("abs", argument)
+        else argument - graph.node(ROOT_END) * size
+        for i, (argument, size) in enumerate(_roots(system))
+    }
+
+
+def _roots(system: ReducedSystem) -> list[tuple[Node, Node]]:
+    """Return the arguments of roots in positions and constraints that may vanish, and the sizes of their terms."""
     equations, graph = system.equations, system.equations.graph
     rows = [row.jacobian for i, row in enumerate(equations.constraints) if i not in system.left_out]
     positions = [row.position for row in equations.constraints if row.position is not None]
     inside = [equations.kinetic_energy, *positions, *(entry for row in rows for entry in row)]
-    moving, found = graph.mask(equations.symbols.coordinates), dict[str, Node]()
+    moving, found = graph.mask(equations.symbols.coordinates), dict[Node, Node]()
     for node in Graph.topological(inside):
-        if node.op == "sqrt" and node.args[0].deps & moving:
+        power = node.args[1].number if node.op == "pow" else None
+        root = node.op == "sqrt" or (power is not None and power % 1 != 0)
+        if root and node.args[0].deps & moving:
             size = _terms(graph, node.args[0])
             if size is not node.args[0]:
-                found[f"root {len(found)}"] = node.args[0] / size - graph.node(_END)
-    return found
+                found[node.args[0]] = size
+    return list(found.items())
 
 
 def _terms(graph: Graph, value: Node) -> Node:

@@ -12,7 +12,7 @@ from ..ir.interpret import interpret_rows
 from ..ir.kernel import Kernel
 from ..lanes.cases import BlockResult, CaseBlock
 from ..methods.status import Status
-from ..reduction.margins import root_shares
+from ..reduction.margins import ROOT_END, root_ends
 from ..steps.problem import IntegrationProblem, Solution
 from ..stops.segments import constants_at
 from .run_check import EndedRun, RunCheck, end_suspects
@@ -28,13 +28,13 @@ class RootCheck(RunCheck):
     """The arguments of the roots in positions and constraints of a model that may vanish."""
 
     model: CompiledModel
-    shares: Kernel
+    ends: Kernel
 
     @classmethod
     def of(cls, model: CompiledModel) -> RootCheck | None:
         """Return the check of a model; None without such roots, and for the modes of contacts."""
-        shares = None if model.stages.mode is not None else root_shares(model.stages.reduced)
-        return None if shares is None else cls(model, shares)
+        ends = None if model.stages.mode is not None else root_ends(model.stages.reduced)
+        return None if ends is None else cls(model, ends)
 
     def before(self, problem: IntegrationProblem) -> IntegrationProblem:
         """See `RunCheck.before`: all steps are looked at."""
@@ -45,8 +45,10 @@ class RootCheck(RunCheck):
         solution, steps = run.solution, run.steps
         if not solution.success or not len(steps.t):
             return solution, ""
-        values = interpret_rows(self.shares, steps.t, steps.y, constants_at(run.constants, steps.t))
-        ended = np.flatnonzero(np.any(values < 0.0, axis=1))
+        values = interpret_rows(self.ends, steps.t, steps.y, constants_at(run.constants, steps.t))
+        arguments, sizes = np.hsplit(values, 2)
+        largest = np.max(np.nan_to_num(sizes, nan=0.0), axis=0)
+        ended = np.flatnonzero(~np.all(arguments > ROOT_END * largest, axis=1))  # or not a number
         if not len(ended):
             return solution, ""
         t = float(steps.t[ended[0]])
