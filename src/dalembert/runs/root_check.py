@@ -41,9 +41,9 @@ class RootCheck(RunCheck):
         return replace(problem, dense=True)
 
     def after(self, run: EndedRun) -> tuple[Solution, str]:
-        """See `RunCheck.after`."""
+        """See `RunCheck.after`: also of runs that failed later."""
         solution, steps = run.solution, run.steps
-        if not solution.success or not len(steps.t):
+        if not len(steps.t):
             return solution, ""
         values = interpret_rows(self.ends, steps.t, steps.y, constants_at(run.constants, steps.t))
         arguments, sizes = np.hsplit(values, 2)
