@@ -47,7 +47,7 @@ def test_a_motion_beyond_the_end_is_no_success(scene, method):
     starts = {**start, x.diff(): np.array([1.0, 1.01]) * start[x.diff()]}
     sweep = model.sweep((0, 5), starts, p, method=method)
     assert sweep.status.tolist() == [Status.NON_FINITE] * 2
-    assert sweep.t[0] == pytest.approx(end, abs=2e-3)
+    assert end - 0.03 < sweep.t[0] <= end + 0.002
     assert model.sweep((0, 0.2), starts, p, method=method).success.all()
 
 
