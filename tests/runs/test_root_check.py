@@ -7,7 +7,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.methods.status import Status
-from dalembert.runs.root_check import RootCheck
+from dalembert.runs.coordinate_checks import RootCheck
 
 x, y = dynamicsymbols("x y")
 m, g, L, k = symbols("m g L k", positive=True)

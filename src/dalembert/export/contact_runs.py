@@ -36,7 +36,7 @@ from ..pipeline import Compiled
 from ..reduction.admission import admission_of_state
 from ..reduction.jumps import has_jumps
 from ..reduction.starting import starting
-from ..runs.gimbal_check import GimbalCheck
+from ..runs.coordinate_checks import GimbalCheck
 from ..starts.symbol_assumptions import ROUNDING
 from ..stops.input_records import no_inputs
 from ..stops.instants import InstantTable, no_instants

@@ -17,7 +17,7 @@ from ..reduction.admission import admission_of_state
 from ..reduction.jumps import has_jumps
 from ..reduction.sampling_kernels import sampling_kernels
 from ..reduction.starting import Start, starting
-from ..runs.gimbal_check import GimbalCheck
+from ..runs.coordinate_checks import GimbalCheck
 from ..starts.initial_states import initial_state
 from ..starts.inputs import constants
 from ..starts.segment_constants import starting_constants

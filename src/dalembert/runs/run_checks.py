@@ -23,8 +23,7 @@ from ..steps.problem import IntegrationProblem, Solution
 from ..stops.segments import constants_at
 from ..transforms.passes import EliminateDeadCode
 from .constraint_check import ConstraintCheck
-from .gimbal_check import GimbalCheck
-from .root_check import RootCheck
+from .coordinate_checks import GimbalCheck, RootCheck
 from .run_check import EndedRun, RunCheck
 from .sampling import DivergenceCheck
 

@@ -1,7 +1,8 @@
-"""Runs that meet the singularity of three angles: they end there, and say which angle has which value.
+"""Checks of runs for singular coordinates: angles that lock, and roots in positions that come to their end.
 
-Where constraints or other bodies make the motion regular at such an attitude, there is no warning: what counts is
-whether the mass matrix on the directions that the constraints leave free is singular there.
+Runs that meet the singularity of three angles end there, and say which angle has which value. Where constraints or
+other bodies make the motion regular at such an attitude, there is no warning: what counts is whether the mass matrix on
+the directions that the constraints leave free is singular there.
 
 The cases of a sweep are known by a sign that changed between their start and their end. Where positions or constraints
 have a kink at such an attitude, a motion may pass it twice: such cases are watched as they run.
@@ -19,15 +20,16 @@ from ..arrays import FloatArray
 from ..errors import OptionError, list_names
 from ..frozen import frozen
 from ..ir.interpret import interpret_rows, mass_matrices
+from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseBlock
 from ..methods.status import Status
-from ..reduction.margins import Gimbals, gimbals
+from ..reduction.margins import ROOT_END, Gimbals, gimbals, root_ends
 from ..scene.orientation import with_quaternions
 from ..scene.scene import Scene
 from ..starts.constraint_rows import row_lengths
 from ..starts.state_sizes import distance_sizes
-from ..steps.problem import Solution
+from ..steps.problem import IntegrationProblem, Solution
 from ..stops.segments import Constants, constants_at
 from .run_check import FAILED, EndedRun, RunCheck, end_suspects
 from .singular import cut
@@ -225,3 +227,52 @@ def _remedy(scene: Scene) -> str:
     except OptionError:
         return "declare the attitude with dalembert.free_orientation, or choose angles that are regular there"
     return 'compile_model(scene, orientation="quaternion") passes it'
+
+
+# Runs that come to the end of what a root in the positions is defined for (`dalembert.reduction.margins`).
+
+
+@final
+@frozen(eq=False)
+class RootCheck(RunCheck):
+    """The arguments of the roots in positions and constraints of a model that may vanish."""
+
+    model: CompiledModel
+    ends: Kernel
+
+    @classmethod
+    def of(cls, model: CompiledModel) -> RootCheck | None:
+        """Return the check of a model; None without such roots, and for the modes of contacts."""
+        ends = None if model.stages.mode is not None else root_ends(model.stages.reduced)
+        return None if ends is None else cls(model, ends)
+
+    def before(self, problem: IntegrationProblem) -> IntegrationProblem:
+        """See `RunCheck.before`: all steps are looked at."""
+        return replace(problem, dense=True)
+
+    def after(self, run: EndedRun) -> tuple[Solution, str]:
+        """See `RunCheck.after`: also of runs that failed later."""
+        solution, steps = run.solution, run.steps
+        if not len(steps.t):
+            return solution, ""
+        values = interpret_rows(self.ends, steps.t, steps.y, constants_at(run.constants, steps.t))
+        arguments, sizes = np.hsplit(values, 2)
+        largest = np.max(np.nan_to_num(sizes, nan=0.0), axis=0)
+        ended = np.flatnonzero(~np.all(arguments > ROOT_END * largest, axis=1))  # or not a number
+        if not len(ended):
+            return solution, ""
+        t = float(steps.t[ended[0]])
+        note = (
+            f"at t = {t:.6g} a root in the positions or constraints came to the end of what it is defined for, where"
+            " the coordinates are singular: take coordinates that are regular there, as an angle in place of"
+            " sqrt(L**2 - x**2)"
+        )
+        return cut(solution, t, run.span, Status.NON_FINITE), note
+
+    def guards(self, method: str) -> str:
+        """See `RunCheck.guards`."""
+        return "roots"
+
+    def after_cases(self, method: str, block: CaseBlock, done: BlockResult) -> None:
+        """See `RunCheck.after_cases`: cases that came to an end run alone once more."""
+        end_suspects(self, self.model, method, block, done, Status.NON_FINITE)
