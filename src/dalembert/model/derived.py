@@ -103,8 +103,8 @@ class Derived:
         """Return the kernels of events and reductions, made once for each set of them; None where there are none.
 
         Cases of sweeps are watched for more: with "ranks" among the `guards` for a lost rank of the constraints, in
-        runs of a `duration` [s], with "locks" for angles that lock where positions have a kink, and with "roots" for
-        the ends of what roots in positions are defined for.
+        runs of a `duration` [s], with "locks" for angles that lock where positions have a kink, and with "ends" for
+        those of what positions are defined for.
         """
         same = isinstance(events, tuple) and reduce is None and not guards
         if same and not events:
@@ -116,7 +116,7 @@ class Derived:
         if kept is not None and kept[0] is events:
             return kept[1]
         from ..events.event_code import event_list
-        from ..reduction.margins import lock_margins, rank_margins, root_margins, short_time
+        from ..reduction.margins import end_margins, lock_margins, rank_margins, short_time
         from ..runs.events import compiled_events
         from ..runs.reductions import reduction_table
 
@@ -127,7 +127,7 @@ class Derived:
         def made() -> EventCode | None:
             margins = {} if short is None else rank_margins(self._stages.reduced, short)
             margins |= lock_margins(self._stages.reduced) if "locks" in guards else {}
-            margins |= root_margins(self._stages.reduced) if "roots" in guards else {}
+            margins |= end_margins(self._stages.reduced) if "ends" in guards else {}
             if not listed and not reductions and not margins:
                 return None
             return compiled_events(self._stages, listed, self.start, reductions, margins)

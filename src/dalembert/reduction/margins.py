@@ -148,57 +148,79 @@ def lock_margins(system: ReducedSystem) -> dict[str, Node]:
     return {f"lock {i}": lock * lock - graph.node(_LOCK) for i, lock in enumerate(system.equations.kinked_locks)}
 
 
-# Ends of what the roots in positions are defined for.
+# Ends of what positions are defined for.
 #
 # The height -sqrt(L**2 - x**2) of a pendulum ends at x = L, where its inertia in x is infinite. Explicit and implicit
 # steps of a motion that goes on beyond become ever smaller there, until x no longer changes and its rate does: the
-# motion loses its energy, comes back and succeeds. On the way x is as near to the end as numbers can be.
+# motion loses its energy, comes back and succeeds. On the way x is as near to the end as numbers can be. A height
+# log(x) has no end, but comes to where x is less than its error.
 
-ROOT_END, _NOTHING = 1e-13, 1e-20
-"""Share of the largest terms of its argument below which a root has come to its end: rounding leaves some 1e-16. And
-the argument below which a case is looked at, where that is one term."""
+ROOT_END = 1e-13
+"""Share of the largest terms of its argument below which a root has come to its end: rounding leaves some 1e-16."""
+
+_NEAR, _NOTHING = 1e-6, 1e-15
+"""Share of its terms below which a case is looked at, and the argument where that is one term."""
 
 
-def root_ends(system: ReducedSystem) -> Kernel | None:
-    """Return the kernel of the arguments of roots in positions and constraints, and of the sizes of their terms.
+@final
+@frozen
+class Ends:
+    """Where positions of a system end: kernel of (t, y, c) of arguments, then of the sizes of their terms.
 
-    Of (t, y, c), as that of `gimbals`; None where no argument can vanish.
+    Of the arguments, `roots` are those of roots, and the others what the kinetic energy is divided by.
     """
-    found, graph = _roots(system), Graph()
+
+    kernel: Kernel
+    roots: int
+
+
+def position_ends(system: ReducedSystem) -> Ends | None:
+    """Return where positions and constraints of a system end; None where no argument can vanish."""
+    roots, divisors = _ending(system)
+    found, graph = [*roots, *divisors], Graph()
     if not found:
         return None
     q, coordinates = graph.adopt(system.equations.q), graph.adopt(system.coordinates)
     values = {a: b for a, b in zip(q, coordinates, strict=True) if a is not b}
     nodes = graph.adopt([*(argument for argument, _ in found), *(size for _, size in found)])
-    return _state_kernel(system, "root_ends", graph, graph.substitute(nodes, values))
+    return Ends(_state_kernel(system, "position_ends", graph, graph.substitute(nodes, values)), len(roots))
 
 
-def root_margins(system: ReducedSystem) -> dict[str, Node]:
-    """Return functions of coordinates by name, one of which falls through zero where a root comes to its end."""
-    graph = system.equations.graph
+def end_margins(system: ReducedSystem) -> dict[str, Node]:
+    """Return functions of coordinates by name, one of which falls through zero where positions are near an end."""
+    graph, (roots, divisors) = system.equations.graph, _ending(system)
+    pairs = [(argument, size, ROOT_END) for argument, size in roots]
+    pairs += [(argument, size, _NEAR) for argument, size in divisors]
     return {
-        f"root {i}": argument - graph.node(_NOTHING)
-        if size is graph.call("abs", argument)
-        else argument - graph.node(ROOT_END) * size
-        for i, (argument, size) in enumerate(_roots(system))
+        f"end {i}": argument
+        - (graph.node(_NOTHING) if size is graph.call("abs", argument) else graph.node(share) * size)
+        for i, (argument, size, share) in enumerate(pairs)
     }
 
 
-def _roots(system: ReducedSystem) -> list[tuple[Node, Node]]:
-    """Return the arguments of roots in positions and constraints that may vanish, and the sizes of their terms."""
+def _ending(system: ReducedSystem) -> tuple[list[tuple[Node, Node]], list[tuple[Node, Node]]]:
+    """Return what may vanish with the size of its terms: arguments of roots, and factors of divisors of the energy."""
     equations, graph = system.equations, system.equations.graph
     rows = [row.jacobian for i, row in enumerate(equations.constraints) if i not in system.left_out]
     positions = [row.position for row in equations.constraints if row.position is not None]
     inside = [equations.kinetic_energy, *positions, *(entry for row in rows for entry in row)]
-    moving, found = graph.mask(equations.symbols.coordinates), dict[Node, Node]()
-    for node in Graph.topological(inside):
-        power = node.args[1].number if node.op == "pow" else None
-        root = node.op == "sqrt" or (power is not None and power % 1 != 0)
-        if root and node.args[0].deps & moving:
-            size = _terms(graph, node.args[0])
-            if size is not node.args[0]:
-                found[node.args[0]] = size
-    return list(found.items())
+    moving = graph.mask(equations.symbols.coordinates)
+    roots = dict.fromkeys(node.args[0] for node in Graph.topological(inside) if _is_root(node))
+    divided = [node.args[1] for node in Graph.topological([equations.kinetic_energy]) if node.op == "div"]
+    divisors = dict.fromkeys(factor for node in divided for factor in _factors(node))
+    sizes = {node: _terms(graph, node) for node in (*roots, *divisors) if node.deps & moving}
+    found = [[node for node in nodes if sizes.get(node, node) is not node] for nodes in (roots, divisors)]
+    return [(node, sizes[node]) for node in found[0]], [(graph.call("abs", node), sizes[node]) for node in found[1]]
+
+
+def _is_root(node: Node) -> bool:
+    """Whether an operation is a root, or a power that is not whole."""
+    power = node.args[1].number if node.op == "pow" else None
+    return node.op == "sqrt" or (power is not None and power % 1 != 0)
+
+
+def _factors(node: Node) -> list[Node]:
+    return [factor for arg in node.args for factor in _factors(arg)] if node.op == "mul" else [node]
 
 
 def _terms(graph: Graph, value: Node) -> Node:

@@ -1,4 +1,4 @@
-"""Checks of runs for singular coordinates: angles that lock, and roots in positions that come to their end.
+"""Checks of runs for singular coordinates: angles that lock, and positions that come to their end.
 
 Runs that meet the singularity of three angles end there, and say which angle has which value. Where constraints or
 other bodies make the motion regular at such an attitude, there is no warning: what counts is whether the mass matrix on
@@ -20,11 +20,10 @@ from ..arrays import FloatArray
 from ..errors import OptionError, list_names
 from ..frozen import frozen
 from ..ir.interpret import interpret_rows, mass_matrices
-from ..ir.kernel import Kernel
 from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseBlock
 from ..methods.status import Status
-from ..reduction.margins import ROOT_END, Gimbals, gimbals, root_ends
+from ..reduction.margins import ROOT_END, Ends, Gimbals, gimbals, position_ends
 from ..scene.orientation import with_quaternions
 from ..scene.scene import Scene
 from ..starts.constraint_rows import row_lengths
@@ -229,21 +228,21 @@ def _remedy(scene: Scene) -> str:
     return 'compile_model(scene, orientation="quaternion") passes it'
 
 
-# Runs that come to the end of what a root in the positions is defined for (`dalembert.reduction.margins`).
+# Runs that come to the end of what positions are defined for (`dalembert.reduction.margins`).
 
 
 @final
 @frozen(eq=False)
-class RootCheck(RunCheck):
-    """The arguments of the roots in positions and constraints of a model that may vanish."""
+class EndCheck(RunCheck):
+    """Where the positions and constraints of a model end."""
 
     model: CompiledModel
-    ends: Kernel
+    ends: Ends
 
     @classmethod
-    def of(cls, model: CompiledModel) -> RootCheck | None:
-        """Return the check of a model; None without such roots, and for the modes of contacts."""
-        ends = None if model.stages.mode is not None else root_ends(model.stages.reduced)
+    def of(cls, model: CompiledModel) -> EndCheck | None:
+        """Return the check of a model; None where nothing ends, and for the modes of contacts."""
+        ends = None if model.stages.mode is not None else position_ends(model.stages.reduced)
         return None if ends is None else cls(model, ends)
 
     def before(self, problem: IntegrationProblem) -> IntegrationProblem:
@@ -255,23 +254,25 @@ class RootCheck(RunCheck):
         solution, steps = run.solution, run.steps
         if not len(steps.t):
             return solution, ""
-        values = interpret_rows(self.ends, steps.t, steps.y, constants_at(run.constants, steps.t))
+        values = interpret_rows(self.ends.kernel, steps.t, steps.y, constants_at(run.constants, steps.t))
         arguments, sizes = np.hsplit(values, 2)
-        largest = np.max(np.nan_to_num(sizes, nan=0.0), axis=0)
-        ended = np.flatnonzero(~np.all(arguments > ROOT_END * largest, axis=1))  # or not a number
+        shares = np.full(arguments.shape[1], max(ROOT_END, run.problem.rtol))
+        shares[: self.ends.roots] = ROOT_END
+        largest = np.maximum.accumulate(np.nan_to_num(sizes, nan=0.0), axis=0)
+        ended = np.flatnonzero(~np.all(arguments > shares * largest, axis=1))  # or not a number
         if not len(ended):
             return solution, ""
         t = float(steps.t[ended[0]])
         note = (
-            f"at t = {t:.6g} a root in the positions or constraints came to the end of what it is defined for, where"
-            " the coordinates are singular: take coordinates that are regular there, as an angle in place of"
+            f"at t = {t:.6g} the positions or constraints came to the end of what they are defined for, where the"
+            " coordinates are singular: take coordinates that are regular there, as an angle in place of"
             " sqrt(L**2 - x**2)"
         )
         return cut(solution, t, run.span, Status.NON_FINITE), note
 
     def guards(self, method: str) -> str:
         """See `RunCheck.guards`."""
-        return "roots"
+        return "ends"
 
     def after_cases(self, method: str, block: CaseBlock, done: BlockResult) -> None:
         """See `RunCheck.after_cases`: cases that came to an end run alone once more."""

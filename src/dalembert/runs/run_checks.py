@@ -23,7 +23,7 @@ from ..steps.problem import IntegrationProblem, Solution
 from ..stops.segments import constants_at
 from ..transforms.passes import EliminateDeadCode
 from .constraint_check import ConstraintCheck
-from .coordinate_checks import GimbalCheck, RootCheck
+from .coordinate_checks import EndCheck, GimbalCheck
 from .run_check import EndedRun, RunCheck
 from .sampling import DivergenceCheck
 
@@ -94,7 +94,7 @@ class TableCheck(RunCheck):
             return values, (values <= low) | (values >= high)
 
 
-CHECKS = (TableCheck, DivergenceCheck, GimbalCheck, RootCheck, ConstraintCheck)
+CHECKS = (TableCheck, DivergenceCheck, GimbalCheck, EndCheck, ConstraintCheck)
 """In this order: the first that ends a run says why."""
 
 

@@ -7,7 +7,7 @@ from sympy.physics.mechanics import Particle, Point, ReferenceFrame, dynamicsymb
 
 import dalembert as da
 from dalembert.methods.status import Status
-from dalembert.runs.coordinate_checks import RootCheck
+from dalembert.runs.coordinate_checks import EndCheck
 
 x, y = dynamicsymbols("x y")
 m, g, L, k = symbols("m g L k", positive=True)
@@ -78,4 +78,4 @@ def test_which_models_are_looked_at():
     ladder = bead((x, sqrt((x - L) ** 2 + k**2) * sqrt(L**2 - k**2)))
     power = bead((x, x**k))  # which may be a whole one
     for scene, looked in ((crank, True), (ladder, False), (power, False), (da.scenes.rolling_sphere(), False)):
-        assert any(isinstance(check, RootCheck) for check in da.compile_model(scene).checks) is looked
+        assert any(isinstance(check, EndCheck) for check in da.compile_model(scene).checks) is looked
