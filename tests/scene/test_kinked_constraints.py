@@ -14,6 +14,7 @@ from sympy import (
     atan,
     atan2,
     cos,
+    exp,
     floor,
     sign,
     sin,
@@ -78,6 +79,7 @@ def test_nonholonomic_constraints_whose_coefficients_jump_are_refused(coefficien
         sqrt(x**6) - y,
         sqrt(x**2 + y**2) - L,
         atan2(x, y) - L,
+        exp(x**2 / 2) + sqrt(atan(y)) - L,  # of infinite values far away, which warn of nothing
         Piecewise((x**2, x < 1), (2 * x - 1, True)) - y,
         y - Max(0, TIME - 1),
     ],

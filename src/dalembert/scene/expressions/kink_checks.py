@@ -216,6 +216,7 @@ def _points(names: Sequence[str], moving: Sequence[str]) -> FloatArray:
     return np.where(np.isin(names, list(moving)), sign, 1.0) * size
 
 
+@np.errstate(all="ignore")
 def _jumps(at: _Values, points: FloatArray, decided: FloatArray, number: int, jump: float, halvings: int) -> bool:
     """Return whether derivatives jump between points (k, n) between which a decision (k,) changes."""
     changes = np.flatnonzero(decided[1:] != decided[:-1])[:_PAIRS]
