@@ -155,7 +155,7 @@ def lock_margins(system: ReducedSystem) -> dict[str, Node]:
 # motion loses its energy, comes back and succeeds. On the way x is as near to the end as numbers can be. A height
 # log(x) has no end, but comes to where x is less than its error.
 
-ROOT_END = 1e-13
+ROOT_END = 1e-12
 """Share of the largest terms of its argument below which a root has come to its end: rounding leaves some 1e-16."""
 
 _NEAR, _NOTHING = 1e-6, 1e-15

@@ -22,7 +22,7 @@ from ..frozen import frozen
 from ..ir.interpret import interpret_rows, mass_matrices
 from ..ir.program import Program
 from ..lanes.cases import BlockResult, CaseBlock
-from ..methods.status import Status
+from ..methods.status import SUSPECT, Status
 from ..reduction.margins import ROOT_END, Ends, Gimbals, gimbals, position_ends
 from ..scene.orientation import with_quaternions
 from ..scene.scene import Scene
@@ -275,5 +275,11 @@ class EndCheck(RunCheck):
         return "ends"
 
     def after_cases(self, method: str, block: CaseBlock, done: BlockResult) -> None:
-        """See `RunCheck.after_cases`: cases that came to an end run alone once more."""
+        """See `RunCheck.after_cases`: cases that came to an end run alone once more.
+
+        Others have passed it within a step, where what they are watched for has no value.
+        """
         end_suspects(self, self.model, method, block, done, Status.NON_FINITE)
+        if block.watch is not None and not block.watch.reported:
+            lost = np.isin(done.ends[:, 1], (Status.EVENT_NON_FINITE, SUSPECT - Status.EVENT_NON_FINITE))
+            done.ends[lost, 1] = float(Status.NON_FINITE)
