@@ -61,7 +61,7 @@ RUNNING = -1
 """The number that compiled loops have in place of a status while a run, or a case, continues."""
 
 SUSPECT = -100.0
-"""What is less marks the status of a case that checks have to look at: this number less the status."""
+"""Mark of the status of a case that checks have to look at: such a case has this number less its status."""
 
 IMPLICIT_METHODS = ("radau", "bdf", "lsoda", "kvaerno5")
 """Integration methods that stiff problems do not slow down."""

@@ -104,7 +104,7 @@ class Derived:
 
         Cases of sweeps are watched for more: with "ranks" among the `guards` for a lost rank of the constraints, in
         runs of a `duration` [s], with "locks" for angles that lock where positions have a kink, and with "ends" for
-        those of what positions are defined for.
+        the ends of what positions are defined for.
         """
         same = isinstance(events, tuple) and reduce is None and not guards
         if same and not events:

@@ -1,4 +1,4 @@
-"""Margins as event functions: from a loss of rank of the constraints, and from gimbal lock.
+"""Margins as event functions: from a loss of rank of the constraints, from gimbal lock, and from ends of positions.
 
 The Gram determinant of the rows J_i of the constraint Jacobian, over the squares of their lengths s_i, is at most some
 times the square of the smallest singular value. The singular value itself, or what follows it more closely, dips too

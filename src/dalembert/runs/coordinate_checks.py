@@ -246,8 +246,8 @@ class EndCheck(RunCheck):
         return None if ends is None else cls(model, ends)
 
     def before(self, problem: IntegrationProblem) -> IntegrationProblem:
-        """See `RunCheck.before`: all steps are looked at."""
-        return replace(problem, dense=True)
+        """See `RunCheck.before`: all steps are looked at, whatever is recorded."""
+        return problem if problem.t_eval is None else replace(problem, dense=True)
 
     def after(self, run: EndedRun) -> tuple[Solution, str]:
         """See `RunCheck.after`: also of runs that failed later."""

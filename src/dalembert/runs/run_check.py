@@ -94,7 +94,7 @@ class RunCheck(ABC):
         """Return the solution of a run, ended where it should have been, and a note on where that is and why."""
 
     def guards(self, method: str) -> str:
-        """Return what the cases of a sweep by a method are watched for: "ranks" or "locks", nothing by default."""
+        """Return what the cases of a sweep by a method are watched for: "ranks", "locks", "ends" or nothing."""
         return ""
 
     @abstractmethod

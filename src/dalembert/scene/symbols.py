@@ -27,7 +27,7 @@ from .symbol_table import InputSymbol, SymbolTable
 
 
 class Requirement(NamedTuple):
-    """How smooth the values of a place must be, so that velocities do not jump.
+    """Requirement on how smooth the values of a place are, so that velocities do not jump.
 
     Attributes
     ----------
